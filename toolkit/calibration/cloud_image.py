@@ -9,20 +9,21 @@ from toolkit.arrays import Float32, Float64, ImageRanges, Int64, Mask
 from toolkit.calibration.lidar_grid import LidarGrid, compute_angles, nearest_row
 from toolkit.frame import SensorCloud
 
+# reasons why an image lacks points
 SHARED_CELL = "points in a cell with a nearer one"
 OUTSIDE_GRID = "points outside the rows and columns of their sensor"
 
 
 @dataclass(frozen=True, eq=False)
 class CloudImage:
-    """Cloud as an image.
+    """Cloud of n points as an image of ranges.
 
     Attributes:
         grid: rows and columns of the image.
-        measurement: ranges (m), 0 for no return.
-        cells: cell of every point, counted row by row, the nearest one for points outside.
-        inside: mask of the points in the grid.
-        shown: mask of the points that the image shows.
+        measurement: range (m) of the nearest point in each cell, 0 for no return.
+        cells: flat index of each point's cell, row by row; the nearest cell for points outside.
+        inside: mask of the points in the grid and in the sensor's range.
+        shown: mask of the points that the image shows, one for each cell with points.
     """
 
     grid: LidarGrid
@@ -33,7 +34,8 @@ class CloudImage:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """Number of points missing from the image, by kind."""
+        """Number of points missing from the image, by reason; reasons without points are left
+        out."""
         counts = {
             SHARED_CELL: int((self.inside & ~self.shown).sum()),
             OUTSIDE_GRID: int((~self.inside).sum()),
@@ -42,22 +44,26 @@ class CloudImage:
 
     @cached_property
     def points(self) -> Float32[np.ndarray, "m 3"]:
-        """Points of the image, sensor frame, in the cloud's order."""
+        """Points (m) of the image, in the sensor's frame and in the cloud's order.
+
+        They are on the middle rays of their cells, at the measured range."""
         cells = self.cells[self.shown]
         rays = self.grid.model.rays().reshape(-1, 3)
         return rays[cells] * self.measurement.ravel()[cells, None]
 
 
 def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
-    """Return a cloud in its sensor's grid.
+    """Return a cloud as an image in its sensor's grid.
 
-    Points are in the row of their laser, else in the nearest row if that is near enough."""
+    Points are in the row of their laser if both name lasers, else in the nearest row if that is
+    near enough. The nearest point of each cell is shown."""
     model = grid.model
     elevation, azimuth, distance = compute_angles(cloud.in_sensor())
     if grid.rings and cloud.ring is not None:
         row, in_rows = _find_laser_rows(cloud.ring, grid.rings)
     else:
         row, in_rows = _find_near_rows(elevation, np.array(model.elevations))
+    # azimuth from the middle of the columns, -pi to pi
     turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
     column_width = model.azimuth_fov / model.columns
     unbounded_column = np.floor(turned / column_width + model.columns / 2).astype(np.int64)
@@ -75,7 +81,9 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
 def _find_laser_rows(
     ring: Int64[np.ndarray, " n"], rings: tuple[int, ...]
 ) -> tuple[Int64[np.ndarray, " n"], Mask]:
-    """Row of each point's laser, and a mask of the points whose laser has a row."""
+    """Row of each point's laser, and a mask of the points whose laser has a row.
+
+    ring: laser of each point; rings: laser of each row. Other points get any row."""
     numbers = np.array(rings)
     order = np.argsort(numbers)
     position = np.minimum(np.searchsorted(numbers[order], ring), len(numbers) - 1)
@@ -86,7 +94,10 @@ def _find_laser_rows(
 def _find_near_rows(
     elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
 ) -> tuple[Int64[np.ndarray, " n"], Mask]:
-    """Nearest row of each point, and a mask of the points within the wider gap next to it."""
+    """Nearest row of each point, and a mask of the points near enough to it.
+
+    These are no farther from it than the wider one of the gaps to the rows next to it; all are if
+    there is a single row. elevation: of the points; rows: of the rows, top first (rad)."""
     row = nearest_row(elevation, rows)
     gaps = -np.diff(rows)
     widest = np.full(1, np.inf)
@@ -98,9 +109,12 @@ def _find_near_rows(
 def _mark_nearest(
     cells: Int64[np.ndarray, " n"], ranges: Float32[np.ndarray, " n"], inside: Mask
 ) -> Mask:
-    """Mark the nearest point inside each cell."""
+    """Mark the nearest point of each cell, among the points inside the grid.
+
+    cells, ranges: flat index of the cell, and range (m), of each point."""
     rows = np.flatnonzero(inside)
     order = rows[np.lexsort((ranges[rows], cells[rows]))]
     nearest = np.zeros(len(cells), bool)
+    # first point of each cell in the order
     nearest[order[np.diff(cells[order], prepend=-1) > 0]] = True
     return nearest

@@ -29,13 +29,14 @@ from toolkit.sites.site import Site
 class Corrected(RecordingView):
     """Recording with its sensors at their found poses.
 
-    corrections: believed_SE3_found by sensor name; each believed pose is multiplied by it."""
+    corrections: believed_SE3_found by sensor name; each believed pose is multiplied by it from the
+    right. Other sensors stay as they are."""
 
     corrections: Mapping[str, Pose]
 
     @staticmethod
     def from_poses(recording: Recording, found_poses: Iterable[FoundPose]) -> "Corrected":
-        """Return a recording with found poses applied."""
+        """Return a recording with its sensors at found poses, in all its frames."""
         corrections = {}
         for found_pose in found_poses:
             sensor = found_pose.sensor
@@ -60,7 +61,10 @@ class Corrected(RecordingView):
 
 
 def write_corrected(recording: Recording, found_poses: Sequence[FoundPose], out: Path) -> None:
-    """Write a recording at its found poses: a copy of the file for images, a folder for clouds."""
+    """Write a recording with its sensors at their found poses.
+
+    out: path of the result: a copy of the file for images, with the figures of the poses, and a
+    folder for clouds."""
     if isinstance(recording, CoopDataset):
         note = {found_pose.sensor.name: found_pose.as_dict() for found_pose in found_poses}
         poses = {found_pose.sensor.name: found_pose.pose for found_pose in found_poses}
@@ -101,7 +105,9 @@ def copy_corrected(
 
 
 def _move_cameras(file: h5py.File, recording: CoopDataset, poses: Mapping[str, Pose]) -> None:
-    """Replace the poses that are stored with the images of sensors."""
+    """Replace the poses that are stored with the images of sensors, by writing into `file`.
+
+    poses: site_SE3_sensor by name of the sensor; other sensors stay."""
     cameras = list_cameras(file)
     for channel in recording.channels:
         if channel.sensor.name not in poses:
@@ -118,7 +124,9 @@ def _move_cameras(file: h5py.File, recording: CoopDataset, poses: Mapping[str, P
 
 
 def _move_site_sensors(file: h5py.File, site: Site, poses: Mapping[str, Pose]) -> None:
-    """Replace the poses of sensors in the stored site."""
+    """Replace the poses of sensors in the site that is stored in `file`.
+
+    poses: site_SE3_sensor by name of the sensor; other sensors stay."""
     sensors = []
     for sensor in site.sensors:
         pose = poses.get(sensor.name, sensor.pose)
@@ -129,7 +137,9 @@ def _move_site_sensors(file: h5py.File, site: Site, poses: Mapping[str, Pose]) -
 
 
 def _note_plan(file: h5py.File, poses: Mapping[str, Pose]) -> None:
-    """Add the poses, rounded, to the plan of a simulation, which identifies its recording."""
+    """Add the poses, rounded, to the plan of a simulation, which identifies its recording.
+
+    A file without a plan stays as it is. poses: site_SE3_sensor by name of the sensor."""
     group = file.get("coview")
     if group is None or "plan" not in group.attrs:
         return

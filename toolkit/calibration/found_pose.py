@@ -14,17 +14,20 @@ from toolkit.runtime.text_values import replace_infinite
 from toolkit.runtime.writing import write_text
 from toolkit.sensors.sensor import Sensor
 
-# a pose farther off than this has drifted
+# a pose turned or moved by more than this has drifted
 MIN_DRIFT_RAD = float(np.deg2rad(0.1))
 MIN_DRIFT_M = 0.02
-_MIN_SIGMAS = 3.0  # standard deviations
+_MIN_SIGMAS = 3.0  # and by more standard deviations than this
 
 
 @dataclass(frozen=True, eq=False)
 class FoundPose:
-    """A sensor's believed mounting and its registration.
+    """A sensor at its believed pose, and the pose that was found for it.
 
-    registration: None if no pose was found; refusal: the reason then."""
+    Attributes:
+        sensor: sensor at its believed pose.
+        registration: found pose with its errors, None if no pose was found.
+        refusal: reason why no pose was found, else empty."""
 
     sensor: Sensor
     registration: Registration | None
@@ -32,22 +35,22 @@ class FoundPose:
 
     @property
     def pose(self) -> Pose:
-        """Pose that was found, else the believed one."""
+        """Pose world_SE3_sensor that was found, else the believed one."""
         return self.sensor.pose if self.registration is None else self.registration.pose
 
     @property
     def turn(self) -> float:
-        """Angle (rad) between the believed pose and this one."""
+        """Angle (rad) between the believed pose and the found one, 0 if none was found."""
         return float(np.linalg.norm(motion_between(self.sensor.pose, self.pose)[:3])) / LEVER_M
 
     @property
     def distance(self) -> float:
-        """Distance (m) between the believed position and this one."""
+        """Distance (m) between the believed position and the found one, 0 if none was found."""
         return float(np.linalg.norm(self.pose[:3, 3] - self.sensor.pose[:3, 3]))
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviations of turn (rad) and distance (m)."""
+        """Standard deviations of turn (rad) and distance (m), infinite if no pose was found."""
         if self.registration is None:
             return np.inf, np.inf
         turn, move = np.split(np.sqrt(np.diag(self.registration.covariance)), 2)
@@ -73,7 +76,7 @@ class FoundPose:
         )
 
     def as_dict(self) -> dict[str, object]:
-        """Return figures for files (degrees, metres, world axes).
+        """Return the pose and its figures as plain values for files (degrees, metres, world axes).
 
         Deviations are infinite for motions that are not observed."""
         poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
@@ -100,7 +103,9 @@ class FoundPose:
 
 
 def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
-    """Describe a motion, turns times `LEVER_M`, in words."""
+    """Describe a unit motion in words, as the share of each number that is above a tenth.
+
+    motion: turns times `LEVER_M`, and moves. Its sign does not matter."""
     motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
     parts = [
         f"{name} {share:.2f}"
@@ -111,6 +116,8 @@ def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
 
 
 def save_poses(path: str | Path, found_poses: Sequence[FoundPose]) -> None:
-    """Write the figures of each sensor as JSON by name, for `toolkit.datasets.pose_files`."""
+    """Write the poses and figures of sensors as JSON, by name of the sensor.
+
+    `toolkit.datasets.pose_files` reads such files. Infinite values become null."""
     figures = {found_pose.sensor.name: found_pose.as_dict() for found_pose in found_poses}
     write_text(path, json.dumps(replace_infinite(figures), indent=1))

@@ -22,7 +22,12 @@ _MAX_COLUMNS = 4  # x y z intensity, in an array of points
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground in some frame: a plane z = a x + b y + c, and heights above it."""
+    """Ground in the frame of some cloud: a plane z = a x + b y + c, and heights above it.
+
+    Attributes:
+        plane: a, b (m per m) and c (m).
+        deviation: height of the ground above the plane, in the level frame, None for a bare plane.
+        levels: surfaces away from the main ground, such as raised roads and roofs."""
 
     plane: Plane
     deviation: HeightMap | None = None  # above the plane, once that is level
@@ -35,9 +40,12 @@ class Ground:
 
     @cached_property
     def level_SE3_frame(self) -> Pose:
-        """Rigid motion (4, 4) from the ground's frame to level."""
+        """Rigid motion (4, 4) from the ground's frame to the level one, whose z = 0 is the plane.
+
+        It is the smallest turn that makes the plane level, and a move along z."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
+        # matrix of the cross product that turns the normal to z (Rodrigues' formula)
         cross = np.array(
             [[0.0, 0.0, -normal[0]], [0.0, 0.0, -normal[1]], [normal[0], normal[1], 0.0]]
         )
@@ -47,34 +55,39 @@ class Ground:
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height (m) of the ground at places in its frame."""
+        """Height z (m) of the ground at each x and y, all in the ground's frame."""
         xy = np.asarray(xy, np.float64)
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
     def points(self, points: Points) -> Points:
-        """Return points with z as height above the ground."""
+        """Return points of the ground's frame in the level one, with z as height above the ground.
+
+        The type of the numbers stays."""
         level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
         level[:, 2] -= self._deviation(level[:, :2])
         return level.astype(points.dtype)
 
     def points_back(self, points: Points) -> Points:
-        """Undo `points`."""
+        """Return points of the level frame in the ground's frame, the inverse of `points`."""
         raised = np.array(points, np.float64)
         raised[:, 2] += self._deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
-        """Return boxes in the level frame, turned with the plane."""
+        """Return boxes of the ground's frame in the level one.
+
+        z is the height of their centres above the ground, yaw is turned with the plane."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
+        # headings rise with the plane
         ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
         rows[:, :3] = self.points(rows[:, :3])
         rows[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
         return rows
 
     def boxes_back(self, boxes: BoxRows) -> BoxRows:
-        """Undo `boxes`."""
+        """Return boxes of the level frame in the ground's frame, the inverse of `boxes`."""
         rows = check_boxes(boxes).copy()
         ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
         ahead = ahead @ self.level_SE3_frame[:3, :3]
@@ -89,10 +102,14 @@ class Ground:
 def level(
     cloud: "PointCloud | Points", *, method: Levelling = "map", max_tilt: float = MAX_TILT_RAD
 ) -> Ground:
-    """Find the ground below a cloud, in any frame whose z is up to within `max_tilt` (rad).
+    """Find the ground below a cloud, in any frame whose z is up to within `max_tilt`.
 
-    cloud: see `plain_points`. method: "plane" for one plane, "map" for a smooth map of
-    heights upon it. Raises ValueError if no ground is found."""
+    Args:
+        cloud: cloud of Open3D, or array (n, 3) or (n, 4) of x, y, z (m) and intensity.
+        method: "plane" for one plane, "map" for a smooth map of heights upon it.
+        max_tilt: largest angle (rad) between the ground's normal and z, below 45 degrees.
+
+    Raises ValueError if no ground is found."""
     points = plain_points(cloud)
     if method not in ("map", "plane"):
         raise ValueError(f'method must be "map" or "plane", got {method!r}')
@@ -107,8 +124,10 @@ def level(
 
 
 def plain_points(cloud: object) -> Points:
-    """Return the points (n, 3) of a cloud of Open3D, tensor or legacy, or of an array (n, 3) or (n,
-    4)."""
+    """Return the points (n, 3) of a cloud as an array of floats.
+
+    cloud: a cloud of Open3D, tensor or legacy, or an array (n, 3) or (n, 4), whose fourth column is
+    left out. Integers become float64. Raises ValueError for another shape or type."""
     tensors = getattr(cloud, "point", None)
     legacy = getattr(cloud, "points", None)
     if tensors is not None:

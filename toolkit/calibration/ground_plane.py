@@ -30,10 +30,15 @@ _SLOPE_PRIOR = 1e-3
 
 
 def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) -> Plane:
-    """Fit the ground plane a, b, c to points.
+    """Fit the ground plane z = a x + b y + c to points.
 
-    max_tilt: limit (rad) on the tilt of its normal. Raises ValueError if no three cells of the grid
-    make such a plane."""
+    Args:
+        points: (n, 3) m, in a frame whose z is about up.
+        max_tilt: largest angle (rad) between the plane's normal and z.
+        seed: seed of the random hypotheses.
+
+    Returns a, b (m per m) and c (m). Raises ValueError if fewer than three cells of the grid might
+    be ground."""
     cells = low_points(points, GROUND_CELL_M)
     cells = cells[support_mask(cells, _KERB_M, 0.3, min_supporters=3)]
     max_slope = float(np.tan(max_tilt))
@@ -57,9 +62,9 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
 
 
 def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
-    """Planes through random triples of cells, and the level plane at their median height.
+    """Planes (a, b, c) through random triples of cells, and the level plane at their median height.
 
-    Triples that are nearly on a line are left out."""
+    Triples that are nearly on a line, seen from above, are left out."""
     triples = candidates[rng.integers(len(candidates), size=(_HYPOTHESES, 3))]
     first_edge = triples[:, 1] - triples[:, 0]
     second_edge = triples[:, 2] - triples[:, 0]
@@ -78,7 +83,14 @@ def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
 def _score_planes(
     planes: Float64[np.ndarray, "k 3"], candidates: _Cells, cells: _Cells, rng: Rng
 ) -> Float64[np.ndarray, " k"]:
-    """Number of candidates on each plane, less a penalty for cells well below it."""
+    """Number of candidates on each plane, less a penalty for cells well below it.
+
+    Args:
+        planes: a, b, c of each plane.
+        candidates: low points (m) that might be ground.
+        cells: low points of all cells, which should not be below the ground.
+        rng: chooses the cells that are compared, if they are many."""
+    # the order of these two draws decides the result for a seed
     on_sample = candidates[rng.permutation(len(candidates))[:_SCORED_CELLS]]
     below_sample = cells[rng.permutation(len(cells))[:_SCORED_CELLS]]
     on_shares = []
@@ -94,7 +106,10 @@ def _score_planes(
 
 
 def _refit(plane: Plane, points: Points, band: float) -> Plane | None:
-    """Fit a plane again to the points within a band (m) about it, None with fewer than 3 cells."""
+    """Fit a plane again to the points within `band` (m) above and below it.
+
+    Points are reduced to a median height for each cell, weighed by their distance from the plane.
+    Returns None for fewer than 3 cells with points."""
     above = heights_above_plane(plane, points)
     about = low_points(points[np.abs(above) < band], GROUND_CELL_M, share=0.5)
     if len(about) < 3:
@@ -109,7 +124,7 @@ def _refit(plane: Plane, points: Points, band: float) -> Plane | None:
 
 
 def _heights_above(planes: Float64[np.ndarray, "k 3"], cells: _Cells) -> Float64[np.ndarray, "k m"]:
-    """Height (m) of each cell above each plane."""
+    """Height (m, along z) of each cell above each plane, a row for each plane."""
     heights = planes[:, :2] @ cells[:, :2].T
     np.subtract(cells[:, 2], heights, out=heights)
     heights -= planes[:, 2:]
@@ -119,8 +134,10 @@ def _heights_above(planes: Float64[np.ndarray, "k 3"], cells: _Cells) -> Float64
 def _share_on_planes(
     planes: Float64[np.ndarray, "k 3"], cells: _Cells
 ) -> Float64[np.ndarray, " k"]:
-    """Share of the cells on each plane, less for those farther off."""
-    off = _heights_above(planes, cells)
+    """Share of the cells on each plane, 0 to 1.
+
+    A cell counts 1 on the plane, less the farther off it is, and 0 from `_INLIER_M` on."""
+    off = _heights_above(planes, cells)  # changed in place below, to save memory
     off /= _INLIER_M
     off *= off
     np.subtract(1, off, out=off)

@@ -12,16 +12,16 @@ _Cells = Float64[np.ndarray, "m 3"]
 GROUND_CELL_M = 1.0
 STEP_WINDOW_M = 12.0  # a cell is not ground if something within this distance is lower
 _NEIGHBOUR_M = 8.0  # farther apart, cells do not support each other
-_MAX_CELLS = 4_000_000
-_NO_HEIGHT_M = 1e6  # height of a cell without points
+_MAX_CELLS = 4_000_000  # largest number of cells in a grid
+_NO_HEIGHT_M = 1e6  # height of a cell without points, above anything
 GROUND_REACH_M = 100.0  # from the middle of a map's points; farther out its edge holds
-_BAND_M = 2.0  # above and below the plane, in which ground is looked for
+_BAND_M = 2.0  # largest distance above and below the plane in which ground is looked for
 # rise of ground in addition to the plane's slope (m per m), and of a kerb (m)
 _SLOPE = 0.08
 _KERB_M = 0.10
 _WINDOW_M = 8.0  # m: a cell is not ground if something within this distance is lower
 _SCALES_M = (12.0, 6.0, 3.0, 1.5)  # m, of the Gaussian means
-_PRIOR_CELLS = 1.0  # weight of the wider mean
+_PRIOR_CELLS = 1.0  # weight, in cells, of the mean at the wider scale before
 # For each drawing: height (m) above the map that a cell of ground may have, and the height at which
 # it counts half.
 _DRAWINGS = (
@@ -36,16 +36,21 @@ _DRAWINGS = (
 
 
 def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
-    """Return a low point of each cell of a grid.
+    """Return a low point of each cell of a horizontal grid that has points.
 
-    share: share of the cell's points below it."""
+    Args:
+        points: points (m); those with NaN or infinity are left out.
+        cell: edge of the square cells (m).
+        share: share of the cell's points that are below its low point, 0 for the lowest.
+
+    Returns the points (m, 3) in order of their cells, along x, then along y."""
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):
         return np.empty((0, 3))
     index = np.floor(points[:, :2] / cell).astype(np.int64)
     index -= index.min(axis=0)
     key = index[:, 0] * (int(index[:, 1].max()) + 1) + index[:, 1]
-    order = np.lexsort((points[:, 2], key))
+    order = np.lexsort((points[:, 2], key))  # by cell, then by height
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     count = np.diff(np.append(first, len(order)))
     return points[order[first + np.floor(share * (count - 1)).astype(np.int64)]]
@@ -54,12 +59,18 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
 def support_mask(
     cells: _Cells, step: float, slope: float, *, min_supporters: int
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells with `min_supporters` of the twelve nearest at their height.
+    """Mark cells that have enough of their twelve nearest cells at about the same height.
 
-    slope, step: rise (m per m, and m) that is still the same height."""
+    Args:
+        cells: low points (m) of a grid's cells.
+        step: difference in height (m) that is still the same height, at any distance.
+        slope: further difference for each metre of distance.
+        min_supporters: least number of such neighbours within `_NEIGHBOUR_M`.
+
+    All cells are marked if there are too few to decide."""
     from scipy.spatial import cKDTree
 
-    count = min(13, len(cells))
+    count = min(13, len(cells))  # the cell itself and twelve others
     if count <= min_supporters:
         return np.ones(len(cells), bool)
     distance, neighbours = cKDTree(cells[:, :2]).query(cells[:, :2], count)
@@ -71,9 +82,15 @@ def support_mask(
 def lowest_mask(
     cells: _Cells, slope: float, step: float, *, window: float = STEP_WINDOW_M
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells without a lower one within the window (m), beyond slope and step.
+    """Mark cells that have no clearly lower cell nearby.
 
-    Raises ValueError if the cells reach too far for an image."""
+    Args:
+        cells: low points (m) of a grid's cells.
+        slope: rise of the ground (m per m, along x plus along y) that explains a lower cell.
+        step: further difference in height (m) that is allowed.
+        window: distance (m) along each axis in which lower cells are looked for.
+
+    Raises ValueError if the cells reach too far for an image of their grid."""
     from scipy.ndimage import grey_erosion
 
     if not len(cells):
@@ -87,6 +104,8 @@ def lowest_mask(
     image = np.full((rows, columns), _NO_HEIGHT_M)
     image[index[:, 0], index[:, 1]] = cells[:, 2]
     reach = round(window / GROUND_CELL_M)
+    # Erosion takes the smallest height less `rise`, that is, height plus slope times distance.
+    # One pass along each axis gives the same as a square window.
     rise = -slope * GROUND_CELL_M * np.abs(np.arange(-reach, reach + 1))
     along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NO_HEIGHT_M)
     allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NO_HEIGHT_M)
@@ -95,14 +114,20 @@ def lowest_mask(
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights (m) at the places origin + cell · (i, j) of a grid."""
+    """Heights of the ground on a grid.
+
+    Attributes:
+        origin: x and y (m) of the first place.
+        heights: height (m) at the places origin + cell · (i, j): rows along x, columns along y.
+        cell: distance of the places (m)."""
 
     origin: Float64[np.ndarray, "2"]
     heights: Float64[np.ndarray, "rows columns"]
     cell: float = GROUND_CELL_M
 
     def at(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height at each place, interpolated bilinearly; outside the grid its edge's."""
+        """Height (m) at each x and y, interpolated bilinearly; outside the grid the height of its
+        edge."""
         from scipy.ndimage import map_coordinates
 
         index = (np.asarray(xy, np.float64) - self.origin) / self.cell
@@ -112,8 +137,12 @@ class HeightMap:
 def fit_map(points: Points, *, reach: float = GROUND_REACH_M) -> HeightMap:
     """Fit a map of heights to points with ground near z = 0.
 
-    reach: distance (m) from the middle of the points that the map covers. Raises ValueError unless
-    it is above 0."""
+    Args:
+        points: (n, 3) m, level.
+        reach: distance (m) along x and y from the middle of the points that the map covers.
+
+    Returns a map of one place at height 0 if no point is within `_BAND_M` of z = 0. Raises
+    ValueError unless `reach` is above 0 and finite."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
     near = points[np.abs(points[:, 2]) < _BAND_M]
@@ -138,9 +167,13 @@ def fit_map(points: Points, *, reach: float = GROUND_REACH_M) -> HeightMap:
 
 
 def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float) -> HeightMap:
-    """Draw the map again through the cells near it.
+    """Draw a map again through the cells near it.
 
-    They are at most `max_above` (m) above it and twice that below; higher ones count less."""
+    Args:
+        surface: map so far, whose grid the new one has.
+        cells: low points (m) of the grid's cells.
+        max_above: height (m) above the map up to which cells count; below it, twice that.
+        kerb: height (m) above the map at which a cell counts half, infinite for equal weights."""
     above = cells[:, 2] - surface.at(cells[:, :2])
     near = (above < max_above) & (above > -2 * max_above)
     weight = weigh_ground(above[near], kerb)
@@ -151,6 +184,7 @@ def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float)
     np.add.at(weights, (i, j), weight)
     np.add.at(sums, (i, j), weight * cells[:, 2])
     heights = np.zeros(surface.heights.shape)
+    # the finer mean takes over where cells are dense, the wider one stays between them
     for scale in _SCALES_M:
         weight_around = sum_around(weights, scale / surface.cell)
         sum_of_heights = sum_around(sums, scale / surface.cell)
@@ -159,7 +193,7 @@ def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float)
 
 
 def weigh_ground(above: Float64[np.ndarray, " n"], kerb: float) -> Float64[np.ndarray, " n"]:
-    """Weight of cells by their height (m) above a surface, half at `kerb`."""
+    """Weight of cells by their height above a surface: 1 on or below it, 0.5 at `kerb` (m)."""
     return np.asarray(1 / (1 + (np.clip(above, 0, None) / kerb) ** 4))
 
 

@@ -25,15 +25,15 @@ from toolkit.sensors.models import RowLidar
 
 MIN_RANGE_M = 1.0  # angles of nearer points are too coarse
 MIN_GRID_POINTS = 100  # in all clouds of a sensor together
-MAX_GRID_PX = 4_000_000
+MAX_GRID_PX = 4_000_000  # largest number of cells in a grid
 MIN_SEAM_RAD = np.deg2rad(20.0)  # gap of the azimuth; with a wider one a lidar is not panoramic
 REACH_RATIO = 1.25  # range of the sensor over its farthest point
 _MIN_REACH_M = 200.0
 _BIN_RAD = np.deg2rad(0.01)  # in the histogram of elevations
 _SMOOTHING_BINS = (3, 8, 20)  # standard deviations of the smoothing, tried in turn
-_MIN_PEAK_SHARE = 0.1  # share of the median height of peaks
-_MIN_CROWDED_SHARE = 0.85  # share of points near a row
-_MIN_STEP_RAD = np.deg2rad(0.02)
+_MIN_PEAK_SHARE = 0.1  # lower peaks, relative to the median height of peaks, are no rows
+_MIN_CROWDED_SHARE = 0.85  # least share of points near a row, for points to crowd at rows
+_MIN_STEP_RAD = np.deg2rad(0.02)  # smaller steps of the azimuth are points of one direction
 # 90 % quantile of nearest-neighbour distances over the 10 % one: above this they are random
 _MIN_RANDOM_RATIO = 2.5
 _MIN_PHASE = 0.3  # length of the mean of unit vectors by the phase of azimuths, 1 if all agree
@@ -42,16 +42,19 @@ _SAMPLED_POINTS = 20_000  # points of a cloud whose neighbours are looked for
 
 @dataclass(frozen=True)
 class LidarGrid:
-    """Grid of a lidar's rows and columns, with its range (`model`).
+    """Grid of a lidar's rows and columns.
 
-    rings: laser of each row, empty if clouds do not name it."""
+    Attributes:
+        model: elevations of the rows, number and azimuths of the columns, and range.
+        rings: number of the laser of each row, empty if clouds do not name lasers."""
 
     model: RowLidar
     rings: tuple[int, ...] = ()
 
 
 class _Angles(NamedTuple):
-    """Angles (rad) and ranges (m) of one cloud's points, and their lasers if it names them."""
+    """Angles (rad, sensor frame) and ranges (m) of one cloud's points, and their lasers (`ring`) if
+    it names them."""
 
     elevation: Float64[np.ndarray, " n"]
     azimuth: Float64[np.ndarray, " n"]
@@ -60,8 +63,12 @@ class _Angles(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Elevations of rows (rad), top first, the lasers behind them if known, and the usual step of
-    the azimuth (rad)."""
+    """Rows of a lidar.
+
+    Attributes:
+        elevations: elevation of each row (rad), top first.
+        step: usual step of the azimuth between neighbours in a row (rad).
+        rings: laser of each row, empty if unknown."""
 
     elevations: Float64[np.ndarray, " m"]
     step: float
@@ -69,7 +76,7 @@ class _Rows(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """Number of columns, and the azimuths that they cover: width and middle (rad)."""
+    """Number of columns, and the azimuths that they cover together: width and middle (rad)."""
 
     number: int
     width: float
@@ -77,9 +84,9 @@ class _Columns(NamedTuple):
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of a sensor in its clouds.
+    """Find the grid of one sensor in some of its clouds.
 
-    Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` pixels."""
+    Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
     clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = clouds[0].name if clouds else "the sensor"
     angles = [_measure_angles(cloud) for cloud in clouds]
@@ -104,7 +111,9 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
 
 
 def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
-    """Elevation, azimuth (rad) and range (m) of points, sensor frame."""
+    """Elevation, azimuth (rad) and range (m), a row each, of points in the sensor's frame.
+
+    The azimuth is counted from x towards y."""
     x, y, z = points.T
     across = np.hypot(x, y)
     return np.stack([np.arctan2(z, across), np.arctan2(y, x), np.hypot(across, z)])
@@ -113,12 +122,15 @@ def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3
 def nearest_row(
     elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
 ) -> Int64[np.ndarray, " n"]:
-    """Row, top first, of the nearest elevation."""
+    """Index of the row with the nearest elevation, for each point.
+
+    elevation: of the points (rad); rows: elevations of the rows (rad), descending."""
+    # negated, since searchsorted needs ascending limits; they are halfway between two rows
     return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
 
 
 def _measure_angles(cloud: SensorCloud) -> _Angles:
-    """Angles of a cloud's points farther than `MIN_RANGE_M`."""
+    """Angles, ranges and lasers of a cloud's points farther than `MIN_RANGE_M`."""
     angles = compute_angles(cloud.in_sensor())
     is_far = angles[2] > MIN_RANGE_M
     elevation, azimuth, distance = angles[:, is_far]
@@ -127,12 +139,14 @@ def _measure_angles(cloud: SensorCloud) -> _Angles:
 
 
 def _join_azimuths(angles: Sequence[_Angles]) -> Float64[np.ndarray, " n"]:
-    """Azimuths of all clouds."""
+    """Azimuths (rad) of the points of all clouds, one after the other."""
     return np.concatenate([cloud_angles.azimuth for cloud_angles in angles])
 
 
 def _find_rows(angles: Sequence[_Angles]) -> _Rows:
-    """Rows by lasers, else by elevations at which points crowd, else even ones."""
+    """Find rows by lasers, else by elevations at which points crowd, else make even ones.
+
+    angles: angles of each cloud of one sensor. Lasers count only if all clouds name them."""
     elevation = np.concatenate([cloud_angles.elevation for cloud_angles in angles])
     rings = [cloud_angles.ring for cloud_angles in angles if cloud_angles.ring is not None]
     if len(rings) == len(angles):
@@ -155,7 +169,9 @@ def _find_rows(angles: Sequence[_Angles]) -> _Rows:
 def _find_ring_rows(
     elevation: Float64[np.ndarray, " n"], ring: Int64[np.ndarray, " n"]
 ) -> tuple[Float64[np.ndarray, " m"], tuple[int, ...]]:
-    """Median elevation of each laser, top first, and the lasers in this order."""
+    """Median elevation (rad) of each laser, top first, and the lasers in this order.
+
+    elevation, ring: elevation and laser of each point."""
     numbers = np.unique(ring)
     medians = np.array([np.median(elevation[ring == number]) for number in numbers])
     order = np.argsort(-medians, kind="stable")
@@ -166,9 +182,12 @@ def _find_ring_rows(
 
 
 def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"] | None:
-    """Elevations at which points crowd; None if they do not."""
+    """Elevations (rad), top first, at which points crowd; None if they do not.
+
+    elevation: elevations of all points (rad)."""
     from scipy.ndimage import gaussian_filter1d
 
+    # histogram with 100 empty bins at either end, so that smoothing leaves the ends free
     low = elevation.min() - 100 * _BIN_RAD
     counts = np.bincount(((elevation - low) / _BIN_RAD).astype(np.int64))
     counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
@@ -180,7 +199,7 @@ def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarr
         if not len(peaks):
             continue
         peaks = peaks[smoothed[peaks] >= _MIN_PEAK_SHARE * np.median(smoothed[peaks])]
-        rows = (low + (peaks + 0.5) * _BIN_RAD)[::-1]
+        rows = (low + (peaks + 0.5) * _BIN_RAD)[::-1]  # top first
         rows = _take_medians(elevation, rows)
         if len(rows) > 1 and _share_in_rows(elevation, rows) >= _MIN_CROWDED_SHARE:
             return rows
@@ -190,7 +209,9 @@ def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarr
 def _take_medians(
     elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
 ) -> Float64[np.ndarray, " m"]:
-    """Median elevation of the points nearest to each row; a row without points stays."""
+    """Median elevation (rad) of the points nearest to each row; a row without points stays.
+
+    elevation: of the points; rows: elevations, top first."""
     row = nearest_row(elevation, rows)
     medians = rows.copy()
     for k in range(len(rows)):
@@ -200,7 +221,9 @@ def _take_medians(
 
 
 def _share_in_rows(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> float:
-    """Share of the points nearer to a row than a third of the way to the next."""
+    """Share of the points, 0 to 1, nearer to a row than a third of the way to the next.
+
+    elevation: of the points (rad); rows: elevations, top first (rad)."""
     row = nearest_row(elevation, rows)
     gaps = -np.diff(rows)
     to_next = np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf))
@@ -210,26 +233,32 @@ def _share_in_rows(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarra
 def _steps_in_rows(
     azimuth: Float64[np.ndarray, " n"], row: Int64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " k"]:
-    """Steps of the azimuth between neighbours in a row."""
+    """Steps of the azimuth (rad) between neighbours in a row, of all rows.
+
+    azimuth, row: azimuth and row of each point of one cloud."""
     order = np.lexsort((azimuth, row))
     is_same_row = row[order][1:] == row[order][:-1]
     return np.diff(azimuth[order])[is_same_row]
 
 
 def _usual_step(steps: Sequence[np.ndarray]) -> float:
-    """Median of the steps above the smallest one, a full turn without any."""
+    """Median of the steps (rad) above `_MIN_STEP_RAD`, a full turn without any.
+
+    steps: steps of the azimuth in each cloud."""
     pooled = np.concatenate(steps)
     pooled = pooled[pooled > _MIN_STEP_RAD]
     return float(np.median(pooled)) if len(pooled) else 2 * np.pi
 
 
 def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
-    """Even rows, and the same step of the azimuth.
+    """Make even rows that cover all elevations, with the same step as the azimuth.
 
-    The step is the usual one between neighbours, or twice that if their pattern is random."""
+    The step is the usual angle between neighbouring points of the largest cloud, or twice that if
+    their pattern is random."""
     from scipy.spatial import cKDTree
 
     largest = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
+    # on a plane in which distances are about the angles between points
     flat = np.column_stack([largest.elevation, largest.azimuth * np.cos(largest.elevation)])
     sample = np.random.default_rng(0).permutation(len(flat))[:_SAMPLED_POINTS]
     neighbour_distances = cKDTree(flat).query(flat[sample], k=2)[0][:, 1]
@@ -244,13 +273,16 @@ def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
 
 
 def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
-    """Columns all around, or from one side of the widest gap to the other."""
+    """Find columns all around, or from one side of the widest gap to the other.
+
+    azimuth: of all points (rad); step: usual step between neighbours (rad)."""
     heading, span = _find_span(azimuth)
     if span is not None:
         count = max(1, int(np.ceil(span / step - 0.5)) + 1)
         return _Columns(count, min(count * step, 2 * np.pi), heading)
     count = max(1, round(2 * np.pi / step))
-    # multiples of 2 pi in the middle of a column
+    # The phase is a multiple of 2 pi for an azimuth in the middle of a column, if the heading is 0.
+    # If azimuths are the same in all clouds, so are phases, and their mean gives the heading.
     phase = azimuth * count - np.pi * (count - 1)
     mean = np.exp(1j * phase).mean()
     heading = float(np.angle(mean) / count) if abs(mean) > _MIN_PHASE else 0.0
@@ -258,7 +290,7 @@ def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
 
 
 def _find_span(azimuth: Float64[np.ndarray, " n"]) -> tuple[float, float | None]:
-    """Middle and width of the observed azimuths (rad). Returns 0 and None for all around."""
+    """Middle and width of the observed azimuths (rad), 0 and None if they are all around."""
     ordered = np.sort(azimuth)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     widest = int(gaps.argmax())

@@ -1,4 +1,7 @@
-"""Cells of ground, linked into surfaces that continue each other."""
+"""Cells of ground, linked into surfaces that continue each other.
+
+A cell is the low point (x, y, z in m) of one square of a grid. The main ground is one smooth map of
+heights; a level is another linked surface above or below it."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -9,31 +12,31 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64, Points
 from toolkit.calibration.height_map import HeightMap
 
-LINK_M = 5.0  # farthest neighbour that continues a surface
-# rise that continues it
+LINK_M = 5.0  # distance of the farthest neighbour that continues a surface
+# largest rise to such a neighbour: m, and m per m of distance
 LINK_STEP_M = 0.08
 LINK_SLOPE = 0.11
-# gap between pieces of one surface, and its rise
+# largest gap between pieces of one surface (m), and its rise (m per m)
 JOIN_M = 8.0
 JOIN_SLOPE = 0.07
-MIN_JOIN_CELLS = 12  # in a piece
+MIN_JOIN_CELLS = 12  # least number of cells in a piece that is joined
 MAX_NEIGHBOURS = 12  # around a cell, nearest first
-FLAT_SHARE = 0.45  # part of a cell's neighbours that continue it
-# from the main ground to a level's core and its edges
+FLAT_SHARE = 0.45  # least part of a flat cell's neighbours that continue it
+# least distance (m) from the main ground of the cells in a level's core, and at its edges
 OFF_M = 0.3
 EDGE_M = 0.1
-# about a cell inside a road, and those with a neighbour in the ring
-SECTORS = 8
-MIN_SECTORS = 6
-RING_M = (2.3, 5.0)
-# cells inside a raised road, and its length
+SECTORS = 8  # equal sectors around a cell
+MIN_SECTORS = 6  # least number of them with a neighbour in the ring, for a cell inside a road
+RING_M = (2.3, 5.0)  # inner and outer radius of that ring
+# least number of cells inside a raised road, and its least length (m)
 MIN_RAISED_CELLS = 20
 MIN_RAISED_M = 28.0
+# the same for a road below the main ground
 MIN_SUNKEN_CELLS = 5
 MIN_SUNKEN_M = 10.0
-MIN_LINKS = 2  # from a cell that extends a level
-ON_GROUND_M = 0.3
-MAX_HEIGHT_M = 100.0  # from points above or below the main plane
+MIN_LINKS = 2  # least number of links of a cell that extends a level, and of links between pieces
+ON_GROUND_M = 0.3  # largest difference in height of a point on a surface
+MAX_HEIGHT_M = 100.0  # height above or below the main plane from which points are left out
 
 
 class CellPoints(NamedTuple):
@@ -41,7 +44,7 @@ class CellPoints(NamedTuple):
 
     Attributes:
         z: (n,) m, heights in that order.
-        square: (n,) row in `low` of each.
+        square: (n,) row in `low` of each point's square.
         low: (m, 3) m, the point of each square with a tenth of its points below it.
         least: (m,) m, height of each square's lowest point."""
 
@@ -52,7 +55,10 @@ class CellPoints(NamedTuple):
 
     @staticmethod
     def from_points(grid: HeightMap, points: Points) -> "CellPoints":
-        """Sort the points inside a grid by cell and height."""
+        """Sort the points inside a grid by square and height.
+
+        grid: map whose places are the middles of the squares; its heights are not used. points:
+        (n, 3) m, in the frame of the map."""
         rows, columns = grid.heights.shape
         index = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
         in_grid = ((index >= 0) & (index < [rows, columns])).all(axis=1)
@@ -60,7 +66,7 @@ class CellPoints(NamedTuple):
         points = points[inside]
         index = index[inside].astype(np.int64)
         key = index[:, 0] * columns + index[:, 1]
-        # mm, so that one key sorts both
+        # mm from 0 to 200,000, so that one number sorts by square, then by height
         height = np.round((points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
         order = np.argsort(key * round(3000 * MAX_HEIGHT_M) + height)
         sorted_key = key[order]
@@ -73,7 +79,9 @@ class CellPoints(NamedTuple):
     def count_near(
         self, numbers: Int64[np.ndarray, " m"], count: int
     ) -> Int64[np.ndarray, " count"]:
-        """Number of points a step from the low points of the squares of each number."""
+        """Count the points on each surface, within `ON_GROUND_M` of their square's low point.
+
+        numbers: (m,) number of each square's surface, -1 for none; count: number of surfaces."""
         on = np.abs(self.z - self.low[self.square, 2]) < ON_GROUND_M
         number = numbers[self.square[on]]
         return np.bincount(number[number >= 0], minlength=count)
@@ -81,8 +89,14 @@ class CellPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LinkedCells:
-    """Cells, their neighbours (n, k) with a mask of what continues the cell, and a mask of flat
-    cells."""
+    """Cells, and the neighbours that continue them at about their height.
+
+    Attributes:
+        cells: low points (m) of a grid's squares.
+        other: rows of the k nearest other cells of each cell, nearest first.
+        linked: mask of those neighbours that are near and continue the cell's surface.
+        flat: mask of cells with enough linked neighbours: at least 3, and `FLAT_SHARE` of the near
+            ones."""
 
     cells: Float64[np.ndarray, "n 3"]
     other: Int64[np.ndarray, "n k"]
@@ -91,7 +105,7 @@ class LinkedCells:
 
     @staticmethod
     def from_cells(cells: Float64[np.ndarray, "n 3"]) -> "LinkedCells":
-        """Link each cell with the near ones that continue it."""
+        """Link each cell with the near ones at about its height."""
         from scipy.spatial import cKDTree
 
         count = min(MAX_NEIGHBOURS + 1, len(cells))
@@ -105,11 +119,14 @@ class LinkedCells:
         return LinkedCells(cells, neighbours, linked, flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-        """Return the number of each cell's linked surface off the main ground, -1 for other
-        cells."""
+        """Number the linked surfaces off the main ground.
+
+        above: height (m) of each cell above the main ground. Returns the number of each cell's
+        surface from 0, and -1 for cells on the main ground or on too small a surface."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
+        # 1 above the main ground, -1 below it, 0 on it
         side = np.where(np.abs(above) > EDGE_M, np.sign(above), 0.0)
         member = self.flat & (side != 0)
         both_members = member[:, None] & member[self.other]
@@ -127,7 +144,13 @@ class LinkedCells:
     def _join(
         self, numbers: Int64[np.ndarray, " n"], side: Float64[np.ndarray, " n"]
     ) -> Int64[np.ndarray, " n"]:
-        """Give pieces of a road one number that road users and their shadows part."""
+        """Give pieces of one road the same number if road users and their shadows separate them.
+
+        Args:
+            numbers: surface of each cell from 0, -1 for none.
+            side: 1 for cells above the main ground, -1 below it, 0 on it.
+
+        Returns new numbers, still from 0 without gaps."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
@@ -161,13 +184,20 @@ class LinkedCells:
         above: Float64[np.ndarray, " k"],
         covered: Bool[np.ndarray, " k"],
     ) -> bool:
-        """Return True for a surface that is wide and long enough, with no ground below it."""
+        """Return True for a surface that is wide and long enough, with no ground below it.
+
+        Args:
+            rows: rows of the surface's cells.
+            above: height (m) of these cells above the main ground.
+            covered: mask of these cells; True if points of the main ground are below the cell, as
+                under a roof."""
         core = np.abs(above) > OFF_M
         xy = self.cells[rows[core], :2]
         sunken = np.median(above[core]) < 0
         min_cells = MIN_SUNKEN_CELLS if sunken else MIN_RAISED_CELLS
         min_length = MIN_SUNKEN_M if sunken else MIN_RAISED_M
         inside = _count_inside(xy)
+        # direction in which the cells extend farthest
         along = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False)[2][0]
         extent = float(np.ptp(xy @ along))
         hides = not sunken and covered[core].mean() > 0.5
@@ -175,11 +205,14 @@ class LinkedCells:
 
 
 def _count_inside(xy: Float64[np.ndarray, "n 2"]) -> int:
-    """Count the cells with others on nearly all sides, as far off as the half of a road's width."""
+    """Count the cells with others on nearly all sides, about half a road's width away.
+
+    xy: places of a surface's cells (m). A cell counts if `MIN_SECTORS` of the sectors around it
+    have another one in the ring `RING_M`."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(xy).query_pairs(RING_M[1], output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])  # each pair in both directions
     offset = xy[pairs[:, 1]] - xy[pairs[:, 0]]
     is_far = np.hypot(*offset.T) > RING_M[0]
     turn_share = np.arctan2(offset[is_far, 1], offset[is_far, 0]) / (2 * np.pi) + 0.5

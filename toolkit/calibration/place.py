@@ -28,8 +28,8 @@ LEVELS: tuple[Level, ...] = ("map", "plane", "none")
 DETECTION_REACH_M = 50.0  # around the sensors, if no area is given
 CROP_HEIGHT_M = 4.0  # as in the paper's crop
 GROUND_MARGINS_M = (0.0, 5.0, 20.0)  # around the area, in which its ground is looked for
-MIN_GROUND_SQUARES = 150  # a metre wide, with points
-ROW_STRIDE = 1 << 20  # more squares than a row of an area has
+MIN_GROUND_SQUARES = 150  # least number of squares, a metre wide, with points to find ground by
+ROW_STRIDE = 1 << 20  # more squares than a row of an area has, so that each has its number
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Stand:
     Attributes:
         area: a site, or xmin ymin xmax ymax (m) around the middle.
         middle: x and y, world frame, from which points are counted.
-        ground: ground below the points counted so, None if it is z = 0 already.
-        warning: warning of ground that is not level.
+        ground: ground in the frame that is counted from the middle, None if it is z = 0 already.
+        warning: warning of ground that is not level, or that was not found; None without one.
         ms: time that finding the ground took.
     """
 
@@ -52,7 +52,7 @@ class Stand:
 
     @property
     def corners(self) -> Float64[np.ndarray, "4"]:
-        """xmin, ymin, xmax, ymax (m), world frame."""
+        """Corners of the area: xmin, ymin, xmax, ymax (m), world frame."""
         area = self.area.area if isinstance(self.area, Site) else np.asarray(self.area, np.float64)
         return area + np.concatenate([self.middle, self.middle])
 
@@ -64,7 +64,9 @@ class Stand:
         return near.astype(np.float32)
 
     def put_back(self, detections: Detections) -> Detections:
-        """Return detections of lifted points in the world frame."""
+        """Return detections, made in lifted points, in the world frame.
+
+        At a site they are returned as they are, since lifting does not move points there."""
         if isinstance(self.area, Site):
             return detections
         boxes = detections.boxes
@@ -94,29 +96,34 @@ class Place:
 
     @property
     def half(self) -> tuple[float, float]:
-        """Half the sides of the area (m)."""
+        """Half the sides of the area along x and y (m)."""
         if self.area is None:
             return DETECTION_REACH_M, DETECTION_REACH_M
         xmin, ymin, xmax, ymax = self.area
         return (xmax - xmin) / 2, (ymax - ymin) / 2
 
     def find_middle(self, frame: Frame) -> Float64[np.ndarray, "2"]:
-        """Middle of the area, else of the frame's sensors (world frame, to the metre), else the
-        origin."""
+        """Return x and y (m, world frame) of the middle of the area.
+
+        Without an area, it is the mean position of the frame's sensors, rounded to metres; without
+        sensors, the origin."""
         if self.area is not None:
             return (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
         places = [sensor.position[:2] for sensor in frame.sensors]
         return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
 
     def at(self, site: Site | None) -> bool:
-        """Return True if detection is at the site itself."""
+        """Return True if detection uses the site's ground and area.
+
+        site: None if the recording's site is unknown."""
         return site is not None and self.level is None and self.area is None
 
     def find_ground(self, points: Points, method: Literal["map", "plane"]) -> Ground:
-        """Find the ground below points (n, 3) m counted from the middle: the area's, if one is
-        given.
+        """Find the ground below points, of the area only if one is given.
 
-        Raises ValueError if no ground is found."""
+        points: (n, 3) m, counted from the middle of the area; method: see
+        `toolkit.calibration.ground.level`. If the area has too few points, those around it count
+        too. Raises ValueError if no ground is found."""
         if self.area is None:
             return level(points, method=method)
         half = np.array(self.half)
@@ -132,7 +139,10 @@ class Place:
     def stands(
         self, frames: Iterable[Frame], site: Site | None = None
     ) -> Iterator[tuple[Frame, Stand]]:
-        """Yield every frame with its ground and area; a warning marks ground that is not level."""
+        """Yield every frame with its ground and area.
+
+        site: known site of the frames, None without one. Ground is found in each frame, or once if
+        sensors stand still. If it is not level or not found, the result has a warning."""
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return
@@ -159,5 +169,6 @@ class Place:
 
 
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
-    """Return the lifted points in an area, below 4 m."""
+    """Return the points (see `Stand.lift`) in an area, above its ground and below
+    `CROP_HEIGHT_M`."""
     return points[Crop.of(area, CROP_HEIGHT_M).holds(points)]

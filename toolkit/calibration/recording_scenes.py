@@ -27,16 +27,20 @@ from toolkit.sensors.sensor import Sensor
 
 GRID_FRAMES = 8  # first frames, used to find the grids
 MIN_SCENE_FRAMES = 5  # with fewer frames, standing road users are taken for the scene
-MAX_STILL_SENSOR_M = 0.5  # from its first place in the map
-_MAX_KEPT_PX = 1 << 26  # in all images kept of one sensor
+MAX_STILL_SENSOR_M = 0.5  # largest distance of a sensor that stands still from its first place
+_MAX_KEPT_PX = 1 << 26  # pixels in all kept images of one sensor: 256 MiB
 
 
 @dataclass(frozen=True, eq=False)
 class LearntScene:
-    """Empty scene of one sensor.
+    """Empty scene of one sensor, and how its clouds became images.
 
-    grid: grid of its clouds, None for images; points: number of points of its clouds; left_out:
-    number of points that the images of its clouds lack, by kind."""
+    Attributes:
+        scene: the empty scene.
+        grid: rows and columns of the sensor's clouds, None if the scene was learnt from images.
+        points: number of points of all clouds, 0 for images.
+        left_out: number of points that the images of the clouds lack, by the words for the
+            reason."""
 
     scene: EmptyScene
     grid: LidarGrid | None = None
@@ -52,7 +56,7 @@ class Scenes:
     no image; it warns if frames of clouds are few.
 
     Attributes:
-        recording: the recording.
+        recording: frames to learn from; sensors must not move.
         given: scenes by name of their sensors, in place of the scenes that the recording shows.
         sample: maximum number of images kept of each sensor.
         used: True once scenes were learnt.
@@ -64,7 +68,7 @@ class Scenes:
     used: bool = field(default=False, init=False)
 
     def __call__(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor by number."""
+        """Return the empty scene of a sensor by its number in the first frame."""
         return self[self._names[sensor]].scene
 
     def __getitem__(self, name: str) -> LearntScene:
@@ -76,7 +80,7 @@ class Scenes:
         return self.every[name]
 
     def image(self, cloud: SensorCloud) -> CloudImage:
-        """Return a cloud in the grid of its sensor."""
+        """Return a cloud as an image in the grid of its sensor."""
         return rasterize_cloud(cloud, self.grid(cloud.name))
 
     def grid(self, name: str) -> LidarGrid:
@@ -91,7 +95,7 @@ class Scenes:
 
     @property
     def digests(self) -> list[str]:
-        """Digests of all scenes, none if unused."""
+        """SHA-256 digests of all scenes, an empty list if no scene was looked up."""
         return [learnt.scene.digest for learnt in self.every.values()] if self.used else []
 
     @cached_property
@@ -100,7 +104,7 @@ class Scenes:
 
     @cached_property
     def every(self) -> dict[str, LearntScene]:
-        """Scenes of all sensors, by name."""
+        """Scenes of all sensors, by name, learnt on the first call."""
         self.used = True
         if self.given is not None:
             return {scene.name: _wrap_scene(scene) for scene in self.given}
@@ -112,7 +116,7 @@ class Scenes:
 
 
 def _wrap_scene(scene: EmptyScene) -> LearntScene:
-    """Return a given scene, with its grid if it is of clouds."""
+    """Return a given scene, with a grid if its model is of a lidar known by its clouds."""
     grid = LidarGrid(scene.model) if type(scene.model) is RowLidar else None
     return LearntScene(scene, grid)
 
@@ -120,9 +124,12 @@ def _wrap_scene(scene: EmptyScene) -> LearntScene:
 def learn_sample_scenes(
     samples: Iterable[Frame], *, sample: int = MAX_SCENE_IMAGES
 ) -> dict[str, LearntScene]:
-    """Learn grid and empty scene of every sensor by name, of at most `sample` images.
+    """Learn the grid and the empty scene of every sensor with clouds, by name of the sensor.
 
-    Raises ValueError as `Scenes`."""
+    samples: frames of clouds, read once, in order; sample: largest number of images kept of each
+    sensor. The first `GRID_FRAMES` frames give the grids, and sensors without points in them are
+    left out. Warns if frames are few. Raises ValueError for a sensor that moves, clouds that make
+    no grid, and frames without points."""
     remaining = iter(samples)
     first_frames = list(islice(remaining, GRID_FRAMES))
     clouds: dict[str, list[SensorCloud]] = {}
@@ -153,7 +160,13 @@ def learn_sample_scenes(
 
 
 class _CloudSceneLearner:
-    """Learner of the empty scene of one sensor from its clouds."""
+    """Learner of the empty scene of one sensor from its clouds.
+
+    Attributes:
+        grid: rows and columns of the images that clouds become.
+        points: number of points of all clouds so far.
+        left_out: number of points that the images lack, by the words for the reason.
+        learner: learner that the images are passed to."""
 
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
         self.grid = grid
@@ -166,7 +179,10 @@ class _CloudSceneLearner:
         self.learner = SceneLearner(sensor, max(2, min(sample, max_images)))
 
     def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
-        """Add a cloud. Raises ValueError if its sensor has moved."""
+        """Add the next cloud.
+
+        map_SE3_sensor: pose of the sensor at that time. Raises ValueError if it has moved by more
+        than `MAX_STILL_SENSOR_M` from the first one."""
         position = map_SE3_sensor[:3, 3]
         if self._place is None:
             self._place = position
@@ -180,5 +196,5 @@ class _CloudSceneLearner:
         self.learner.add(image.measurement)
 
     def finish(self) -> LearntScene:
-        """Return the scene that was learnt."""
+        """Return the scene learnt so far, with its grid and the counts of points."""
         return LearntScene(self.learner.scene(), self.grid, self.points, self.left_out)

@@ -22,19 +22,23 @@ if TYPE_CHECKING:
 SURFACE_SPACING_M = 0.15  # m between the sampled points of a surface
 OUTSKIRTS_M = 30.0  # m beyond the detection area; a site's surface reaches that far
 MIN_FLAT_POINTS = 50  # points that a surface must have
-LEAFY_KINDS = ("tree", "bush")  # kinds of solids whose leaves no drawing of a site has
-# radius (m) and number of the points that a normal is fitted to
+LEAFY_KINDS = ("tree", "bush")  # kinds of solids left out, since a site has no leaves
+# largest distance (m) and number of the points that a normal is fitted to
 _NEIGHBOUR_M = 2.0
 _NEIGHBOURS = 24
-_MAX_FLAT_RATIO = 0.35  # of the smallest to the middle extent of a flat neighbourhood
-_MIN_PLANE_RATIO = 0.15  # of the middle to the largest extent; below it is a line
+# Extents are standard deviations of the points around one point, along three axes.
+_MAX_FLAT_RATIO = 0.35  # largest ratio of the smallest to the middle extent, for a flat surface
+_MIN_PLANE_RATIO = 0.15  # least ratio of the middle to the largest extent; below it is a line
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Standing surfaces: points (m) and unit normals (either way).
+    """Standing surfaces as points.
 
-    roughness: standard deviation (m) about the plane of each point."""
+    Attributes:
+        points: points on the surfaces (m).
+        normals: unit normal at each point, to either side.
+        roughness: standard deviation (m) of the surface from the plane at each point."""
 
     points: Points
     normals: Points
@@ -42,14 +46,14 @@ class Surface:
 
     @cached_property
     def tree(self) -> "cKDTree":
-        """SciPy's tree of the points."""
+        """Search tree of the points."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.points)
 
     @cached_property
     def thin(self) -> "Surface":
-        """Surface for coarse steps, thinned to 0.4 m."""
+        """Surface for coarse steps, thinned to one point in each cube of 0.4 m."""
         rows = thin_rows(self.points, 0.4)
         return Surface(self.points[rows], self.normals[rows], self.roughness[rows])
 
@@ -57,6 +61,7 @@ class Surface:
 def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface:
     """Read the surface of a site by name, or of a file.
 
+    reference: name of a site, or path; frames: number of first frames of a recording, all if None.
     The ending of a file decides: a recording (.hdf5, .h5), a site (.json, .geojson), else a cloud
     in the frame of the site (see `toolkit.datasets.cloud_files`). A recording gives what its
     sensors saw in its first `frames` frames, from their believed poses, noise-free. Raises
@@ -76,10 +81,13 @@ def read_surface(reference: str | Path, *, frames: int | None = None) -> Surface
 
 
 def site_surface(site: Site, *, seed: int = 0) -> Surface:
-    """Spread points evenly over a site's ground and its solids, without leafy ones."""
+    """Spread points evenly over a site's ground and its solids, without trees and bushes.
+
+    Normals are exact and roughness is 0. seed: seed of the random points."""
     solids = tuple(solid for solid in site.solids if solid.kind not in LEAFY_KINDS)
     mesh = build_scenery(replace(site, solids=solids))
     corners = mesh.vertices[mesh.triangles]
+    # normal of each triangle, twice its area long
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(across, axis=1)
     low = site.area[:2] - OUTSKIRTS_M
@@ -91,9 +99,10 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     size = size[in_reach]
     rng = np.random.default_rng(seed)
     share = size / 2 / SURFACE_SPACING_M**2
-    # on average in proportion to its size
+    # points of each triangle, rounded at random so that their mean is in proportion to its area
     count = np.floor(share + rng.random(len(share))).astype(np.int64)
     triangles = np.repeat(np.arange(len(count)), count)
+    # square root, so that points are even over a triangle; the order of these draws stays
     u = np.sqrt(rng.random(len(triangles)))
     v = rng.random(len(triangles))
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
@@ -102,9 +111,10 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
 
 
 def cloud_surface(points: Points) -> Surface:
-    """Return the thinned flat surface of a cloud.
+    """Return the flat parts of a cloud, thinned to `SURFACE_SPACING_M`, as a surface.
 
-    Raises ValueError if fewer than `MIN_FLAT_POINTS` points are left."""
+    Parts that are rough or on a line, such as leaves and wires, are left out. Raises ValueError if
+    fewer than `MIN_FLAT_POINTS` points are left."""
     from toolkit.runtime.light_open3d import o3d
 
     points = np.asarray(points, np.float64)
@@ -115,6 +125,7 @@ def cloud_surface(points: Points) -> Surface:
     around = o3d.geometry.KDTreeSearchParamHybrid(_NEIGHBOUR_M, _NEIGHBOURS)
     cloud.estimate_normals(around)
     cloud.estimate_covariances(around)
+    # (points, 3), ascending squares of the extents, so the ratios are squared too
     extents = np.linalg.eigvalsh(np.asarray(cloud.covariances).reshape(-1, 3, 3))
     is_thin = extents[:, 0] < _MAX_FLAT_RATIO**2 * extents[:, 1]
     is_flat = is_thin & (extents[:, 1] > _MIN_PLANE_RATIO**2 * extents[:, 2])
@@ -124,7 +135,7 @@ def cloud_surface(points: Points) -> Surface:
 
 
 def check_flat(count: int) -> None:
-    """Raise ValueError for fewer than `MIN_FLAT_POINTS` points."""
+    """Raise ValueError if a reference has fewer than `MIN_FLAT_POINTS` points (`count`)."""
     if count < MIN_FLAT_POINTS:
         needed = f"{MIN_FLAT_POINTS} are needed: use a denser cloud"
         raise ValueError(f"the reference has {count} points on flat ground or walls, {needed}")
@@ -133,9 +144,10 @@ def check_flat(count: int) -> None:
 def scene_points(
     scene: EmptyScene, *, least_share: float = 0.5
 ) -> tuple[Points, Float64[np.ndarray, " n"]]:
-    """Points of an empty scene in the sensor's frame, and their standard deviations (m).
+    """Points (m) of an empty scene in the sensor's frame, and the standard deviation of each (m).
 
-    Pixels that show the scene in less than `least_share` of the frames are left out."""
+    The deviation is for the mean of the frames that show the scene. Pixels that show its `first`
+    surface in less than `least_share` (0 to 1) of the frames are left out."""
     model = scene.model
     seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
     rays = model.rays().astype(np.float64)[seen]
@@ -146,7 +158,9 @@ def scene_points(
 
 
 def thin_rows(points: Points, voxel: float) -> Int64[np.ndarray, " k"]:
-    """Rows of the first point in each cube of edge `voxel` (m), to thin near ground."""
+    """Rows, ascending, of the first point in each cube of edge `voxel` (m).
+
+    points: (n, 3) m. So dense ground near a sensor is thinned."""
     cube = np.floor(points / voxel).astype(np.int64)
     cube -= cube.min(axis=0, initial=0)
     key = np.ravel_multi_index(cube.T, cube.max(axis=0, initial=0) + 1)
