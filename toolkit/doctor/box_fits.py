@@ -15,21 +15,26 @@ from toolkit.boxes import count_points
 from toolkit.calibration.ground import Ground, level
 from toolkit.frame import Frame
 
-CLEARANCE_M = 0.3  # above the ground
-SHELL_M = 0.5  # around a box
-BOX_SLACK_M = 0.1  # that a point may be outside its box, as sensors err
+CLEARANCE_M = 0.3  # least height above the ground of points that count
+SHELL_M = 0.5  # width of the space around a box in which a correct box has no points
+BOX_SLACK_M = 0.1  # distance that a point may be outside its box, as sensors err
 HOLLOW_SHARE = 0.6  # inner share of a box's length and width, in which no sensor sees a vehicle
 MIN_BOX_POINTS = 15  # points in and around a box; its fit is 0 below this
 MIN_FITTED_BOXES = 5  # boxes with a fit; nothing is suspected below this
-MIN_STANDARD_ERRORS = 3.0  # mean change of fits for a suspicion, in standard errors
-MIN_FIT_GAIN = 0.02  # in mean fit, for a suspicion
+MIN_STANDARD_ERRORS = 3.0  # least mean change of fits for a suspicion, in standard errors
+MIN_FIT_GAIN = 0.02  # least gain in mean fit for a suspicion
 GROUND_POINTS = 20_000  # evenly spaced points of a cloud for finding its ground
 SHIFTS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # tried delays of labels and clouds, late or early
 
 
 @dataclass(frozen=True, eq=False)
 class GroundView:
-    """Frame, its points above the ground, and the ground if one was found."""
+    """Frame with its points above the ground.
+
+    Attributes:
+        sample: the frame.
+        points: points (m, world frame) of its sensors, without those near or below the ground.
+        ground: the ground, None if none was found; then all points are kept."""
 
     sample: Frame
     points: Float64[np.ndarray, "n 3"]
@@ -37,7 +42,7 @@ class GroundView:
 
     @staticmethod
     def from_frame(sample: Frame) -> "GroundView":
-        """Find the ground of a frame."""
+        """Find the ground of a frame and leave out its points."""
         points = sample.points()
         try:
             ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
@@ -56,7 +61,9 @@ class GroundView:
 
 
 def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of each frame's boxes (m, 7), frame after frame."""
+    """Fit of boxes, 0 to 1, frame after frame.
+
+    views: frames with their points; boxes: boxes (m, 7) of each frame, world frame."""
     parts = [
         measure_fits(view.points, rows)
         for view, rows in zip(views, boxes, strict=True)
@@ -66,14 +73,19 @@ def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np
 
 
 def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
-    """Fit of boxes to points above the ground."""
-    around = np.array([0, 0, 0.5, 2, 2, 1, 0])  # one metre more on all sides and above
+    """Fit of boxes to points above the ground, 0 to 1; 0 for boxes with hardly any points.
+
+    points: of one frame, in the frame of the boxes (m); boxes: x, y, z, length, width, height, yaw
+    of each."""
+    # added to a box: one metre more on all sides and above, nothing below
+    around = np.array([0, 0, 0.5, 2, 2, 1, 0])
+    # middle of each box, from its floor to 0.2 m below its roof
     hollow = boxes * [1, 1, 1, HOLLOW_SHARE, HOLLOW_SHARE, 1, 1] - np.array(
         [0, 0, BOX_SLACK_M, 0, 0, 2 * BOX_SLACK_M, 0]
     )
     hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)
     all_boxes = np.concatenate([boxes + SHELL_M * around, boxes + BOX_SLACK_M * around, hollow])
-    counts = count_points(points, all_boxes).reshape(3, -1)
+    counts = count_points(points, all_boxes).reshape(3, -1)  # (kind of box, m)
     near = counts[0]
     on_faces = counts[1] - counts[2]
     return np.where(near >= MIN_BOX_POINTS, on_faces / np.maximum(near, 1), 0.0)
@@ -82,7 +94,9 @@ def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.
 def fits_better(
     before: Float64[np.ndarray, " n"], after: Float64[np.ndarray, " n"], gain: float = MIN_FIT_GAIN
 ) -> bool:
-    """Return True if boxes fit fits_better by `gain` and beyond chance."""
+    """Return True if the same boxes fit better by `gain` on average, and beyond chance.
+
+    before, after: fit of each box; boxes without a fit in both do not count."""
     change = (after - before)[(after > 0) | (before > 0)]
     if len(change) < MIN_FITTED_BOXES or change.mean() < gain:
         return False

@@ -8,13 +8,16 @@ from toolkit.doctor.box_fits import GroundView
 from toolkit.doctor.findings import Finding
 from toolkit.doctor.sensor_clouds import find_cloud, sensor_names
 
-MIN_BURIED_M = 1.0  # below the ground that all sensors together show
-MIN_BURIED_SHARE = 0.3  # share of a sensor's points, which no ramp or ditch explains
-MAX_USUAL_BURIED_SHARE = 0.05
+MIN_BURIED_M = 1.0  # depth of a buried point below the ground that all sensors together show
+MIN_BURIED_SHARE = 0.3  # least share of a sensor's points, which no ramp or ditch explains
+MAX_USUAL_BURIED_SHARE = 0.05  # largest share of buried points of a sound sensor
 
 
 def suspect_buried_points(seen: Sequence[GroundView]) -> Iterator[Finding]:
-    """Find sensors whose points are below the ground that other sensors see."""
+    """Find sensors whose points are below the ground that other sensors see.
+
+    seen: frames with their ground. Nothing is found unless another sensor has hardly any points
+    below it."""
     shares: dict[str, float] = {}
     for name in sensor_names([view.sample for view in seen]):
         heights = [np.zeros(0)]

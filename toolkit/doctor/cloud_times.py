@@ -13,10 +13,11 @@ from toolkit.doctor.findings import Finding
 from toolkit.doctor.sensor_clouds import find_cloud, list_clouds, sensor_names
 from toolkit.frame import MAX_APART_S, Frame, SensorCloud, measure_spread
 
-MAX_RATE_RATIO = 1.2
-MAX_REPEATED_SHARE = 0.2  # in a sensor's clouds
-MAX_MISSING_SHARE = 0.3  # in the frames from a sensor's first to its last cloud
-MIN_STALE_POINTS = 20  # on the former place of an object that has left it
+MAX_RATE_RATIO = 1.2  # largest ratio of two sensors' steps in time, for one rate
+MAX_REPEATED_SHARE = 0.2  # largest share of a sensor's clouds that may repeat the one before
+# largest share of the frames from a sensor's first to its last cloud that may lack it
+MAX_MISSING_SHARE = 0.3
+MIN_STALE_POINTS = 20  # points on the former place of an object that show it there still
 
 
 def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
@@ -25,7 +26,7 @@ def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
 
 
 def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
-    """Find clouds of one frame whose stamps are apart."""
+    """Find clouds of one frame whose stamps are usually more than `MAX_APART_S` apart."""
     paired = [sample for sample in samples if len(sample.clouds) > 1]
     spreads_s = [measure_spread(sample.clouds) for sample in paired]
     if not spreads_s or np.median(spreads_s) <= MAX_APART_S:
@@ -36,7 +37,10 @@ def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
 
 
 def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
-    """Find sensors that measure at another rate than the fastest."""
+    """Find sensors of two rates.
+
+    They show by steps between stamps, or without stamps by clouds that repeat the one before, or by
+    frames without a cloud of the sensor."""
     steps_s = {}
     repeated = {}
     missing = {}
@@ -100,7 +104,9 @@ def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
 
 
 def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
-    """Share of a sensor's clouds that have the points of the frame before."""
+    """Share of a sensor's clouds that have the points of the frame before, 0 if they are too few.
+
+    clouds: cloud in each frame, None if the frame lacks it."""
     pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
     same = [
         len(former.points) > 0 and np.array_equal(former.points, latter.points)
@@ -110,9 +116,10 @@ def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
 
 
 def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
-    """Return True if a cloud that repeats the one before shows objects at their earlier positions.
+    """Return True if the clouds of a sensor that repeat mostly show objects at former places.
 
-    Also returns True if no object moves."""
+    So the repeated cloud is old, rather than the labels. Also returns True if no object has left
+    its place when a cloud repeats. name: name of the sensor."""
     stale_count = 0
     changes = 0
     for former, latter in pairwise(samples):
@@ -127,7 +134,9 @@ def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
 
 
 def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
-    """Share of the frames from a sensor's first cloud to its last that lack it."""
+    """Share of the frames from a sensor's first cloud to its last that lack it.
+
+    clouds: cloud in each frame, None if the frame lacks it. 0 for fewer than five frames."""
     present = np.flatnonzero([cloud is not None for cloud in clouds])
     span = int(present[-1] - present[0]) + 1 if len(present) else 0
     return 1 - len(present) / span if span > 4 else 0.0

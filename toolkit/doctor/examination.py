@@ -1,4 +1,7 @@
-"""Agreement of points and boxes in a file of images, with and without suspected mistakes."""
+"""Agreement of points and boxes in a file of images, with and without suspected mistakes.
+
+The fit is the share of moving points that are on boxes (`toolkit.doctor.moving_points`). Rows are
+published ones, a table for each frame, in CARLA's frame."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -20,7 +23,22 @@ MIN_SENSOR_FIT = 0.5  # share of a sensor's moving points on boxes, for its pose
 
 
 class Examination:
-    """Agreement of points and boxes, with and without the suspected mistakes."""
+    """Suspected mistakes in the objects and the sensors of a file of images.
+
+    Args of the constructor: `site` of the file; `views`, the images of each sensor in the frames
+    that are looked at; `tables`, the published rows of all frames of the file; `frames`, numbers of
+    the frames that are looked at.
+
+    Attributes:
+        site: site of the file.
+        views: images of each sensor.
+        mistakes: suspected mistakes in the objects.
+        explained: number of moving points on boxes, once these mistakes are undone.
+        misplaced: findings of objects that are not at the site.
+        rows: published rows of each frame looked at, without all those mistakes.
+        doubts: by name of a sensor in doubt, the suspected mistake of its pose or depth; None if
+            its points disagree with the boxes without an explanation.
+        fits: share of each sensor's moving points on boxes, by its name, if they are enough."""
 
     def __init__(
         self,
@@ -55,10 +73,13 @@ class Examination:
                 self.doubts[sensor.name] = suspicion
 
     def disagreements(self) -> Iterator[Finding]:
-        """Yield suspected mistakes: objects first, then sensors."""
+        """Yield suspected mistakes: objects first, then sensors.
+
+        Sensors with the same mistake share a finding."""
         for mistake in self.mistakes:
             yield report_error("objects", mistake.mistake, mistake.evidence, mistake.remedy)
         yield from self.misplaced
+        # the mistakes in doubt, each once and in order; None for sensors without an explanation
         kinds = dict.fromkeys(suspicion and suspicion.mistake for suspicion in self.doubts.values())
         for kind in kinds:
             doubts = {
@@ -76,7 +97,9 @@ class Examination:
                 yield report_error(where, "points and boxes disagree", evidence, remedy)
 
     def _evidence(self, doubts: Mapping[str, Suspicion | None]) -> str:
-        """Fits of the sensors in doubt, each under its name if there are several."""
+        """Describe the fits of sensors in doubt in words, each after its name if they are several.
+
+        doubts: suspected mistake by name of the sensor, None without an explanation."""
         words = {
             name: f"{self.fits[name]:.0%} of the moving points lie on boxes"
             if doubt is None
@@ -88,7 +111,9 @@ class Examination:
         return "; ".join(f"{name}: {evidence}" for name, evidence in words.items())
 
     def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
-        """Yield objects and points of some frames, site frame. Sensors in doubt are left out."""
+        """Yield objects and points (site frame) of about 20 frames, evenly spread.
+
+        Points of sensors in doubt are left out."""
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]

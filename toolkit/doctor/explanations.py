@@ -1,4 +1,7 @@
-"""Explanations of labels that fit badly: a mistake, and the boxes without it."""
+"""Explanations of labels that fit badly: a mistake, and the boxes without it.
+
+The fit of a box, 0 to 1, is the share of its points that are where a correct box has them
+(`toolkit.doctor.box_fits`)."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -9,12 +12,20 @@ from toolkit.doctor.box_fits import GroundView, fits, fits_better, measure_fits
 from toolkit.doctor.label_mistake import LabelMistake
 from toolkit.frame import Frame
 
-MAX_TIED_FIT_GAP = 0.04  # in mean fit; the first of such mistakes in the list is named
-MIN_CHOICE_GAIN = 0.1  # in mean fit, for explanations that choose a sensor for each box
+# Mistakes whose mean fits are this close to the best one are as good; the first in the list is
+# named.
+MAX_TIED_FIT_GAP = 0.04
+# least gain in mean fit by explanations that choose a sensor for each box, since chance helps them
+MIN_CHOICE_GAIN = 0.1
 
 
 class Explanation(NamedTuple):
-    """Mistake, the boxes without it, and their fits."""
+    """Mistake that may explain why labels fit badly, and the boxes without it.
+
+    Attributes:
+        mistake: the mistake that is undone.
+        boxes: boxes of each frame without it (m, 7), world frame.
+        fits: fit of each of these boxes, 0 to 1, frame after frame."""
 
     mistake: LabelMistake
     boxes: list[np.ndarray]
@@ -24,7 +35,12 @@ class Explanation(NamedTuple):
 def find_nearly_best(
     attempts: Sequence[Explanation], current: np.ndarray, *gain: float
 ) -> Explanation | None:
-    """Return the first of the mistakes that fit nearly best, None if none improves the fits."""
+    """Return the first explanation that fits nearly best, None if none improves the fits.
+
+    Args:
+        attempts: explanations in order of preference.
+        current: fit of each box as it is, frame after frame.
+        gain: least gain in mean fit; without it, the one of `fits_better`."""
     surer = [attempt for attempt in attempts if fits_better(current, attempt.fits, *gain)]
     means = _means(surer) if surer else []
     for attempt, mean in zip(surer, means, strict=True):
@@ -36,7 +52,10 @@ def find_nearly_best(
 def choose_clearer(
     best: Explanation | None, freer: Explanation | None, margin: float
 ) -> Explanation | None:
-    """Return the freer explanation if it wins by a margin."""
+    """Return the freer explanation if its mean fit is better by more than a margin, else the best.
+
+    best, freer: explanations, of which the freer one has more numbers to choose, so chance helps
+    it. If one is None, the other is returned. margin: in mean fit, may be negative."""
     if best is None or freer is None:
         return best or freer
     best_mean, freer_mean = _means([best, freer])
@@ -44,7 +63,7 @@ def choose_clearer(
 
 
 def _means(attempts: Sequence[Explanation]) -> list[float]:
-    """Mean fit under each explanation, over the same boxes."""
+    """Mean fit of each explanation, over the boxes that have a fit in any of them."""
     has_fit = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[has_fit].mean()) for attempt in attempts]
 
@@ -54,12 +73,19 @@ def undo_each(
     views: Sequence[GroundView],
     choose: Callable[[Frame], Sequence[np.ndarray]],
 ) -> Explanation:
-    """Take the choice with the best fit for every box."""
+    """Undo a mistake with, for each box, the choice that fits best.
+
+    Args:
+        mistake: mistake that the result names.
+        views: frames with their points above the ground.
+        choose: returns possible boxes (m, 7) of a frame without the mistake, one array for each
+            choice, all with the boxes in the same order. A tie takes the first."""
     boxes = []
     for view in views:
         choices = choose(view.sample)
         best = np.zeros(len(choices[0]), np.int64)
         if len(choices) > 1:
             best = np.argmax([measure_fits(view.points, rows) for rows in choices], axis=0)
+        # (choices, m, 7) at the best choice of each box
         boxes.append(np.stack(choices)[best, np.arange(len(choices[0]))])
     return Explanation(mistake, boxes, fits(views, boxes))

@@ -6,14 +6,14 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Finding:
-    """One suspicion.
+    """One suspicion about a recording, in words for the user.
 
     Attributes:
         severity: error or warning.
-        where: dataset, sensor or frame of the file.
-        suspected: the suspicion in words.
-        evidence: the numbers behind it.
-        remedy: what to do about it.
+        where: dataset, sensor or frame of the file that it is about.
+        suspected: the suspected mistake in words.
+        evidence: the numbers that show it.
+        remedy: what the user should do about it.
     """
 
     severity: Literal["error", "warning"]
@@ -27,5 +27,5 @@ class Finding:
 
 
 def report_error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
-    """Return a finding that is an error."""
+    """Return a finding that is an error (see `Finding` for the words)."""
     return Finding("error", where, suspected, evidence, remedy)

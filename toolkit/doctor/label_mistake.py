@@ -11,15 +11,17 @@ from toolkit.geometry import invert
 
 @dataclass(frozen=True)
 class LabelMistake:
-    """Mistake that boxes may have, and how to undo it.
+    """Mistake that boxes may have, and how to undo it: reorder columns, multiply, turn.
+
+    Columns are x, y, z, length, width, height and yaw.
 
     Attributes:
         name: words for the mistake.
-        remedy: what to do about it.
-        axes: True if it depends on the frame's axes.
-        order: columns of the boxes without the mistake.
-        factor: factor of each column.
-        turn: angle (rad) that is added to yaw.
+        remedy: what the user should do about it, in words.
+        axes: True if it depends on the frame's axes, so that it is tried in several frames.
+        order: for each column of the right boxes, the column of the mistaken ones to take.
+        factor: factor of each column after that.
+        turn: angle (rad) that is added to yaw in the end.
     """
 
     name: str
@@ -36,7 +38,9 @@ class LabelMistake:
 
 
 def undo_mistake(mistake: LabelMistake, boxes: BoxRows, frame_SE3_world: Pose) -> BoxRows:
-    """Undo a mistake that was made in another frame, of boxes (world)."""
+    """Return boxes (world frame) without a mistake that was made in another frame.
+
+    frame_SE3_world: motion from the world to the frame whose axes the mistake depends on."""
     if np.array_equal(frame_SE3_world, np.eye(4)):
         return mistake.undo(boxes)
     undone = mistake.undo(box_frames.move_boxes(frame_SE3_world, boxes))
@@ -47,6 +51,7 @@ def possible_headings(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k 
     """Headings (rad, modulo half a turn) that become `yaw` if degrees are taken for radians.
 
     A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full
-    turns."""
-    turns = np.arange(-15, 16)[:, None]  # 2 pi "degrees" each: a quarter turn either way
+    turns. Returns 31 possible headings of each box, a row for each choice."""
+    # Each lost turn was 2 pi degrees, about 6.3; 15 of them are a quarter turn either way.
+    turns = np.arange(-15, 16)[:, None]
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)

@@ -9,10 +9,10 @@ from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits, fits_bet
 from toolkit.doctor.explanations import Explanation
 from toolkit.doctor.label_mistake import LabelMistake
 
-MIN_OFFSET_M = 0.3  # from the labels to the points
-MAX_OFFSET_M = 5.0  # from the labels to the points
-OFFSET_REACH_M = 2.0  # around a box in which its points may be
-OFFSET_ROUNDS = 4
+MIN_OFFSET_M = 0.3  # smaller offsets between labels and points are no mistake
+MAX_OFFSET_M = 5.0  # larger ones are not accepted
+OFFSET_REACH_M = 2.0  # distance from a box within which its points may be
+OFFSET_ROUNDS = 4  # rounds that refine the offset, with points around the moved boxes
 
 
 def find_offset(
@@ -20,7 +20,8 @@ def find_offset(
 ) -> Explanation | None:
     """Find one horizontal offset of all labels from the points.
 
-    Returns None if undoing it does not fit fits_better."""
+    views: frames with their points above the ground; current: fit of each box as it is. Returns
+    None if the offset is too small or too large, or if boxes do not fit better without it."""
     boxes = [view.sample.objects.boxes for view in views]
     offset = np.zeros(2)
     for _ in range(OFFSET_ROUNDS):
@@ -50,8 +51,9 @@ def find_offset(
 
 
 def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
-    """Offsets of the points around boxes from the boxes' centres; boxes without points are
-    skipped."""
+    """Horizontal offset (m) of each box's points from its centre: the median of those around it.
+
+    Boxes without points around them are skipped."""
     from scipy.spatial import cKDTree
 
     if not len(points) or not len(boxes):

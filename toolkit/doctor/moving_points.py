@@ -16,14 +16,21 @@ from toolkit.geometry import transform
 from toolkit.objects import HEAVY, VEHICLE
 from toolkit.sensors.sensor import Sensor
 
-_SLACK_M = 0.1  # that a point may be outside its box
-_CORE_SHARE = 0.6  # share of a vehicle's box in which a sensor sees nothing
-_POINTS_PER_FRAME = 100  # for each sensor
+_SLACK_M = 0.1  # distance that a point may be outside its box
+_CORE_SHARE = 0.6  # inner share of a vehicle's length, width and height, in which no sensor sees it
+_POINTS_PER_FRAME = 100  # largest number of moving pixels of each sensor and frame
+# published rows of one frame's objects, in CARLA's frame
 Rows = Float64[np.ndarray, "_ 10"]
 
 
 class Witness(NamedTuple):
-    """Moving pixels of one sensor in one frame."""
+    """Moving pixels of one sensor in one frame.
+
+    Attributes:
+        frame: index of the frame among those that are looked at.
+        sensor: number of the sensor.
+        rays: (p, 3) ray of each pixel in the sensor's frame; times the depth, it is the point.
+        depth: (p,) measurement of each pixel."""
 
     frame: int
     sensor: int
@@ -32,7 +39,10 @@ class Witness(NamedTuple):
 
 
 def choose_witnesses(views: Sequence[SensorImages]) -> list[Witness]:
-    """Choose moving pixels of each sensor and frame, the same every time."""
+    """Choose at most `_POINTS_PER_FRAME` moving pixels of each sensor and frame, the same every
+    time.
+
+    views: images of each sensor. Results are sensor by sensor, then by frame."""
     rng = np.random.default_rng(0)
     selected = []
     for i, view in enumerate(views):
@@ -47,14 +57,20 @@ def choose_witnesses(views: Sequence[SensorImages]) -> list[Witness]:
 
 
 def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) -> float:
-    """Share of points on the boxes of their frame.
+    """Share of all points, 0 to 1, that are on the boxes of their frame.
 
-    clouds: (n, 3) in the site's frame, one for each frame."""
+    A point is on a box if it is inside it, and not in the core of a vehicle.
+
+    Args:
+        clouds: moving points (n, 3) of each frame (m, site frame).
+        rows: published rows of the objects of each frame.
+        map_SE3_site: pose of the site in the map."""
     on_boxes = 0
     for points, table in zip(clouds, rows, strict=True):
         if not len(points) or not len(table):
             continue
         objects = published.parse_rows(table, map_SE3_site)
+        # offsets of each point from each box's centre, (points, boxes) each
         x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
         cos = np.cos(objects.boxes[:, 6])
         sin = np.sin(objects.boxes[:, 6])
@@ -70,7 +86,9 @@ def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_s
 def collect_clouds(
     witnesses: Sequence[Witness], sensors: Sequence[Sensor], frames: int
 ) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Points of the witnesses in each frame, site frame."""
+    """Points (m, site frame) of moving pixels in each frame.
+
+    frames: number of frames; frames without moving pixels get an empty array."""
     arrays_by_frame: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
     for witness in witnesses:
         arrays_by_frame[witness.frame].append(

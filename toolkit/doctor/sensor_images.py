@@ -12,17 +12,20 @@ from toolkit.geometry import transform
 from toolkit.runtime import hdf5
 from toolkit.sensors.sensor import Sensor
 
-_MOVED_M = 0.3  # nearer than the empty scene
+_MOVED_M = 0.3  # a pixel nearer than the empty scene by more than this shows a moving object
 
 
 def read_images(
     dataset: CoopDataset, frames: Sequence[int]
 ) -> "tuple[list[SensorImages], list[Finding]]":
-    """Measurements of some frames as stored, in any unit.
+    """Read the images of each sensor in some frames as stored, in whatever unit they are.
 
-    Frames that cannot be read become findings."""
+    frames: numbers of the frames. Returns the images, and findings of those that cannot be read,
+    whose pixels are 0."""
     views = []
     findings = []
+    # name: dataset in the file; index: number of the sensor in it, None if it has one sensor;
+    # stride: step of the pixels that are kept
     for sensor, name, index, stride in dataset.channels:
         images = dataset.open_dataset(name)
         depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
@@ -44,24 +47,30 @@ def read_images(
 
 @dataclass(frozen=True, eq=False)
 class SensorImages:
-    """Images of one sensor.
+    """Images of one sensor in the frames that are looked at.
 
-    rays: (pixels, 3), in its frame; depth: (frames, pixels), 0 for no return."""
+    Attributes:
+        sensor: the sensor at its stored pose.
+        rays: (pixels, 3) ray of each pixel in the sensor's frame; times the depth, it is the point.
+        depth: (frames, pixels) measurements, 0 for no return."""
 
     sensor: Sensor
     rays: Float32[np.ndarray, "pixels 3"]
     depth: Float32[np.ndarray, "frames pixels"]
 
     def moving(self) -> Bool[np.ndarray, "frames pixels"]:
-        """Mask of the pixels that show a moving object, one that is missing in another frame."""
+        """Mask of the pixels that show a moving object, one that is missing in another frame.
+
+        Nothing is marked with fewer than three frames that have a return."""
         # a frame without any return shows nothing of the scene
         seen = self.depth[(self.depth > 0).any(axis=1)]
         if len(seen) < 3:
             return np.zeros(self.depth.shape, bool)
+        # farthest measurement of each pixel, infinite if it once has no return
         background = np.where(seen > 0, seen, np.inf).max(axis=0)
         return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED_M)
 
     def points(self, frame: int) -> Float32[np.ndarray, "_ 3"]:
-        """Points of one frame, site frame."""
+        """Points (m, site frame) of one frame. frame: row of `depth`."""
         seen = self.depth[frame] > 0
         return transform(self.sensor.pose, self.rays[seen] * self.depth[frame, seen, None])

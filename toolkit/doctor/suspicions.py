@@ -5,13 +5,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-MIN_CLEAR_GAIN = 0.05  # in fit, for a suspicion of a mistake
-MIN_EXPLAINED_FIT = 0.6  # without the mistake
-MIN_MOVING_POINTS = 200  # with fewer nothing is suspected
+# The fit is the share of moving points on boxes, 0 to 1.
+MIN_CLEAR_GAIN = 0.05  # least gain in fit for a suspicion of a mistake
+MIN_EXPLAINED_FIT = 0.6  # least fit without the mistake
+MIN_MOVING_POINTS = 200  # with fewer moving points nothing is suspected
 
 
 class Suspicion(NamedTuple):
-    """A mistake whose undoing raises the fit."""
+    """Suspected mistake: undoing it raises the fit.
+
+    Attributes:
+        mistake: the mistake in words.
+        remedy: what the user should do about it, in words.
+        before: share of the moving points on boxes as they are, 0 to 1.
+        after: the same with the mistake undone."""
 
     mistake: str
     remedy: str
@@ -28,9 +35,13 @@ class Suspicion(NamedTuple):
 
 
 class Mistake(NamedTuple):
-    """Mistake in the objects.
+    """Mistake that stored objects may have, and how to undo it.
 
-    undo: returns the changed columns of a table of columns, by short names."""
+    Attributes:
+        mistake: the mistake in words.
+        remedy: what the user should do about it, in words.
+        undo: takes the published columns of objects by short names (x, y, z, pitch, roll, yaw, l,
+            w, h, label) and returns the columns that change, without the mistake."""
 
     mistake: str
     remedy: str
