@@ -24,7 +24,7 @@ from toolkit.frame import AWAY, Frame
 from toolkit.sites.site import Site
 
 _CHECK_UNIT = "check their unit, metres are read"
-_REMEDIES = {  # remedies for problems that no sound recording has
+_REMEDIES = {  # remedy by the words for a problem that no sound recording has
     problem_kinds.STRAY: "name clouds and labels alike, times in the same unit",
     problem_kinds.NOT_FINITE: "restore them, or remove them",
     problem_kinds.NO_SIZE: _CHECK_UNIT,
@@ -38,7 +38,11 @@ _REMEDIES = {  # remedies for problems that no sound recording has
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings of the doctor, and the words for a recording without any."""
+    """Findings of the doctor in a recording.
+
+    Attributes:
+        findings: suspected mistakes, none for a healthy recording.
+        healthy: words to show if there are no findings."""
 
     findings: list[Finding]
     healthy: str = "nothing suspected"
@@ -49,9 +53,16 @@ def diagnose(
 ) -> Diagnosis:
     """Check a recording for the classic mistakes.
 
-    Raises whatever opening a recording of clouds raises. Files of images are checked as they are
-    stored (`toolkit.doctor.stored_file`). Labels of clouds are checked by the fit of their boxes to
-    the points of the first frames."""
+    Files of images are checked as they are stored (`toolkit.doctor.stored_file`). Labels of clouds
+    are checked by the fit of their boxes to the points of the first frames.
+
+    Args:
+        path: file or folder of the recording.
+        layout: name of its layout, guessed from the path if None.
+        site: site of the recording, None if the recording names it or shows a built-in one.
+        frames: number of first frames to check.
+
+    Raises whatever opening a recording of clouds raises."""
     if (layout or guess_layout(path)) == "hdf5":
         try:
             clouds = Path(path).is_file() and holds_clouds(path)
@@ -76,7 +87,10 @@ def diagnose(
 
 
 def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Finding]:
-    """Return faults of the sensors in a file of images, compared with each other."""
+    """Return faults of the sensors in a file of images, compared with each other.
+
+    site: site of the file, None if it names its site or shows a built-in one; for an unknown site,
+    nothing is compared. frames: number of first frames to check."""
     try:
         recording = open_recording(path, "hdf5", site=site)
     except UnknownSite:  # points are compared with boxes in the site's frame
@@ -88,7 +102,9 @@ def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Fi
 
 
 def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
-    """Find labels that reading left out, and times that cannot follow each other."""
+    """Find labels and clouds with impossible values, and times that cannot follow each other.
+
+    samples: consecutive frames, with the problems that reading them counted."""
     problems = sum((Counter(sample.problems) for sample in samples), Counter[str]())
     total = sum(len(sample.objects) for sample in samples)
     if all(len(sample.objects) for sample in samples):

@@ -14,8 +14,15 @@ from toolkit.sites.site import Site
 
 
 def check_drift(path: str | Path, reference: str | Path, site: Site | None = None) -> list[Finding]:
-    """Warn of each sensor that disagrees with the reference (see `read_surface`), or of a recording
-    without poses. Raises ValueError and OSError if the reference cannot be read."""
+    """Compare the poses of a recording's sensors with a reference.
+
+    Args:
+        path: file of the recording.
+        reference: name of a site, or file of standing surfaces (see `read_surface`).
+        site: site of the recording, None if its file names it or shows a built-in one.
+
+    Returns a warning for each sensor that disagrees, or one for a recording whose poses cannot be
+    found. Raises ValueError and OSError if the reference cannot be read."""
     surface = read_surface(reference)
     try:
         with CoopDataset(path, site) as recording:
@@ -33,7 +40,9 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
 
 
 def drift_findings(found_poses: Sequence[FoundPose], reference: str) -> list[Finding]:
-    """Warn of sensors that clearly drifted or have no pose."""
+    """Return warnings of sensors that clearly drifted, or for which no pose was found.
+
+    reference: words for what the poses were found by."""
     findings = []
     for found_pose in found_poses:
         subject, (turn, move) = f"sensor {found_pose.sensor.name}", found_pose.deviation

@@ -11,13 +11,15 @@ from toolkit.doctor.explanations import undo_each
 from toolkit.doctor.findings import Finding
 from toolkit.doctor.label_frames import other_frames
 
-MAX_EMPTY_SHARE = 0.5  # share of labels without a point
-MAX_EXPLAINED_EMPTY_SHARE = 0.2  # share of labels without a point, once the mistake is undone
+MAX_EMPTY_SHARE = 0.5  # largest share of sound labels without a point
+MAX_EXPLAINED_EMPTY_SHARE = 0.2  # the same, once a mistake is undone that explains them
 
 
 def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
-    """Find labels that mostly hold no point of any sensor, and the frame in which they would hold
-    some."""
+    """Find labels that mostly have no point of any sensor inside.
+
+    The finding names the wrong frame of coordinates if boxes would have points without it. views:
+    frames with their points above the ground."""
     empty, total = _count_empty(views, [view.sample.objects.boxes for view in views])
     if not total or empty / total <= MAX_EMPTY_SHARE:
         return
@@ -41,7 +43,7 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
 
 
 def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> tuple[int, int]:
-    """Count boxes without a point above the ground, and all boxes."""
+    """Count boxes without a point above the ground, and all boxes. boxes: those of each view."""
     counts = [
         count_points(view.points, rows)
         for view, rows in zip(views, boxes, strict=True)

@@ -8,8 +8,8 @@ from toolkit.arrays import Float, Pose
 from toolkit.doctor.moving_points import Rows, share_on_boxes
 from toolkit.doctor.suspicions import MIN_EXPLAINED_FIT, MIN_MOVING_POINTS, Suspicion
 
-MAX_FRAMES_OFF = 3
-MIN_SHIFT_GAIN = 0.2  # in fit, for a suspicion of shifted frames
+MAX_FRAMES_OFF = 3  # largest shift that is tried
+MIN_SHIFT_GAIN = 0.2  # least gain in fit for a suspicion of shifted frames
 
 
 def suspect_frames(
@@ -18,12 +18,19 @@ def suspect_frames(
     frames: Sequence[int],
     map_SE3_site: Pose,
 ) -> tuple[Suspicion | None, list[Rows]]:
-    """Find the number of frames by which objects are off.
+    """Find the number of frames by which objects are ahead of or behind the images.
 
-    Returns it and the rows that belong to `frames`. clouds: moving points of `frames`, site frame;
-    tables: rows of all frames of the file."""
+    Args:
+        clouds: moving points (m, site frame) of each frame that is looked at.
+        tables: published rows of the objects of all frames of the file.
+        frames: numbers, in the file, of the frames that are looked at.
+        map_SE3_site: pose of the site in the map.
+
+    Returns the mistake, None without one, and the rows that belong to `frames`, no rows for frames
+    beyond the file."""
     best: Suspicion | None = None
     rows = [tables[k] for k in frames]
+    # 1, -1, 2, -2, ...: objects of frame k + offset are compared with the points of frame k
     for offset in [sign * n for n in range(1, MAX_FRAMES_OFF + 1) for sign in (1, -1)]:
         is_usable = [
             0 <= k + offset < len(tables) and len(tables[k]) and len(tables[k + offset])

@@ -7,12 +7,14 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.doctor.findings import Finding, report_error
 
-MIN_FRAME_STEP_S = 1e-3  # from frame to frame
-MAX_FRAME_STEP_S = 300.0  # from frame to frame
+MIN_FRAME_STEP_S = 1e-3  # least plausible time from frame to frame
+MAX_FRAME_STEP_S = 300.0  # largest plausible time from frame to frame
 
 
 def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
-    """Find times of frames (s) that cannot follow each other."""
+    """Find times that repeat, go back or are in another unit.
+
+    times: time of each frame in order (s); those that are not finite are left out."""
     steps = np.diff(times[np.isfinite(times)])
     back = int((steps <= 0).sum())
     if back > max(1, len(steps) / 10):  # a new scene or sensor may begin again

@@ -15,8 +15,8 @@ from toolkit.doctor.moving_points import Rows
 from toolkit.doctor.sensor_images import SensorImages
 from toolkit.sites.site import Site
 
-MIN_OBJECT_POINTS = 20  # points that show an object
-USUAL_QUANTILE = 0.9  # quantile of the number of returns that counts as usual
+MIN_OBJECT_POINTS = 20  # least number of points that show an object
+USUAL_QUANTILE = 0.9  # quantile, over the frames, of the number of returns that counts as usual
 MAX_BLIND_SHARE = 0.5  # share of the usual number of returns below which a sensor is blind
 
 
@@ -25,9 +25,12 @@ def frozen_frames(
 ) -> Bool[np.ndarray, " frames"]:
     """Mask of frames in which a sensor repeats an image whose objects have left.
 
-    rows: published rows by frame."""
+    Args:
+        view: images of the sensor in the frames that are looked at.
+        rows: published rows of the objects in each of these frames.
+        site: site of the recording."""
     frozen = np.zeros(len(view.depth), bool)
-    first = 0
+    first = 0  # frame with the original of the image that is repeated
     for k in range(1, len(view.depth)):
         if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
             first = k
@@ -40,8 +43,9 @@ def frozen_frames(
 
 
 def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
-    """Mask of the frames in which a sensor has far fewer returns than usual, while others do
-    not."""
+    """Mask of the frames in which a sensor has far fewer returns than usual, while others do not.
+
+    views: images of each sensor in the same frames. Axes of the mask: sensor, frame."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
     blind = returned < MAX_BLIND_SHARE * np.quantile(returned, USUAL_QUANTILE, axis=1)[:, None]
     return np.asarray(blind & ~blind.all(axis=0))
@@ -50,7 +54,13 @@ def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors fra
 def failing_sensors(
     views: Sequence[SensorImages], rows: Sequence[Rows], site: Site, frames: Sequence[int]
 ) -> Iterator[Finding]:
-    """Yield a warning for each failure of a sensor. frames: numbers of the images."""
+    """Yield a warning for each sensor that freezes or goes blind.
+
+    Args:
+        views: images of each sensor in the frames that are looked at.
+        rows: published rows of the objects in each of these frames.
+        site: site of the recording.
+        frames: numbers of these frames in the file."""
     if not views or not frames:
         return
     for view, is_blind in zip(views, blind_frames(views), strict=True):

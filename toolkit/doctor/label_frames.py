@@ -14,14 +14,22 @@ from toolkit.geometry import invert
 
 
 class OtherFrame(NamedTuple):
-    """Mistake of labels in another frame than the world, and the boxes in the world without it."""
+    """Mistake of labels in another frame of coordinates than the world.
+
+    Attributes:
+        mistake: the words for the mistake and its remedy.
+        choose: returns a recording frame's boxes in the world without it, in a list of one array,
+            as `toolkit.doctor.explanations.undo_each` needs."""
 
     mistake: LabelMistake
     choose: Callable[[Frame], list[BoxRows]]
 
 
 def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
-    """Return the frames that labels may be in by mistake: each sensor's, and the map's."""
+    """Return the frames of coordinates that labels may be in by mistake.
+
+    These are each sensor's frame; the result of applying a sensor's pose to labels that were in
+    the world already; and the map. samples: frames of the recording."""
     names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
     wrong = []
     for name in names:
@@ -43,19 +51,22 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
 
 
 def _find_pose(name: str, sample: Frame) -> Pose:
-    """Pose of a frame's sensor, identity if the frame lacks it."""
+    """Pose world_SE3_sensor of a sensor by name in a frame, identity if the frame lacks it."""
     return next(
         (cloud.world_SE3_sensor for cloud in sample.clouds if cloud.name == name), np.eye(4)
     )
 
 
 def _find_inverse(name: str, sample: Frame) -> Pose:
+    # sensor_SE3_world, for labels in the world that the sensor's pose was applied to
     return invert(_find_pose(name, sample))
 
 
 def _make_other_frame(
     world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str
 ) -> OtherFrame:
+    # world_SE3_labels: returns the motion that brings a frame's labels to the world, if they are
+    # in the wrong frame; name, remedy: words for the mistake
     def choose(sample: Frame) -> list[BoxRows]:
         return [box_frames.move_boxes(world_SE3_labels(sample), sample.objects.boxes)]
 

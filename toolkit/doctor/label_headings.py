@@ -13,12 +13,17 @@ from toolkit.doctor.label_mistakes import YAW_SIGN
 from toolkit.doctor.moving_boxes import find_moving
 from toolkit.frame import Frame
 
-MIN_ALONG_COSINE = 0.7  # between heading and direction of motion, for the two to agree
-MIN_TURNED_TRACKS = 2  # that head along their motion only without the mistake
+MIN_ALONG_COSINE = 0.7  # least cosine between heading and direction of motion that agree
+MIN_TURNED_TRACKS = 2  # least number of tracks that head along their motion only without a mistake
 
 
 class TurnedTracks(NamedTuple):
-    """Tracks and moving boxes against their motion, and all moving boxes."""
+    """Counts of moving boxes that head against their motion, but along it without a mistake.
+
+    Attributes:
+        tracks: number of tracks with such a box.
+        boxes: number of such boxes.
+        total: number of all moving boxes."""
 
     tracks: int
     boxes: int
@@ -26,7 +31,10 @@ class TurnedTracks(NamedTuple):
 
 
 def count_turned(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> TurnedTracks | None:
-    """Count tracks and boxes that a mistake turns against their motion, and all moving boxes."""
+    """Count tracks and boxes that a mistake turns against their motion, and all moving boxes.
+
+    samples: consecutive frames; undo: takes a frame and its moving boxes, and returns the boxes
+    without the mistake. Returns None if they are few, or if undoing it spoils many boxes."""
     tracks: set[int] = set()
     mended = 0
     spoilt = 0
@@ -48,7 +56,9 @@ def count_turned(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> T
 def _compare_headings(
     boxes: BoxRows, velocities: Float64[np.ndarray, "n 2"]
 ) -> Float64[np.ndarray, " n"]:
-    """Cosine between each box's heading and its direction of motion."""
+    """Cosine between each box's heading and its direction of motion.
+
+    velocities: along x and y, in the frame of the boxes (m/s)."""
     speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
     directions = velocities / np.maximum(speeds, 1e-9)
     yaw = boxes[:, 6]
@@ -56,8 +66,10 @@ def _compare_headings(
 
 
 def suspect_headings(samples: Sequence[Frame]) -> list[Finding]:
-    """Find moving boxes whose yaw has the wrong sign, in the world or in the map."""
-    undos = (
+    """Find moving boxes whose yaw has the wrong sign, in the world or in the map.
+
+    samples: consecutive frames. Returns one finding or none."""
+    undos = (  # each takes a frame and its boxes
         lambda _, boxes: YAW_SIGN.undo(boxes),
         lambda sample, boxes: undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world),
     )

@@ -8,6 +8,7 @@ _MIRROR_X = "negate x, and take 180 degrees minus yaw"
 _SWAP = "swap x and y, and take 90 degrees minus yaw"
 _HALVED = "half extents where full ones belong: the boxes are half as large"
 _DOUBLED = "doubled extents: the boxes are twice as large"
+# factors of x, y, z, length, width, height and yaw
 _HALF = (1, 1, 1, 0.5, 0.5, 0.5, 1)
 _ACROSS = "length and width swapped, or yaw a quarter turn off"
 _ADD_QUARTER = "swap length and width, or add 90 degrees to yaw"
@@ -20,7 +21,7 @@ LOST_DEGREES = LabelMistake(  # not undone directly: `possible_headings` gives t
     "yaw in degrees where radians belong, of which only sine and cosine are left",
     "multiply yaw by pi / 180 before its sine and cosine are taken",
 )
-LABEL_MISTAKES = (
+LABEL_MISTAKES = (  # of mistakes that fit about as well, the first is named
     LabelMistake(
         "mirrored: y points the other way", "negate y and yaw", True, factor=(1, -1, 1, 1, 1, 1, -1)
     ),

@@ -18,21 +18,29 @@ from toolkit.doctor.label_mistakes import LABEL_MISTAKES, LOST_DEGREES
 from toolkit.frame import Frame
 from toolkit.geometry import invert
 
-MIN_TURN_GAIN = 0.15  # in mean fit, for explanations that turn each box freely
+# least gain in mean fit by explanations that turn each box freely, since chance helps them
+MIN_TURN_GAIN = 0.15
 
 
 def find_explanation(views: Sequence[GroundView], current: np.ndarray) -> Explanation | None:
-    """Find the mistake whose undoing raises the fits most.
+    """Find the mistake whose undoing raises the fits most, None if none does.
 
-    Explanations with a choice for each box must fit clearly better."""
+    Explanations with a choice for each box (a sensor, a heading) must fit clearly better.
+
+    Args:
+        views: frames with their points above the ground.
+        current: fit of each box as it is, frame after frame."""
 
     def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> Explanation:
+        # `frames` gives, for a frame of the recording, motions frame_SE3_world to the frames of
+        # coordinates in which the mistake may have been made: one choice for each
         def choose(sample: Frame) -> list[np.ndarray]:
             return [undo_mistake(mistake, sample.objects.boxes, frame) for frame in frames(sample)]
 
         return undo_each(mistake, views, choose)
 
     def in_sensors(sample: Frame) -> list[np.ndarray]:
+        # sensor_SE3_world of each cloud
         return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]
 
     in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
@@ -44,6 +52,7 @@ def find_explanation(views: Sequence[GroundView], current: np.ndarray) -> Explan
     attempts = [undo(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
     if any(not np.allclose(view.sample.map_SE3_world, np.eye(4)) for view in views):
         attempts += [undo(mistake, lambda sample: [sample.map_SE3_world]) for mistake in in_axes]
+    # plain: without a choice for each box
     plain = find_nearly_best([*attempts, *frames], current)
     by_sensor = [undo(mistake, in_sensors) for mistake in in_axes]
     chosen_sensor = find_nearly_best(by_sensor, current, MIN_CHOICE_GAIN)
@@ -56,7 +65,9 @@ def find_explanation(views: Sequence[GroundView], current: np.ndarray) -> Explan
 
 
 def turn_each(views: Sequence[GroundView]) -> Explanation:
-    """Turn each box to the heading that fits best, as if degrees had been taken for radians."""
+    """Turn each box to the heading that fits best, as if degrees had been taken for radians.
+
+    views: frames with their points above the ground."""
 
     def turn(sample: Frame) -> list[np.ndarray]:
         rows = sample.objects.boxes

@@ -11,15 +11,18 @@ from toolkit.doctor.box_fits import MIN_FITTED_BOXES, SHIFTS_S, GroundView, fits
 from toolkit.doctor.moving_boxes import MovingBoxes, find_moving
 from toolkit.geometry import invert
 
-MAX_FRAME_SHIFT = 3  # tried delays of clouds without times
-MAX_STILL_M = 0.2  # between frames, of an object that does not move
+MAX_FRAME_SHIFT = 3  # largest delay, in frames, that is tried
+MAX_STILL_M = 0.2  # largest movement of a standing object between frames
 
 
 class Shift(NamedTuple):
-    """Delay of labels.
+    """Delay of labels against the clouds.
 
-    amount: delay in words; behind: True if labels are late; before: fits as the labels are; after:
-    fits without the delay."""
+    Attributes:
+        amount: size of the delay in words, such as 0.2 s or 1 sample.
+        behind: True if labels show objects at an earlier time than the clouds.
+        before: fit of each moving box as it is.
+        after: fit of the same boxes without the delay."""
 
     amount: str
     behind: bool
@@ -30,13 +33,15 @@ class Shift(NamedTuple):
 def find_shift(views: Sequence[GroundView]) -> Shift | None:
     """Find the delay of labels, None if there is no clear one.
 
-    Moving labels are moved along their tracks. If that shows nothing, labels are tried in other
-    clouds."""
+    Moving labels are moved along their tracks. If that shows nothing, labels are compared with the
+    clouds of other frames. views: consecutive frames with their points above the ground."""
     return _find_delay(views) or _find_frame_shift(views)
 
 
 def _find_delay(views: Sequence[GroundView]) -> Shift | None:
-    """Find the time by which moving labels fit best along their tracks, None if it is not clear."""
+    """Find the time along their tracks at which moving labels fit best, None if it is not clear.
+
+    views: consecutive frames with their points above the ground."""
     samples = [view.sample for view in views]
     movers = [find_moving(samples, k) for k in range(len(views))]
     if sum(len(moving.boxes) for moving in movers) < MIN_FITTED_BOXES:
@@ -55,11 +60,15 @@ def _find_delay(views: Sequence[GroundView]) -> Shift | None:
 
 
 def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
-    """Find the clouds that labels fit best some frames before or after, None if it is not clear."""
+    """Find the number of frames before or after at whose clouds labels fit best.
+
+    views: consecutive frames with their points above the ground. Returns None if it is not
+    clear."""
     best: Shift | None = None
     best_gain = -np.inf
     for steps in [sign * k for k in range(1, MAX_FRAME_SHIFT + 1) for sign in (1, -1)]:
         numbers = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
+        # moving boxes of frame k, in the world of that frame and in the world of frame k + steps
         at_labels = []
         at_clouds = []
         for k in numbers:
@@ -83,7 +92,9 @@ def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
 
 
 def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
-    """Mark boxes farther than `MAX_STILL_M` from all boxes of another frame."""
+    """Mark boxes whose centres are farther than `MAX_STILL_M` from those of all other boxes.
+
+    other_boxes: boxes of another frame, in the same world frame."""
     from scipy.spatial import cKDTree
 
     if not len(boxes) or not len(other_boxes):
@@ -93,6 +104,6 @@ def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
 
 
 def _move_along(movers: MovingBoxes, seconds: float) -> BoxRows:
-    """Boxes of moving objects after some time."""
+    """Boxes of moving objects some seconds later, or earlier if negative, at constant velocity."""
     path = np.column_stack([seconds * movers.velocities, np.zeros((len(movers.boxes), 5))])
     return movers.boxes + path

@@ -20,18 +20,22 @@ from toolkit.doctor.label_search import MIN_TURN_GAIN, find_explanation, turn_ea
 from toolkit.doctor.label_shifts import find_shift
 from toolkit.frame import Frame
 
-MIN_SUNK_SHARE = 0.3  # share of its height by which the median box is off the ground
-MIN_FULL_TURN_SHARE = 0.2  # share of yaws beyond a full turn
-MIN_CERTAIN_FIT_SHARE = 0.3  # mean fit of an explanation that is certain
+MIN_SUNK_SHARE = 0.3  # least share of its height by which the median box is off the ground
+MIN_FULL_TURN_SHARE = 0.2  # least share of yaws beyond a full turn, for yaws in degrees
+MIN_CERTAIN_FIT_SHARE = 0.3  # least mean fit of an explanation that is certain
 
 
 def diagnose_labels(samples: Iterable[Frame]) -> list[Finding]:
-    """Return mistakes in the labels of consecutive frames."""
+    """Return findings about the labels of consecutive frames."""
     return diagnose_boxes([GroundView.from_frame(sample) for sample in samples])
 
 
 def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
-    """Return mistakes in the labels of consecutive frames whose ground is known."""
+    """Return findings about the labels of consecutive frames, none for sound labels.
+
+    Yaws in degrees come first, then mistakes of all boxes, empty boxes, delays, and headings: later
+    checks need labels that passed the earlier ones. views: frames with their points above the
+    ground."""
     total = sum(len(view.sample.objects) for view in views)
     turned_count = sum(view.sample.problems.get(problem_kinds.FULL_TURNS, 0) for view in views)
     if turned_count and turned_count >= MIN_FULL_TURN_SHARE * total:
@@ -42,7 +46,7 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
     findings = list[Finding]()
     current = fits(views, boxes)
     best = find_explanation(views, current)
-    # a choice for each box explains an offset too
+    # A choice for each box explains an offset too, so an offset wins even if it fits a bit worse.
     is_free = best is not None and best.mistake is LOST_DEGREES
     margin = -MIN_CHOICE_GAIN if is_free else MAX_TIED_FIT_GAP
     best = choose_clearer(best, find_offset(views, current), margin)
@@ -69,7 +73,10 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
 
 
 def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> list[Finding]:
-    """Find boxes whose z is the height of their floor or roof."""
+    """Find boxes whose z is the height of their floor or roof instead of their centre.
+
+    views: frames with their ground; boxes: boxes (m, 7) of each frame. Returns one finding or
+    none."""
     shares = [np.zeros(0)]  # heights of centres above the ground, in heights of their boxes
     for view, rows in zip(views, boxes, strict=True):
         if view.ground is not None:
@@ -89,7 +96,13 @@ def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> li
 
 
 def compare_fits(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:
-    """Return a finding whose evidence is the mean fit before and after."""
+    """Return a finding whose evidence is the mean fit before and after.
+
+    Args:
+        name: the mistake in words.
+        before: fit of each box as it is, 0 to 1.
+        after: fit of each box with the mistake undone.
+        remedy: what the user should do about it, in words."""
     share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
     if after.mean() < MIN_CERTAIN_FIT_SHARE:
         remedy += (

@@ -12,19 +12,22 @@ from toolkit.doctor.findings import Finding
 from toolkit.doctor.moving_boxes import MovingBoxes, find_moving
 from toolkit.doctor.sensor_clouds import sensor_names
 
-MIN_LATE_GAIN = 0.05  # in mean fit, for a sensor to be late
-MIN_LATE_OBJECTS = 5  # that must fit better, and hardly any worse
-MIN_TIMELY_OBJECTS = 3
-MIN_FIT_CHANGE = 0.01
+MIN_LATE_GAIN = 0.05  # least gain in mean fit for a sensor to be late
+MIN_LATE_OBJECTS = 5  # least number of objects that fit better, and hardly any worse
+MIN_TIMELY_OBJECTS = 3  # least number of moving objects with a fit, for a sensor to be on time
+MIN_FIT_CHANGE = 0.01  # smaller changes of an object's fit do not count
 
 
 def suspect_late_sensors(seen: Sequence[GroundView]) -> Iterator[Finding]:
-    """Find sensors whose points show moving objects at another time than other sensors."""
+    """Find sensors whose points show moving objects at another time than other sensors.
+
+    seen: consecutive frames with their ground. Nothing is found without a sensor on time."""
     samples = [view.sample for view in seen]
     names = sensor_names(samples)
     movers = [find_moving(samples, k) for k in range(len(samples))]
     if len(names) < 2 or sum(len(moving.boxes) for moving in movers) < MIN_FITTED_BOXES:
         return
+    # by name: time (s) by which the labels must be moved, fits before and after
     late: dict[str, tuple[float, np.ndarray, np.ndarray]] = {}
     timely = []
     for name in names:
@@ -54,7 +57,9 @@ def suspect_late_sensors(seen: Sequence[GroundView]) -> Iterator[Finding]:
 def _is_later(
     before: Float64[np.ndarray, " tracks"], after: Float64[np.ndarray, " tracks"]
 ) -> bool:
-    """Return True if nearly all moving objects fit better with their boxes moved."""
+    """Return True if nearly all moving objects fit better with their boxes moved.
+
+    before, after: mean fit of each object's boxes as they are, and moved."""
     change = (after - before)[(before > 0) | (after > 0)]
     improved = int((change > MIN_FIT_CHANGE).sum())
     spoilt = int((change < -MIN_FIT_CHANGE).sum())
@@ -70,7 +75,12 @@ def _measure_shift(
 ) -> Float64[np.ndarray, " tracks"]:
     """Mean fit of each moving object's boxes, moved along its track by some time.
 
-    All frames of one object count as one, as they show the same."""
+    All frames of one object count as one, as they show the same.
+
+    Args:
+        views: frames with the points to fit.
+        movers: moving boxes of each frame.
+        shift_s: time (s) by which boxes are moved, backwards if negative."""
     moved = []
     for moving in movers:
         path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
@@ -81,7 +91,7 @@ def _measure_shift(
 
 
 def _restrict_sensor(seen: GroundView, name: str) -> GroundView:
-    """Points of one sensor above the ground."""
+    """Return a frame with only one sensor's points above the ground. name: of the sensor."""
     points = [cloud.in_world() for cloud in seen.sample.clouds if cloud.name == name]
     sensor_points = np.concatenate([np.zeros((0, 3)), *points])
     return GroundView(seen.sample, seen.above_ground(sensor_points), seen.ground)

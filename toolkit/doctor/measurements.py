@@ -15,11 +15,11 @@ from toolkit.doctor.site_area import UNKNOWN_SITE, in_area
 from toolkit.geometry import level_rows
 from toolkit.points import count_on_ground
 
-MAX_CHECKED_FRAMES = 60  # evenly spread over the file
-MIN_INSIDE_SHARE = 0.01  # share of a sensor's points in the detection area, if it sees the area
-MAX_UNSEEN_SHARE = 0.3  # share of the objects in the area without a point
-MAX_FLOATING_M = 0.25  # between a box's floor and the ground
-_UNITS = {
+MAX_CHECKED_FRAMES = 60  # largest number of frames that are looked at, evenly spread over the file
+MIN_INSIDE_SHARE = 0.01  # least share of points in the detection area of a sensor that sees it
+MAX_UNSEEN_SHARE = 0.3  # largest share of the objects in the area that may be without a point
+MAX_FLOATING_M = 0.25  # largest distance between a box's floor and the ground
+_UNITS = {  # unit of depth by the factor that turns it into metres
     0.01: "centimetres",
     0.001: "millimetres",
     published.NO_RETURN_M: "parts of the far plane, 0 to 1",
@@ -29,15 +29,18 @@ _UNITS = {
 def check_measurements(
     dataset: CoopDataset, tables: Sequence[np.ndarray], units: Sequence[float] = (1.0,)
 ) -> list[Finding]:
-    """Check some of the frames.
+    """Compare the images of some frames with the objects and the site, and return all findings.
 
-    tables: the published rows of all frames; units: factors that may turn depth into metres; the
-    factor is taken that makes points and boxes agree best."""
+    Args:
+        dataset: the file of images.
+        tables: published rows of the objects of all frames.
+        units: factors that may turn depth in `dslices` into metres, at least one. The factor is
+            taken that makes points and boxes agree best."""
     frames = np.unique(
         np.linspace(0, len(dataset) - 1, min(len(dataset), MAX_CHECKED_FRAMES)).astype(int)
     ).tolist()
     raw, findings = read_images(dataset, frames)
-    # only dslices is in doubt
+    # the unit is in doubt only for dslices, the dataset that cameras share
     shared = [channel.depth_index is not None for channel in dataset.channels]
     examined = []
     for unit in units:
@@ -45,6 +48,7 @@ def check_measurements(
         for view, doubt in zip(raw, shared, strict=True):
             metres = view.depth * np.float32(unit if doubt else 1.0)
             far = min(view.sensor.model.max_range, published.NO_RETURN_M)
+            # the far plane and all beyond are no return
             in_reach = np.where(metres < far * 0.999, metres, np.float32(0))
             views.append(replace(view, depth=in_reach))
         examined.append(Examination(dataset.site, views, tables, frames))
@@ -67,7 +71,9 @@ def check_measurements(
 
 
 def _suspect_blind(views: Sequence[SensorImages], frames: Sequence[int]) -> Iterator[Finding]:
-    """Find sensors that never see anything, and frames in which no sensor does."""
+    """Find sensors that never return a point, and frames in which no sensor does.
+
+    frames: numbers in the file of the frames that are looked at."""
     blind = [view.sensor.name for view in views if not view.depth.any()]
     for name in blind:
         remedy = "check its images and their unit, or leave it out"
@@ -93,13 +99,14 @@ def _suspect_blind(views: Sequence[SensorImages], frames: Sequence[int]) -> Iter
 def _suspect_posture(exam: Examination) -> Iterator[Finding]:
     """Find sensors under the ground, upside down, or facing away from the detection area.
 
-    Sensors whose pose is explained otherwise are skipped."""
+    Sensors with a suspected mistake of their pose or depth are skipped."""
     site = exam.site
     for view in exam.views:
         sensor = view.sensor
         where = f"sensor {view.sensor.name}"
         if exam.doubts.get(sensor.name) is not None:
             continue
+        # the sensor's forward axis, seen from above, and the height of the tip of its up axis
         ahead = sensor.world_SE3_body[:2, 0]
         up = sensor.world_SE3_body[2, 2]
         height = float(sensor.position[2] - site.ground(sensor.position[:2]))
@@ -134,13 +141,14 @@ def _suspect_posture(exam: Examination) -> Iterator[Finding]:
 
 
 def _suspect_floating(exam: Examination) -> Iterator[Finding]:
-    """Find boxes whose floor is off the ground around them."""
-    gaps = []
+    """Find boxes whose floor is off the ground around them, if they are usually so."""
+    gaps = []  # heights (m) of boxes' floors above the ground next to them
     for objects, cloud in exam.clouds():
         points = level_rows(cloud[::4], exam.site.relief.slope)
         for x, y, z, length, width, height, _ in level_rows(objects.boxes, exam.site.relief.slope):
             away = np.hypot(points[:, 0] - x, points[:, 1] - y)
             radius = np.hypot(length, width) / 2
+            # points in a ring of 2 m around the box; a low one of them is on the ground
             ground_heights = points[(away > radius) & (away < radius + 2), 2]
             if len(ground_heights) >= 20:
                 gaps.append(z - height / 2 - np.percentile(ground_heights, 10))

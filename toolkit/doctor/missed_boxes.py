@@ -17,23 +17,30 @@ from toolkit.doctor.findings import Finding
 from toolkit.doctor.sensor_clouds import sensor_names
 from toolkit.frame import SensorCloud
 
-MIN_FRONT_POINTS = 5  # on the ground in front of a box, which show that a sensor sees it
-FRONT_M = 2.0
-MARGIN_M = 0.1  # that a point may be outside its box
-GROUND_BAND_M = 0.2
-MIN_MISSED_SHARE = 0.5
-MAX_USUAL_MISSED_SHARE = 0.2
+# least number of points on the ground in front of a box that show that a sensor sees it
+MIN_FRONT_POINTS = 5
+FRONT_M = 2.0  # distance from the front of a box in which they are
+MARGIN_M = 0.1  # distance that a point may be outside its box
+GROUND_BAND_M = 0.2  # largest height of a point on the ground, above or below it
+MIN_MISSED_SHARE = 0.5  # least share of missed boxes of a suspected sensor
+MAX_USUAL_MISSED_SHARE = 0.2  # largest share of missed boxes of a sound sensor
 
 
 class _Visibility(NamedTuple):
-    """For each box of a frame: whether a sensor must see it, and whether a point is on it."""
+    """Visibility of a frame's boxes to one sensor.
+
+    Attributes:
+        must_see: mask of the boxes that it must see.
+        hit: mask of the boxes that it has a point on."""
 
     must_see: Mask
     hit: Mask
 
 
 def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
-    """Find sensors without points on boxes that they must see and other sensors see."""
+    """Find sensors without points on boxes that they must see and other sensors see.
+
+    seen: frames with their ground. Nothing is found unless another sensor misses few boxes."""
     names = sensor_names([seen_frame.sample for seen_frame in seen])
     if len(names) < 2:
         return
@@ -69,7 +76,7 @@ def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
 
 
 def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
-    """Return the boxes (world frame) that a sensor must see, and the boxes that it hits.
+    """Mark the boxes (world frame) that a sensor must see, and the boxes that it has a point on.
 
     It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
     box and within its inner half as seen from the sensor."""
@@ -87,13 +94,22 @@ def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
 def _sees_front(
     level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
 ) -> bool:
-    """Return True if points on the ground are just in front of a box, as seen from a position."""
+    """Return True if points on the ground are just in front of a box, as seen from a sensor.
+
+    Args:
+        level_points: points (m) near the ground.
+        position: x and y (m) of the sensor.
+        box: x, y, z, length, width, height, yaw, in the same frame.
+
+    Returns False for a box too close to the sensor."""
+    # unit vectors from the sensor to the box, and to its left; along the box, and across it
     to_box = box[:2] - position
     distance = float(np.hypot(*to_box))
     ahead = to_box / max(distance, 1e-9)
     aside = np.array([-ahead[1], ahead[0]])
     heading = np.array([np.cos(box[6]), np.sin(box[6])])
     across = np.array([-heading[1], heading[0]])
+    # half of the box's extent along and across the view
     depth = abs(heading @ ahead) * box[3] / 2 + abs(across @ ahead) * box[4] / 2
     width = abs(heading @ aside) * box[3] / 2 + abs(across @ aside) * box[4] / 2
     if distance <= depth + FRONT_M:

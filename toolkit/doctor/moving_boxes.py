@@ -9,12 +9,17 @@ from toolkit.arrays import BoxRows, Float64, Int64
 from toolkit.frame import Frame
 from toolkit.geometry import invert, transform
 
-MIN_MOVING_SPEED_MPS = 2.0
+MIN_MOVING_SPEED_MPS = 2.0  # slower boxes do not count as moving
 MAX_TRACK_SPEED_MPS = 60.0  # a faster track has jumped
 
 
 class MovingBoxes(NamedTuple):
-    """Moving boxes of a frame, their velocities (m/s) and tracks."""
+    """Moving boxes of a frame, a row each.
+
+    Attributes:
+        boxes: (n, 7) boxes, world frame.
+        velocities: (n, 2) velocity along x and y (m/s), same frame.
+        ids: (n,) track of each box."""
 
     boxes: BoxRows
     velocities: Float64[np.ndarray, "n 2"]
@@ -22,7 +27,9 @@ class MovingBoxes(NamedTuple):
 
 
 def find_moving(samples: Sequence[Frame], k: int) -> MovingBoxes:
-    """Find the moving boxes of frame k by their tracks in the frames before and after."""
+    """Find the moving boxes of frame k by their tracks in the frame after, or else before.
+
+    samples: consecutive frames. Boxes without a track in those frames are left out."""
     frame = samples[k]
     rows = list[int]()
     velocities = list[np.ndarray]()

@@ -19,6 +19,7 @@ _END = (
 )
 _ADD = "add column 8 (half height) to column 2 (z) of objects"
 _SUBTRACT = "subtract column 8 (half height) from column 2 (z) of objects"
+# `o` holds published columns by short names: x, y, z, yaw (degrees), and l, w, h, half extents (m)
 OBJECT_MISTAKES = (
     Mistake(_FULL, "halve columns 6 to 8 of objects", lambda o: {key: o[key] / 2 for key in "lwh"}),
     Mistake(
@@ -54,7 +55,7 @@ OBJECT_MISTAKES = (
     Mistake(_END.format("floor", "are sunk"), _ADD, lambda o: {"z": o["z"] + o["h"]}),
     Mistake(_END.format("roof", "float"), _SUBTRACT, lambda o: {"z": o["z"] - o["h"]}),
 )
-LIFTED = tuple(
+LIFTED = tuple(  # boxes that are too high by `lift` (m), or too low if negative
     Mistake(
         (
             f"the boxes {'float above' if lift > 0 else 'are sunk into'} the ground, by about "

@@ -10,8 +10,9 @@ from toolkit.doctor.missed_boxes import suspect_missed_boxes
 
 
 def diagnose_sensors(seen: Sequence[GroundView], *, timely: bool) -> list[Finding]:
-    """Return faults of sensors, as the labels of consecutive frames show them if they are right.
+    """Return faults of sensors: late clouds, missed boxes, points below the ground.
 
-    timely: whether `diagnose_times` found nothing; only then a late sensor can be recognised."""
+    seen: consecutive frames with their ground, and labels without mistakes; timely: True if
+    `diagnose_times` found nothing, since only then a late sensor can be recognised."""
     late = [*suspect_late_sensors(seen)] if timely else []
     return [*late, *suspect_missed_boxes(seen), *suspect_buried_points(seen)]

@@ -12,10 +12,12 @@ MIRROR_Y = "negate columns 1 (y) and 5 (yaw) of objects"
 
 
 def find_misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], list[np.ndarray]]:
-    """Find objects outside the site, perhaps by a mirrored axis.
+    """Find objects outside the site, perhaps because of a mirrored axis.
 
-    Returns the rows without that mistake too."""
+    rows: published rows of the objects of each frame, in CARLA's frame. Returns findings, and the
+    rows without a mirrored axis, or as they are."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
+    # factors of the published columns, among them y and yaw
     mirror_y = np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])
     near = _share_near(centres, site)
     if near >= 0.5 or site.name == UNKNOWN_SITE:
@@ -31,7 +33,7 @@ def find_misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], l
 
 
 def _share_near(centres: np.ndarray, site: Site) -> float:
-    """Share of places (CARLA's frame) within 15 m of the site's area, 1 without any."""
+    """Share of places (m, CARLA's frame) within 15 m of the site's area, 0 to 1; 1 without any."""
     if not len(centres):
         return 1.0
     site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
@@ -40,6 +42,6 @@ def _share_near(centres: np.ndarray, site: Site) -> float:
 
 
 def in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
-    """Mask of places within a margin (m) of the detection area."""
+    """Mask of places (n, 2), site frame, in the detection area or within a margin (m) of it."""
     inside: np.ndarray = (xy >= site.area[:2] - margin) & (xy <= site.area[2:] + margin)
     return np.asarray(inside.all(axis=1))

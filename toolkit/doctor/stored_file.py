@@ -20,10 +20,11 @@ from toolkit.sites.site import Site
 
 
 def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
-    """Diagnose a dataset, ours or a published one; no findings for a healthy one.
+    """Diagnose a file of images, ours or a published one; no findings for a healthy one.
 
-    All tables of objects are checked, and the measurements of some frames. Raises FileNotFoundError
-    for a missing file; all other damage is a finding."""
+    All tables of objects are checked, and the measurements of some frames. site: site of the file,
+    None if it names its site or shows a built-in one. Raises FileNotFoundError for a missing file;
+    all other damage is a finding."""
     try:
         with open_file(path) as file:
             check_kinds(file)
@@ -49,7 +50,9 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
 
 
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
-    """Factors that may turn the file's depth into metres, by its largest number."""
+    """Factors that may turn the file's depth into metres, chosen by its largest number.
+
+    The number is from the image in the middle of `dslices`. Returns 1 for a file without it."""
     if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")
@@ -67,7 +70,12 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
 
 
 class _StoredTables(NamedTuple):
-    """Published rows of all frames, which frames are readable, and findings."""
+    """Tables of objects of a file.
+
+    Attributes:
+        tables: published rows of each frame, without invalid ones; none for an unreadable frame.
+        is_readable: for each frame, True if its table has no fault.
+        findings: the first faults."""
 
     tables: list[np.ndarray]
     is_readable: list[bool]
@@ -75,7 +83,7 @@ class _StoredTables(NamedTuple):
 
 
 def _read_tables(file: h5py.File) -> _StoredTables:
-    """Read the objects of all frames; only the first three unreadable frames become findings."""
+    """Read the objects of all frames; only the first three damaged frames become findings."""
     images = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
     shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
     tables: list[np.ndarray] = []
@@ -85,7 +93,7 @@ def _read_tables(file: h5py.File) -> _StoredTables:
         fault = ""
         try:
             rows = object_rows(file, f"objects/{k}")
-            words = published.wrong_rows(rows)
+            words = published.wrong_rows(rows)  # "" for a sound row
             published.parse_rows(rows[words == ""], np.eye(4))
             table = np.asarray(rows[words == ""], np.float64)
             if (words != "").any():
@@ -103,7 +111,10 @@ def _read_tables(file: h5py.File) -> _StoredTables:
 def _suspect_repetitions(
     tables: Sequence[np.ndarray], is_readable: Sequence[bool]
 ) -> list[Finding]:
-    """Find frames without objects, and frames that occur twice."""
+    """Find frames without objects, and frames that occur twice.
+
+    tables: published rows of each frame; is_readable: for each frame, True if its table has no
+    fault, so that an empty one has no objects."""
     findings = []
     empty = [k for k, table in enumerate(tables) if is_readable[k] and not len(table)]
     if empty:
@@ -112,6 +123,7 @@ def _suspect_repetitions(
         findings.append(
             Finding("warning", f"objects/{empty[0]}", "frames without objects", evidence, remedy)
         )
+    # first frame with the same rows, by their bytes
     first: dict[bytes, int] = {}
     twins = [
         (first.setdefault(table.tobytes(), k), k) for k, table in enumerate(tables) if len(table)

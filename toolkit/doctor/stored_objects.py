@@ -18,11 +18,17 @@ from toolkit.doctor.suspicions import (
 )
 from toolkit.sensors.sensor import Sensor
 
+# short names of the published columns; l, w and h are half extents (m), angles are in degrees
 _COLUMNS = ("x", "y", "z", "pitch", "roll", "yaw", "l", "w", "h", "label")
 
 
 class UndoneObjects(NamedTuple):
-    """Mistakes of objects, the rows without them, and their fit."""
+    """Stored objects without their suspected mistakes.
+
+    Attributes:
+        suspicions: mistakes that are undone.
+        rows: published rows of each frame without them.
+        fit: share of the moving points on these boxes, 0 to 1; 1 if points are too few."""
 
     suspicions: list[Suspicion]
     rows: list[Rows]
@@ -35,9 +41,16 @@ def suspect_objects(
     rows: Sequence[Rows],
     map_SE3_site: Pose,
 ) -> UndoneObjects:
-    """Find the mistake, or pair of mistakes, in the objects.
+    """Find the mistake, or pair of mistakes, in the objects whose undoing raises the fit most.
 
-    Without one, the rows stay as they are."""
+    Pairs are tried only if no single mistake explains a bad fit. Without a mistake, the rows stay
+    as they are.
+
+    Args:
+        witnesses: moving pixels of all sensors and frames.
+        sensors: sensors that the numbers in the witnesses refer to.
+        rows: published rows of the objects of each frame.
+        map_SE3_site: pose of the site in the map."""
     clouds = collect_clouds(witnesses, sensors, len(rows))
     if sum(map(len, clouds)) < MIN_MOVING_POINTS:
         return UndoneObjects([], list(rows), 1.0)
@@ -61,12 +74,12 @@ def suspect_objects(
 
 
 def _undo_all(mistakes: Sequence[Mistake], tables: Sequence[Rows]) -> list[Rows]:
-    """Return the tables of all frames without some mistakes."""
+    """Return the published rows of all frames without some mistakes."""
     return [_without(mistakes, table) for table in tables]
 
 
 def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
-    """Return one frame's rows without some mistakes."""
+    """Return one frame's published rows without some mistakes, undone in the given order."""
     for mistake in mistakes:
         table = dict(zip(_COLUMNS, rows.T, strict=True))
         table |= mistake.undo(table)

@@ -14,7 +14,8 @@ from toolkit.sensors.sensor import Sensor
 # axes x right, y down, z forward
 _FORWARD_FIRST = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _FOR_ANOTHER = "its extrinsic is for a right-handed world and a camera with"
-_SENSOR_MISTAKES = {  # with their remedies
+# remedy by mistake, in the order in which `suspect_sensor` tries them
+_SENSOR_MISTAKES = {
     "its extrinsic is camera → world, the inverse of what belongs there": (
         "store the inverse of extrinsic"
     ),
@@ -36,10 +37,20 @@ _SENSOR_MISTAKES = {  # with their remedies
 def suspect_sensor(
     witnesses: Sequence[Witness], sensor: Sensor, rows: Sequence[Rows], map_SE3_site: Pose
 ) -> tuple[Suspicion | None, float]:
-    """Find the pose or depth mistake of one sensor by its witnesses. Returns its fit too."""
+    """Find the mistake in one sensor's pose or depth whose undoing raises its fit most.
+
+    Args:
+        witnesses: moving pixels of the sensor in all frames.
+        sensor: the sensor at its stored pose.
+        rows: published rows of the objects of each frame.
+        map_SE3_site: pose of the site in the map.
+
+    Returns the suspected mistake, None without a clear one, and the share of its moving points on
+    boxes as stored, 0 to 1."""
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
+        # matrix: a published extrinsic; along_ray: True if depth is the distance along the ray
         pose = published.parse_extrinsic(matrix, map_SE3_site)
         clouds = []
         for witness in witnesses:
@@ -53,7 +64,7 @@ def suspect_sensor(
     if current > 1 - MIN_CLEAR_GAIN:
         return None, current
     right_handed = published.MAP_FROM_CARLA
-    undone = (
+    undone = (  # fit without each mistake, in the order of _SENSOR_MISTAKES
         measure_fit(invert(stored)),
         measure_fit(_FORWARD_FIRST @ stored @ right_handed),
         measure_fit(right_handed @ stored @ right_handed),
