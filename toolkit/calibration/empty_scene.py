@@ -165,6 +165,7 @@ class SceneLearner:
             raise ValueError(
                 f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}"
             )
+        # `_every` is a power of two: step between the images that are kept
         if self.frames % self._every == 0:
             if len(self._kept) == self.sample:
                 self._kept = self._kept[::2]
@@ -185,6 +186,8 @@ class SceneLearner:
         usual = usual_spread(far, model)
         far = narrow_broad(far, usual(far.median), self._kept)
         near = narrow_broad(near, usual(near.median), self._kept)
+        # A nearer cluster belongs to the scene if it flickers and continues a neighbour's surface,
+        # or if nothing returns in the rest of the time.
         is_usual = near.share >= MIN_CLUSTER_SHARE
         before_nothing = (far.median == 0) & (near.share >= MIN_OPEN_SHARE)
         is_second = flickers & is_usual & (mark_continuation(near, far.median) | before_nothing)

@@ -22,7 +22,7 @@ _MAX_COLUMNS = 4  # x y z intensity, in an array of points
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground in the frame of some cloud: a plane z = a x + b y + c, and heights above it.
+    """Ground of a cloud: a plane z = a x + b y + c, and heights above it.
 
     Attributes:
         plane: a, b (m per m) and c (m).
@@ -40,9 +40,10 @@ class Ground:
 
     @cached_property
     def level_SE3_frame(self) -> Pose:
-        """Rigid motion (4, 4) from the ground's frame to the level one, whose z = 0 is the plane.
+        """Rigid motion (4, 4) from the ground's frame to the level one.
 
-        It is the smallest turn that makes the plane level, and a move along z."""
+        It is the smallest turn that makes the plane level, and a move along z that brings it to
+        z = 0."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
         # matrix of the cross product that turns the normal to z (Rodrigues' formula)
@@ -57,6 +58,7 @@ class Ground:
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         """Height z (m) of the ground at each x and y, all in the ground's frame."""
         xy = np.asarray(xy, np.float64)
+        # the deviation is looked up at the plane's points with these x and y
         on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
         return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
 
@@ -96,6 +98,7 @@ class Ground:
         return rows
 
     def _deviation(self, xy: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+        # height (m) of the ground above the plane at places of the level frame
         return np.zeros(len(xy)) if self.deviation is None else self.deviation.at(xy)
 
 

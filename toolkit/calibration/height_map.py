@@ -150,6 +150,7 @@ def fit_map(points: Points, *, reach: float = GROUND_REACH_M) -> HeightMap:
         return HeightMap(np.zeros(2), np.zeros((1, 1)))
     middle = np.median(near[:, :2], axis=0).astype(np.float64)
     near = near[np.abs(near[:, :2] - middle).max(axis=1) <= reach]
+    # middle of the first cell; the grid has a place in the middle of every cell
     origin = (
         np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL_M) * GROUND_CELL_M
         + GROUND_CELL_M / 2
@@ -159,9 +160,11 @@ def fit_map(points: Points, *, reach: float = GROUND_REACH_M) -> HeightMap:
     low = low[support_mask(low, _KERB_M, _SLOPE, min_supporters=4)]
     low = low[lowest_mask(low, _SLOPE, _KERB_M, window=_WINDOW_M)]
     low = low[support_mask(low, _KERB_M, _SLOPE, min_supporters=6)]
+    # drawn again and again through the cells near it, with ever stricter limits
     surface = HeightMap(origin, np.zeros(tuple(shape)))
     for max_above, kerb in _DRAWINGS:
         surface = redraw_map(surface, low, max_above, kerb)
+    # low points are biased downwards: the last drawing is through medians of points on the ground
     on = np.abs(near[:, 2] - surface.at(near[:, :2])) < _DRAWINGS[-1][0]
     return redraw_map(surface, low_points(near[on], GROUND_CELL_M, share=0.5), *_DRAWINGS[-1])
 

@@ -23,7 +23,7 @@ def fit_banks(
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Float64[np.ndarray, "n 2"]:
-    """Slopes (m per m) along x and y of cells on a bank between two levels, NaN for other cells.
+    """Find the slopes along x and y (m per m) of cells on banks, NaN for other cells.
 
     A cell without a level is on a bank if it is higher than one level and lower than another, and
     the cells around it are on one steep plane, as vehicles are not.
@@ -64,7 +64,7 @@ def _mark_between(
     number: Int64[np.ndarray, " n"],
     surfaces: list[HeightMap],
 ) -> Bool[np.ndarray, " m"]:
-    """Mark cells that are on the way up from a lower surface to a higher one, about evenly.
+    """Mark cells about evenly on the way up from a lower surface to a higher one.
 
     Args:
         cells: low points of the grid's squares.

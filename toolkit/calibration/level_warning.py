@@ -18,7 +18,7 @@ _CROP_M = 4.0  # m above the ground that a cloud may be cropped to
 
 
 def level_warning(cloud: "PointCloud | Points") -> str | None:
-    """Return a warning in one line if most of the ground is not level at z = 0, else None.
+    """Return a warning if most of the ground is not level at z = 0, else None.
 
     Level ground is within `LEVEL_TOLERANCE_M` of 0. A cloud without ground gets a warning too if it
     has hardly a point between 0 and `_CROP_M`. A cloud that is cropped to that slice, or has fewer

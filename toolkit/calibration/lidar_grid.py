@@ -53,8 +53,13 @@ class LidarGrid:
 
 
 class _Angles(NamedTuple):
-    """Angles (rad, sensor frame) and ranges (m) of one cloud's points, and their lasers (`ring`) if
-    it names them."""
+    """Angles and ranges of one cloud's points.
+
+    Attributes:
+        elevation: above the horizontal plane of the sensor's frame (rad).
+        azimuth: from x towards y of the sensor's frame (rad).
+        distance: range (m).
+        ring: laser of each point, None if the cloud does not name lasers."""
 
     elevation: Float64[np.ndarray, " n"]
     azimuth: Float64[np.ndarray, " n"]
@@ -176,7 +181,8 @@ def _find_ring_rows(
     medians = np.array([np.median(elevation[ring == number]) for number in numbers])
     order = np.argsort(-medians, kind="stable")
     rows = medians[order]
-    for k in range(1, len(rows)):  # two lasers at one elevation stay two rows
+    # two lasers at one elevation stay two rows, since rows must descend
+    for k in range(1, len(rows)):
         rows[k] = min(rows[k], np.nextafter(rows[k - 1], -np.inf) - 1e-9)
     return rows, tuple(numbers[order].tolist())
 
@@ -221,7 +227,7 @@ def _take_medians(
 
 
 def _share_in_rows(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> float:
-    """Share of the points, 0 to 1, nearer to a row than a third of the way to the next.
+    """Share of the points near a row, 0 to 1: at most a third of the way to the next row.
 
     elevation: of the points (rad); rows: elevations, top first (rad)."""
     row = nearest_row(elevation, rows)

@@ -67,8 +67,9 @@ class _Matches(NamedTuple):
 def detect_boxes(
     frames: Sequence[Frame], detector: Detector, site: Site
 ) -> list[list[SensorBoxes]]:
-    """Detect objects in the cloud of each sensor: for each frame, the boxes of its sensors in
-    order."""
+    """Detect objects in the cloud of each sensor.
+
+    Returns, for each frame, the boxes of its sensors in order, each in the sensor's frame."""
     detected: list[list[SensorBoxes]] = []
     for frame in frames:
         frame_boxes = []
@@ -146,6 +147,7 @@ def _match_boxes(
     distance = np.hypot(offsets[:, :, 0], offsets[:, :, 1])
     nearest = distance.argmin(axis=1)
     row = np.arange(len(first_centres))
+    # for each first box, if the second one nearest to it has no nearer first box
     is_mutual = (distance[:, nearest].argmin(axis=0) == row) & (distance[row, nearest] < gate)
     heading = _find_headings(mine, pose)
     other_heading = _find_headings(theirs, other_pose)

@@ -111,6 +111,8 @@ def find_clusters(
     farthest = clusters.values.ravel()[clusters.ends[near] - 1][:, None]
     is_present = (in_time >= nearest) & (in_time <= farthest)
     share = is_present.mean(axis=1)
+    # Times that the nearer cluster appears after another one. Independent draws with this share
+    # would give share * (1 - share) * n.
     arrivals = (is_present[:, 1:] & ~is_present[:, :-1]).sum(axis=1) + is_present[:, 0]
     flickers = is_nearer[near] & (arrivals >= MIN_FLICKER_RATE * share * (1 - share) * n)
     far_mode = _measure_mode(clusters, far, model).reshape(shape)
@@ -184,6 +186,7 @@ def usual_spread(far: PixelMode, model: SensorModel) -> Callable[[ImageRanges], 
     middle = [np.median(distance[step == k]) for k in steps]
 
     def interpolate(median: ImageRanges) -> ImageRanges:
+        # usual spread at each median, with the logarithm of 1 for pixels without a return
         log_distance = np.log(np.where(median > 0, median, 1))
         spreads = np.interp(log_distance, middle, usual)
         return np.maximum(spreads, model.deviation(np.nan_to_num(median))).astype(np.float32)
@@ -256,12 +259,15 @@ def mark_continuation(near: PixelMode, far: ImageRanges) -> ImageMask:
         far: median of each pixel's farthest cluster, 0 for nothing returned."""
     within = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
+    # NaN and repeated edges, so that all slices below have the image's shape
     padded = np.pad(far, REACH_PX, constant_values=np.nan)
     opposite = np.pad(inverse, REACH_PX, mode="edge")
     rows, columns = far.shape
     continues = np.zeros(far.shape, bool)
     for down, right in product(range(-REACH_PX, REACH_PX + 1), repeat=2):
         beyond = padded[REACH_PX + down :, REACH_PX + right :][:rows, :columns]
+        # neighbour on the other side of the pixel, and inverse depth of the plane through both at
+        # the place of the first neighbour
         opposite_inverse = opposite[REACH_PX - down :, REACH_PX - right :][:rows, :columns]
         plane_inverse = 2 * inverse - opposite_inverse
         is_other_surface = np.abs(plane_inverse * beyond - 1) > MIN_SURFACE_GAP_SHARE

@@ -32,8 +32,11 @@ OBJECT_FRAMES = 40  # largest number of frames in which road users are detected
 
 
 class _StandingPoints(NamedTuple):
-    """Points (m) of the standing scene in a sensor's frame, and the standard deviation of each
-    (m), None if unknown."""
+    """Points of the standing scene that one sensor sees.
+
+    Attributes:
+        points: points (m), sensor frame.
+        deviation: standard deviation of each point (m), None if unknown."""
 
     points: Points
     deviation: Float64[np.ndarray, " n"] | None

@@ -100,6 +100,7 @@ class Scenes:
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
+        # names of the first frame's sensors, by number
         return tuple(sensor.name for sensor in self.recording[0].sensors)
 
     @cached_property
@@ -116,7 +117,7 @@ class Scenes:
 
 
 def _wrap_scene(scene: EmptyScene) -> LearntScene:
-    """Return a given scene, with a grid if its model is of a lidar known by its clouds."""
+    """Return a given scene, with a grid if its model is of a lidar's clouds."""
     grid = LidarGrid(scene.model) if type(scene.model) is RowLidar else None
     return LearntScene(scene, grid)
 
@@ -173,6 +174,7 @@ class _CloudSceneLearner:
         self.points = 0
         self.left_out = Counter[str]()
         self._place: Float64[np.ndarray, "3"] | None = None
+        # fewer images than `sample` if they are large, to limit memory
         rows, columns = grid.model.shape
         max_images = max(16, _MAX_KEPT_PX // (rows * columns))
         sensor = Sensor(name, grid.model, np.eye(4))

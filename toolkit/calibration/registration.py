@@ -98,12 +98,14 @@ def register(
     ]
 
     def distance_from_believed(candidate: tuple[Pose, _System]) -> float:
+        # m; turns count as moves of points `LEVER_M` away
         return float(np.linalg.norm(motion_between(believed, candidate[0])))
 
     pose, system = min(as_good, key=distance_from_believed)
     hidden = system.hidden_motions
     if len(hidden):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
+        # without the part along the hidden motions
         motion -= hidden.T @ (hidden @ motion)
         pose, system = align_levels(points, noise, surface, apply_motion(believed, motion), _FINE)
     return Registration(
@@ -213,8 +215,9 @@ class _System:
 
     @property
     def agreement(self) -> float:
-        """Share of all points on the surface, 0 to 1; a point counts less the farther off it is,
-        and not at all from 0.3 m on."""
+        """Share of all points that are on the surface, 0 to 1.
+
+        A point counts less the farther off it is, and not at all from `_AGREEMENT_M` on."""
         return float(tukey_weight(self.residual, _AGREEMENT_M).mean()) * self.overlap
 
     @cached_property
@@ -223,6 +226,7 @@ class _System:
 
         A motion is observed if enough pairs with weight resist it."""
         values, vectors = np.linalg.eigh(self.rows.T @ (self.rows * self.weight[:, None]))
+        # (pairs, modes): squared growth of each residual along each mode
         along = (self.rows @ vectors) ** 2
         sound = self.weight > 0
         resists = np.where(along > _MIN_RESISTANCE**2, along, 0.0)[sound].sum(axis=0)

@@ -104,9 +104,9 @@ def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
 
 
 def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
-    """Share of a sensor's clouds that have the points of the frame before, 0 if they are too few.
+    """Share of a sensor's clouds that have the points of the frame before.
 
-    clouds: cloud in each frame, None if the frame lacks it."""
+    clouds: cloud in each frame, None if the frame lacks it. 0 for fewer than three pairs."""
     pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
     same = [
         len(former.points) > 0 and np.array_equal(former.points, latter.points)

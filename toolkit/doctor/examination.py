@@ -56,6 +56,7 @@ class Examination:
         undone = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
         self.mistakes = [other_frames] if other_frames else []
         self.mistakes += undone.suspicions
+        # the fit is the share of all moving points
         self.explained = undone.fit * sum(len(witness.depth) for witness in pixels)
         self.misplaced, self.rows = find_misplaced(undone.rows, site)
         self.doubts: dict[str, Suspicion | None] = {}
@@ -63,6 +64,7 @@ class Examination:
         for i, sensor in enumerate(sensors):
             sensor_witnesses = [witness for witness in pixels if witness.sensor == i]
             count = sum(len(witness.depth) for witness in sensor_witnesses)
+            # too few points, or no objects, show nothing of the sensor
             if count < MIN_MOVING_POINTS or not any(len(table) for table in self.rows):
                 continue
             suspicion, sensor_fit = suspect_sensor(
@@ -115,6 +117,7 @@ class Examination:
 
         Points of sensors in doubt are left out."""
         trusted = [view for view in self.views if view.sensor.name not in self.doubts]
+        # frame: row in the images and tables, not its number in the file
         for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
             points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]
             yield (

@@ -52,7 +52,7 @@ def find_nearly_best(
 def choose_clearer(
     best: Explanation | None, freer: Explanation | None, margin: float
 ) -> Explanation | None:
-    """Return the freer explanation if its mean fit is better by more than a margin, else the best.
+    """Return the freer explanation if it fits better by more than a margin, else the best.
 
     best, freer: explanations, of which the freer one has more numbers to choose, so chance helps
     it. If one is None, the other is returned. margin: in mean fit, may be negative."""

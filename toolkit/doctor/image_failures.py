@@ -43,7 +43,7 @@ def frozen_frames(
 
 
 def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
-    """Mask of the frames in which a sensor has far fewer returns than usual, while others do not.
+    """Mask of the frames in which a sensor, unlike others, has far fewer returns than usual.
 
     views: images of each sensor in the same frames. Axes of the mask: sensor, frame."""
     returned = np.array([(view.depth > 0).sum(axis=1) for view in views])

@@ -70,6 +70,7 @@ def turn_each(views: Sequence[GroundView]) -> Explanation:
     views: frames with their points above the ground."""
 
     def turn(sample: Frame) -> list[np.ndarray]:
+        # the frame's boxes with each of the possible headings
         rows = sample.objects.boxes
         return [np.column_stack([rows[:, :6], yaw]) for yaw in possible_headings(rows[:, 6])]
 

@@ -39,15 +39,17 @@ def find_shift(views: Sequence[GroundView]) -> Shift | None:
 
 
 def _find_delay(views: Sequence[GroundView]) -> Shift | None:
-    """Find the time along their tracks at which moving labels fit best, None if it is not clear.
+    """Find the time along their tracks at which moving labels fit best.
 
-    views: consecutive frames with their points above the ground."""
+    views: consecutive frames with their points above the ground. Returns None if it is not
+    clear."""
     samples = [view.sample for view in views]
     movers = [find_moving(samples, k) for k in range(len(views))]
     if sum(len(moving.boxes) for moving in movers) < MIN_FITTED_BOXES:
         return None
 
     def measure_shifted_fits(shift_s: float) -> np.ndarray:
+        # fit of each moving box, moved by this time (s) along its track
         return fits(views, [_move_along(moving, shift_s) for moving in movers])
 
     now = measure_shifted_fits(0.0)

@@ -76,8 +76,9 @@ def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
 
 
 def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
-    """Mark the boxes (world frame) that a sensor must see, and the boxes that it has a point on.
+    """Mark the boxes that a sensor must see, and the boxes that it has a point on.
 
+    cloud: of the sensor; boxes: (m, 7) in the world frame.
     It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
     box and within its inner half as seen from the sensor."""
     points = cloud.in_world()
@@ -94,7 +95,7 @@ def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
 def _sees_front(
     level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
 ) -> bool:
-    """Return True if points on the ground are just in front of a box, as seen from a sensor.
+    """Return True if a sensor has points on the ground just in front of a box.
 
     Args:
         level_points: points (m) near the ground.

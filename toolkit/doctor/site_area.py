@@ -33,7 +33,9 @@ def find_misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], l
 
 
 def _share_near(centres: np.ndarray, site: Site) -> float:
-    """Share of places (m, CARLA's frame) within 15 m of the site's area, 0 to 1; 1 without any."""
+    """Share of places within 15 m of the site's area, 0 to 1; 1 without any.
+
+    centres: (n, 3) m, CARLA's frame."""
     if not len(centres):
         return 1.0
     site_from_carla = np.linalg.inv(published.MAP_FROM_CARLA @ site.map_SE3_site)
@@ -42,6 +44,8 @@ def _share_near(centres: np.ndarray, site: Site) -> float:
 
 
 def in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
-    """Mask of places (n, 2), site frame, in the detection area or within a margin (m) of it."""
+    """Mask of places in the detection area, or within a margin (m) of it.
+
+    xy: (n, 2) m, site frame."""
     inside: np.ndarray = (xy >= site.area[:2] - margin) & (xy <= site.area[2:] + margin)
     return np.asarray(inside.all(axis=1))
