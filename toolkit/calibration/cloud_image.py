@@ -97,7 +97,7 @@ def _find_near_rows(
     """Nearest row of each point, and a mask of the points near enough to it.
 
     These are no farther from it than the wider one of the gaps to the rows next to it; all are if
-    there is a single row. elevation: of the points; rows: of the rows, top first (rad)."""
+    there is a single row. elevation: each point's (rad); rows: each row's (rad), top first."""
     row = nearest_row(elevation, rows)
     gaps = -np.diff(rows)
     widest = np.full(1, np.inf)

@@ -140,7 +140,7 @@ class EmptyScene:
 
 
 class SceneLearner:
-    """Learner of a sensor's empty scene from its images, of which at most `sample` are kept.
+    """Learner of a sensor's empty scene from its images; at most `sample` are kept.
 
     Every image is kept at first; whenever they are too many, every other one is dropped and the
     step between kept images doubles.
@@ -229,7 +229,7 @@ class SceneLearner:
 
 
 def _stack_modes(blocks: Sequence[PixelMode]) -> PixelMode:
-    """Join the clusters of blocks of rows, top first, into those of the whole image."""
+    """Join the clusters of blocks of rows, top first, into clusters of the whole image."""
     return PixelMode(*map(np.concatenate, zip(*blocks, strict=True)))
 
 

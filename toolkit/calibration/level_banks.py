@@ -12,7 +12,7 @@ MAX_BANK_M = 12.0  # largest distance of a bank's cell from the cells of both le
 BANK_SLOPES = (0.25, 1.2)  # least and largest slope of a bank, m per m
 MAX_BANK_BEND = 0.3  # part of a bank's height by which it may leave the line from foot to edge
 BANK_CELLS_M = 4.0  # distance within which other cells show the plane of a bank
-MIN_BANK_CELLS = 5  # least number of them
+MIN_BANK_CELLS = 5  # least number of such cells
 BANK_STEP_M = 0.12  # largest deviation (root mean square) of their heights from the plane
 KERB_M = 0.09  # height above a drawn surface at which a cell counts half
 

@@ -129,7 +129,7 @@ def nearest_row(
 ) -> Int64[np.ndarray, " n"]:
     """Index of the row with the nearest elevation, for each point.
 
-    elevation: of the points (rad); rows: elevations of the rows (rad), descending."""
+    elevation: each point's (rad); rows: elevations of the rows (rad), descending."""
     # negated, since searchsorted needs ascending limits; they are halfway between two rows
     return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
 
@@ -217,7 +217,7 @@ def _take_medians(
 ) -> Float64[np.ndarray, " m"]:
     """Median elevation (rad) of the points nearest to each row; a row without points stays.
 
-    elevation: of the points; rows: elevations, top first."""
+    elevation: each point's; rows: elevations, top first."""
     row = nearest_row(elevation, rows)
     medians = rows.copy()
     for k in range(len(rows)):
@@ -229,7 +229,7 @@ def _take_medians(
 def _share_in_rows(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> float:
     """Share of the points near a row, 0 to 1: at most a third of the way to the next row.
 
-    elevation: of the points (rad); rows: elevations, top first (rad)."""
+    elevation: each point's (rad); rows: elevations, top first (rad)."""
     row = nearest_row(elevation, rows)
     gaps = -np.diff(rows)
     to_next = np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf))
@@ -281,7 +281,7 @@ def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
 def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
     """Find columns all around, or from one side of the widest gap to the other.
 
-    azimuth: of all points (rad); step: usual step between neighbours (rad)."""
+    azimuth: azimuths of all points (rad); step: usual step between neighbours (rad)."""
     heading, span = _find_span(azimuth)
     if span is not None:
         count = max(1, int(np.ceil(span / step - 0.5)) + 1)

@@ -26,7 +26,7 @@ FLAT_SHARE = 0.45  # least part of a flat cell's neighbours that continue it
 OFF_M = 0.3
 EDGE_M = 0.1
 SECTORS = 8  # equal sectors around a cell
-MIN_SECTORS = 6  # least number of them with a neighbour in the ring, for a cell inside a road
+MIN_SECTORS = 6  # least number of sectors with a neighbour in the ring, for a cell inside a road
 RING_M = (2.3, 5.0)  # inner and outer radius of that ring
 # least number of cells inside a raised road, and its least length (m)
 MIN_RAISED_CELLS = 20

@@ -75,7 +75,7 @@ def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np
 def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of boxes to points above the ground, 0 to 1.
 
-    Boxes with hardly any points have 0. points: of one frame (m), in the axes of the boxes; boxes:
+    Boxes with hardly any points have 0. points: one frame's (m), in the frame of the boxes; boxes:
     x, y, z, length, width, height, yaw of each."""
     # added to a box: one metre more on all sides and above, nothing below
     around = np.array([0, 0, 0.5, 2, 2, 1, 0])

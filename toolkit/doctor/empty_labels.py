@@ -43,7 +43,7 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
 
 
 def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> tuple[int, int]:
-    """Count boxes without a point above the ground, and all boxes. boxes: those of each view."""
+    """Count boxes without a point above the ground, and all boxes. boxes: for each view."""
     counts = [
         count_points(view.points, rows)
         for view, rows in zip(views, boxes, strict=True)

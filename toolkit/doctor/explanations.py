@@ -54,7 +54,7 @@ def choose_clearer(
 ) -> Explanation | None:
     """Return the freer explanation if it fits better by more than a margin, else the best.
 
-    best, freer: explanations, of which the freer one has more numbers to choose, so chance helps
+    best, freer: explanations; the freer one has more numbers to choose, so chance helps
     it. If one is None, the other is returned. margin: in mean fit, may be negative."""
     if best is None or freer is None:
         return best or freer
@@ -63,7 +63,7 @@ def choose_clearer(
 
 
 def _means(attempts: Sequence[Explanation]) -> list[float]:
-    """Mean fit of each explanation, over the boxes that have a fit in any of them."""
+    """Mean fit of each explanation, over the boxes that have a fit in any explanation."""
     has_fit = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[has_fit].mean()) for attempt in attempts]
 

@@ -21,7 +21,7 @@ LOST_DEGREES = LabelMistake(  # not undone directly: `possible_headings` gives t
     "yaw in degrees where radians belong, of which only sine and cosine are left",
     "multiply yaw by pi / 180 before its sine and cosine are taken",
 )
-LABEL_MISTAKES = (  # of mistakes that fit about as well, the first is named
+LABEL_MISTAKES = (  # the first is named if several fit about as well
     LabelMistake(
         "mirrored: y points the other way", "negate y and yaw", True, factor=(1, -1, 1, 1, 1, 1, -1)
     ),

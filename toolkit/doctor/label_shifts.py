@@ -94,7 +94,7 @@ def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
 
 
 def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
-    """Mark boxes whose centres are farther than `MAX_STILL_M` from those of all other boxes.
+    """Mark boxes whose centres are farther than `MAX_STILL_M` from the centres of all other boxes.
 
     other_boxes: boxes of another frame, in the same world frame."""
     from scipy.spatial import cKDTree

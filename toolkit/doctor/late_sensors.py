@@ -91,7 +91,7 @@ def _measure_shift(
 
 
 def _restrict_sensor(seen: GroundView, name: str) -> GroundView:
-    """Return a frame with only one sensor's points above the ground. name: of the sensor."""
+    """Return a frame with only one sensor's points above the ground. name: the sensor's."""
     points = [cloud.in_world() for cloud in seen.sample.clouds if cloud.name == name]
     sensor_points = np.concatenate([np.zeros((0, 3)), *points])
     return GroundView(seen.sample, seen.above_ground(sensor_points), seen.ground)

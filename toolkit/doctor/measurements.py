@@ -148,7 +148,7 @@ def _suspect_floating(exam: Examination) -> Iterator[Finding]:
         for x, y, z, length, width, height, _ in level_rows(objects.boxes, exam.site.relief.slope):
             away = np.hypot(points[:, 0] - x, points[:, 1] - y)
             radius = np.hypot(length, width) / 2
-            # points in a ring of 2 m around the box; a low one of them is on the ground
+            # points in a ring of 2 m around the box; a low one is on the ground
             ground_heights = points[(away > radius) & (away < radius + 2), 2]
             if len(ground_heights) >= 20:
                 gaps.append(z - height / 2 - np.percentile(ground_heights, 10))

@@ -78,7 +78,7 @@ def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
 def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
     """Mark the boxes that a sensor must see, and the boxes that it has a point on.
 
-    cloud: of the sensor; boxes: (m, 7) in the world frame.
+    cloud: the sensor's; boxes: (m, 7) in the world frame.
     It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
     box and within its inner half as seen from the sensor."""
     points = cloud.in_world()
