@@ -90,7 +90,7 @@ def _score_planes(
         candidates: low points (m) that might be ground.
         cells: low points of all cells, which should not be below the ground.
         rng: chooses the cells that are compared, if they are many."""
-    # the order of these two draws decides the result for a seed
+    # for a seed, the order in which these two are drawn decides the result
     on_sample = candidates[rng.permutation(len(candidates))[:_SCORED_CELLS]]
     below_sample = cells[rng.permutation(len(cells))[:_SCORED_CELLS]]
     on_shares = []

@@ -94,7 +94,7 @@ class LinkedCells:
     Attributes:
         cells: low points (m) of a grid's squares.
         other: rows of the k nearest other cells of each cell, nearest first.
-        linked: mask of those neighbours that are near and continue the cell's surface.
+        linked: mask of the neighbours that are near and continue the cell's surface.
         flat: mask of cells with enough linked neighbours: at least 3, and `FLAT_SHARE` of the near
             ones."""
 
@@ -188,8 +188,8 @@ class LinkedCells:
 
         Args:
             rows: rows of the surface's cells.
-            above: height (m) of these cells above the main ground.
-            covered: mask of these cells; True if points of the main ground are below the cell, as
+            above: height (m) of each such cell above the main ground.
+            covered: mask of the same cells; True if points of the main ground are below it, as
                 under a roof."""
         core = np.abs(above) > OFF_M
         xy = self.cells[rows[core], :2]

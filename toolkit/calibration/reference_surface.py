@@ -102,7 +102,7 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     # points of each triangle, rounded at random so that their mean is in proportion to its area
     count = np.floor(share + rng.random(len(share))).astype(np.int64)
     triangles = np.repeat(np.arange(len(count)), count)
-    # square root, so that points are even over a triangle; the order of these draws stays
+    # square root, so that points are even over a triangle; do not change the order of the draws
     u = np.sqrt(rng.random(len(triangles)))
     v = rng.random(len(triangles))
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)

@@ -29,7 +29,7 @@ def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
 def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
     """Read the empty scenes of a file that `save_empty_scenes` wrote.
 
-    Raises FileNotFoundError for a missing file, and ValueError for one that is damaged or has no
+    Raises FileNotFoundError for a missing file, and ValueError for a damaged file or one without
     empty scenes."""
     arrays = read_arrays(path)
     scenes = []

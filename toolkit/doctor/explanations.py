@@ -25,7 +25,7 @@ class Explanation(NamedTuple):
     Attributes:
         mistake: the mistake that is undone.
         boxes: boxes of each frame without it (m, 7), world frame.
-        fits: fit of each of these boxes, 0 to 1, frame after frame."""
+        fits: fit of each such box, 0 to 1, frame after frame."""
 
     mistake: LabelMistake
     boxes: list[np.ndarray]

@@ -27,7 +27,7 @@ def frozen_frames(
 
     Args:
         view: images of the sensor in the frames that are looked at.
-        rows: published rows of the objects in each of these frames.
+        rows: published rows of the objects in each such frame.
         site: site of the recording."""
     frozen = np.zeros(len(view.depth), bool)
     first = 0  # frame with the original of the image that is repeated
@@ -58,9 +58,9 @@ def failing_sensors(
 
     Args:
         views: images of each sensor in the frames that are looked at.
-        rows: published rows of the objects in each of these frames.
+        rows: published rows of the objects in each such frame.
         site: site of the recording.
-        frames: numbers of these frames in the file."""
+        frames: numbers of the frames in the file."""
     if not views or not frames:
         return
     for view, is_blind in zip(views, blind_frames(views), strict=True):

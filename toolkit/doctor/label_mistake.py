@@ -52,6 +52,6 @@ def possible_headings(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k 
 
     A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full
     turns. Returns 31 possible headings of each box, a row for each choice."""
-    # Each lost turn was 2 pi degrees, about 6.3; 15 of them are a quarter turn either way.
+    # Each lost turn was 2 pi degrees, about 6.3; 15 such turns are a quarter turn either way.
     turns = np.arange(-15, 16)[:, None]
     return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
