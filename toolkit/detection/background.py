@@ -132,8 +132,8 @@ def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.n
 class KnownBackground:
     """Detector that leaves out its detections of the background.
 
-    detector: finds road users, and background by mistake; background: of the site, in the frame of
-    the points that are passed. least: minimum share, above 0 and at most 1, of the
+    detector: finds road users, and background by mistake; background: voxels of the site, in the
+    frame of the points that are passed. least: minimum share, above 0 and at most 1, of the
     points in a detection's box that are not background. Raises ValueError for any other share."""
 
     detector: Detector

@@ -138,7 +138,7 @@ class ScoringJob:
     def _find_truth(self, frame: Frame, stand: Stand) -> FrameTruth:
         """Objects of a frame, with a mask of the objects that count by the protocol.
 
-        stand: area of the frame. Points on objects are 0 unless they are needed."""
+        stand: area of the frame. Points on objects stay 0 if they are not needed."""
         if self.protocol == "measured":
             return select_truth(frame, stand.corners)
         objects = frame.objects
@@ -196,7 +196,7 @@ class ScoringJob:
     def _detect_all(self, frame: Frame, stand: Stand, present: list[int]) -> Fused:
         """Detect in all points of some sensors together, uncropped and without messages.
 
-        present: indices of the sensors. Boxes come back on the ground of the stand, without
+        present: indices of the sensors. Boxes come back in the frame of the lifted points, without
         bits."""
         points = stand.lift(frame.seen_by(present).points())
         start = perf_counter()

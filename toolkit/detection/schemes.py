@@ -31,7 +31,7 @@ class Early(DetectsOnce):
         return view.fuse_points(view.share_points(sensors))
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the number of points in the crop, all of which are sent.
+        """Return the number of points in the crop: all are sent.
 
         counts: numbers of points of C candidates in F frames."""
         return counts.sent

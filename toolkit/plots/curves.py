@@ -108,7 +108,7 @@ def draw_training(
 def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
     """Figure with one axes, and room for a legend below them.
 
-    curves: number of curves, each of which has a row in the legend."""
+    curves: number of curves; each has a row in the legend."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")

@@ -115,7 +115,7 @@ def family_name(font: Path) -> str:
 
 @cache
 def _choose(missing: frozenset[str]) -> FontChoice:
-    # Fonts for missing letters: DejaVu Sans and, if it lacks some, those of the computer. Again and
+    # Fonts for missing letters: DejaVu Sans and, if it lacks some, fonts of the computer. Again and
     # again, the font with the most letters that are still unset is taken.
     unset = {ord(letter) for letter in missing}
     files: list[Path] = []

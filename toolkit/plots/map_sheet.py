@@ -93,7 +93,7 @@ def map_sheet(
 def _count_columns(legend: Sequence[Entry], inner: float) -> int:
     """Number of columns of a legend in the strip below a map, at least 1.
 
-    inner: width of the strip (inches), of which scale bar and arrow take a part."""
+    inner: width of the strip (inches), which scale bar and arrow share with the legend."""
     # estimated inches of a letter, and of a mark with the gaps around it
     longest = max((len(label) for _, label in legend), default=1)
     column_inches = 0.058 * longest + 0.58

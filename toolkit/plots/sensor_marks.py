@@ -71,7 +71,7 @@ def draw_sensors(axes: "Axes", sensors: Sequence[Sensor], points_per_metre: floa
 def draw_wedges(axes: "Axes", sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
     """Draw fields of view from above up to `VIEW_RANGE`, cut off at tall buildings.
 
-    solids: solids of the site, of which buildings higher than `TALL` count."""
+    solids: solids of the site; only buildings higher than `TALL` count."""
     tall = [
         shapely.Polygon(s.footprint)
         for s in solids

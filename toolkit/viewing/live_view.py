@@ -135,7 +135,7 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        # Replace the nodes of the previous frame by those of `_drawn`, with the current colouring.
+        # Replace the nodes of the previous frame by nodes of `_drawn`, with the current colouring.
         for handle in self.shown:
             handle.remove()
         self.shown = []

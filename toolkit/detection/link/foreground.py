@@ -300,7 +300,7 @@ def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
 
     is_gone: mask of pixels in which the sensor lacks a point of the empty scene; is_expected: mask
     of pixels that should show a point of the scene. All gone pixels are kept if every expected one
-    is gone, and no pixel if none of the expected is."""
+    is gone, and no pixel if every expected one shows a point."""
     is_certain = is_gone & is_expected
     if not is_certain.any():
         return np.zeros_like(is_gone)

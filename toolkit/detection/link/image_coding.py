@@ -18,7 +18,7 @@ MAX_PACKED = (1 << 32) - 1  # largest number that `pack_integers` takes
 # second highest bit; the bits below follow as they are.
 _SMALL_NUMBERS = 8
 _MIN_LARGE_BITS = 4  # bits of the smallest number that is not a symbol itself
-# ways to deflate, of which the shortest result is sent; all are inflated alike
+# ways to deflate: the shortest result is sent, and all are inflated alike
 _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 MAX_RANGE_STEPS = 1 << 24  # in a measurement; 335 km in steps of 2 cm
 # first byte of a coded mask: changes along the rows, or differences from the neighbours
