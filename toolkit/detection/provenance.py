@@ -19,7 +19,9 @@ def coview_version() -> str:
 
 
 def dataset_origin(dataset: object) -> dict[str, object]:
-    """Name and path of a recording's file; the name of its class and None if it is in memory."""
+    """Name and path of a recording's file.
+
+    A recording in memory has the name of its class, and no path (None)."""
     path = getattr(dataset, "path", None)
     return {
         "dataset": type(dataset).__name__ if path is None else Path(path).name,

@@ -179,7 +179,9 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis: 0 and a tenth above the greatest value, or 0 and 1 without any above 0."""
+    """Limits of an axis from 0 to a tenth above the greatest value.
+
+    They are 0 and 1 if no value is above 0."""
     greatest = max(0.0, *values) if len(values) else 0.0
     return 0.0, 1.1 * float(greatest) if greatest > 0 else 1.0
 

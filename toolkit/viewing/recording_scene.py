@@ -200,7 +200,7 @@ def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area that holds most points of a frame and its sensors, or its boxes if it has no points.
+    """Area of most points of a frame and its sensors, or of its boxes without points.
 
     Returns xmin, ymin, xmax, ymax (m), extended to multiples of 10 m; each side is at least 20
     m."""

@@ -256,12 +256,16 @@ def decode_values(
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to numbers from 0 on: 0, -1, 1, -2, 2 become 0, 1, 2, 3, 4."""
+    """Map whole numbers to numbers from 0 on, small magnitudes first.
+
+    0, -1, 1, -2, 2 become 0, 1, 2, 3, 4."""
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
 
 def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map numbers from 0 on to whole numbers: 0, 1, 2, 3, 4 become 0, -1, 1, -2, 2."""
+    """Map numbers from 0 on to whole numbers, the inverse of `fold`.
+
+    0, 1, 2, 3, 4 become 0, -1, 1, -2, 2."""
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
