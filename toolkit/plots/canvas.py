@@ -152,7 +152,7 @@ def svg_text(figure: "Figure", title: str = "") -> str:
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(drawn, format="svg", dpi=DPI, metadata=nothing)
     text = drawn.getvalue().decode()
-    # drop everything before the element, comments and metadata
+    # drop comments, metadata, and everything before the element
     text = re.sub(r"<!--.*?-->\s*", "", text[text.index("<svg") :], flags=re.DOTALL).strip()
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' d="([^"]*)"', _short_path, text)

@@ -139,7 +139,7 @@ def _choose(missing: frozenset[str]) -> FontChoice:
 
 
 def _rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
-    """Key by which fonts are compared, the best has the greatest.
+    """Return the key by which fonts are compared; the best font has the greatest key.
 
     unset: code points that no chosen font has. The key compares the number of these letters that a
     font has, then the preference of its family, then regular before other styles, then names."""
