@@ -44,7 +44,7 @@ class Background:
     Attributes:
         origin: lowest corner (3,) of the grid (m).
         voxel: edge of a voxel (m).
-        occupied: voxels (nx, ny, nz) with points, and one layer around them.
+        occupied: mask (nx, ny, nz) of voxels with points, and of their neighbours.
         cell: edge of a ground cell (m).
         ground: height (kx, ky) of the ground in each cell (m).
     """
@@ -57,7 +57,10 @@ class Background:
 
     @staticmethod
     def learn(points: Points, voxel: float = VOXEL_M, cell: float = 1.0) -> "Background":
-        """Learn from points of the empty site, best from several sweeps."""
+        """Learn from points (m) of the empty site, best from several sweeps with different noise.
+
+        voxel: edge of a voxel (m); cell: edge of a ground cell (m). Raises ValueError without
+        points, for points that are not finite, and for more than `MAX_VOXELS` voxels."""
         if not len(points):
             raise ValueError(
                 "the background needs at least one point of the empty site, got none: crop less?"
@@ -67,17 +70,19 @@ class Background:
             raise ValueError(
                 f"the background must be finite and small, got {size} m: crop to the area"
             )
+        # two empty layers around all points: one to grow into, one that is never occupied
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
         # at least 2, but for rounding
         index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)
         occupied = np.zeros(index.max(axis=0) + 3, bool)
         occupied[tuple(index.T)] = True
+        # each turn also grows what the turns before added: a cube of 27 voxels around a point
         for axis in range(3):
             occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
         return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
 
     def holds(self, points: Points) -> Mask:
-        """Mark points in an occupied voxel."""
+        """Mask of points (m) in an occupied voxel; points outside the grid are not."""
         index = np.clip((points - self.origin) / self.voxel, 0, np.array(self.occupied.shape) - 1)
         # the outermost layer is never occupied
         return self.occupied[tuple(index.astype(np.int64).T)]
@@ -88,22 +93,24 @@ class Background:
         return self.digest_settings(b"")
 
     def digest_settings(self, settings: bytes) -> str:
-        """SHA-256 of settings and the background."""
+        """SHA-256 of settings and the background together."""
         sha = hashlib.sha256(settings)
         for value in (self.origin, self.voxel, self.occupied, self.cell, self.ground):
             sha.update(repr(np.shape(value)).encode() + np.ascontiguousarray(value).tobytes())
         return sha.hexdigest()
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Height of the ground at positions (m)."""
+        """Height of the ground (m) at positions; outside the grid, height of the nearest cell."""
         cell_index = np.clip((xy - self.origin[:2]) / self.cell, 0, np.array(self.ground.shape) - 1)
         return self.ground[tuple(cell_index.astype(np.int64).T)]
 
 
 def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Estimate the ground height of each cell.
+    """Estimate the ground height (m) of each cell.
 
-    It is the 5 % quantile of the cell's points, then the minimum within two cells."""
+    points: points of the empty site (m); origin: lowest corner of the grid (m); cell: edge of a
+    cell (m). A cell takes the 5 % quantile of its points' heights, then the minimum within two
+    cells. Cells without points, or more than 0.5 m above the median, take the height of others."""
     from scipy.ndimage import minimum_filter
 
     cell_index = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
@@ -115,6 +122,7 @@ def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.n
     low = points[order[starts + counts // 20], 2].astype(np.float64)
     ground = np.full(shape, np.inf)  # infinite in cells without points
     ground.ravel()[keys] = np.where(low > np.median(low) + 0.5, np.inf, low)
+    # fill unknown cells from their neighbours, one ring of cells in each round
     while np.isinf(ground).any():
         ground = np.where(np.isinf(ground), minimum_filter(ground, 3, mode="nearest"), ground)
     return np.asarray(minimum_filter(ground, 5, mode="nearest"))
@@ -124,7 +132,8 @@ def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.n
 class KnownBackground:
     """Detector that leaves out its detections of the background.
 
-    Points are in the frame of the background. least: minimum share, above 0 and at most 1, of the
+    detector: finds road users, and background by mistake; background: voxels of the site, in the
+    frame of the points that are passed. least: minimum share, above 0 and at most 1, of the
     points in a detection's box that are not background. Raises ValueError for any other share."""
 
     detector: Detector
@@ -157,7 +166,9 @@ class KnownBackground:
 
     @cached_property
     def _unsure(self) -> Detector:
-        """The detector, or its variant that leaves uncertain detections to `score_known`."""
+        """Detector that finds candidates: a variant for known sites if there is one.
+
+        The variant reports more uncertain detections, which its `score_known` scores afterwards."""
         at_known_site = getattr(self.detector, "at_known_site", None)
         return self.detector if at_known_site is None else at_known_site()
 
@@ -166,14 +177,16 @@ class KnownBackground:
         return replace(self, detector=quick_detector(self.detector))
 
     def __call__(self, points: Points, /) -> Detections:
-        """Detect in points (n, 3), ignoring those that are not finite."""
+        """Detect in points (m), and drop detections of the background."""
         detections = self._unsure(points)
         return self._keep(detections, points, self._new(points)) if len(detections) else detections
 
     def unions(
         self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> list[Detections]:
-        """Detect in several unions of the same clouds."""
+        """Detect in several unions of the same clouds, each cloud compared with the site once.
+
+        clouds: points (m) of each of C sensors; unions: mask (U, C) of the clouds in each union."""
         if isinstance(self._unsure, UnionDetector):
             union_detections = self._unsure.unions(clouds, unions)
         else:
@@ -186,6 +199,7 @@ class KnownBackground:
         ]
 
     def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
+        # Finite points outside the background.
         finite = points[np.isfinite(points).all(axis=1)]
         return finite[~self.background.holds(finite)]
 
@@ -195,7 +209,9 @@ class KnownBackground:
         points: Float[np.ndarray, "p 3"],
         new: Float[np.ndarray, "q 3"],
     ) -> Detections:
-        """Keep detections with enough points outside the background."""
+        """Keep detections with enough points outside the background, and rescore the rest.
+
+        points: all points (m); new: the points that are outside the background."""
         points_inside = count_points(points, detections.boxes)
         new_inside = count_points(new, detections.boxes)
         foreground = detections[(new_inside > 0) & (new_inside >= self.least * points_inside)]
@@ -204,7 +220,7 @@ class KnownBackground:
 
 
 def recording_background(recording: "CoopDataset") -> Background:
-    """Learn the background of a recording.
+    """Learn the background of a recording at its site.
 
     It is the scenery of the site if known, else whatever is behind all moving objects. Objects that
     park throughout become background."""
@@ -214,7 +230,9 @@ def recording_background(recording: "CoopDataset") -> Background:
 
 
 def empty_sweeps(recording: "CoopDataset") -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield levelled points of four noisy sweeps without road users."""
+    """Yield the points (m, levelled, cropped to the site) of each sensor in four noisy sweeps.
+
+    Road users are left out of the scene. The seed of the noise is fixed."""
     empty = empty_scene(recording)
     rng = np.random.default_rng(0)
     for _ in range(EMPTY_SWEEPS):
@@ -228,17 +246,21 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of a site's scenery on level ground."""
+    """Return the background of a site's scenery on level ground.
+
+    Points are drawn at random, with a fixed seed, on all surfaces in the area."""
     crop = Crop.of(site)
     slope = site.relief.slope
     voxel = choose_voxel(crop)
     mesh = build_scenery(site)
+    # corners (triangles, 3, 3) on level ground
     level = level_rows(mesh.vertices, slope)[mesh.triangles]
     xmin, ymin, xmax, ymax = crop.area
     is_near = (level.max(axis=1) >= [xmin, ymin, _MIN_HEIGHT_M]).all(axis=1)
     is_near &= (level.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
     corners = mesh.vertices[mesh.triangles[is_near]]
     rng = np.random.default_rng(0)
+    # both edges from the first corner; their cross product is twice the triangle's area
     edges = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     point_counts = rng.poisson(area * (POINTS_PER_FACE / voxel**2))
@@ -247,6 +269,7 @@ def site_background(site: Site) -> Background:
     for start in range(0, len(triangles), _BATCH_POINTS):  # random points on all triangles
         triangle = triangles[start : start + _BATCH_POINTS]
         weights = rng.random((len(triangle), 2))
+        # points of the parallelogram beyond the triangle are mirrored into it
         weights = np.where(weights.sum(axis=1, keepdims=True) > 1, 1 - weights, weights)
         offsets = (weights[:, :, None] * edges[triangle]).sum(axis=1)
         sample = (corners[triangle, 0] + offsets).astype(np.float32)
@@ -255,7 +278,7 @@ def site_background(site: Site) -> Background:
 
 
 def choose_voxel(crop: Crop) -> float:
-    """Edge of voxels (m), larger for a large area."""
+    """Edge of voxels (m): the usual one, or larger so that an area has at most 2^26 voxels."""
     xmin, ymin, xmax, ymax = crop.area
     volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _MIN_HEIGHT_M)
     return max(VOXEL_M, float(np.cbrt(volume / _AREA_VOXELS)))

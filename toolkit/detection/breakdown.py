@@ -25,6 +25,7 @@ from toolkit.objects import LABELS, Detections, Objects, label_index
 from toolkit.points import has_centre_inside
 from toolkit.runtime.text_tables import align_columns
 
+# IoU from which a detection is true, by class
 KITTI_IOU = {"vehicle": 0.7, "heavy": 0.7, "cyclist": 0.5, "pedestrian": 0.5}
 KITTI_RECALLS = 40
 CENTRE_DISTANCES_M = (0.5, 1.0, 2.0, 4.0)  # thresholds of nuScenes
@@ -34,6 +35,7 @@ MIN_TRUTH_POINTS = 1  # on an object that counts
 MIN_REPEATED_IOU = 0.9  # 3D, of two labels of one object; no two bodies overlap that much
 RANGE_EDGES_M = (0.0, 20.0, 35.0, 50.0, float("inf"))  # from the middle of the area
 POINT_EDGES = (1.0, 5.0, 20.0, 100.0, float("inf"))  # points on an object
+# usual IoU thresholds of a breakdown, by class; the middle one is used for groups
 _LARGE_IOUS = (0.3, 0.5, 0.7)
 _SMALL_IOUS = (0.1, 0.25, 0.5)
 BREAKDOWN_IOUS = {
@@ -46,7 +48,10 @@ METRIC_NAMES: dict[Overlap, str] = {"bev": "BEV", "3d": "3D"}
 
 
 class Matched(NamedTuple):
-    """Scores and hits of a class, and number of truths."""
+    """Detections of a class in all frames, matched with the truth.
+
+    scores: score of each detection that counts; hits: mask of the true ones among them; truths:
+    number of objects to find."""
 
     scores: np.ndarray
     hits: np.ndarray
@@ -54,30 +59,37 @@ class Matched(NamedTuple):
 
 
 def kitti_ap(curve: Curve) -> float:
-    """AP at 40 recalls, NaN if there is no truth to find."""
+    """Average precision at KITTI's 40 recalls, NaN if there is no truth to find.
+
+    curve: precision and recall of a class in all frames."""
     if len(curve.recall) and np.isnan(curve.recall).all():
         return float("nan")
     recalls = np.arange(1, KITTI_RECALLS + 1) / KITTI_RECALLS
+    # 1e-12: a recall that equals one of the 40 but for rounding counts as reached
     best = [curve.precision[curve.recall >= recall - 1e-12].max(initial=0.0) for recall in recalls]
     return float(np.mean(best))
 
 
 def nuscenes_ap(curve: Curve) -> float:
-    """Area above the minimum precision and beyond the minimum recall.
+    """Average precision of nuScenes: area above the minimum precision, beyond the minimum recall.
 
-    It is 1 for a perfect detector."""
+    curve: precision and recall of a class at one distance. The area is scaled to 1 for a perfect
+    detector; it is 0 without detections and NaN without a truth to find."""
     if not len(curve.recall):
         return 0.0
     if np.isnan(curve.recall).all():
         return float("nan")
     precision = np.interp(np.linspace(0, 1, 101), curve.recall, curve.precision, right=0.0)
+    # recalls 0.11, 0.12, ... 1
     beyond = precision[round(100 * MIN_RECALL) + 1 :]
     return float(np.clip(beyond - MIN_PRECISION, 0, None).mean() / (1 - MIN_PRECISION))
 
 
 def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
-    """Match detections of a class by centres `within` metres on the ground.
+    """Match detections and truths of a class whose centres are near each other on the ground.
 
+    frames: detections and objects of each frame; within: distance (m) below which a detection can
+    be a hit; label: class number. The best score chooses first, and takes the nearest free truth.
     Detections on uncounted objects do not count, nor do detections outside the area that hit
     nothing."""
     scores = [np.zeros(0)]
@@ -89,9 +101,11 @@ def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
         detections = frame.detections[best_first]
         has_label = frame.truths.labels == label
         is_counted = np.asarray(frame.counted)[has_label]
+        # x and y from each truth to each detection, (detections, truths, 2)
         offsets = detections.boxes[:, None, :2] - frame.truths.boxes[has_label, :2]
         distances = np.linalg.norm(offsets, axis=2)
         is_near = distances < within
+        # exp(-distance) falls with the distance, so greedy matching by overlap finds the nearest
         is_hit = (
             greedy(np.where(is_near & is_counted, np.exp(-distances), 0.0), np.exp(-within)) >= 0
         )
@@ -108,13 +122,13 @@ class GroupRow:
     """AP of one class over a group of objects, under one protocol.
 
     Attributes:
-        label: class.
-        protocol: protocol that counts AP, such as KITTI R40.
-        measure: rule for a true detection, such as BEV 0.5.
-        among: group of objects, such as a range.
-        ap: average precision.
-        truths: number of objects in the group.
-        scheme: how the sensors were fused.
+        label: name of the class.
+        protocol: protocol that counts AP: "ours", "KITTI R40" or "nuScenes".
+        measure: rule for a true detection, such as "BEV 0.5" or "centre 2 m".
+        among: group of objects, such as "20-35 m", "5-19 points" or "all".
+        ap: average precision (0 to 1), NaN without objects in the group.
+        truths: number of objects to find in the group.
+        scheme: name of the scheme, followed by its sensors if several sets are compared.
     """
 
     label: str
@@ -131,10 +145,10 @@ class FrameTruth:
     """Objects of one frame, with a mask of the objects that count.
 
     Attributes:
-        objects: all objects in the frame.
-        counted: mask of the objects to find.
-        points: number of points on each object.
-        corners: detection area (xmin ymin xmax ymax, m, world frame).
+        objects: n labelled objects of the frame.
+        counted: mask (n,) of the objects to find.
+        points: number of points on each object, 0 if they were not counted.
+        corners: detection area (xmin, ymin, xmax, ymax, m, world frame).
         complete: region with complete labels, None if they are complete everywhere.
     """
 
@@ -145,7 +159,9 @@ class FrameTruth:
     complete: Region | None = None
 
     def inside(self, detections: Detections) -> Bool[np.ndarray, " m"]:
-        """Mask of detections in the area, in the region with complete labels."""
+        """Mask of detections that are in the area and in the region with complete labels.
+
+        If labels are complete everywhere (`complete` is None), all detections count as inside."""
         if self.complete is None:
             return np.ones(len(detections), np.bool_)
         return np.asarray(
@@ -154,10 +170,10 @@ class FrameTruth:
         )
 
     def judge(self, detections: Detections) -> "Judged":
-        """Return detections and truths with their ranges from the middle of the area.
+        """Return detections and truths with their ranges: distances from the middle of the area.
 
-        A detection that overlaps an object has the range of the object that it overlaps most.
-        Detections outside the area that overlap no object to find are left out."""
+        A detection that overlaps an object (BEV IoU above 0.1) has the range of the object that it
+        overlaps most. Detections outside the area that overlap no object to find are left out."""
         boxes = self.objects.boxes
         is_outside = ~self.inside(detections)
         is_touching = (iou_bev(detections.boxes, boxes[self.counted]) > 0).any(axis=1)
@@ -192,8 +208,9 @@ class Judged:
         truths: m objects.
         counted: mask (m,) of the objects to find.
         points: number of points (m,) on each object.
-        truth_range: range (m,) of each object from the middle of the area (m).
-        detection_range: range (n,) of each detection, as in `FrameTruth.judge` (m).
+        truth_range: distance (m,) of each object from the middle of the area, in metres.
+        detection_range: distance (n,) of each detection from the middle of the area, or the
+            distance of the object that it overlaps most, in metres.
         outside: mask (n,) of detections outside the area, which can be hits but not false alarms.
     """
 
@@ -207,10 +224,11 @@ class Judged:
 
 
 def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
-    """Return the objects that count for recorded labels.
+    """Return the objects of a frame, and mark those to find by the rule for recorded labels.
 
-    They are in the area, in the region with complete labels, and have a point on them. Other
-    labelled objects are not misses, and a detection on one is not a false alarm."""
+    corners: detection area (xmin, ymin, xmax, ymax, m, world frame). Objects to find are in the
+    area, in the region with complete labels, have a point on them, and are not a second label of an
+    object. Other labelled objects are not misses, and a detection on one is not a false alarm."""
     boxes = frame.objects.boxes
     points = count_points(frame.points(), boxes)
     counted = (
@@ -224,7 +242,8 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
 
 
 def mark_repeated(objects: Objects) -> Mask:
-    """Mark labels of an object that an earlier row labels too."""
+    """Mark objects that repeat an earlier row: same class, and a 3D IoU of at least 0.9."""
+    # (n, n) mask; its lower triangle compares each object with earlier rows only
     same = (iou_3d(objects.boxes, objects.boxes) >= MIN_REPEATED_IOU) & (
         objects.labels[:, None] == objects.labels
     )
@@ -234,7 +253,10 @@ def mark_repeated(objects: Objects) -> Mask:
 def group_rows(
     samples: Sequence[Judged], label: str, ious: Sequence[float] | None = None
 ) -> list[GroupRow]:
-    """Return all rows of a class. ious: IoU thresholds, None for the usual ones."""
+    """Return the rows of a class: all objects, groups by range and by points, other protocols.
+
+    samples: detections and objects of each frame; label: name of the class; ious: IoU thresholds,
+    None for the usual ones (`BREAKDOWN_IOUS`). Groups have rows at the middle threshold only."""
     ious = ious or BREAKDOWN_IOUS[label]
     middle = sorted(ious)[len(ious) // 2]
     rows = _score_group(samples, label, ious, "all")
@@ -260,7 +282,11 @@ def group_rows(
 def _score_group(
     frames: Sequence[Judged], label: str, ious: Sequence[float], among: str, protocol: str = "ours"
 ) -> list[GroupRow]:
-    """Rows of a group of objects, at each IoU threshold by both metrics."""
+    """Rows of a group of objects, at each IoU threshold for BEV and 3D IoU.
+
+    frames: detections and objects of each frame, restricted to the group; label: name of the class;
+    among: name of the group; protocol: "ours" for AP of `toolkit.detection.metrics`, else AP at
+    KITTI's 40 recalls."""
     rows = []
     for metric, metric_name in METRIC_NAMES.items():
         scores = evaluate(
@@ -281,7 +307,9 @@ def _score_group(
 
 
 def _restrict_range(frame: Judged, low: float, high: float) -> Judged:
-    """Detections and counted objects between two ranges (m)."""
+    """Return a frame with only the detections and counted objects in a ring around the middle.
+
+    low, high: distances (m) from the middle of the area; low is included, high is not."""
     is_near = (frame.detection_range >= low) & (frame.detection_range < high)
     is_truth_near = (frame.truth_range >= low) & (frame.truth_range < high)
     return replace(
@@ -294,23 +322,29 @@ def _restrict_range(frame: Judged, low: float, high: float) -> Judged:
 
 
 def _restrict_points(frame: Judged, low: float, high: float) -> Judged:
-    """All detections, and counted objects with this many points."""
+    """Return a frame in which only objects with `low` points to below `high` count.
+
+    All detections stay: on other objects they are neither hits nor false alarms."""
     has_points = (frame.points >= low) & (frame.points < high)
     return replace(frame, counted=frame.counted & has_points)
 
 
 def _span(low: float, high: float, unit: str) -> str:
+    # Name of a group of objects between two bounds, such as "0-20 m", "100 and more points".
     return f"{low:g}-{high:g}{unit}" if np.isfinite(high) else f"{low:g} and more{unit}"
 
 
 def _format_ap(row: GroupRow | None) -> str:
+    # Cell of a table: empty without a row, "-" for an undefined AP.
     if row is None:
         return ""
     return "-" if np.isnan(row.ap) else format_share(row.ap, row.truths)
 
 
 def format_rows(rows: Sequence[GroupRow]) -> str:
-    """Format rows as tables, one for each class and protocol."""
+    """Format rows as tables, one for each class and protocol.
+
+    A table has a line for each group of objects and a column for each measure."""
     tables = []
     kinds = dict.fromkeys((r.label, r.protocol) for r in rows)
     for label, protocol in sorted(kinds, key=lambda kind: LABELS.index(kind[0])):

@@ -51,12 +51,12 @@ class ClusterDetector:
     """Detector of all classes, learnt only from points of the empty site, world frame.
 
     Attributes:
-        background: the empty site.
-        cell: edge of the cells that are clustered, m.
-        reach: distances, inclusive, up to which cells are neighbours in a cluster, m; the next one
+        background: points of the empty site as voxels, and the height of its ground.
+        cell: edge of the cells that are clustered (m).
+        reach: distances (m), inclusive, up to which cells are neighbours in a cluster; the next one
             is tried while the cluster is too large for a car.
         fewest: minimum number of points in a cluster.
-        area: xmin ymin xmax ymax, m, below 4 m, to which points are cropped, None for no crop.
+        area: xmin, ymin, xmax, ymax (m) to which points are cropped, below 4 m, None for no crop.
     """
 
     labels: ClassVar[tuple[str, ...]] = LABELS
@@ -86,13 +86,13 @@ class ClusterDetector:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the empty site and the settings."""
+        """SHA-256 of the empty site and the settings, followed by the area if there is one."""
         settings = repr((self.cell, self.reach, self.fewest)).encode()
         digest = self.background.digest_settings(settings)
         return digest if self.area is None else f"{digest} {self.area}"
 
     def __call__(self, points: Points) -> Detections:
-        """Detect in points (n, 3), world frame, ignoring those that are not finite."""
+        """Detect in points (m, world frame), ignoring points that are not finite."""
         points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
@@ -109,8 +109,10 @@ class ClusterDetector:
             (length > MAX_CAR_LENGTH_M) | (width > MAX_CAR_WIDTH_M) | (height > MAX_CAR_HEIGHT_M)
         )
         slim_masks = [(length < 1.2) & (width < 1.0), (length < 2.3) & (width < 0.85)]
+        # the first mask that holds gives the class, a vehicle if none does
         labels = np.select([heavy, *slim_masks], [HEAVY, PEDESTRIAN, CYCLIST], VEHICLE)
         point_counts = np.array([len(cluster) for cluster in clusters])
+        # 30 points give half the score
         scores = point_counts / (point_counts + 30.0)
 
         cars = np.flatnonzero(labels == VEHICLE)
@@ -129,10 +131,13 @@ class ClusterDetector:
     def _clusters(
         self, points: Float64[np.ndarray, "n 3"], reach: tuple[float, ...]
     ) -> list[np.ndarray]:
+        # Points (k, 3) of each cluster, connected within the first reach. A cluster that is too
+        # large for a car is split by the others.
         if len(points) < self.fewest:
             return []
         # cells seen from above
         index = ((points[:, :2] - points[:, :2].min(axis=0)) / self.cell).astype(np.int64)
+        # both indices in one number, the first above bit 32: quicker to sort than rows
         keys, point_cells = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
         # whole numbers: exact distances
         cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))])
@@ -141,6 +146,7 @@ class ClusterDetector:
         point_labels = np.asarray(cloud.cluster_dbscan(eps=reach_cells, min_points=1), np.int64)[
             point_cells
         ]
+        # points sorted by cluster, then cut between clusters
         order = np.argsort(point_labels, kind="stable")
         groups = np.split(points[order], np.flatnonzero(np.diff(point_labels[order])) + 1)
         clusters = []
@@ -154,12 +160,13 @@ class ClusterDetector:
 
 
 class _Rectangle(NamedTuple):
-    """Rectangle, longer axis first.
+    """Rectangle seen from above, given by its ends along its two axes.
 
     Attributes:
-        yaw: direction of the longer axis (rad).
-        low: lower ends (2,) along its axes (m).
-        high: upper ends (2,) along its axes (m).
+        yaw: direction of the first axis, usually the longer (rad, counter-clockwise from +x); the
+            second is a quarter turn further.
+        low: lower ends (2,) along the axes (m, from the world's origin).
+        high: upper ends (2,) along the axes (m, from the world's origin).
         at_low: share of points within 0.2 m of each lower side.
         at_high: share of points within 0.2 m of each upper side.
     """
@@ -172,17 +179,22 @@ class _Rectangle(NamedTuple):
 
     @property
     def size(self) -> np.ndarray:
+        # Length and width (m), along the first and the second axis.
         return self.high - self.low
 
     @property
     def centre(self) -> np.ndarray:
+        # x and y (m, world) of the centre.
         along, across = (self.low + self.high) / 2
         cos = np.cos(self.yaw)
         sin = np.sin(self.yaw)
         return np.array([along * cos - across * sin, along * sin + across * cos])
 
     def turn(self) -> "_Rectangle":
-        """Swap the axes; the reversed first becomes the second."""
+        """Return the same rectangle with yaw a quarter turn further.
+
+        The second axis becomes the first; the first, reversed, becomes the second."""
+        # reversing an axis swaps its ends and changes their signs
         low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
         at_low, at_high = np.array(
             [[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]]
@@ -191,9 +203,11 @@ class _Rectangle(NamedTuple):
 
 
 def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
-    """Fit the rectangle whose sides are closest to the points.
+    """Fit the rectangle whose sides are closest to points, with the longer axis first.
 
-    Its yaw maximises Σ 1 / distance to the nearest side, with distances of at least 0.1 m."""
+    xy: x and y (m) of the points. The yaw, in steps of 2°, maximises Σ 1 / distance to the nearest
+    side, with distances of at least 0.1 m. The sides leave out 0.5 % of the points at each end."""
+    # at most 150 points choose the yaw; the arrays below are (yaws, points)
     sample = xy[:: 1 + len(xy) // 150]
     yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
     along = np.outer(np.cos(yaws), sample[:, 0]) + np.outer(np.sin(yaws), sample[:, 1])
@@ -213,9 +227,12 @@ def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
 
 
 def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
-    """Complete cars to the usual size towards the side that covers the least background.
+    """Complete cars to the usual size, into space in which the fewest background points are.
 
-    Sides with many points rarely grow."""
+    cars: rectangles of what was seen; background: points (m, world) of the empty site. Each car may
+    grow to either side along both axes, and a short one may also be the front or rear of a car, so
+    that its axes swap. Sides with many points rarely grow, as a body seems to end there."""
+    # starts: index of each car's first option, and the number of all options
     options = list[_Rectangle]()
     doubts = list[float]()
     starts = [0]
@@ -233,6 +250,7 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
                 shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
                 doubts.append(float(shares @ (missing > 0)))
         starts.append(len(options))
+    # boxes 15 cm narrower at each side and 100 m high, to count points in them from above
     columns = [
         (*option.centre, 0.0, *np.maximum(option.size - 0.3, 0.1), 100.0, option.yaw)
         for option in options
@@ -243,10 +261,11 @@ def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
-    """Return a detector of whatever stands out from the empty scenes of lidars.
+    """Return a detector of all that differs from the empty scenes of lidars.
 
-    frame: has the poses of the lidars; place: area and ground of the later detection. Raises
-    ValueError if the empty scenes have no point in the area."""
+    scenes: empty scenes of the lidars, learnt from clouds; frame: has the poses of the lidars;
+    place: area and ground of the later detection. Raises ValueError if the empty scenes have no
+    point in the area."""
     rng = np.random.default_rng(0)
     sweeps = []
     centre = place.find_middle(frame)
@@ -266,9 +285,11 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
 
 
 def _sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
-    """Draw a sweep of a sensor in its empty scene, in the sensor's frame.
+    """Draw points (m, sensor frame) of one sweep of a sensor in its empty scene.
 
-    Each pixel takes one of its two measurements, as often as it occurred, with its spread."""
+    name: name of the sensor. Each pixel takes one of its two measurements, as often as it occurred,
+    with normal noise of its spread."""
+    # one uniform, then one normal number for each pixel: this order fixes the results
     scene = scenes[name].scene
     model = scenes.grid(name).model
     takes_second = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)

@@ -16,13 +16,15 @@ from toolkit.arrays import Float32, Float64, ImageRanges, Points, Shaped
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor
 
+# number, or an array of numbers, of points, boxes, messages or bits
 Amount = float | Shaped[np.ndarray, "*shape"]
 
 
 class Message(NamedTuple):
     """Message from a sensor to the fusion centre.
 
-    content: bytes, or any object that the codec decodes again."""
+    content: bytes, or any object that the codec decodes again; bits: bits that the message takes on
+    the link."""
 
     content: Any
     bits: int
@@ -53,18 +55,26 @@ class Codec(Protocol):
         """Decode points that arrive at the fusion centre."""
 
     def encode_boxes(self, detections: Detections, origin: Origin, /) -> Message:
-        """Encode the detections of one sensor in one frame."""
+        """Encode the detections of one sensor in one frame.
+
+        origin: sensor, time and number of the frame."""
 
     def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
         """Decode detections of a sensor that arrive at the fusion centre."""
 
     def bits(self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1) -> Amount:
-        """Expected bits of messages with this many points and boxes."""
+        """Expected bits of messages with some points and boxes.
+
+        points, boxes: numbers of points and boxes in all messages; messages: number of messages.
+        Arrays are broadcast."""
 
 
 @dataclass(frozen=True, eq=False)
 class RangeImage:
-    """Pixels (m) of a frame's image that a sensor sends."""
+    """Pixels of a frame's image that a sensor sends.
+
+    sensor: at its assumed pose; measurement: measurements (m), 0 in pixels that are not sent; time,
+    number: time (s) and number of the frame."""
 
     sensor: Sensor
     measurement: ImageRanges
@@ -74,21 +84,21 @@ class RangeImage:
 
 @runtime_checkable
 class ImageCodec(Protocol):
-    """Turn range images into messages and back."""
+    """Extra members of a codec that turns range images into messages and back."""
 
     def encode_image(self, image: RangeImage, /) -> Message:
-        """Encode pixels of one sensor in one frame."""
+        """Encode the pixels of one sensor in one frame that return something."""
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image of the sensor, 0 in pixels without a measurement."""
+        """Decode an image of the sensor: measurements (m), 0 in pixels without a measurement."""
 
 
 class Parameters:
-    """Base of classes that depend only on their fields."""
+    """Base of dataclasses whose behaviour depends only on their fields."""
 
     @property
     def digest(self) -> str:
-        """Name and parameters."""
+        """Name of the class and its parameters, as in `repr`: the key of cached results."""
         return repr(self)
 
 
@@ -113,19 +123,19 @@ class PaperCodec(Parameters):
                 )
 
     def encode_points(self, points: Points, /) -> Message:
-        """Return the points as they are."""
+        """Return a message that holds the points as they are."""
         return Message(points, round(len(points) * self.bits_per_point))
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "n 3"]:
-        """Return the very points."""
+        """Return the very array that was encoded."""
         return message.content
 
     def encode_boxes(self, detections: Detections, origin: Origin | None = None, /) -> Message:
-        """Return the boxes as they are."""
+        """Return a message that holds the boxes as they are; origin is not used."""
         return Message(detections, round(len(detections.boxes) * self.bits_per_box))
 
     def decode_boxes(self, message: Message, sensor: Sensor | None = None, /) -> Detections:
-        """Return the very boxes."""
+        """Return the very detections that were encoded; sensor is not used."""
         return message.content
 
     def bits(

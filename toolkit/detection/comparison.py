@@ -13,7 +13,8 @@ from toolkit.detection.view import NMS_IOU
 from toolkit.frame import Frame, select_sensors
 from toolkit.objects import LABELS, label_index
 
-ALL_CLOUDS = "all clouds"
+ALL_CLOUDS = "all clouds"  # name of detection in all clouds together
+# rule for the objects that count, see `toolkit.detection.evaluation`
 Scoring = Literal["exact", "published", "measured"]
 
 
@@ -51,7 +52,9 @@ class Comparison:
 
 
 def list_ious(comparison: Comparison) -> dict[str, tuple[float, ...]]:
-    """IoU thresholds of each class; ValueError if there is nothing to evaluate."""
+    """IoU thresholds of each class, by its name.
+
+    Raises ValueError if there is no scheme, sensor set, class or threshold to evaluate."""
     numbers = dict.fromkeys(map(label_index, comparison.classes))
     labels = [LABELS[number] for number in numbers]
     ious = {label: class_thresholds(comparison.iou_thresholds, label) for label in labels}
@@ -64,7 +67,9 @@ def list_ious(comparison: Comparison) -> dict[str, tuple[float, ...]]:
 
 
 def name_schemes(schemes: Sequence[Scheme | str | None]) -> dict[str, Scheme | None]:
-    """Schemes by name; ValueError if two schemes have one name."""
+    """Schemes by name, None for detection in all clouds together.
+
+    Raises ValueError for an unknown scheme, and if two different schemes have one name."""
     by_name: dict[str, Scheme | None] = {}
     for scheme_or_name in schemes:
         scheme = None if scheme_or_name is None else find_scheme(scheme_or_name)
@@ -79,7 +84,9 @@ def name_schemes(schemes: Sequence[Scheme | str | None]) -> dict[str, Scheme | N
 def name_sets(
     frame: Frame, sensor_sets: Sequence[Sequence[int | str] | None]
 ) -> dict[tuple[int, ...], tuple[str, ...]]:
-    """Names of the sensors in each set, by the set's indices."""
+    """Names of the sensors in each set, by the set's indices in a frame.
+
+    sensor_sets: indices or names of each set, None for all sensors of the frame."""
     names = {}
     for sensors in sensor_sets:
         indices = tuple(select_sensors(frame.sensors, sensors))
@@ -88,6 +95,8 @@ def name_sets(
 
 
 def class_thresholds(iou_thresholds: Sequence[float] | None, label: str) -> tuple[float, ...]:
-    """IoU thresholds of a class, each once; its usual ones by default."""
+    """IoU thresholds of a class, each once, in the order given.
+
+    iou_thresholds: None for the usual ones of the class; label: name of the class."""
     thresholds = USUAL_IOUS[label_index(label)] if iou_thresholds is None else iou_thresholds
     return tuple(dict.fromkeys(map(float, thresholds)))

@@ -37,11 +37,11 @@ class FrameDetections:
     """Detections in one frame, and how they came about.
 
     Attributes:
-        frame: the frame.
+        frame: frame with the points in which detection took place.
         detections: detections in the world frame, without background.
         stand: ground and area of the frame.
-        detect_ms: time that detection took.
-        left_out: number of detections that were background.
+        detect_ms: milliseconds that detection took, without finding the ground.
+        left_out: number of detections that were left out as background.
     """
 
     frame: Frame
@@ -59,8 +59,10 @@ def detect_frames(
 ) -> Iterator[FrameDetections]:
     """Yield the detections in all points of each frame together, on level ground.
 
-    detector: gets points counted from the middle of the area, or at a known site in the site's
-    frame; scene: its detections are left out. A frame without points has no detections."""
+    frames: frames in order, with a `site` if it is known; detector: gets points counted from the
+    middle of the area, or at a known site in the site's frame; place: area and ground; scene:
+    standing scene, whose detections are left out, None to keep all. A frame without points has no
+    detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
         world = frame.points() if site is None or scene is not None else np.zeros((0, 3))
@@ -86,7 +88,7 @@ def detect_frames(
 def write_detections(
     results: Iterable[FrameDetections], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[FrameDetections]:
-    """Write detections as they arrive, and pass them on.
+    """Write detections as they arrive, and yield each after it was taken up.
 
     out: one file of boxes, or for other formats a folder with a file per frame, complete at the
     end; more: further entries in the file of boxes."""
@@ -112,12 +114,15 @@ def write_detections(
 
 
 def file_name(name: str) -> str:
-    """Name of a frame in letters that are safe in a file name."""
+    """Replace letters of a frame's name that are not safe in a file name by "_"."""
     return "".join(letter if letter.isalnum() or letter in "-_.#" else "_" for letter in name)
 
 
 def summarise(results: Iterable[FrameDetections]) -> dict[str, Any]:
-    """Count frames, detections and problems, with the median milliseconds."""
+    """Count frames, detections and problems, with median times.
+
+    Returns `samples`, `detections`, `problems` by kind, and the median milliseconds to find the
+    ground (`level_ms`) and to detect (`detect_ms`), None without frames."""
     samples = 0
     detections = 0
     problems = Counter[str]()
@@ -133,7 +138,7 @@ def summarise(results: Iterable[FrameDetections]) -> dict[str, Any]:
 
 
 def describe_summary(figures: dict[str, Any]) -> str:
-    """Return a summary as a line of text."""
+    """Return a summary as a line of text; figures: as returned by `summarise`."""
     steps = (("level_ms", "to level"), ("detect_ms", "to detect"))
     times = [
         f"{figures[name]:.0f} ms {action}" for name, action in steps if figures[name] is not None
@@ -144,9 +149,10 @@ def describe_summary(figures: dict[str, Any]) -> str:
 
 
 def resolve_detector(name: str) -> Any:
-    """Import the object named `package.module:callable`, also from the current folder.
+    """Import the callable named `package.module:callable`, also from the current folder.
 
-    Raises ValueError in one line."""
+    The folder is added to `sys.path`. Raises ValueError in one line if the name has another form,
+    cannot be imported, or names something that cannot be called."""
     if not re.fullmatch("[^:]+:[^:]+", name):
         raise ValueError(
             f"a detector to import must be named package.module:callable, got {name!r}"
@@ -183,7 +189,8 @@ class ImportedDetector:
     The name is a detector, called with the points (n, 3) of a frame, world frame, m, or a factory:
     a class, or a callable with a parameter `site` (a `Site`) or `area` (xmin ymin xmax ymax, m), or
     no parameter. Its detections are cached for later runs only if it has an attribute `digest`, a
-    text that changes with everything they depend on. Another process imports it again. Raises
+    text that changes with everything they depend on. A pickled detector holds only name and site,
+    so that another process imports it again. Raises
     ValueError, in one line, if the import fails or the detector returns anything but `Detections`
     for a cloud without points."""
 
@@ -207,7 +214,9 @@ class ImportedDetector:
         self(np.zeros((0, 3), np.float32))
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Detect in one cloud. Raises ValueError if that fails."""
+        """Detect in one cloud, world frame (m).
+
+        Raises ValueError if the detector fails or returns anything but `Detections`."""
         try:
             detections = self._detect(points)
         except Exception as error:  # the detector may raise anything
@@ -226,12 +235,12 @@ class ImportedDetector:
 
     @property
     def digest(self) -> str:
-        """Digest of the detector, or AttributeError."""
+        """Digest of the imported detector; AttributeError if it has no digest."""
         return str(self._detect.digest)
 
     @property
     def labels(self) -> Sequence[str]:
-        """Classes of the detector, or AttributeError."""
+        """Names of the classes that the imported detector knows; AttributeError if not given."""
         labels: Sequence[str] = self._detect.labels
         return labels
 

@@ -59,9 +59,10 @@ def evaluate_recording(
 ) -> Evaluation:
     """Score every scheme with every sensor set, class by class, at each of its IoU thresholds.
 
-    place: detection area and ground; reads: errors of the sensors and number of frames; scenes:
-    empty scenes for schemes that need them, learnt from this recording if None. Several workers
-    share the frames, unless a scheme can only read its messages in order.
+    comparison: schemes, sensor sets, classes and thresholds; place: detection area and ground;
+    reads: errors of the sensors and number of frames; scenes: empty scenes for schemes that need
+    them, learnt from this recording if None; run: processes and progress. Several workers share the
+    frames, unless a scheme can only read its messages in order.
 
     Raises ValueError for an unknown scheme, sensor, class or error profile, a class that the
     detector does not know, two schemes of one name, and a recording without frames."""
@@ -105,7 +106,10 @@ def _pool_results(
     ious: Mapping[str, tuple[float, ...]],
     provenance: dict[str, Any],
 ) -> Evaluation:
-    """Pool the results of all frames into figures of each scheme, sensor set and class."""
+    """Pool the results of all frames into figures of each scheme, sensor set and class.
+
+    ious: IoU thresholds of each class, by its name; provenance: data, detector and settings, stored
+    with the figures."""
     rows = list[Row]()
     classes = list[ClassFigures]()
     loads = list[SetLoad]()
@@ -129,7 +133,11 @@ def _pool_results(
 
 
 def _score_frames(job: ScoringJob, first: Frame, total: int, run: Processes) -> list[FrameResult]:
-    """Score all frames; in this process if a scheme needs earlier messages."""
+    """Results of all frames, in order, scored by the processes of `run`.
+
+    first: frame 0, read already; total: number of frames. All frames are scored in this process if
+    a scheme needs earlier messages, as these are kept from frame to frame. Warns in that case of
+    ground that is not level in frame 0."""
     progress = run.stage("frame", total)
     results = list[FrameResult]()
     if run.alone or any(isinstance(scheme, Chained) for scheme in job.schemes.values()):

@@ -25,7 +25,10 @@ EXAMPLE_IOU = 0.7  # at which a detection hits, in the paper's first column
 def curve_files(
     classes: Sequence[str], iou_thresholds: Sequence[float] | None = None
 ) -> dict[str, tuple[str, float]]:
-    """Return the class and IoU threshold of each PR picture, by file name.
+    """Return the class and IoU threshold of each picture of PR curves, by file name.
+
+    classes: names of the classes; iou_thresholds: thresholds of all of them, None for the usual
+    ones of each class.
 
     Vehicles have no class in the name: pr_0.7.png, but pr_cyclist_0.5.png."""
     return {
@@ -36,10 +39,12 @@ def curve_files(
 
 
 def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
-    """Write table.json and the PR curves (`curve_files`) into a folder, made if missing.
+    """Write table.json and pictures of PR curves into a folder, made if missing.
 
-    table.json is {"provenance": {...}, "rows": [...], "classes": [...]}. Either all files are
-    written or, if that fails (OSError), no file is.
+    rows: result of an evaluation. Each class and IoU threshold has one picture, named as in
+    `curve_files`, with a curve for each scheme and sensor set. table.json is
+    {"provenance": {...}, "rows": [...], "classes": [...]}. Either all files are written or, if that
+    fails (OSError), no file is.
     """
     with writing_together(folder) as unfinished:
         table = {"provenance": with_file_digest(rows.provenance), **rows.as_dict()}
@@ -59,10 +64,11 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
 def draw_example(
     recording: CoopDataset, detector: Detector, out: str | Path, *, seed: int = 0
 ) -> None:
-    """Draw the frame with the most objects from above.
+    """Draw the frame with the most objects from above, with early fusion of all sensors.
 
     Hits, misses and false alarms of vehicles are marked at `EXAMPLE_IOU`. Objects centred outside
-    the area do not count. seed: seed of the sensors' noise."""
+    the area do not count. recording: frames of a known site; out: file to write; seed: seed of the
+    sensors' noise."""
     site = recording.site
     frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
     truth = frame.objects

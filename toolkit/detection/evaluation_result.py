@@ -15,16 +15,17 @@ from toolkit.runtime.text_values import replace_infinite
 
 @dataclass(frozen=True)
 class Evaluation(Sequence[Row]):
-    """Rows of an evaluation, with their context.
+    """Rows of an evaluation, with their context; a sequence of its rows.
 
     Attributes:
         rows: figures of each scheme, sensor set, class and IoU threshold.
         provenance: data, detector, settings and version.
-        classes: figures at the detector's score threshold.
-        loads: loads on a link, if a rate was given.
-        schemes: frames, detections, problems and median milliseconds of each scheme.
+        classes: figures of each scheme, sensor set and class at the detector's score threshold.
+        loads: load of each scheme and sensor set on a link, empty if no rate was given.
+        schemes: frames, detections, problems and median milliseconds of each scheme, by its name
+            (followed by its sensors if there are several sets).
         breakdown: AP by range, by points and by other sets' protocols.
-        poses: poses of the sensors, if they were estimated before.
+        poses: poses of the sensors, empty unless they were estimated before.
     """
 
     rows: tuple[Row, ...]
@@ -46,7 +47,9 @@ class Evaluation(Sequence[Row]):
         return len(self.rows)
 
     def text(self) -> str:
-        """Return all figures as tables."""
+        """Return all figures as tables of text, with poses, loads and breakdown if there are any.
+
+        Problems of reading are in the summaries of schemes if there is a breakdown, else last."""
         parts = ["\n".join(map(str, self.poses))] if self.poses else []
         parts.append(format_table(self.rows))
         if self.loads:
@@ -69,7 +72,9 @@ class Evaluation(Sequence[Row]):
         return "\n\n".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the provenance for JSON, undefined as None."""
+        """Return all but the provenance for JSON; NaN and infinity become None.
+
+        Loads, breakdown and poses are left out if there are none."""
         rows = [row.as_dict() for row in self.rows]
         classes = [figures.as_dict() for figures in self.classes]
         optional: dict[str, Any] = {"loads": [load.as_dict() for load in self.loads]}
@@ -82,7 +87,10 @@ class Evaluation(Sequence[Row]):
 
 
 def _format_scheme(name: str, figures: Mapping[str, Any]) -> str:
-    """Summary of a scheme, and what the images of its sensors leave out."""
+    """Summary of a scheme, with a line for each sensor on the points that its images leave out.
+
+    name: scheme, followed by its sensors if there are several sets; figures: its entry in
+    `Evaluation.schemes`."""
     lines = [f"{name}: {describe_summary(dict(figures))}"]
     for sensor, counts in figures.get("images", {}).items():
         kinds = [f"{count} {kind}" for kind, count in counts.items() if kind != "points"]

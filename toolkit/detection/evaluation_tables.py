@@ -8,9 +8,10 @@ from toolkit.runtime.text_tables import align_columns
 
 
 def format_table(rows: Iterable[Row]) -> str:
-    """Format rows like the paper's first table, class by class.
+    """Format rows as text like the paper's first table, class by class.
 
-    Each scheme and sensor set has a line, each IoU threshold a column of AP."""
+    Each scheme and sensor set has a line, each IoU threshold a column of AP. Recall is at the first
+    threshold."""
     by_class: dict[str, list[Row]] = {}
     for row in rows:
         by_class.setdefault(row.label, []).append(row)
@@ -37,7 +38,10 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def format_class_table(classes: Iterable[ClassFigures]) -> str:
-    """Format the figures at the detector's threshold as a table."""
+    """Format the figures at the detector's score threshold as a table of text.
+
+    Each class, scheme and sensor set has a line; the last column is the IoU from which a detection
+    is true."""
     headings = [
         "class",
         "scheme",
@@ -59,5 +63,5 @@ def format_class_table(classes: Iterable[ClassFigures]) -> str:
 
 
 def sensor_text(sensors: Sequence[int]) -> str:
-    """Numbers of sensors in one word."""
+    """Join indices of sensors to text, such as "0,2,5"; "none" without sensors."""
     return ",".join(map(str, sensors)) or "none"

@@ -14,14 +14,14 @@ class Row:
     Attributes:
         scheme: name of the scheme.
         sensors: indices of the sensors.
-        iou: threshold from which a detection is true.
+        iou: IoU from which a detection is true.
         ap: average precision.
         recall: recall over all detections.
         precision: precision over all detections.
-        kbit_per_sensor: mean kbit that a sensor sends of a frame.
+        kbit_per_sensor: mean kbit (1000 bits) that a sensor sends in a frame.
         ms_per_frame: median milliseconds from measurements to fused boxes.
         curve: precision and recall down to each score.
-        label: class.
+        label: name of the class.
         truths: objects to find in all frames.
         false_alarms_per_frame: mean number of false alarms in a frame.
     """
@@ -40,7 +40,7 @@ class Row:
     false_alarms_per_frame: float = 0.0
 
     def as_dict(self) -> dict[str, object]:
-        """Return the row without its curve for JSON, undefined as None."""
+        """Return the row without its curve for JSON; NaN and infinity become None."""
         return replace_infinite(
             {name: value for name, value in vars(self).items() if name != "curve"}
         )
@@ -55,15 +55,15 @@ class ClassFigures:
     Attributes:
         scheme: name of the scheme.
         sensors: indices of the sensors.
-        label: class.
-        iou: threshold from which a detection is true (`TRUE_IOU`).
+        label: name of the class.
+        iou: IoU from which a detection is true (`TRUE_IOU`).
         frames: number of frames.
         truths: objects to find in all frames.
         detections: detections that count in all frames.
-        recall: share of the truths that were detected.
-        precision: share of the detections that are true.
+        recall: share (0 to 1) of the truths that were detected.
+        precision: share (0 to 1) of the detections that are true, NaN without detections.
         false_alarms_per_frame: mean number of false alarms in a frame.
-        reliability: share of true detections by score.
+        reliability: mean score and share of true detections in bins of scores.
     """
 
     scheme: str
@@ -79,7 +79,9 @@ class ClassFigures:
     reliability: Reliability = field(repr=False, compare=False)
 
     def as_dict(self) -> dict[str, object]:
-        """Return the figures for JSON, undefined as None."""
+        """Return the figures for JSON, with the bins of reliability as lists.
+
+        NaN and infinity become None."""
         bins = {name: column.tolist() for name, column in vars(self.reliability).items()}
         return replace_infinite(
             {**vars(self), "calibration_error": self.reliability.error, "reliability": bins}

@@ -24,7 +24,10 @@ from toolkit.sites.site import Site
 
 
 def sends_images(scheme: Scheme | None, codec: Codec) -> bool:
-    """True if sensors send points that a codec codes as images."""
+    """True if sensors of a scheme send points as pixels of their images.
+
+    scheme: None for detection in all clouds together, without messages; codec: codec of schemes
+    that do not bring another."""
     if scheme is None or not scheme.sends_points:
         return False
     return isinstance(scheme_codec(scheme, codec), ImageCodec)
@@ -35,11 +38,11 @@ class FrameResult:
     """Truth of one frame, and the result of each scheme and sensor set.
 
     Attributes:
-        truth: objects, and those that count.
-        fused: fused detections by scheme and sensors (indices).
-        problems: labels and points left out in reading, by kind.
-        level_ms: time that finding the ground took.
-        warning: warning of ground that is not level.
+        truth: objects of the frame, with a mask of the objects to find.
+        fused: fused detections (world frame), by the scheme's name and the set's sensors (indices).
+        problems: number of labels and points left out in reading, by kind.
+        level_ms: milliseconds that finding the ground took.
+        warning: warning of ground that is not level, None without one.
     """
 
     truth: FrameTruth
@@ -59,11 +62,12 @@ class ScoringJob:
         comparison: settings, as the caller gave them.
         place: detection area and ground.
         site: site of the recording, None if unknown.
-        at_site: True if detection is at the site itself.
-        schemes: schemes by name.
-        sets: names of the sensors in each set, by the set's indices.
-        scenes: empty scenes of the sensors.
-        protocol: rule for the objects that count.
+        at_site: True if detection is in the site's area, on its ground; else each frame's ground is
+            found, and points are counted from the middle of the area.
+        schemes: schemes by name, None for detection in all clouds together, uncropped.
+        sets: names of the sensors in each set, by the set's indices in the first frame.
+        scenes: empty scenes of the sensors, learnt when a scheme first needs them.
+        protocol: rule for the objects that count (see `toolkit.detection.evaluation`).
         count_points: whether points on objects are counted, for a breakdown.
     """
 
@@ -80,11 +84,15 @@ class ScoringJob:
     count_points: bool
 
     def __call__(self, numbers: Sequence[int]) -> list[FrameResult]:
-        """Results of the frames with these numbers."""
+        """Results of the frames with these numbers in the recording, in that order."""
         return list(self.score((self.recording[k] for k in numbers), numbers))
 
     def score(self, frames: Iterable[Frame], numbers: Iterable[int]) -> Iterator[FrameResult]:
-        """Yield the results of each frame, in order."""
+        """Yield the results of each frame, in order.
+
+        numbers: number of each frame in the recording, which messages carry. The state of the
+        links is kept from frame to frame as long as the sensors' names stay the same."""
+        # away from the site, sensors in no set are dropped: their points do not find the ground
         if None not in self.comparison.sensor_sets and not self.at_site:
             sensor_names = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
             frames = (frame.seen_by(sensor_names) for frame in frames)
@@ -102,7 +110,10 @@ class ScoringJob:
             yield FrameResult(truth, fused, frame.problems, stand.ms, stand.warning)
 
     def describe(self, ious: Mapping[str, tuple[float, ...]], **reads: object) -> dict[str, object]:
-        """Settings that the figures depend on, for their provenance. reads: how frames are read."""
+        """Settings that the figures depend on, for their provenance.
+
+        ious: IoU thresholds of each class, by its name; reads: number of frames and errors of the
+        sensors, entered as given."""
         settings: dict[str, object] = {
             "site": self.site and self.site.name,
             "hybrid_radius": self.site and self.site.hybrid_radius,
@@ -125,7 +136,9 @@ class ScoringJob:
         return settings
 
     def _find_truth(self, frame: Frame, stand: Stand) -> FrameTruth:
-        """Objects of a frame, and those that count by the protocol."""
+        """Objects of a frame, with a mask of the objects that count by the protocol.
+
+        stand: area of the frame. Points on objects stay 0 if they are not needed."""
         if self.protocol == "measured":
             return select_truth(frame, stand.corners)
         objects = frame.objects
@@ -142,10 +155,14 @@ class ScoringJob:
     def _fuse(
         self, frame: Frame, stand: Stand, memory: LinkMemory
     ) -> dict[tuple[str, tuple[int, ...]], Fused]:
-        """Fuse a frame by every scheme with every sensor set."""
+        """Fuse a frame by every scheme with every sensor set.
+
+        stand: area and ground of the frame; memory: state of the links, changed in place. Returns
+        the fused detections (world frame) by scheme and set, as in `FrameResult.fused`."""
         comparison = self.comparison
         fused = dict[tuple[str, tuple[int, ...]], Fused]()
 
+        # one view of points and one of images, each shared by all schemes and sets
         @cache
         def view(as_images: bool) -> View:
             return stand_view(
@@ -160,7 +177,8 @@ class ScoringJob:
 
         for name, scheme in self.schemes.items():
             for sensors, names in self.sets.items():
-                # indices in this frame, which may lack some of the sensors
+                # indices in this frame, which may lack some of the sensors; the largest set takes
+                # all sensors of the frame if the caller asked for a set of all sensors (None)
                 present = list(range(len(frame.sensors)))
                 if None not in comparison.sensor_sets or len(sensors) < max(map(len, self.sets)):
                     present = sorted(select_sensors(frame.sensors, names))
@@ -176,7 +194,10 @@ class ScoringJob:
         return fused
 
     def _detect_all(self, frame: Frame, stand: Stand, present: list[int]) -> Fused:
-        """Detect in all points of some sensors (indices) together, uncropped."""
+        """Detect in all points of some sensors together, uncropped and without messages.
+
+        present: indices of the sensors. Boxes come back in the frame of the lifted points, without
+        bits."""
         points = stand.lift(frame.seen_by(present).points())
         start = perf_counter()
         detections = Detections.empty()

@@ -66,12 +66,12 @@ class Match:
     """Outcome of n detections of a frame against m truths, in the rows of the input.
 
     Attributes:
-        truth: row of the truth that a detection hit, -1 without one.
-        iou: IoU with that truth, 0 without one.
-        ignored: detections that do not count: they have another label, or are on an object
-            that is not scored.
-        hit: truths that were hit.
-        scored: truths that count.
+        truth: row of the truth that each detection hit, -1 without one.
+        iou: IoU of each detection with the truth that it hit, 0 without one.
+        ignored: mask of detections that do not count: they have another label, or hit nothing and
+            are on an object that is not scored or outside the scored area.
+        hit: mask of truths that were hit.
+        scored: mask of truths that count.
     """
 
     truth: Int64[np.ndarray, " n"]
@@ -83,7 +83,9 @@ class Match:
 
 @dataclass(frozen=True)
 class Curve:
-    """Precision and recall down to each score; scores descend."""
+    """Precision and recall of all detections with at least a score, for k different scores.
+
+    Scores descend. Recall is NaN if there is no truth to find."""
 
     precision: Float64[np.ndarray, " k"]
     recall: Float64[np.ndarray, " k"]
@@ -119,7 +121,9 @@ class DetectionScore:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Mean score, share of true detections and number of detections by bin of scores."""
+    """Mean score, share of true detections and number of detections in b bins of scores.
+
+    Mean score and share are NaN in bins without detections."""
 
     score: Float[np.ndarray, " b"]
     true: Float[np.ndarray, " b"]
@@ -127,14 +131,19 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Expected calibration error over all detections."""
+        """Expected calibration error: mean gap between score and share of true detections.
+
+        Bins are weighted by their numbers of detections; 0 without detections."""
         filled = self.count > 0
         gap = np.abs(self.score[filled] - self.true[filled])
         return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
-    """Return the reliability diagram, NaN in empty bins."""
+    """Return the reliability diagram of detections.
+
+    scores: score of each detection, 0 to 1; hits: mask of true detections; bins: number of equal
+    bins."""
     bin_index = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
     count = np.bincount(bin_index, minlength=bins)
     with np.errstate(invalid="ignore"):
@@ -207,7 +216,9 @@ def _pair_frames(
     counted: Iterable[ArrayLike] | None,
     outside: Iterable[ArrayLike] | None,
 ) -> Iterator[_FramePair]:
-    """Yield what belongs to each frame. Raises ValueError for unequal numbers of frames."""
+    """Yield what belongs to each frame; masks that are not given are None.
+
+    Raises ValueError for unequal numbers of frames."""
     masks = repeat(None) if counted is None else iter(counted)
     outsides = repeat(None) if outside is None else iter(outside)
     for number, (detected, objects) in enumerate(zip_longest(detections, truths)):
@@ -229,7 +240,10 @@ def _pair_frames(
 def _score_pooled(
     scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int
 ) -> DetectionScore:
-    """Score of pooled detections. truths: number of objects to find."""
+    """Score of the detections of all frames that are not ignored.
+
+    scores: score of each detection, in any order; hits: mask of true detections; truths: number of
+    objects to find."""
     curve = precision_recall(scores, hits, truths)
     tp = int(hits.sum())
     return DetectionScore(
@@ -256,7 +270,11 @@ def matches(
     counted: ArrayLike | None = None,
     outside: ArrayLike | None = None,
 ) -> Iterator[Match]:
-    """Match detections and truths of one frame as `evaluate` does, at several IoU thresholds."""
+    """Match detections and truths of one frame as `evaluate` does, at several IoU thresholds.
+
+    counted: mask (m,) of the truths that are scored, None for all; outside: mask (n,) of detections
+    outside the scored area, None for no such detections. Yields a match for each threshold, in the
+    order given. Raises ValueError as `evaluate`."""
     thresholds = _check(iou_thresholds, metric, protocol)
     overlaps = _overlap(
         detections, truths, label_index(label), counted, metric, protocol, outside=outside
@@ -290,9 +308,11 @@ def second_labels(
     counted: ArrayLike | None = None,
     outside: ArrayLike | None = None,
 ) -> Bool[np.ndarray, " n"]:
-    """Mark vehicles on a heavy vehicle that is found as heavy too: one object with two labels.
+    """Mask of detected vehicles on a heavy vehicle that is found as heavy too.
 
-    The matching of vehicles ignores them (rule 3). A user counts them as false alarms."""
+    One object has two labels then. The matching of vehicles ignores the second (rule 3). A user
+    counts it as a false alarm. counted: mask (m,) of the truths that are scored, None for all;
+    outside: mask (n,) of detections outside the scored area, which are never marked."""
     second = np.zeros(len(detections), bool)
     if not (detections.labels == HEAVY).any() or not (detections.labels == VEHICLE).any():
         return second
@@ -318,7 +338,10 @@ def second_labels(
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
-    """Return the curve of n pooled detections, in any order. truths: the number to find.
+    """Return the curve of precision and recall of n pooled detections, in any order.
+
+    scores: score of each detection; hits: mask of true detections; truths: number of objects to
+    find. Equal scores make one point of the curve.
 
     >>> precision_recall(np.array([0.9, 0.8, 0.7]), np.array([True, False, True]), truths=4).recall
     array([0.25, 0.25, 0.5 ])
@@ -335,6 +358,7 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
         )
     best_first = np.argsort(-scores, kind="stable")
     scores = scores[best_first]
+    # index of the last detection of each score; the slice is for no detections at all
     last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
     tp = np.cumsum(hits[best_first])[last_of_equals]
     recall = tp / truths if truths else np.full(len(tp), np.nan)
@@ -353,25 +377,29 @@ def average_precision(curve: Curve) -> float:
 
 
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Truth that each detection takes, or -1: the free truth of greatest IoU, best score first.
+    """Column of the truth that each detection takes, or -1 for none.
 
-    The IoU must be at least `threshold`."""
+    iou: IoU of n detections, best score first, with m truths. In this order, each takes the truth
+    of greatest IoU that is still free, if the IoU is at least `threshold`."""
     matched = np.full(len(iou), -1)
     free = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
         truth = free[row].argmax()
         if free[row, truth] >= threshold:
             matched[row] = truth
-            free[:, truth] = 0
+            free[:, truth] = 0  # below any threshold: the truth is taken
     return matched
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
-    """Truth that each detection takes, or -1.
+    """Column of the truth that each detection takes, or -1 for none.
 
-    Only the first detection to claim a truth by any overlap may hit it."""
+    iou: IoU of n detections, best score first, with m truths. Each claims its truth of greatest
+    IoU, truth 0 if it overlaps nothing. Only the first to claim a truth may take it, if the IoU is
+    above `threshold`."""
     matched = np.full(len(iou), -1)
     if iou.shape[1]:
+        # claimed truths, and the first row that claims each
         claimed, claimants = np.unique(iou.argmax(axis=1), return_index=True)
         hit = iou[claimants, claimed] > threshold
         matched[claimants[hit]] = claimed[hit]
@@ -391,6 +419,8 @@ def sample_iou(
     share = np.zeros((len(a), len(b)))
     near = iou_bev(a, b) > 0
     for column, (x, y, _, length, width, _, yaw) in enumerate(b):
+        # The 2500 points of this truth, in the frames of the detections near it: ahead and aside
+        # are (rows, points along the length, points along the width).
         rows = np.flatnonzero(near[:, column])
         cos_a = np.cos(a[rows, 6])
         sin_a = np.sin(a[rows, 6])
@@ -420,19 +450,22 @@ def sample_iou(
 
 
 class _Overlaps(NamedTuple):
-    """Overlaps of a frame's detections, best first, with objects."""
+    """Overlaps of a frame's detections of one label, best score first, with objects."""
 
-    rows: np.ndarray  # (n,) of the detections in the input
-    columns: np.ndarray  # (m,) of the truths in the input
-    scores: np.ndarray  # (n,)
-    iou: np.ndarray  # (n, m)
+    rows: np.ndarray  # (n,) row of each detection in the input
+    columns: np.ndarray  # (m,) row of each scored truth in the input
+    scores: np.ndarray  # (n,) of the detections
+    iou: np.ndarray  # (n, m) of detections and scored truths
     # (n, 2) greatest IoU with an object that is not scored, and share of the footprint on one
     elsewhere: np.ndarray
     outside: np.ndarray  # (n,) True for detections outside the scored area
     protocol: Protocol
 
     def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
-        """Truth that each detection hit, or -1, and mask of ignored detections."""
+        """Match at one IoU threshold.
+
+        Returns for each detection the column of the truth that it hit (an index in `columns`), or
+        -1, and a mask of ignored detections."""
         match = claim_then_test if self.protocol == "published" else greedy
         matched = match(self.iou, threshold)
         iou, share = self.elsewhere.T
@@ -451,6 +484,8 @@ def _overlap(
     *,
     outside: ArrayLike | None = None,
 ) -> _Overlaps:
+    # Overlaps of one frame; label: class number; location: " of frame N" for errors, or "". Present
+    # but not scored are uncounted truths and, if vehicles are scored, heavy vehicles.
     if np.isnan(detected.scores).any():
         raise ValueError(
             f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{location} "
@@ -484,6 +519,7 @@ def _overlap(
     elsewhere = np.stack(
         [unscored_iou.max(axis=1, initial=0), share.max(axis=1, initial=0)], axis=1
     )
+    # by descending score, then by descending best IoU: the last key of lexsort counts first
     order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
     best = rows[order]
     return _Overlaps(
@@ -498,6 +534,7 @@ def _overlap(
 
 
 def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:
+    # Thresholds as numbers; ValueError for an unknown metric or protocol, or a bad threshold.
     if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
         raise ValueError(
             f'metric is "3d" or "bev", protocol "exact" or "published", got {metric!r}, '

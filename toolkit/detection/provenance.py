@@ -19,7 +19,9 @@ def coview_version() -> str:
 
 
 def dataset_origin(dataset: object) -> dict[str, object]:
-    """Name and file of a recording, None for one in memory."""
+    """Name and path of a recording's file.
+
+    A recording in memory has the name of its class, and no path (None)."""
     path = getattr(dataset, "path", None)
     return {
         "dataset": type(dataset).__name__ if path is None else Path(path).name,
@@ -37,12 +39,14 @@ def detector_origin(detector: Detector) -> dict[str, Any]:
 
 
 def settings_origin(codec: Codec, **settings: object) -> dict[str, object]:
-    """Settings, codec and version."""
+    """Settings as given, with the codec's digest and the version of coview."""
     return {**settings, "codec": codec.digest, "coview": coview_version()}
 
 
 def with_file_digest(origin: Mapping[str, object]) -> dict[str, object]:
-    """Add the SHA-256 of the recording's file, None without one."""
+    """Return an origin with the SHA-256 of the recording's file, None without a file.
+
+    origin: has the file as `dataset_path`, see `dataset_origin`; it is not changed."""
     path = origin.get("dataset_path")
     digest = None
     if isinstance(path, str) and path and Path(path).is_file():

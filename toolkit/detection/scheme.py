@@ -17,7 +17,7 @@ from toolkit.detection.view import Fused as Fused, View
 
 @runtime_checkable
 class Counts(Protocol):
-    """Numbers of points of C candidates in F frames."""
+    """Numbers of points of C candidate sensors in F frames."""
 
     @property
     def sent(self) -> Float32[np.ndarray, "C F"]:
@@ -25,7 +25,7 @@ class Counts(Protocol):
 
     @property
     def on_objects(self) -> Float32[np.ndarray, "C F"]:
-        """Points on objects that count, without noise."""
+        """Points on objects that count, as measured without noise."""
 
     @property
     def far(self) -> Float32[np.ndarray, "C F"]:
@@ -53,18 +53,21 @@ class Scheme(Protocol):
         """True if each sensor detects in its points and sends boxes."""
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect together with sensors (indices, ascending) in one frame."""
+        """Fuse what sensors measure in one frame.
+
+        view: the frame as its sensors saw it; sensors: indices in the view, ascending. Returns
+        fused boxes, and bits of the sensors in this order."""
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Number of points that each candidate sends in each frame."""
+        """Number of points that each of C candidates sends in each of F frames."""
 
     def mask_pooled(
         self, distance: Float32[np.ndarray, "C O"], radius: float, /
     ) -> Bool[np.ndarray, "C O"] | None:
         """Mark objects whose points reach the centre in addition to boxes.
 
-        Returns None if the centre gets only points or only boxes. radius: the site's hybrid radius
-        (m)."""
+        distance: distance (m) of O objects from C candidates; radius: the site's hybrid radius (m).
+        Returns None if the centre gets only points or only boxes."""
 
 
 @runtime_checkable
@@ -72,10 +75,12 @@ class Chained(Protocol):
     """Extra members of a scheme whose messages need earlier ones."""
 
     def dependencies(self, number: int, /) -> Sequence[int]:
-        """Numbers of the messages needed to read one, including itself as the last."""
+        """Numbers of the frames whose messages are needed to read the message of a frame.
+
+        number: number of that frame, which is also the last of the result."""
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
-        """Bits that sensors send for a frame, arrived or not."""
+        """Bits that each of some sensors (indices) sends for a frame, arrived or not."""
 
 
 class DetectsOnce(Parameters):
@@ -102,9 +107,10 @@ def surrogate_name(scheme: Scheme) -> str:
 def estimate_bits(
     scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
-    """Expected bits of each candidate in all frames, whole numbers.
+    """Expected bits that each of C candidates sends in all frames, whole numbers.
 
-    boxes: number of detections of each candidate in all frames."""
+    codec: codec of the messages, unless the scheme brings another; counts: points of each candidate
+    in each frame; boxes: number of detections of each candidate in all frames."""
     codec = scheme_codec(scheme, codec)
     points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
     boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)

@@ -22,29 +22,31 @@ PAPER_SCHEMES = ("early", "late", "hybrid")  # order of schemes in tables and ob
 
 @dataclass(frozen=True)
 class Early(DetectsOnce):
-    """Early fusion."""
+    """Early fusion: sensors send all cropped points, and the centre detects in them together."""
 
     name: str = "early"
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect in all points that arrive."""
+        """Detect in the points of the sensors (indices, ascending), joined at the centre."""
         return view.fuse_points(view.share_points(sensors))
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return all points in the crop."""
+        """Return the number of points in the crop: all are sent.
+
+        counts: numbers of points of C candidates in F frames."""
         return counts.sent
 
 
 @dataclass(frozen=True)
 class Late(Parameters):
-    """Late fusion."""
+    """Late fusion: sensors send detected boxes, and the centre drops duplicates."""
 
     name: str = "late"
     sends_points: ClassVar[bool] = False
     sends_boxes: ClassVar[bool] = True
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes detected in each sensor's points."""
+        """Pool the boxes that each sensor (index, ascending) detects in its points."""
         sent = view.share_boxes(sensors)
         boxes = view.suppress([message.arrived for message in sent])
         return Fused(
@@ -61,10 +63,10 @@ class Late(Parameters):
 
 @dataclass(frozen=True)
 class Hybrid(Parameters):
-    """Hybrid fusion: boxes near the sensor, points far from it.
+    """Hybrid fusion: sensors send the boxes that they detect, and the points far from them.
 
-    radius: distance (m) within which no points are sent, None for the site's; metric: see
-    `is_beyond`."""
+    radius: distance from the sensor (m) within which no points are sent, None for the site's;
+    metric: plane in which the distance is measured, see `toolkit.points.is_beyond`."""
 
     radius: float | None = None
     metric: Distance = "horizontal"
@@ -79,7 +81,9 @@ class Hybrid(Parameters):
             )
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Fuse boxes as late fusion does, with detections in far points."""
+        """Pool the boxes of each sensor with the centre's detections in all far points, joined.
+
+        sensors: indices, ascending. A sensor's bits count its boxes and its far points."""
         radius = self.find_radius(view.site)
         far = partial(is_beyond, radius=radius, metric=self.metric)
         name = f"beyond {radius} m, {self.metric}"
@@ -94,7 +98,10 @@ class Hybrid(Parameters):
         return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return points beyond the site's radius; ValueError for another radius."""
+        """Return the number of points beyond the site's hybrid radius.
+
+        counts: numbers of points of C candidates in F frames. Raises ValueError if the scheme has
+        another radius or metric, for which nothing was counted."""
         if self.radius is not None or self.metric != "horizontal":
             remedy = "use Hybrid() at dataclasses.replace(site, hybrid_radius=...)"
             raise ValueError(
@@ -105,11 +112,14 @@ class Hybrid(Parameters):
     def mask_pooled(
         self, distance: Float32[np.ndarray, "C O"], radius: float, /
     ) -> Bool[np.ndarray, "C O"]:
-        """Mark objects beyond the radius."""
+        """Mark objects whose points reach the centre, as they are beyond the radius.
+
+        distance: distance (m) of O objects from C candidates; radius: the site's (m), used if the
+        scheme has no other."""
         return distance > (radius if self.radius is None else self.radius)
 
     def find_radius(self, site: Area) -> float:
-        """Radius at a site, the paper's for a bare area."""
+        """Radius (m) at a site: the scheme's, else the site's, else the paper's for a bare area."""
         if self.radius is not None:
             return self.radius
         return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS_M
@@ -120,7 +130,7 @@ SCHEMES = {scheme.name: scheme for scheme in _BUILT_IN}
 
 
 def schemes_in_steps(step: float) -> dict[str, Scheme]:
-    """Return the schemes by name, with messages in steps of `step` (m)."""
+    """Return the built-in schemes by name; foreground sends measurements in steps of `step` (m)."""
     return {**SCHEMES, "foreground": Foreground(step)}
 
 
@@ -150,12 +160,14 @@ def fuse_frame(
     """Fuse the measurements of a frame by a scheme or its name.
 
     sensors: indices or names in any order, None for all; site: a site, or its area xmin, ymin,
-    xmax, ymax (m); height: height of the crop (m), None for the site's, else 4. No noise is added:
-    draw it first with `toolkit.datasets.recordings`. Raises ValueError for a sensor that the frame
-    does not have or that is named twice."""
+    xmax, ymax (m); height: height of the crop (m), None for the site's, else 4; iou_threshold: BEV
+    IoU above which the less sure of two boxes of one label is dropped. No noise is added: draw it
+    first with `toolkit.datasets.recordings`. Raises ValueError for a sensor that the frame does not
+    have or that is named twice."""
     indices = select_sensors(frame.sensors, sensors)
     view = frame_view(
         frame, detector, site, height=height, codec=check_codec(codec), nms_iou=iou_threshold
     )
     fused = find_scheme(scheme).fuse(view, sorted(indices))
+    # bits are in ascending order of indices: argsort twice (the rank) puts them in the given order
     return Fused(fused.detections, fused.bits[np.argsort(np.argsort(indices))], fused.ms)

@@ -19,7 +19,7 @@ from toolkit.objects import LABELS, VEHICLE, Detections, label_index
 def _find_outside(
     truths: Sequence[FrameTruth], frame_detections: Sequence[Detections]
 ) -> list[Mask]:
-    """Masks of the detections of each frame that are outside its area."""
+    """Mask of the detections outside the area or the region with complete labels, by frame."""
     return [
         ~truth.inside(detections)
         for truth, detections in zip(truths, frame_detections, strict=True)
@@ -27,7 +27,12 @@ def _find_outside(
 
 
 class SetResults:
-    """Results of one scheme and sensor set in all frames, pooled into figures."""
+    """Results of one scheme and sensor set in all frames, pooled into figures.
+
+    job: settings of the evaluation; results: result of each frame; scheme: name of the scheme;
+    sensors: indices of the sensors. In the attributes, truths, detections and bits (of each sensor)
+    are lists by frame; ms is the median time of a frame (ms), kbit the mean that a sensor sends in
+    a frame (1000 bits); outside is None unless detections outside the area are treated apart."""
 
     def __init__(
         self, job: ScoringJob, results: Sequence[FrameResult], scheme: str, sensors: tuple[int, ...]
@@ -48,7 +53,10 @@ class SetResults:
             self.outside = _find_outside(self.truths, self.detections)
 
     def score_class(self, label: str, thresholds: Sequence[float]) -> dict[float, DetectionScore]:
-        """Scores of a class at its thresholds, and at the one of a true detection."""
+        """Scores of a class by IoU threshold.
+
+        label: name of the class; thresholds: to which the threshold of a true detection
+        (`TRUE_IOU`) is added."""
         return evaluate(
             self.detections,
             [truth.objects for truth in self.truths],
@@ -61,7 +69,9 @@ class SetResults:
         )
 
     def make_row(self, label: str, iou: float, score: DetectionScore) -> Row:
-        """Row of a class at one threshold."""
+        """Row of figures of a class at one threshold.
+
+        label: name of the class; iou: the threshold; score: score at this threshold."""
         return Row(
             scheme=self.scheme,
             sensors=self.sensors,
@@ -78,7 +88,9 @@ class SetResults:
         )
 
     def rate_threshold(self, label: str, score: DetectionScore) -> ClassFigures:
-        """Rate the detector's threshold, with second labels as false alarms."""
+        """Figures of a class at the detector's score threshold, with second labels as false alarms.
+
+        label: name of the class; score: score at the IoU of a true detection (`TRUE_IOU`)."""
         second_scores = self._second_scores(label)
         frames = len(self.results)
         detections = score.tp + score.fp + len(second_scores)
@@ -99,7 +111,9 @@ class SetResults:
         )
 
     def _second_scores(self, label: str) -> Float64[np.ndarray, " n"]:
-        """Scores of detections that give an object a second label; only vehicles can."""
+        """Scores of detections that give an object a second label, in all frames.
+
+        label: name of the class; only vehicles can be second labels."""
         scores = [np.zeros(0)]
         if label != LABELS[VEHICLE]:
             return scores[0]
@@ -116,7 +130,9 @@ class SetResults:
         return np.concatenate(scores)
 
     def break_down(self, title: str, labels: Iterable[str]) -> list[GroupRow]:
-        """AP of each class by range, by points and as other data sets count it."""
+        """AP of each class by range, by points and as other data sets count it.
+
+        title: name of scheme and sensor set in the rows; labels: names of the classes."""
         judged = [
             truth.judge(detections)
             for truth, detections in zip(self.truths, self.detections, strict=True)
@@ -127,7 +143,9 @@ class SetResults:
         return [replace(row, scheme=title) for row in rows]
 
     def find_load(self) -> LinkLoad | None:
-        """Load on a link; None without a rate, or if frames differ in their sensors."""
+        """Load of the sensors' messages on a shared link.
+
+        None without a rate, without sensors, or if frames differ in their number of sensors."""
         rate = self.job.comparison.rate
         numbers = {len(bits) for bits in self.bits}
         if rate is None or len(numbers) != 1 or numbers == {0}:
@@ -135,7 +153,10 @@ class SetResults:
         return link_load(np.array(self.bits), rate)
 
     def summarise(self, load: LinkLoad | None) -> dict[str, Any]:
-        """Counts, problems and costs of a scheme and set."""
+        """Counts, problems and costs of the scheme and sensor set, for text and JSON.
+
+        load: load on a link, None without one. If sensors send images of clouds, `images` counts
+        the points of each sensor's clouds, and the points that its images leave out, by kind."""
         problems = sum((Counter(result.problems) for result in self.results), Counter[str]())
         has_bits = any(len(bits) for bits in self.bits)
         summary: dict[str, Any] = {

@@ -24,10 +24,11 @@ STANDING_VOXEL_M = 0.25
 MAX_STILL_TURN_RAD = float(np.deg2rad(0.5))
 MIN_SCENE_SHARE = 0.5  # share of the points off the ground in such voxels, if sensors are still
 MAX_WAITING_S = 60.0  # in shorter recordings, vehicles that do not move may wait
-MIN_WAITING_SCORE = 0.5  # from which vehicles are kept as waiting
+MIN_WAITING_SCORE = 0.5  # score from which vehicles are kept as waiting
 _OFF_GROUND_M = 0.5  # above the lowest point of its square
 _SQUARE_M = 2.0
 _INDEX_BITS = 21  # for each index of a voxel
+# steps from a voxel to itself and to the six voxels that share a face with it
 _FACES = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
@@ -48,13 +49,17 @@ class StandingScene:
     waiting: bool
 
     def holds(self, points: Points) -> Mask:
-        """Mark points (world) in the scene."""
+        """Mask of points (m, world) in voxels of the scene."""
+        # row of the first key that is not less: the voxel's key if the scene has it
         keys = _voxel_keys(points, self.origin)
         rows = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         return self.keys[rows] == keys
 
     def leave_out(self, detections: Detections, points: Float[np.ndarray, "n 3"]) -> Detections:
-        """Return the detections (world) with enough points outside the scene."""
+        """Return the detections (world) with enough points outside the scene.
+
+        points: all points of the frame (m, world). If vehicles may only wait (`waiting`), those
+        with a high score are kept in any case."""
         new = points[~self.holds(points)]
         counts = count_points(points, detections.boxes)
         new_counts = count_points(new, detections.boxes)
@@ -66,7 +71,7 @@ class StandingScene:
         return detections[is_kept]
 
     def describe(self, left_out: int) -> str:
-        """Return in one line what is left out, and how to keep it."""
+        """Line of text on the number of detections left out, and on how to keep them."""
         rule = f"what stands in most of the {self.frames} frames is background"
         return (
             f"{rule}: {left_out} detections are left out; --detector general-background keeps them"
@@ -74,9 +79,10 @@ class StandingScene:
 
 
 def learn_standing_scene(frames: Frames) -> StandingScene | None:
-    """Learn the standing scene of a recording.
+    """Learn the standing scene of a recording from at most 20 of its frames, evenly spread.
 
-    Returns None with few frames, and if sensors or everything they see moves."""
+    Returns None with few frames, for a frame without points, and if sensors or everything they see
+    moves."""
     if len(frames) < MIN_STANDING_FRAMES:
         return None
     rows = np.unique(np.linspace(0, len(frames) - 1, MAX_LEARNT_FRAMES).astype(int)).tolist()
@@ -93,6 +99,7 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     if not all(map(len, clouds)):
         return None
     middle = np.median(clouds[0], axis=0)
+    # half the grid below the middle, so that the indices of all points are positive
     origin = middle - STANDING_VOXEL_M * (1 << (_INDEX_BITS - 1))
     occupied = [np.unique(_voxel_keys(cloud, origin)) for cloud in clouds]
     keys, count = np.unique(np.concatenate(occupied), return_counts=True)
@@ -101,7 +108,7 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     if not len(keys) or not len(high):
         return None
     seconds = max(times) - min(times)
-    # unknown times are NaN
+    # unknown times are NaN: `not >=` then counts the recording as short
     scene = StandingScene(origin, _grow(keys), len(frames), not seconds >= MAX_WAITING_S)
     return scene if scene.holds(high).mean() >= MIN_SCENE_SHARE else None
 
@@ -122,10 +129,11 @@ def _is_still(first: Frame, frame: Frame) -> bool:
 
 
 def _off_ground_mask(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Mark points well above the lowest point of their square.
+    """Mask of points well above the lowest point of their square (2 m) seen from above.
 
     Ground would look the same wherever a sensor moves."""
     square = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / _SQUARE_M).astype(np.int64)
+    # both indices in one number, the first above bit 32; number: index of each point's square
     _, number = np.unique(square[:, 0] << 32 | square[:, 1], return_inverse=True)
     lowest = np.full(number.max() + 1, np.inf)
     np.minimum.at(lowest, number, points[:, 2])
@@ -133,18 +141,22 @@ def _off_ground_mask(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n
 
 
 def _voxel_keys(points: Points, origin: Float64[np.ndarray, "3"]) -> Int64[np.ndarray, " n"]:
-    """Key of each point's voxel."""
+    """Key of each point's voxel: its three indices in one whole number.
+
+    points: m, world; origin: corner of the grid (m, world). Points outside the grid count to its
+    edge, a voxel inside so that neighbours have indices too."""
     last = (1 << _INDEX_BITS) - 2
     index = np.clip(np.floor((points - origin) / STANDING_VOXEL_M), 1, last).astype(np.int64)
     return _join_index(index)
 
 
 def _join_index(index: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
+    # Keys of voxels from their indices along x, y and z, 21 bits each.
     return (index[:, 0] << 2 * _INDEX_BITS) | (index[:, 1] << _INDEX_BITS) | index[:, 2]
 
 
 def _grow(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
-    """Return keys, and the keys of voxels that share a face with them."""
+    """Return keys of voxels and of all voxels that share a face with them, sorted."""
     mask = (1 << _INDEX_BITS) - 1
     index = np.column_stack([keys >> 2 * _INDEX_BITS, (keys >> _INDEX_BITS) & mask, keys & mask])
     return np.unique(np.concatenate([_join_index(index + face) for face in _FACES]))

@@ -30,12 +30,14 @@ class Survey:
 
     Attributes:
         frames: number of frames.
-        objects_per_frame: mean number of objects by class.
-        kbit_per_sensor: mean kbit of all points of each sensor.
-        counts: points of each sensor on each vehicle.
+        objects_per_frame: mean number of objects in a frame, by name of the class.
+        kbit_per_sensor: kbit (1000 bits) in which each sensor sends all its points, mean over all
+            frames.
+        counts: number of points of each sensor on each vehicle of all frames.
         provenance: data, settings and version.
-        by_class: points of each sensor on each object, for each counted class.
-        points_per_cloud: mean number of points of each sensor, by name.
+        by_class: number of points of each sensor on each object, by name of the counted class.
+        points_per_cloud: number of points of each sensor, by name; mean over the frames that have
+            the sensor.
         agreeing: number of labelled cuboids that hold as many points as the data set states, and
             number of cuboids for which it states a number; None if it states none.
         problems: labels and points left out in reading, by kind.
@@ -52,13 +54,15 @@ class Survey:
     problems: dict[str, int] = field(default_factory=dict)
 
     def points_on_vehicles(self, sensors: Sequence[int]) -> Int64[np.ndarray, " vehicles"]:
-        """Points of a sensor set (indices) on each vehicle."""
+        """Number of points on each vehicle from all sensors of a set (indices)."""
         return self.counts[:, list(sensors)].sum(axis=1)
 
     def points_on_objects(
         self, label: str, sensors: Sequence[int]
     ) -> Int64[np.ndarray, " objects"]:
-        """Points on each object of a counted class, or ValueError."""
+        """Number of points on each object of a class from all sensors of a set (indices).
+
+        Raises ValueError for a class whose points were not counted."""
         if label not in self.by_class:
             raise ValueError(
                 f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}"
@@ -66,7 +70,9 @@ class Survey:
         return self.by_class[label][:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
-        """Share of objects of a class, or of vehicles, without a point; NaN without objects."""
+        """Share (0 to 1) of objects without a point from any sensor of a set (indices).
+
+        label: name of a counted class, None for vehicles. NaN without objects."""
         if label is None:
             points = self.points_on_vehicles(sensors)
         else:
@@ -74,7 +80,10 @@ class Survey:
         return float((points == 0).mean()) if len(points) else float("nan")
 
     def as_dict(self, sensor_sets: Sequence[Sequence[int]]) -> dict[str, Any]:
-        """Return the figures for JSON, undefined as None."""
+        """Return the figures for JSON.
+
+        sensor_sets: sets of sensor indices for which points on objects are summed up. Figures of a
+        class without objects are None, except `unseen` of vehicles, which is NaN."""
         sensors_by_name = {",".join(map(str, sensors)): sensors for sensors in sensor_sets}
         classes = {}
         for label, counts in self.by_class.items():
@@ -106,7 +115,7 @@ class Survey:
         return {**means, "unseen": unseen, "classes": classes, **agree, "provenance": provenance}
 
     def text(self, sensor_sets: Sequence[Sequence[int]]) -> str:
-        """Return the figures as lines of text."""
+        """Return the figures as lines of text; sensor_sets: sets of sensor indices."""
         figures = self.as_dict(sensor_sets)
         objects = "  ".join(
             f"{name} {number:.2f}" for name, number in self.objects_per_frame.items()
@@ -143,9 +152,10 @@ def survey(
 ) -> Survey:
     """Count objects, points and bits over the frames of a recording.
 
-    classes: classes whose points are counted, in addition to vehicles; reads: errors of the sensors
-    and number of frames; codec: codec of the points; progress: called with the number of frames
-    done. Raises ValueError for an unknown class or error profile, and without frames."""
+    classes: names or numbers of the classes for which points on objects are counted, in addition to
+    vehicles; reads: errors of the sensors and number of frames; codec: codec that gives the bits of
+    the points; progress: called with the number of frames done. Raises ValueError for an
+    unknown class or error profile, and without frames."""
     check_codec(codec)
     class_numbers = sorted({label_index(label) for label in classes})
     total = reads.count(recording)
@@ -197,10 +207,10 @@ class _FrameCounts(NamedTuple):
     """Counts of one frame.
 
     Attributes:
-        labels: class of each object.
-        points_on: points of each sensor on each object, by the sensor's name.
-        points: points of each sensor, by name.
-        kbit: kbit of each sensor, by name.
+        labels: class number of each object (index in `toolkit.objects.LABELS`).
+        points_on: number of points on each object, by name of the sensor.
+        points: number of points of each sensor, by name.
+        kbit: kbit (1000 bits) in which each sensor sends its points, by name.
         agree: labelled cuboids that hold as many points as the data set states.
         compared: labelled cuboids for which the data set states a number.
     """
@@ -214,7 +224,10 @@ class _FrameCounts(NamedTuple):
 
 
 def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
-    """Count points, bits and agreeing cuboids of a frame."""
+    """Count the points, bits and agreeing cuboids of a frame.
+
+    site: site whose area limits the objects and points that count, None for all of them; codec:
+    gives the bits of the points."""
     objects = frame.objects
     count = count_points
     if site is None:
@@ -243,6 +256,8 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
 
 
 def _join_column(frames: Sequence[_FrameCounts], name: str) -> Int64[np.ndarray, " objects"]:
-    """Points of a sensor on the objects of all frames, 0 in frames that lack it."""
+    """Number of points on each object of all frames from one sensor.
+
+    name: name of the sensor; objects of frames without the sensor have 0 points."""
     columns = [frame.points_on.get(name, np.zeros_like(frame.labels)) for frame in frames]
     return np.concatenate(columns)

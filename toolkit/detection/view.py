@@ -26,10 +26,12 @@ from toolkit.points import Area, Crop, crop_image, crop_sensor, detect_on_ground
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-NMS_IOU = 0.1
+NMS_IOU = 0.1  # BEV IoU above which the less sure of two boxes of one label is dropped
 LinkMemory = dict[tuple[int, str], Any]  # state of links between frames, by sensor (index) and name
 _Value = TypeVar("_Value")
+# Puts points (m) of a frame's world on level ground.
 Lift = Callable[[Float32[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
+# Returns the mask of the points (world frame, m) of a sensor that are kept.
 Keep = Callable[[Float32[np.ndarray, "n 3"], Sensor], Mask]
 
 
@@ -38,12 +40,14 @@ class Cloud:
     """Points of one sensor of a view.
 
     Attributes:
-        sensor: index of the sensor.
-        history: steps that its cropped points went through; clouds of one sensor and frame with
-            equal histories are equal.
-        points: the points, world frame (m).
-        ms: time after the measurement at which they are ready.
-        rows: rows of the points among the sensor's cropped points, None for all.
+        sensor: index of the sensor in the view.
+        history: names of the steps that the sensor's cropped points went through, () for the
+            cropped points as measured; clouds of one sensor and frame with equal histories hold the
+            same points.
+        points: x, y and z (m, world frame) of each point.
+        ms: milliseconds after the measurement at which the points are ready.
+        rows: row of each point among the sensor's cropped points, None if all are here in their
+            order, or if the points arrived over a link.
     """
 
     sensor: int
@@ -55,16 +59,17 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """Image in which a sensor's points were measured: number `index` of a frame.
+    """Range image in which a sensor's points were measured, with the crop that selects them.
 
     Attributes:
-        frame: frame of the image.
-        index: index of the sensor.
-        area: area of the crop.
-        height: height of the crop (m), None for the area's.
-        crop_pixels: pixels of the points in the crop, in the points' order, None to find them.
-        lift: what was done to points of the frame's world before they were cropped, such as putting
-            them on level ground.
+        frame: frame that holds the image.
+        index: index of the sensor and its image in the frame.
+        area: detection area, a site or xmin, ymin, xmax, ymax (m).
+        height: height below which points are kept (m), None for the area's default.
+        crop_pixels: flat index (row by row) of each cropped point's pixel, in the order of the
+            points; None if `pixels` has to find them.
+        lift: transform of points of the frame's world that was applied before the crop, such as
+            putting them on level ground; None if there was none.
     """
 
     frame: Frame
@@ -76,17 +81,17 @@ class Captured:
 
     @property
     def sensor(self) -> Sensor:
-        """Sensor of the image, at its assumed pose."""
+        """Sensor of the image, at the pose that the centre assumes."""
         return self.frame.sensors[self.index]
 
     @property
     def measurement(self) -> ImageRanges:
-        """Measurements of the whole image."""
+        """Measurement of every pixel (m), inside the crop and outside."""
         return self.frame.images[self.index]
 
     @cached_property
     def pixels(self) -> Int64[np.ndarray, " n"]:
-        """Pixels of the points in the crop, in their order."""
+        """Flat index (row by row) of each cropped point's pixel, in the order of the points."""
         if self.crop_pixels is not None:
             return self.crop_pixels
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
@@ -95,7 +100,9 @@ class Captured:
         )[1]
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
-        """Image with only some of the pixels."""
+        """Return a range image to send: the measurements of some pixels, 0 in all others.
+
+        pixels: flat indices (row by row) of the pixels to keep."""
         sent = np.zeros(self.measurement.size, np.float32)
         sent[pixels] = self.measurement.ravel()[pixels]
         return RangeImage(
@@ -103,7 +110,10 @@ class Captured:
         )
 
     def points(self, image: ImageRanges) -> Float32[np.ndarray, "n 3"]:
-        """Points, world frame, that an image of this sensor measures."""
+        """Convert an image of this sensor to points, lifted like the measured points.
+
+        image: measurements (m), such as restored by the centre; pixels without a return give no
+        point. The points (m) are in row order of their pixels."""
         xyz, valid = unproject(
             self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None
         )
@@ -113,9 +123,10 @@ class Captured:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Detections, and when they are ready.
+    """Detections, with the time at which they are ready.
 
-    sensor: index of the sensor whose points they were detected in, None for several."""
+    ms: milliseconds after the measurement; sensor: index of the sensor in whose points the boxes
+    were detected, None if they come from the points of several sensors."""
 
     detections: Detections
     ms: float
@@ -126,7 +137,7 @@ _Arrived = TypeVar("_Arrived", Cloud, Boxes)
 
 
 class Sent(NamedTuple, Generic[_Arrived]):
-    """Points or detections that arrived at the centre, and their cost."""
+    """Cloud or boxes as decoded at the centre, and the bits of their message."""
 
     arrived: _Arrived
     bits: int
@@ -134,9 +145,10 @@ class Sent(NamedTuple, Generic[_Arrived]):
 
 @dataclass(frozen=True)
 class Fused:
-    """Fused detections of a frame.
+    """Fused detections of a frame, with what they cost.
 
-    bits: bits of each sensor, in the order named; ms: time from measurement to fused boxes."""
+    bits: bits that each sensor sent, in the order in which the caller named the sensors; ms:
+    milliseconds from the measurement to the fused boxes."""
 
     detections: Detections
     bits: Int64[np.ndarray, " sensors"]
@@ -144,15 +156,17 @@ class Fused:
 
     @property
     def kbit_per_sensor(self) -> float:
-        """Mean kbit (1000 bit) over the sensors, 0 without any."""
+        """Mean kbit (1000 bits) that a sensor sent, 0 without sensors."""
         return float(self.bits.mean()) / 1000 if len(self.bits) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Images behind the points of sensors (index), and their empty scenes if known.
+    """Access to the images behind a view's points, and to the sensors' empty scenes.
 
-    time, number: time and number of the frame."""
+    capture: returns a sensor's image by the sensor's index, None if the points have no image;
+    scene: returns a sensor's empty scene by index, None if scenes are unknown; time, number: time
+    (s) and number of the frame, written into messages."""
 
     capture: Callable[[int], Captured] | None = None
     scene: Callable[[int], EmptyScene] | None = None
@@ -161,13 +175,14 @@ class Images:
 
 
 class View:
-    """View of one frame.
+    """View of one frame: clouds, messages and detections, each computed once and kept.
 
-    site: a site or an area; measure: returns the cropped points of a sensor (index); run: the
-    detector, on the points of some clouds together; codec: codec of the messages; nms_iou: BEV IoU
-    above which the less sure of two boxes of one label is dropped; images: images behind the
-    points, None without; memory: passed from one frame's view to the next if frames are read in
-    order."""
+    site: a site or an area (xmin, ymin, xmax, ymax, m); sensors: sensors of the frame, which all
+    methods name by their index here; measure: returns the cropped points of a sensor, given its
+    index; run: detects in the points of the given clouds, joined; codec: codec of the messages;
+    nms_iou: BEV IoU above which the less sure of two boxes of one label is dropped; images: images
+    behind the points, None without; memory: state of the links, passed from one frame's view to the
+    next if frames are read in order and changed in place, None for a fresh one."""
 
     def __init__(
         self,
@@ -189,6 +204,8 @@ class View:
         self._measure = measure
         self._run = run
         self._images = images or Images()
+        # Results by (sensor, history), except messages: by the cloud or boxes sent, or by (sensor,
+        # name) in `transmit`. Clouds and boxes are compared by identity.
         self._captured: dict[int, Captured] = {}
         self._clouds: dict[tuple[int, tuple[str, ...]], Cloud] = {}
         self._detected: dict[tuple[int, tuple[str, ...]], Boxes] = {}
@@ -196,14 +213,17 @@ class View:
         self._sent_boxes: dict[Boxes, Sent[Boxes]] = {}
 
     def cloud(self, sensor: int) -> Cloud:
-        """Points of a sensor in the site's area, world frame."""
+        """Cropped points of a sensor (index), measured at the first call."""
         if (sensor, ()) not in self._clouds:
             start = perf_counter()
             self._clouds[sensor, ()] = Cloud(sensor, (), self._measure(sensor), _ms_since(start))
         return self._clouds[sensor, ()]
 
     def part(self, cloud: Cloud, name: str, keep: Keep) -> Cloud:
-        """Keep the points of a cloud that `keep` selects."""
+        """Return the points of a cloud that `keep` selects.
+
+        name: name of the selection. The result is cached by it, so one name must always mean one
+        selection; keep: returns the mask of the points to keep, given points and sensor."""
         key = cloud.sensor, (*cloud.history, name)
         if key not in self._clouds:
             start = perf_counter()
@@ -214,7 +234,9 @@ class View:
         return self._clouds[key]
 
     def captured(self, sensor: int) -> Captured:
-        """Image behind a sensor's points; ValueError without images."""
+        """Image behind a sensor's points, by the sensor's index.
+
+        Raises ValueError if the view has no images."""
         if self._images.capture is None:
             raise ValueError(
                 "this view has points alone, no images: choose a scheme and codec that work with "
@@ -225,7 +247,9 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor; ValueError if the view knows no scenes."""
+        """Empty scene of a sensor, by the sensor's index.
+
+        Raises ValueError if the view knows no scenes."""
         if self._images.scene is None:
             raise ValueError(
                 "this view knows no empty scenes: pass some of toolkit.calibration.empty_scene"
@@ -233,9 +257,10 @@ class View:
         return self._images.scene(sensor)
 
     def remember(self, sensor: int, name: str, begin: Callable[[], _Value]) -> _Value:
-        """State of a sensor's link between frames, made by `begin` in the first frame.
+        """Return the state of a sensor's link, kept from frame to frame in the view's memory.
 
-        name: name of the link."""
+        sensor: index of the sensor; name: name of the link, such as a scheme's digest; begin: makes
+        the state if the memory has none yet. The caller changes the state in place."""
         if (sensor, name) not in self._memory:
             self._memory[sensor, name] = begin()
         state: _Value = self._memory[sensor, name]
@@ -244,10 +269,11 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send an image of a sensor to the centre.
+        """Send a sensor's measurement over a link that the caller provides, once per name.
 
-        through: returns the points that the centre gets and the bits that were sent; name: states
-        everything that this depends on in addition to the measurement."""
+        sensor: index of the sensor; name: states everything except the measurement that the message
+        depends on, as the result is cached by it; through: encodes, decodes and returns the points
+        (world frame, m) that the centre gets and the bits that were sent."""
         if (sensor, name) not in self._sent_clouds:
             measured = self.cloud(sensor)
             start = perf_counter()
@@ -258,7 +284,10 @@ class View:
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
-        """Detect in the points of some clouds together."""
+        """Detect in the joined points of one or more clouds.
+
+        Boxes of a single cloud are cached; boxes of several are not."""
+        # None for several clouds, a key that the cache never holds
         key = (clouds[0].sensor, clouds[0].history) if len(clouds) == 1 else None
         if key in self._detected:
             return self._detected[key]
@@ -270,7 +299,9 @@ class View:
         return boxes
 
     def send_points(self, cloud: Cloud) -> Sent[Cloud]:
-        """Send a cloud through the codec."""
+        """Send a cloud through the codec: as pixels of its image if possible, else as points.
+
+        Returns the points that the centre decodes, and the bits of the message."""
         if cloud not in self._sent_clouds:
             start = perf_counter()
             if isinstance(self.codec, ImageCodec) and self._images.capture is not None:
@@ -281,6 +312,7 @@ class View:
             else:
                 message = self.codec.encode_points(cloud.points)
                 points = self.codec.decode_points(message)
+            # A lossless codec returns the very array: the history stays, so detections are shared.
             coded = () if points is cloud.points else (self.codec.digest,)
             arrived = Cloud(
                 cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start)
@@ -289,8 +321,10 @@ class View:
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
-        """Send a sensor's detections through the codec; ValueError for detections of several
-        sensors."""
+        """Send a sensor's detections through the codec.
+
+        Returns the boxes that the centre decodes, and the bits of the message. Raises ValueError
+        for boxes detected in the points of several sensors."""
         if boxes.sensor is None:
             raise ValueError(
                 "boxes are sent by the sensor that detected them, got those of several: send "
@@ -310,7 +344,10 @@ class View:
     def share_points(
         self, sensors: Sequence[int], part: str = "", keep: Keep | None = None
     ) -> list[Sent[Cloud]]:
-        """Send the cloud of each sensor, or only the points that `keep` selects."""
+        """Send the cloud of each sensor (index), or only the points that `keep` selects.
+
+        part: name of the selection, see `part`; keep: returns the mask of the points to send, None
+        to send all points. Messages come back in the order of the sensors."""
         clouds = [self.cloud(sensor) for sensor in sensors]
         return [
             self.send_points(cloud if keep is None else self.part(cloud, part, keep))
@@ -318,18 +355,22 @@ class View:
         ]
 
     def fuse_points(self, sent: Sequence[Sent[Cloud]]) -> Fused:
-        """Detect in all points that arrive."""
+        """Detect in all points that arrived, joined, and drop duplicate boxes.
+
+        sent: message of each sensor, in the order of the bits in the result."""
         boxes = self.suppress([self.detect([message.arrived for message in sent])])
         return Fused(
             boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
         )
 
     def share_boxes(self, sensors: Sequence[int]) -> list[Sent[Boxes]]:
-        """Send what is detected in the cloud of each sensor."""
+        """Send the boxes detected in the cloud of each sensor (index), in that order."""
         return [self.send_boxes(self.detect([self.cloud(sensor)])) for sensor in sensors]
 
     def suppress(self, inputs: Sequence[Boxes]) -> Boxes:
-        """Pool all boxes, best first, without duplicates."""
+        """Pool boxes, drop duplicates and sort the rest, best score first.
+
+        They are ready after the last of the inputs plus the time that pooling takes."""
         start = perf_counter()
         merged = suppress(Detections.merge([boxes.detections for boxes in inputs]), self.nms_iou)
         return Boxes(
@@ -348,9 +389,12 @@ def frame_view(
     scene: Callable[[int], EmptyScene] | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame, cropped to a site or area below a height (m).
+    """Return the view of a frame that has images, cropped to a site or area.
 
-    scene, memory: see `View`."""
+    height: height below which points are kept (m), None for the site's or area's default; scene:
+    returns a sensor's empty scene by index, None if unknown; memory: state of the links, see
+    `View`. On sloping ground, the detector works on levelled points and its boxes are tilted
+    back."""
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(
@@ -366,15 +410,17 @@ def frame_view(
 
 
 def together(clouds: Sequence[Cloud]) -> Float32[np.ndarray, "n 3"]:
-    """Join the points of several clouds."""
+    """Join the points of several clouds into one (n, 3) array, empty without clouds."""
+    # the empty array, because no clouds cannot be concatenated
     return np.concatenate([np.zeros((0, 3), np.float32), *(cloud.points for cloud in clouds)])
 
 
 def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detections:
-    """Drop detections that overlap a surer one of their label by more than a BEV IoU.
+    """Drop detections that overlap a surer detection of the same label.
 
-    They come back best first. Equal scores are settled by the boxes' numbers, so the order of the
-    input makes no difference."""
+    iou_threshold: BEV IoU above which the less sure is dropped. The rest come back best first.
+    Equal scores are ordered by the values of box and label, so that the order of the input makes no
+    difference."""
     boxes = detections.boxes
     scores = detections.scores
     labels = detections.labels
@@ -383,15 +429,17 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
 
 
 def _last(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
+    # Time (ms) at which the last source is ready, 0 without sources.
     return max((source.ms for source in sources), default=0.0)
 
 
 def _sent_time(frame: Frame) -> float:
-    """Time of a frame in messages, 0 if unknown."""
+    """Time of a frame (s) as written into messages, 0 if it is unknown or negative."""
     return frame.time if np.isfinite(frame.time) and frame.time >= 0 else 0.0
 
 
 def _ms_since(start: float) -> float:
+    # Milliseconds since `start`, a value of perf_counter (s).
     return (perf_counter() - start) * 1e3
 
 
@@ -405,11 +453,14 @@ def stand_view(
     scenes: Scenes | None = None,
     memory: LinkMemory | None = None,
 ) -> View:
-    """Return the view of a frame on level ground, at its site or counted from the middle.
+    """Return the view of a frame on level ground, at its site or counted from the area's middle.
 
-    With scenes, clouds are images too, so schemes that send pixels work as on simulated frames: a
-    sensor has the points that its image shows, and the points that the centre restores are on the
-    rays of its cells. memory: state of the links, from frame to frame."""
+    stand: area and ground of the frame. At a site, this is `frame_view`; elsewhere, points and
+    boxes are in m from the middle of the area, above level ground. scenes: empty scenes of the
+    sensors, None to send clouds as points. With scenes, clouds are images too, so that schemes that
+    send pixels work as on simulated frames: a sensor has the points that its image shows, and the
+    points that the centre restores are on the rays of its cells. memory: state of the links,
+    changed in place from frame to frame."""
     if isinstance(stand.area, Site):
         return frame_view(
             frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory
@@ -420,7 +471,9 @@ def stand_view(
 
     @cache
     def show(k: int, scenes: Scenes) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        """Points in the crop that a cloud's image shows, with it."""
+        """Cropped points (level ground, m from the middle) of cloud `k`, and their image.
+
+        Only points that the image of the cloud shows are kept."""
         cloud = frame.clouds[k]
         image = scenes.image(cloud)
         sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)

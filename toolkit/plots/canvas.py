@@ -29,14 +29,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
 
-DPI = 150
+DPI = 150  # pixels per inch of written pictures
 CHART_INCHES = 7.0  # width of a chart
 
 
 def add_legend(
     owner: "Axes | FigureBase", handles: "Sequence[Artist]", labels: Sequence[str], **look: Any
 ) -> None:
-    """Add a legend of literal labels."""
+    """Add a legend whose labels are shown literally.
+
+    owner: axes or figure to which the legend belongs; handles: artists that it explains; labels:
+    their names, which may begin with "_"; look: other arguments of matplotlib's `legend`."""
     legend = owner.legend(handles, [str(k) for k in range(len(labels))], **look)
     for text, label in zip(legend.get_texts(), labels, strict=True):
         text.set_text(label)  # the call above would drop names that begin with "_"
@@ -44,17 +47,20 @@ def add_legend(
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Context in which pictures have the common style."""
+    """Context in which pictures have the common style, whatever the user's settings."""
     from matplotlib import style
 
     with style.context(Path(__file__).parent / "house.mplstyle"), catch_warnings():
-        # `set_letters` gives it another
+        # `set_letters` replaces such a letter or its font, so the warning would mislead
         filterwarnings("ignore", message="Glyph .* missing from font")
         yield
 
 
 def blank_figure(width: float, height: float, *, constrained: bool = False) -> "Figure":
-    """Figure of this size (inches) without a window."""
+    """Empty figure without a window.
+
+    width, height: inches; constrained: whether matplotlib arranges its parts so that they do not
+    overlap."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -70,8 +76,9 @@ def check_picture(out: Path | str) -> None:
 
 
 def write_figure(figure: "Figure", out: Path | str) -> None:
-    """Write a figure as SVG or PNG, with the same bytes each time. Raises ValueError for another
-    suffix."""
+    """Write a figure as SVG or PNG by the suffix, with the same bytes each time.
+
+    Raises ValueError for another suffix."""
     check_picture(out)
     set_letters(figure)
     drawn = BytesIO()
@@ -91,8 +98,10 @@ def render_pixels(figure: "Figure") -> Shaped[np.ndarray, "height width 3"]:
 
 
 def set_letters(figure: "Figure") -> None:
-    """Give texts whose letters the house's font lacks another font of this computer. A text that no
-    font can set is numbered, and a warning names it and its letters."""
+    """Give texts another font of this computer if DejaVu Sans lacks their letters.
+
+    The figure's texts are changed in place. A text that no font can set is replaced by a number,
+    and a warning names it and its letters."""
     from matplotlib import ft2font
     from matplotlib.font_manager import fontManager
     from matplotlib.text import Text
@@ -100,6 +109,7 @@ def set_letters(figure: "Figure") -> None:
     foreign = [text for text in figure.findobj(Text) if not text.get_text().isascii()]
     if not foreign:
         return
+    # newer versions of matplotlib join and order letters by libraqm
     shaping = hasattr(ft2font, "__libraqm_version__")
     fonts = choose_fonts(
         (text.get_text() for text in foreign), own_font("DejaVuSans"), shaping=shaping
@@ -110,7 +120,7 @@ def set_letters(figure: "Figure") -> None:
     for text in foreign:
         letters = set(map(ord, text.get_text())) & usual
         if not letters <= list_letters(Path(fontManager.findfont(text.get_fontproperties()))):
-            text.set_fontweight("normal")  # some of them are in no bold font
+            text.set_fontweight("normal")  # the bold DejaVu Sans lacks some of the letters
         text.set_fontfamily([*text.get_fontfamily(), *fonts.families])
     numbers: dict[str, str] = {}
     for text in foreign:
@@ -133,14 +143,16 @@ def set_letters(figure: "Figure") -> None:
 
 
 def svg_text(figure: "Figure", title: str = "") -> str:
-    """Return the figure as an <svg> element. Its texts are outlines. It is for a page or a file.
-    title: for screen readers. Ids begin with a digest of the figure, so that several pictures can
-    share a page."""
+    """Return the figure as an <svg> element, for a page or a file, with texts as outlines.
+
+    title: title for screen readers, "" without one. Ids begin with a digest of the figure, so that
+    several pictures can share a page."""
     set_letters(figure)
     drawn = BytesIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(drawn, format="svg", dpi=DPI, metadata=nothing)
     text = drawn.getvalue().decode()
+    # drop comments, metadata, and everything before the element
     text = re.sub(r"<!--.*?-->\s*", "", text[text.index("<svg") :], flags=re.DOTALL).strip()
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' d="([^"]*)"', _short_path, text)
@@ -158,6 +170,7 @@ def svg_text(figure: "Figure", title: str = "") -> str:
 
 def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
     """Write a chart's title and subtitle at the top left."""
+    # distances from the top in inches, which do not depend on the chart's height
     _, height = figure.get_size_inches()
     figure.text(
         0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center"
@@ -166,7 +179,9 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Limits of an axis from 0 to a little above the greatest value."""
+    """Limits of an axis from 0 to a tenth above the greatest value.
+
+    They are 0 and 1 if no value is above 0."""
     greatest = max(0.0, *values) if len(values) else 0.0
     return 0.0, 1.1 * float(greatest) if greatest > 0 else 1.0
 
@@ -177,7 +192,9 @@ def plain(text: str) -> str:
 
 
 def shorten(text: str, max_letters: int) -> str:
-    """Shorten a plain text, with "…" in its middle. max_letters: number of letters."""
+    """Shorten a text to at most `max_letters` letters, with "…" in its middle.
+
+    Unprintable characters become spaces."""
     text = plain(text)
     if len(text) <= max_letters:
         return text
@@ -186,8 +203,9 @@ def shorten(text: str, max_letters: int) -> str:
 
 
 def _short_path(attribute: re.Match[str]) -> str:
-    """Round the coordinates of a path to a hundredth of a point, and drop spaces around its
-    letters."""
+    """Shorten an SVG path: coordinates to a hundredth of a point, no spaces around letters.
+
+    attribute: match of ` d="..."`, whose first group is the path. Returns the whole attribute."""
     rounded = re.sub(
         r"-?\d+\.\d+",
         lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."),

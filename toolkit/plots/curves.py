@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _ROW = 0.19  # inches of a row of the legend
 FEW = 100.0  # points on an object; the axis is linear up to here
+# x and y of curves, by name
 _Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]]
 
 
@@ -26,7 +27,10 @@ def draw_pr_curves(
     *,
     title: str = "",
 ) -> None:
-    """Draw precision over recall."""
+    """Draw precision over recall.
+
+    curves: recall and precision of each curve, by its name in the legend; out: picture to write,
+    PNG or SVG by its suffix; title: "" for a usual one."""
     axes: PlotStyle = {
         "xlabel": "recall",
         "ylabel": "precision",
@@ -39,6 +43,8 @@ def draw_pr_curves(
 def _draw_curves(
     curves: _Curves, out: Path | str, title: str, look: PlotStyle, marker: str = ""
 ) -> None:
+    # Write a picture of curves; look: properties of the axes, for matplotlib; marker: mark at each
+    # point, "" without.
     with house_style():
         figure, axes = curve_axes(title, len(curves))
         for number, (x, y) in enumerate(curves.values()):
@@ -52,9 +58,11 @@ def _draw_curves(
 def draw_density_cdf(
     counts: Mapping[str, Int[np.ndarray, " _"]], out: Path | str, *, title: str = ""
 ) -> None:
-    """Draw the share of objects over their points. There is one cumulative curve for each sensor
-    set (paper, impact of point density). The axis is linear up to `FEW` points and logarithmic
-    beyond."""
+    """Draw the share of objects with at most so many points, a curve for each sensor set.
+
+    counts: number of points on each object, by the name of the set; out: picture to write, PNG or
+    SVG by its suffix; title: "" for a usual one. As in the paper (impact of point density). The
+    axis is linear up to `FEW` points and logarithmic beyond."""
     with house_style():
         figure, axes = curve_axes(title or "Points on an object", len(counts))
         for number, points in enumerate(counts.values()):
@@ -82,8 +90,10 @@ def draw_density_cdf(
 def draw_training(
     curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], out: Path | str
 ) -> None:
-    """Draw a training as losses.png, and ap.png if AP was measured. curves: name -> (epochs,
-    values)."""
+    """Draw the curves of a training as losses.png, and ap.png if AP was measured.
+
+    curves: epochs and values of each curve, by name; names that begin with "AP" are APs, all others
+    losses; out: folder for the pictures."""
     for picture, measured in (("losses.png", False), ("ap.png", True)):
         pictured = {
             name: curve for name, curve in curves.items() if name.startswith("AP") == measured
@@ -96,8 +106,9 @@ def draw_training(
 
 
 def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
-    """Figure with one axes and room for a legend. The legend is below the axes, with a row for each
-    curve."""
+    """Figure with one axes, and room for a legend below them.
+
+    curves: number of curves; each has a row in the legend."""
     figure = blank_figure(6.0, 4.2 + _ROW * curves, constrained=True)
     axes = figure.subplots()
     axes.set_title(plain(title), loc="left", fontweight="bold")
@@ -106,7 +117,7 @@ def curve_axes(title: str, curves: int) -> "tuple[Figure, Axes]":
 
 
 def name_curves(axes: "Axes", names: Sequence[str]) -> None:
-    """Name the lines of the axes in a legend below."""
+    """Name the first lines of the axes, in the order drawn, in a legend below them."""
     if names:
         labels = [shorten(name, 80) for name in names]
         lines = axes.get_lines()[: len(names)]

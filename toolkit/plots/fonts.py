@@ -11,8 +11,9 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-# fonts of boxes
+# parts of the names of fonts that draw a box in place of every letter
 PLACEHOLDERS = ("lastresort", "last resort", "adobeblank", "adobe blank", "notdef", "keyboard")
+# beginnings of the names of families, best first
 PREFERRED = (
     "noto sans",
     "dejavu sans",
@@ -44,9 +45,9 @@ class FontChoice(NamedTuple):
     """Fonts for some letters.
 
     Attributes:
-        files: the fonts' files, in the order of use.
-        families: their names.
-        unset: letters that no font has.
+        files: files of the fonts, in the order of use.
+        families: names of the fonts' families, each once.
+        unset: letters that no font can set.
     """
 
     files: tuple[Path, ...]
@@ -55,17 +56,18 @@ class FontChoice(NamedTuple):
 
 
 def own_font(name: str) -> Path:
-    """File of a font that comes with matplotlib."""
+    """File of a font that comes with matplotlib, by its name such as DejaVuSans."""
     import matplotlib
 
     return Path(matplotlib.get_data_path(), "fonts", "ttf", f"{name}.ttf")
 
 
 def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> FontChoice:
-    """Choose fonts for the letters of texts that `base` lacks, as few as possible.
+    """Choose fonts for the letters of texts that a font lacks, as few as possible.
 
-    shaping: whoever sets the texts joins and orders letters as their script asks for; otherwise
-    scripts that need it count as unset."""
+    base: file of the font in which the texts are set; shaping: True if the program that sets the
+    texts joins and orders letters as their script requires; otherwise letters of scripts that need
+    it count as unset."""
     letters = {letter for text in texts for letter in text if _is_drawn(letter)}
     missing = frozenset(letter for letter in letters if ord(letter) not in list_letters(base))
     if not shaping:
@@ -76,14 +78,15 @@ def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> F
 
 
 def name_letters(letters: Iterable[str]) -> str:
-    """Letters by their code points, which any font can set."""
+    """List letters by their code points, such as "U+4EA4, U+901A", which any font can set."""
     return ", ".join(f"U+{ord(letter):04X}" for letter in sorted(letters))
 
 
 @cache
 def list_letters(font: Path) -> frozenset[int]:
-    """Code points that a font can draw; none for a file that is no outline font, or one of
-    boxes."""
+    """Code points that a font can draw, by its file.
+
+    Empty for a file that is not an outline font, and for a font that draws boxes."""
     from matplotlib.ft2font import FT2Font
 
     try:
@@ -97,14 +100,14 @@ def list_letters(font: Path) -> frozenset[int]:
 
 
 def list_system_fonts() -> tuple[Path, ...]:
-    """Font files of this computer."""
+    """Files of the fonts that this computer has, sorted."""
     from matplotlib import font_manager
 
     return tuple(sorted(map(Path, font_manager.findSystemFonts())))
 
 
 def family_name(font: Path) -> str:
-    """Family of a font's first face."""
+    """Name of the family of a font, by its file; the first font of a collection counts."""
     from matplotlib.ft2font import FT2Font
 
     return str(FT2Font(str(font)).family_name)
@@ -112,6 +115,8 @@ def family_name(font: Path) -> str:
 
 @cache
 def _choose(missing: frozenset[str]) -> FontChoice:
+    # Fonts for missing letters: DejaVu Sans and, if it lacks some, fonts of the computer. Again and
+    # again, the font with the most letters that are still unset is taken.
     unset = {ord(letter) for letter in missing}
     files: list[Path] = []
     house_fonts = [own_font("DejaVuSans")] if unset else []
@@ -134,7 +139,10 @@ def _choose(missing: frozenset[str]) -> FontChoice:
 
 
 def _rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
-    """Rank of a font: letters that it has, preference of its family, regular styles first."""
+    """Return the key by which fonts are compared; the best font has the greatest key.
+
+    unset: code points that no chosen font has. The key compares the number of these letters that a
+    font has, then the preference of its family, then regular before other styles, then names."""
 
     def rank(font: Path) -> tuple[int, int, int, str]:
         shared = len(unset & list_letters(font))
@@ -154,7 +162,8 @@ def _rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
 
 
 def _is_drawn(letter: str) -> bool:
-    """False for spaces, controls and marks without a shape of their own."""
+    """Return False for spaces, control characters, and selectors that only change other letters."""
+    # U+FE00 and U+E0100 begin the blocks of variation selectors
     is_selector = "\ufe00" <= letter <= "\ufe0f" or "\U000e0100" <= letter <= "\U000e01ef"
     return not (
         letter.isspace() or is_selector or unicodedata.category(letter) in ("Cc", "Cf", "Cs")
@@ -162,11 +171,12 @@ def _is_drawn(letter: str) -> bool:
 
 
 def _needs_shaping(letter: str) -> bool:
+    # True if letters of the script are joined or reordered when they are set.
     return unicodedata.name(letter, "").startswith(SHAPED)
 
 
 def replace_letters(text: str, letters: frozenset[str]) -> str:
-    """Text with `UNSET` in place of some letters, one for each run."""
+    """Replace letters of a text by `UNSET`, one for each run of them."""
     letters_shown: list[str] = []
     for letter in text:
         if letter not in letters:
@@ -177,21 +187,25 @@ def replace_letters(text: str, letters: frozenset[str]) -> str:
 
 
 def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
-    """Numbered names, such as "pole 3", for those that hold letters that cannot be set; counted
-    from 1. A number that another name uses is passed over."""
+    """Replacements, such as "pole 3", of names with letters that cannot be set, by name.
+
+    unset: these letters; noun: word before the number, which is the name's place among all names,
+    from 1. A replacement that is in use is not taken again."""
     numbers: dict[str, str] = {}
     names_in_use = set(names)
     for k, name in enumerate(names, start=1):
         if not unset & set(name):
             continue
         while f"{noun} {k}" in names_in_use:
-            k += len(names)
+            k += len(names)  # beyond the numbers of all other names
         numbers[name] = f"{noun} {k}"
         names_in_use.add(numbers[name])
     return numbers
 
 
 def spell_name(name: str, unset: frozenset[str]) -> str:
-    """Name with the letters that cannot be set as code points, such as "U+1F6A6 Ampel"."""
+    """Replace letters of a name by their code points, such as "U+1F6A6 Ampel".
+
+    unset: letters that no font can set."""
     spelled = "".join(f" U+{ord(letter):04X} " if letter in unset else letter for letter in name)
     return " ".join(spelled.split())

@@ -17,14 +17,14 @@ from toolkit.sites.streets import find_lane_arrows, find_street_names
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LANE_ARROW_M = 4.0
+LANE_ARROW_M = 4.0  # length
 LANE_ARROW_INK = "#6b6b70"
 LONGEST_STREET_NAME = 40  # letters on a map
-_Place = Float64[np.ndarray, "2"]
+_Place = Float64[np.ndarray, "2"]  # x and y (m)
 
 
 def draw_ground(axes: "Axes", site: Site) -> None:
-    """Draw lanes, footways and solids."""
+    """Draw lanes, footways and solids, and hatch the solids that coview drew."""
     for kind, colour in GROUND.items():
         fill_polygons(
             axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0
@@ -44,8 +44,9 @@ def draw_ground(axes: "Axes", site: Site) -> None:
 
 
 def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
-    """Draw the names of streets, and arrows in the lanes' directions, between two corners of a
-    map."""
+    """Draw the names of streets, and arrows in the directions of lanes.
+
+    low, high: corners of the map (m), the lower left and the upper right."""
     from matplotlib.patheffects import withStroke
 
     head: PlotStyle = {"color": LANE_ARROW_INK, "linewidth": 0.7, "zorder": 1.3}
@@ -53,6 +54,7 @@ def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
         along = np.array([np.cos(angle), np.sin(angle)])
         aside = np.array([-np.sin(angle), np.cos(angle)])
         tip = np.array([x, y]) + LANE_ARROW_M / 2 * along
+        # both ends of the arrow's head, left and right of the shaft
         corners = [
             tip - 0.4 * LANE_ARROW_M * along + side * 0.2 * LANE_ARROW_M * aside for side in (1, -1)
         ]
@@ -82,7 +84,9 @@ def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
 
 
 def _drawn_solids(site: Site) -> list[Solid]:
-    """Solids that maps hatch: drawn ones, unless the whole site is drawn."""
+    """Solids that maps hatch: solids that coview drew, unless the whole site is drawn.
+
+    Trunks are left out, as they are below the crowns."""
     return [
         s
         for s in site.solids
@@ -99,8 +103,10 @@ def fill_polygons(
     alpha: float = 1.0,
     edge: float = 0.4,
 ) -> None:
-    """Fill the union of polygons in one colour. Its holes stay empty. edge: width of the outline in
-    points."""
+    """Fill the union of polygons in one colour; its holes stay empty.
+
+    shapes: polygons (m), merged before they are filled; colour: #rrggbb; order: greater is drawn
+    above; alpha: opacity of the fill, 0 to 1; edge: width of the outline in points."""
     from matplotlib.colors import to_rgba
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
@@ -111,7 +117,7 @@ def fill_polygons(
         if part.geom_type == "Polygon"
     ]
     turned = [shapely.geometry.polygon.orient(part) for part in parts]
-    # holes run the other way round
+    # exteriors run counter-clockwise and holes clockwise, so that matplotlib leaves holes empty
     rings = [ring for part in turned for ring in (part.exterior, *part.interiors)]
     if not rings:
         return
@@ -125,7 +131,7 @@ def fill_polygons(
 
 
 def ground_entries(site: Site) -> list[Entry]:
-    """Legend entries of the ground and the area's outline."""
+    """Legend entries of the area's outline and of the kinds of ground that the site has."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -12,7 +12,16 @@ Outcome = Literal["hit", "missed", "false alarm", "not scored", "detection"]
 
 
 class LineStyle(NamedTuple):
-    """Outline style and mark of one outcome."""
+    """Outline style and mark of one outcome.
+
+    Attributes:
+        colour: #rrggbb.
+        line: dashes of the outline.
+        width: width of the outline in points.
+        marker: matplotlib's name of the mark in the middle, "" for no mark.
+        size: size of the mark in points.
+        order: greater is drawn above.
+    """
 
     colour: str
     line: Dashes

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AROUND = 10.0  # m around the area
-MOST_INCHES = 10.0  # size of the map, in both directions
+MOST_INCHES = 10.0  # longer side of the map
 # inches around the map, and of a row of the legend
 LEFT = 0.62
 RIGHT = 0.2
@@ -33,7 +33,9 @@ SCALE_WIDTH = 2.6  # inches of scale bar and north arrow
 
 
 class MapSheet(NamedTuple):
-    """A figure with the axes of a map (m, site frame), and the points (1/72 inch) per metre."""
+    """Figure with the axes of a map.
+
+    axes: coordinates in m, site frame; points_per_metre: scale, in points of 1/72 inch."""
 
     figure: "Figure"
     axes: "Axes"
@@ -51,9 +53,10 @@ def map_sheet(
 ) -> MapSheet:
     """Draw the site from above under its title, without sensors.
 
-    holds: places that the map must include besides the area; legend: its entries, in order; inches:
-    longer side of the map."""
+    holds: x and y (m) of places that the map must include in addition to the area, None without;
+    legend: entries of the legend, in order; inches: longer side of the map."""
     low, high = extent(site, holds)
+    # all sizes are in inches from here on; the sheet is HEAD, map and strip from top to bottom
     scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
     full = max(width + LEFT + RIGHT, 6.5)
@@ -88,14 +91,19 @@ def map_sheet(
 
 
 def _count_columns(legend: Sequence[Entry], inner: float) -> int:
-    """Number of the legend's columns in a strip of some inches."""
+    """Number of columns of a legend in the strip below a map, at least 1.
+
+    inner: width of the strip (inches), which scale bar and arrow share with the legend."""
+    # estimated inches of a letter, and of a mark with the gaps around it
     longest = max((len(label) for _, label in legend), default=1)
     column_inches = 0.058 * longest + 0.58
     return max(1, min(len(legend), int((inner - SCALE_WIDTH) / column_inches)))
 
 
 def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
-    """Draw a scale bar of two halves. length: metres; scale: inches per metre."""
+    """Draw a scale bar of two halves, with labels below.
+
+    axes: axes in inches; length: length of the bar (m); scale: inches per metre."""
     for start, colour in ((0.0, INK), (0.5, "white")):
         left = start * length * scale
         right = (start + 0.5) * length * scale
@@ -107,7 +115,7 @@ def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
 
 
 def _draw_legend(axes: "Axes", legend: Sequence[Entry], columns: int) -> None:
-    """Draw the legend right of the scale bar."""
+    """Draw the legend right of the scale bar, in some columns; axes: axes in inches."""
     style: PlotStyle = {
         "bbox_to_anchor": (SCALE_WIDTH, 0.0),
         "bbox_transform": axes.transData,
@@ -121,7 +129,7 @@ def _draw_legend(axes: "Axes", legend: Sequence[Entry], columns: int) -> None:
 
 
 def draw_area(axes: "Axes", area: Float64[np.ndarray, "4"]) -> None:
-    """Draw the outline of the detection area."""
+    """Draw the outline of the detection area; area: xmin, ymin, xmax, ymax (m)."""
     xmin, ymin, xmax, ymax = area
     outline = np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax], [xmin, ymin]])
     axes.plot(*outline.T, color=INK, linewidth=1.1, dashes=(8, 2, 2, 2), zorder=2.0)
@@ -130,7 +138,9 @@ def draw_area(axes: "Axes", area: Float64[np.ndarray, "4"]) -> None:
 def extent(
     site: Site, holds: Float[np.ndarray, "n 2"] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the area and the places, with a margin."""
+    """Lower left and upper right corners (x and y, m) of a map, with a margin.
+
+    The map includes the site's area and, with half the margin, the places that it must hold."""
     low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
     if holds is not None and len(holds):
         low, high = (
@@ -141,6 +151,7 @@ def extent(
 
 
 def scale_length(metres: float) -> float:
-    """Largest length up to this one that is 1, 2 or 5 times a power of ten."""
+    """Largest round length (m) up to a given one: 1, 2 or 5 times a power of ten."""
+    # 1e-9 lets a round length itself pass in spite of rounding
     power = 10.0 ** floor(log10(metres))
     return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))

@@ -1,7 +1,7 @@
 """Objects and outcomes on a map.
 
-An object is filled by its class. Each outcome has a line besides a colour: a hit is solid, a miss
-dashed with a cross, a false alarm dash-dotted with a triangle, an object that does not count
+An object is filled by its class. Each outcome has a line as well as a colour: a hit is solid, a
+miss dashed with a cross, a false alarm dash-dotted with a triangle, an object that does not count
 dotted."""
 
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def draw_objects(axes: "Axes", objects: Objects) -> None:
-    """Draw boxes filled by class."""
+    """Draw the footprints of boxes, filled in the colours of their classes."""
     for label, name in enumerate(LABELS):
         class_boxes = objects.boxes[objects.labels == label]
         for corners in footprints(class_boxes):
@@ -27,8 +27,9 @@ def draw_objects(axes: "Axes", objects: Objects) -> None:
 
 
 def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcome) -> None:
-    """Draw boxes that share an outcome: outline, a line from centre to front, and the outcome's
-    mark."""
+    """Draw boxes of one outcome: outline, a line from centre to front, and the outcome's mark.
+
+    boxes: rows of x, y, z, length, width, height (m), yaw (rad)."""
     style = OUTCOME[outcome]
     line: PlotStyle = {
         "color": style.colour,
@@ -38,6 +39,7 @@ def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcom
     }
     for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
         centre = corners.mean(axis=0)
+        # in the direction of the yaw, nine tenths of the distance to a corner
         nose = (
             centre
             + np.array([np.cos(yaw), np.sin(yaw)]) * np.linalg.norm(corners[0] - centre) * 0.9
@@ -58,7 +60,8 @@ def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcom
 
 
 def text_colour(background: str) -> str:
-    """Black or white, whichever is more legible on a colour by its luminance."""
+    """Black or white (#rrggbb), whichever is more legible on a background (#rrggbb)."""
+    # relative luminance, with a gamma of 2.2; dark text from about a fifth on
     red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return (
         INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE
@@ -66,7 +69,7 @@ def text_colour(background: str) -> str:
 
 
 def outcome_entry(outcome: Outcome, label: str) -> Entry:
-    """Legend entry of the boxes of one outcome."""
+    """Legend entry of the boxes of one outcome: a line with its mark, and the label."""
     from matplotlib.lines import Line2D
 
     style = OUTCOME[outcome]

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 INK = "#1a1a1a"
 PAPER_WHITE = "#ffffff"
 FAINT = "#6b6b6b"
+# colours of sensors by index, used again from the ninth sensor on
 SENSORS = ("#279efb", "#f500c7", "#0b921a", "#8a4291", "#f57f7c", "#78683d", "#e21978", "#4463f6")
 BAR = SENSORS[7]  # colour of bars in charts
 CLASS = {"vehicle": "#ae93ab", "cyclist": "#53d9ff", "pedestrian": "#9fca03", "heavy": "#f3d482"}
@@ -29,10 +30,10 @@ SOLID = {
 }
 OTHER_SOLID = "#9a958c"
 POLE_INK = "#1a1a1a"
-# over solids that coview drew
+# hatching over solids that coview drew
 DRAWN_INK = "#a05a9c"
 DRAWN_HATCH = "//////"
-# darker where blindness matters more
+# ground that no sensor sees; darker if that matters more
 BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}
 OUTCOME: dict[Outcome, LineStyle] = {
     "hit": LineStyle("#004a3a", "solid", 1.7, order=4.0),
@@ -54,30 +55,32 @@ VIEW_COLOURS = ("#fde3cb", "#85bbdd", "#2f7fbc", "#08306b")  # seen by 0, 1, 2, 
 
 
 def sensor_colour(index: int) -> str:
-    """Colour of a sensor's points in every picture."""
+    """Colour (#rrggbb) of a sensor by its index, the same in every picture."""
     return SENSORS[index % len(SENSORS)]
 
 
 def point_scale() -> "tuple[ListedColormap, BoundaryNorm]":
-    """Colour map and norm for counts of points. It has a step for 0, then one for
-    each of `POINT_STEPS`, ever darker."""
+    """Colour map and norm that give the colour of a number of points.
+
+    The scale has a step for 0, then one that begins at each of `POINT_STEPS`, ever darker."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     steps = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
+    # 1e9: the last step is open
     return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm(
         [0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1
     )
 
 
 def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
-    """RGBA for counts of points."""
+    """Red, green, blue and opacity (0 to 1) for numbers of points, in a last axis of 4."""
     colours, norm = point_scale()
     return np.asarray(colours(norm(points)), np.float64)
 
 
 def point_names() -> list[str]:
-    """Names of the steps of the scale."""
+    """Names of the steps of `point_scale`, such as "0", "2–4" and "100+"."""
     ends = [
         f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)
     ]

@@ -29,11 +29,11 @@ class FrameOutcome(NamedTuple):
     """Outcome of a frame's n truths and m detections (`toolkit.detection.metrics.matches`).
 
     Attributes:
-        iou: threshold from which a detection hits.
-        truth_hit: mask of the truths that were found.
-        truth_ignored: mask of the truths that do not count.
-        detection_hit: mask of the true detections.
-        detection_ignored: mask of the detections that do not count.
+        iou: IoU from which a detection hits.
+        truth_hit: mask (n,) of the truths that were found.
+        truth_ignored: mask (n,) of the truths that do not count.
+        detection_hit: mask (m,) of the detections that hit a truth.
+        detection_ignored: mask (m,) of the detections that do not count.
     """
 
     iou: float
@@ -74,7 +74,11 @@ def draw_frame(
     outcome: FrameOutcome | None = None,
     title: str = "",
 ) -> None:
-    """Draw one frame, as PNG or SVG by the suffix.
+    """Draw one frame of a site from above, as PNG or SVG by the suffix.
+
+    clouds: points (m, site frame) of each sensor; sensors: sensors to draw, the site's if empty;
+    truth, detections: objects and detected boxes, None without; outcome: which of them match, None
+    to draw all detections alike; title: "" for the site's name.
 
     Clouds are coloured by sensor, truth is filled by class. With an `outcome`, hits, misses and
     false alarms each have a line and a mark. Raises ValueError for an outcome of other truths or
@@ -107,7 +111,9 @@ def draw_frame(
 def _sort_outlines(
     truth: Objects, detections: Detections, outcome: FrameOutcome | None
 ) -> dict[Outcome, np.ndarray]:
-    """Boxes to outline, by their outcome, or all detections without one."""
+    """Boxes to outline by outcome, or all detections if no outcome is known.
+
+    Raises ValueError for an outcome of other truths or detections."""
     if outcome is None:
         return {"detection": detections.boxes} if len(detections) else {}
     if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(detections):
@@ -126,7 +132,7 @@ def _sort_outlines(
 
 
 def _class_entries(truth: Objects) -> list[Entry]:
-    """Legend entries of the classes of objects, with their numbers."""
+    """Legend entries of the classes that objects have, with the number of objects."""
     from matplotlib.patches import Patch
 
     look: PlotStyle = {"edgecolor": INK, "linewidth": 0.5}
@@ -141,7 +147,10 @@ def _class_entries(truth: Objects) -> list[Entry]:
 def _outline_entries(
     outlines: dict[Outcome, np.ndarray], outcome: FrameOutcome | None
 ) -> list[Entry]:
-    """Legend entries of outlines, with their numbers."""
+    """Legend entries of outlined boxes, with their numbers.
+
+    outlines: boxes (n, 7) by outcome; outcome: gives the IoU from which a detection hits, None
+    without one. "not scored" has no entry if it has no boxes."""
     entries = []
     for kind, boxes in outlines.items():
         if len(boxes) or kind != "not scored":
@@ -151,6 +160,6 @@ def _outline_entries(
 
 
 def _draw_points(axes: "Axes", points: Float[np.ndarray, "_ 3"], colour: str) -> None:
-    """Draw the points of one sensor."""
+    """Draw the points (m, site frame) of one sensor; colour: #rrggbb."""
     x, y = points[:, :2].T
     axes.scatter(x, y, s=POINT_SIZE, color=[colour], linewidths=0, rasterized=True, zorder=3)

@@ -34,8 +34,10 @@ def sensor_labels(names: Sequence[str]) -> list[str]:
 
 
 def draw_sensors(axes: "Axes", sensors: Sequence[Sensor], points_per_metre: float) -> None:
-    """Draw a disc for each sensor, with a line for its heading. Discs of sensors in one place
-    spread around it."""
+    """Draw a disc for each sensor, with a line for its heading.
+
+    Discs of sensors in one place spread around it, with a thin line to the place. points_per_metre:
+    scale of the map, in points of 1/72 inch."""
     if not len(sensors):
         return
     places = np.array([sensor.position[:2] for sensor in sensors])
@@ -67,7 +69,9 @@ def draw_sensors(axes: "Axes", sensors: Sequence[Sensor], points_per_metre: floa
 
 
 def draw_wedges(axes: "Axes", sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
-    """Draw fields of view up to `VIEW_RANGE`, cut off at buildings."""
+    """Draw fields of view from above up to `VIEW_RANGE`, cut off at tall buildings.
+
+    solids: solids of the site; only buildings higher than `TALL` count."""
     tall = [
         shapely.Polygon(s.footprint)
         for s in solids
@@ -87,8 +91,10 @@ def draw_wedges(axes: "Axes", sensors: Sequence[Sensor], solids: Sequence[Solid]
 
 
 def wedge(sensor: Sensor, buildings: Sequence[shapely.Polygon]) -> Float64[np.ndarray, "k 2"]:
-    """Outline of a field of view from above. Each ray ends at the first building that the sensor is
-    not in."""
+    """Outline (x, y in m) of a sensor's field of view from above, up to `VIEW_RANGE`.
+
+    buildings: footprints (m). Each ray ends at the first building that the sensor is not in. The
+    outline begins at the sensor unless the view is all around."""
     start = sensor.position[:2]
     view = sensor.model.horizontal_fov
     reach = VIEW_RANGE
@@ -97,34 +103,41 @@ def wedge(sensor: Sensor, buildings: Sequence[shapely.Polygon]) -> Float64[np.nd
         [b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach]
     )
     shapely.prepare(blocking)
+    # rays about 1° apart, at least 24
     angles = sensor_heading(sensor) + np.linspace(
         -view / 2, view / 2, max(24, int(np.rad2deg(view)) + 1)
     )
     rim = start + reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     if not blocking.is_empty:
         rays = shapely.linestrings(np.stack([np.broadcast_to(start, rim.shape), rim], axis=1))
+        # distance to the first building along each ray, NaN if the ray meets no building
         free = shapely.distance(foot, shapely.intersection(rays, blocking))
         rim = start + (rim - start) * (np.where(np.isnan(free), reach, free) / reach)[:, None]
     return rim if view > 2 * np.pi - 1e-6 else np.vstack([start, rim])
 
 
 def sensor_heading(sensor: Sensor) -> float:
-    """Heading of the optical axis, counter-clockwise from +x (rad)."""
+    """Heading of a sensor's optical axis in the world, counter-clockwise from +x (rad)."""
+    # x axis of the body, which points forward
     forward = sensor.world_SE3_body[:2, 0]
     return float(np.arctan2(forward[1], forward[0]))
 
 
 def spread_discs(places: MapPlaces, headings: Float64[np.ndarray, " n"], gap: float) -> MapPlaces:
-    """Centres of discs `gap` apart, each at its place or, if that is taken, near it, preferably
-    along its heading."""
+    """Centres of discs that do not overlap, each at its place or, if that is taken, near it.
+
+    places: wanted centres; headings: preferred direction of a shift (rad, from +x); gap: smallest
+    distance of two centres, in the unit of the places. Earlier discs keep their places."""
     discs = places.copy()
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
     for k in range(1, len(places)):
+        # rings of growing radius around the place; ring 0 is the place itself
         for ring in range(4 * len(places)):
             angles = headings[k] + turns
             around = places[k] + ring * 0.55 * gap * np.stack(
                 [np.cos(angles), np.sin(angles)], axis=1
             )
+            # distance from each of the 12 spots to the nearest earlier disc; 1e-9 allows rounding
             apart = np.linalg.norm(around[:, None] - discs[None, :k], axis=2).min(axis=1)
             if (apart >= gap * (1 - 1e-9)).any():
                 discs[k] = around[int(np.argmax(apart >= gap * (1 - 1e-9)))]
@@ -133,7 +146,7 @@ def spread_discs(places: MapPlaces, headings: Float64[np.ndarray, " n"], gap: fl
 
 
 def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
-    """Legend entries of sensors drawn as numbered discs."""
+    """Legend entries of sensors whose disc holds a number instead of the name."""
     from matplotlib.lines import Line2D
 
     names = [sensor.name for sensor in sensors]
@@ -152,5 +165,5 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
 
 
 def sensor_places(sensors: Sequence[Sensor]) -> MapPlaces:
-    """Positions of sensors on the map."""
+    """Positions of sensors on the map: x and y (m) in the world."""
     return np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 2)

@@ -14,12 +14,14 @@ Colouring = Literal["sensor", "height", "intensity", "age"]
 COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
 UNKNOWN_SHADE = (150, 150, 150)  # for points without the coloured attribute
 _SPREAD = (2.0, 98.0)  # percentiles that the scales span
-_STEPS = 256
+_STEPS = 256  # number of colours of a scale
 _Span = tuple[float, float]
 
 
 def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
-    """Colourings that the points of some frames allow."""
+    """Colourings that the points of some frames allow, in the order of `COLOURINGS`.
+
+    Intensity and age need a cloud with intensities or times."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
     timed = any(cloud.time is not None for cloud in clouds)
     bright = any(cloud.intensity is not None for cloud in clouds)
@@ -32,7 +34,9 @@ def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
 
 @dataclass(frozen=True)
 class Scales:
-    """Ranges of the colours. height is in m, intensity as the set gives it, age in s."""
+    """Ranges of values that the colours span: pairs of lowest and highest.
+
+    height: m; intensity: in the data set's unit; age: s before the newest point of the frame."""
 
     height: _Span = (0.0, 1.0)
     intensity: _Span = (0.0, 1.0)
@@ -40,7 +44,9 @@ class Scales:
 
     @staticmethod
     def of(sample: DrawnSample) -> "Scales":
-        """Choose ranges that cover nearly all points of a frame."""
+        """Choose ranges that cover nearly all points of a frame: 2nd to 98th percentile.
+
+        A range without values stays 0 to 1."""
         spans = {}
         newest = find_newest(sample)
         for colouring in COLOURINGS[1:]:
@@ -54,7 +60,7 @@ class Scales:
         return Scales(**spans)
 
     def describe(self, colouring: Colouring) -> str:
-        """Describe the range of a colouring."""
+        """Text of a colouring and its range, such as "height, -1 to 4 m"."""
         if colouring == "sensor":
             return "sensor"
         low, high = getattr(self, colouring)
@@ -63,6 +69,8 @@ class Scales:
 
 
 def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
+    # Value of each point by which it is coloured, None if the set lacks it; newest: time of the
+    # newest point of all clouds of the frame (s).
     if colouring == "age":
         return None if cloud.time is None else newest - cloud.time
     return cloud.points[:, 2] if colouring == "height" else cloud.intensity
@@ -71,8 +79,11 @@ def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarra
 def shades(
     cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
 ) -> UInt8[np.ndarray, "n 3"]:
-    """Red, green and blue of the points of sensor `index`. Dark is low, or new. newest: as
-    `find_newest`."""
+    """Red, green and blue (0 to 255) of each point of a cloud; dark is low, or new.
+
+    scales: ranges of the colours; index: number of the sensor, which gives its colour; newest: time
+    of the newest point of all clouds of the frame (s), see `find_newest`. Points without the
+    attribute are grey."""
     from matplotlib import colormaps
 
     values = None if colouring == "sensor" else _values(cloud, colouring, newest)
@@ -85,6 +96,6 @@ def shades(
         return np.tile(np.array(colour, np.uint8), (len(cloud.points), 1))
     low, high = getattr(scales, colouring)
     share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
-    # without its end that is lost on white
+    # without its bright end, which is hardly seen on white
     viridis = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))
     return np.round(255 * viridis[:, :3]).astype(np.uint8)[(share * (_STEPS - 1)).astype(np.int64)]

@@ -21,13 +21,15 @@ GROUND_PERCENTILE = 5.0  # percentile of heights that is the ground of a cloud, 
 class _Lift:
     """Move points and boxes from the world to a drawing, on level ground if that was found.
 
-    stand: ground and area of the frame; origin: origin (m, world) of the drawing."""
+    stand: ground and area of the frame; origin: x, y, z (m, world) of the point that is the origin
+    of the drawing."""
 
     stand: Stand
     origin: Float64[np.ndarray, "3"]
 
     def points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Return points (world) in the drawing."""
+        """Return points (m, world) in the drawing."""
+        # ground is known relative to the middle of the area, not to the origin
         middle = np.array([*self.stand.middle, 0.0])
         near = points - middle
         if self.stand.ground is not None and len(near):
@@ -35,7 +37,7 @@ class _Lift:
         return near + (middle - self.origin)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
-        """Return boxes (world) in the drawing."""
+        """Return boxes (m, rad, world) in the drawing."""
         middle = np.array([*self.stand.middle, 0.0])
         near = boxes - np.array([*middle, 0, 0, 0, 0])
         if self.stand.ground is not None and len(near):
@@ -43,13 +45,16 @@ class _Lift:
         return near + np.array([*(middle - self.origin), 0, 0, 0, 0])
 
     def cloud(self, cloud: SensorCloud) -> DrawnCloud:
-        """Return a sensor's cloud in the drawing."""
+        """Return the points and the position of a sensor in the drawing."""
         points = self.points(cloud.in_world()).astype(np.float32)
         position = self.points(cloud.world_SE3_sensor[None, :3, 3])[0]
         return DrawnCloud(cloud.name, points, position, cloud.time, cloud.intensity)
 
     def tags(self, outcome: Outcome, kind: str, rows: Detections) -> list[Tag]:
-        """Return tags of boxes (world) of one outcome and class."""
+        """Return a tag for each box of one outcome and class, above the middle of its roof.
+
+        kind: name of the class; rows: boxes (world) and scores, which are ignored for missed
+        labels."""
         tags = []
         boxes = self.boxes(rows.boxes).tolist()
         for (x, y, z, _, _, height, _), score in zip(boxes, rows.scores, strict=True):
@@ -65,11 +70,11 @@ class Drawing:
     """Options for drawing frames.
 
     Attributes:
-        detector: its boxes are drawn too.
+        detector: detector whose boxes are drawn too, None for labels only.
         place: area and ground for the detector.
-        least_score: score below which no box is drawn.
-        classes: classes that are drawn, all if None.
-        sensors: sensors whose clouds are drawn, all if None.
+        least_score: score below which no detection is drawn.
+        classes: names of the classes that are drawn, all if None.
+        sensors: indices or names of the sensors whose clouds are drawn and used, all if None.
     """
 
     detector: Detector | None = None
@@ -88,7 +93,10 @@ class Drawing:
         return np.array([*self.place.find_middle(sample), low], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
-        """Draw a frame. Raises ValueError for an unknown levelling."""
+        """Return clouds, boxes, outcomes and tags of a frame, counted from an origin.
+
+        origin: x, y, z (m, world), the same for all frames of a recording. Raises ValueError for an
+        unknown levelling."""
         detected = self._detect(sample)
         frame = detected.frame
         lift = _Lift(detected.stand, origin)
@@ -138,7 +146,9 @@ class Drawing:
     def draw_all(
         self, samples: Iterable[Frame], progress: Callable[[int], None] = lambda done: None
     ) -> list[DrawnSample]:
-        """Draw frames from the origin of the first."""
+        """Draw frames in order, all from the origin of the first.
+
+        progress: called with the number of frames done."""
         drawn: list[DrawnSample] = []
         origin: np.ndarray | None = None
         for sample in samples:

@@ -18,8 +18,15 @@ BOX_KINDS = (*LABELS, OTHERS)
 
 @dataclass(frozen=True, eq=False)
 class DrawnCloud:
-    """Points and place of one sensor, from the origin. intensity: as the set gives it; time: of
-    each point, seconds from the frame's. Each is None if the set lacks it."""
+    """Points and position of one sensor, counted from the origin of the drawing.
+
+    Attributes:
+        name: name of the sensor.
+        points: x, y, z (m) of each point.
+        place: x, y, z (m) of the sensor.
+        time: time of each point (s, from the time of the frame), None if the set lacks it.
+        intensity: intensity of each point in the data set's unit, None if the set lacks it.
+    """
 
     name: str
     points: Float32[np.ndarray, "n 3"]
@@ -29,7 +36,10 @@ class DrawnCloud:
 
 
 class Tag(NamedTuple):
-    """Class and score of a box, with its outcome, and their place: the middle of the roof."""
+    """Text at a box: its class and score.
+
+    kind: name of the class; outcome: gives the style; place: x, y, z (m) of the middle of the
+    roof."""
 
     kind: str
     outcome: Outcome
@@ -43,12 +53,12 @@ class DrawnSample:
 
     Attributes:
         name: name of the frame.
-        time: its time (s).
+        time: time of the frame (s), NaN if unknown.
         clouds: points of the sensors.
         truth: labelled boxes by kind of `BOX_KINDS`, without absent kinds.
-        detections: detected boxes by kind.
-        warning: warning of ground that is not level.
-        outcomes: boxes by outcome, empty if unknown.
+        detections: detected boxes by kind, without absent kinds.
+        warning: warning of ground that is not level, None without one.
+        outcomes: boxes by outcome and kind, empty if unknown.
         tags: tags of detected and missed boxes.
     """
 
@@ -62,7 +72,7 @@ class DrawnSample:
     tags: tuple[Tag, ...] = ()
 
     def describe(self) -> str:
-        """Describe its contents in one line."""
+        """Describe the frame in one line: numbers of points, labels, detections and outcomes."""
         labelled, detected = (
             sum(map(len, boxes.values())) for boxes in (self.truth, self.detections)
         )
@@ -71,6 +81,7 @@ class DrawnSample:
             hits, missed, false, ignored = (
                 sum(map(len, self.outcomes[name].values())) for name in MARKED
             )
+            # labels of classes that are not ours, and uncounted labels, are neither hit nor missed
             of_labels = f" ({hits} hit, {missed} missed, {labelled - hits - missed} not counted)"
             alarms = describe_count(false, "false alarm")
             of_detections = f" ({describe_count(hits, 'hit')}, {alarms}, {ignored} ignored)"
@@ -82,12 +93,12 @@ class DrawnSample:
 
 
 def sort_kinds(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
-    """Sort boxes by kind."""
+    """Group boxes by the names of their classes; labels: class number of each box."""
     return {LABELS[label]: boxes[labels == label] for label in np.unique(labels).tolist()}
 
 
 def limit_points(cloud: DrawnCloud, max_points: int) -> DrawnCloud:
-    """Thin a cloud evenly to at most `max_points` points."""
+    """Thin a cloud to at most `max_points` points, evenly over its rows."""
     if len(cloud.points) <= max_points:
         return cloud
     rows = np.linspace(0, len(cloud.points), max_points, endpoint=False).astype(np.int64)

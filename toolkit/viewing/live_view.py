@@ -39,9 +39,23 @@ PORT = 8080  # unless it is taken
 
 
 class LiveView:
-    """Scene of one frame at a time, served by viser. It has controls. said: the line below the
-    slider, with the frame's contents or the reason why it cannot be shown. Raises the errors of
-    reading the first frame."""
+    """Scene of one frame at a time, served by viser, with a slider and switches.
+
+    Raises the errors of reading the first frame.
+
+    Attributes:
+        server: viser's server.
+        samples: frames, each read when it is shown.
+        drawing: options for drawing frames.
+        said: text above the controls: the frame's contents, or the reason why it cannot be shown.
+        colouring: current colouring of points.
+        origin: x, y, z (m, world) of the origin of all drawings, from the first frame.
+        style: sensors so far, colourings and their ranges, the latter from the first frame.
+        groups: handles of the nodes above all others, by path.
+        shown: handles of the current frame's nodes, removed before another frame is added.
+        switches: controls of the page, by the part that they show; the slider is "frame".
+        sensor_switches: folder of the sensors' switches.
+    """
 
     def __init__(self, server: "ViserServer", samples: Part, drawing: Drawing) -> None:
         self.server = server
@@ -88,7 +102,10 @@ class LiveView:
         self.show(0)
 
     def show(self, number: int) -> None:
-        """Show the frame of this number, or the reason why it cannot be shown."""
+        """Show a frame, or the reason why it cannot be shown.
+
+        number: index of the frame. Calls from several threads wait for each other; a call that is
+        outdated when its turn comes does nothing."""
         self._wanted = number
         with self._lock:
             if number != self._wanted:  # the slider has gone on meanwhile
@@ -112,12 +129,13 @@ class LiveView:
             self._line.content = "".join(letters)
 
     def colour_by(self, colouring: Colouring) -> None:
-        """Show points in these colours."""
+        """Colour the points of the shown frame, and of later ones, by another attribute."""
         with self._lock:
             self.colouring = colouring
             self._redraw()
 
     def _redraw(self) -> None:
+        # Replace the nodes of the previous frame by nodes of `_drawn`, with the current colouring.
         for handle in self.shown:
             handle.remove()
         self.shown = []
@@ -132,7 +150,7 @@ class LiveView:
                 self.groups[f"/sensors/{number}/{colouring}"].visible = colouring == self.colouring
 
     def _add_sensor(self, name: str) -> None:
-        """Add a sensor that earlier frames did not have."""
+        """Add nodes and a switch for a sensor that earlier frames did not have."""
         number = len(self.style.sensors)
         self.style = replace(self.style, sensors=(*self.style.sensors, name))
         handles = add_sensor(self.server.scene, self.style, number)
@@ -140,6 +158,7 @@ class LiveView:
         self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
 
     def _add_slider(self) -> None:
+        # Add a slider of frames, and a button for the next frame, after the last the first.
         slider: scene.Handle = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
         self.switches["frame"] = slider
         slider.on_update(lambda _: self.show(int(slider.value)))
@@ -150,6 +169,7 @@ class LiveView:
         self.server.gui.add_button("Next frame").on_click(go_on)
 
     def _add_switch(self, folder: scene.Handle, name: str, nodes: list[str]) -> None:
+        # Add a checkbox that shows or hides nodes (paths), registered under its name.
         with folder:
             switch = self.server.gui.add_checkbox(name, True)
         self.switches[name] = switch
@@ -164,9 +184,11 @@ class LiveView:
 def view_live(
     samples: Part, drawing: Drawing, *, port: int = PORT, ready: Callable[[str], None] = print
 ) -> None:
-    """Serve a recording to browsers of this machine. It runs until the process is interrupted.
-    ready: called with the address. Raises ImportError without viser, ValueError for an invalid
-    port, and the errors of reading the first frame."""
+    """Serve a recording to browsers of this machine until the process is interrupted.
+
+    port: port to listen on, a later one if it is taken; ready: called with the address, which ends
+    in a secret token. Raises ImportError without viser, ValueError for an invalid port, and the
+    errors of reading the first frame."""
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
     token = secrets.token_urlsafe(16)

@@ -15,6 +15,7 @@ from toolkit.detection.metrics import TRUE_IOU, matches, second_labels
 from toolkit.objects import LABELS, Detections
 from toolkit.plots.line_style import Outcome
 
+# part of a scene that holds one outcome; `MARKED` gives the outcome, and so the style, of each part
 Marked = Literal["hits", "missed", "false alarms", "ignored"]
 _OUTCOMES: tuple[tuple[Marked, Outcome], ...] = (
     ("hits", "hit"),
@@ -25,11 +26,12 @@ MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 
 
 def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detections]]:
-    """Detections of each outcome and class, world frame, and labelled boxes that were missed, with
-    scores NaN.
+    """Boxes (world frame) by outcome and name of the class, {} for a frame without labels.
 
-    Every detection is a hit, a false alarm or ignored: beyond the area or the complete labels, or
-    on an object that does not count. The second label of an object is a false alarm."""
+    They are detections, but "missed" holds labelled boxes, with scores NaN. Classes without a box
+    are left out. Every detection is a hit, a false alarm or ignored: beyond the area or the
+    complete labels, or on an object that does not count. The second label of an object is a false
+    alarm."""
     by_outcome: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(detected.frame.objects):
         return {}
@@ -41,6 +43,7 @@ def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detection
     )
     second = second_labels(detections, truth.objects, counted=truth.counted, outside=outside)
     for label, name in enumerate(LABELS):
+        # one threshold gives one match
         (what,) = match_class([TRUE_IOU[label]], label=label)
         of_class = detections.labels == label
         false = (~what.ignored & (what.truth < 0)) | (second & of_class)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from toolkit.viewing.scene import FOLDER
 
+# content security policy: a page loads nothing from the network, and runs only what it contains
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; style-src "
     "'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src "
@@ -14,8 +15,11 @@ POLICY = (
 
 
 def render_page(template: Path, data: object, script: str = "", **values: object) -> str:
-    """Render a page around a scene. data: data of the scene, None without one. Raises ImportError
-    without jinja2."""
+    """Render a page of HTML around a scene.
+
+    template: file of the jinja2 template; data: data of the scene, put as JSON into a script
+    element, None without a scene; script: JavaScript that precedes the script of the scene; values:
+    other variables of the template. Raises ImportError without jinja2."""
     try:
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
     except ImportError:
@@ -31,7 +35,8 @@ def render_page(template: Path, data: object, script: str = "", **values: object
 
 
 def script_data(value: object) -> str:
-    r"""JSON that is safe inside a script element. Its texts may hold anything."""
+    r"""JSON that is safe inside a script element of HTML, whatever its texts hold."""
+    # "<" could end the element; the two separators end a line in JavaScript, but not in JSON
     return (
         json.dumps(value)
         .replace("<", "\\u003c")

@@ -35,7 +35,14 @@ PAGE_POINTS = 600_000  # in all clouds of all frames together
 
 @dataclass(frozen=True)
 class Switch:
-    """A part that a reader can hide."""
+    """Checkbox with which a reader hides a part of the scene.
+
+    Attributes:
+        name: label of the checkbox.
+        nodes: paths of the nodes that it shows or hides, separated by spaces.
+        colour: #rrggbb next to the label, None without one.
+        checked: whether the part is visible at first.
+    """
 
     name: str
     nodes: str
@@ -48,14 +55,14 @@ class PageContent:
     """Contents of a page.
 
     Attributes:
-        title: its title.
-        html: the scene.
-        switches: a switch for each part.
+        title: title of the page.
+        html: the scene, itself a page of HTML for an iframe.
+        switches: a switch for each part that can be hidden.
         colourings: switches of the colourings of points; one is on at a time.
-        frames: nodes of each frame.
+        frames: paths of the nodes of each frame, shown one frame at a time.
         names: a line of text for each frame.
-        points: number of all points.
-        drawn: number of the points on the page.
+        points: number of points in all clouds of all frames.
+        drawn: number of points that are on the page after thinning.
     """
 
     title: str
@@ -71,10 +78,10 @@ class PageContent:
 def page_content(
     samples: Sequence[DrawnSample], title: str, *, max_points: int = PAGE_POINTS
 ) -> PageContent:
-    """Contents of a page of some frames.
+    """Contents of a page that shows some frames, the first one at first.
 
-    max_points: limit on its points. Raises ValueError without a frame, and ImportError without
-    viser."""
+    max_points: limit on the points of all clouds of all frames, shared evenly by the clouds. Raises
+    ValueError without a frame, and ImportError without viser."""
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
@@ -109,7 +116,9 @@ def page_content(
 
 
 def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Switch]:
-    """Switches of sensors, boxes, outcomes, tags, kinds and the grid."""
+    """Switches of sensors, boxes, outcomes, tags, kinds of boxes and the grid, in this order.
+
+    Parts that no frame has are left out; so are detections if every frame shows outcomes."""
     switches = []
     for k, name in enumerate(style.sensors):
         switches.append(Switch(name, f"/sensors/{k}", sensor_colour(k)))
@@ -130,7 +139,7 @@ def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Sw
 
 
 def _list_colour_switches(style: SceneStyle) -> list[Switch]:
-    """A switch for each colouring of points; only the first is on."""
+    """Switches of the colourings of points, each for all sensors; only the first is on."""
     switches = []
     for colouring in style.colourings:
         nodes = [f"/sensors/{number}/{colouring}" for number in range(len(style.sensors))]
@@ -141,14 +150,15 @@ def _list_colour_switches(style: SceneStyle) -> list[Switch]:
 
 
 def page_html(content: PageContent) -> str:
-    """The page. Raises ImportError without jinja2."""
+    """Render contents as a page of HTML. Raises ImportError without jinja2."""
     data = {"html": content.html, "frames": content.frames, "names": content.names}
     return pages.render_page(Path(__file__).parent / "page.html.j2", data, content=content)
 
 
 def write_page(samples: Sequence[DrawnSample], title: str, out: str | Path) -> PageContent:
-    """Write frames as a page, whole or not at all; return its contents. The same frames give the
-    same bytes."""
+    """Write frames as a page, and return its contents.
+
+    out: file to write, whole or not at all. The same frames give the same bytes."""
     content = page_content(samples, title)
     write_text(out, page_html(content))
     return content

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from viser import SceneApi
 
 BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by node
+# name of the node above the boxes of an outcome
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 TAGS = "tags"
 SHOWN_POINT_SIZE = 0.07  # m
@@ -35,9 +36,8 @@ GRID_NODE = "/grid"
 _MIN_AREA_M = 20.0  # extent of a scene
 _VIEW_PERCENTILES = (10.0, 90.0)  # of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
-_LINES: dict[
-    str, tuple[float, Callable[[BoxRows], list[box_lines.Segments]]]
-] = {  # width (pixels), by node
+# width (pixels) and line segments of boxes, by the node above them
+_LINES: dict[str, tuple[float, Callable[[BoxRows], list[box_lines.Segments]]]] = {
     "truth": (1.5, lambda boxes: [box_lines.box_edges(boxes), box_lines.headings(boxes)]),
     "detections": (
         2.5,
@@ -61,9 +61,10 @@ class SceneStyle:
     """Selection and style of what is drawn in each frame.
 
     Attributes:
-        sensors: names, in the order of their numbers.
-        colourings: colourings of points.
-        scales: ranges of the colours.
+        sensors: names of all sensors; a sensor's number, which gives its node and colour, is its
+            index here.
+        colourings: colourings in which points are added; only the first is visible.
+        scales: ranges of values that the colours span.
         max_points: maximum number of points of a cloud.
         precision: type of coordinates; float16 is half as large, in steps of 3 cm beyond 32 m.
     """
@@ -76,12 +77,14 @@ class SceneStyle:
 
 
 def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
-    """Names of all sensors of some frames."""
+    """Names of the sensors of some frames, each once, in the order in which they appear."""
     return tuple(dict.fromkeys(cloud.name for sample in samples for cloud in sample.clouds))
 
 
 def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
-    """Add the nodes above all others; return their handles."""
+    """Add the empty nodes above all others (sensors, groups and kinds of boxes).
+
+    Returns a handle for each, with which its part of the scene is shown or hidden."""
     groups = (*_LINES, TAGS)
     names = ["/sensors", *(f"/{group}" for group in groups)]
     names += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
@@ -92,7 +95,9 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
 
 
 def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Handle]:
-    """Add the nodes above all nodes of one sensor."""
+    """Add the empty nodes above all nodes of one sensor, and return their handles.
+
+    number: index of the sensor in the style. Only the first colouring is visible."""
     nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
     nodes |= {
         f"/sensors/{number}/{colouring}": colouring == style.colourings[0]
@@ -106,7 +111,10 @@ def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Ha
 def add_sample(
     api: "SceneApi", sample: DrawnSample, style: SceneStyle, *, frame: int = 0, visible: bool = True
 ) -> list[scene.Handle]:
-    """Add one frame below `add_groups`; return the handles."""
+    """Add one frame to a scene that has the nodes of `add_groups`.
+
+    frame: number of the frame, the last part of its nodes' names; visible: whether the nodes are
+    seen at first. Returns the handles of all its nodes."""
     newest = drawn.find_newest(sample)
     handles: list[scene.Handle] = []
     for cloud in sample.clouds:
@@ -136,7 +144,9 @@ def add_sample(
 def _add_place(
     api: "SceneApi", cloud: drawn.DrawnCloud, node: str, number: int, visible: bool
 ) -> scene.Handle:
-    """Add the housing and the name of a sensor; return the handle above both."""
+    """Add the housing and the name of a sensor, and return the handle of the node above both.
+
+    node: path of that node; number: index of the sensor, which gives its colour."""
     x, y, z = cloud.place.tolist()
     handle = api.add_frame(node, show_axes=False, visible=visible)
     housing = box((0.4, 0.4, 0.4), (x, y, z))
@@ -148,7 +158,9 @@ def _add_place(
 def _add_boxes(
     api: "SceneApi", sample: DrawnSample, frame: int, visible: bool
 ) -> list[scene.Handle]:
-    """Add labelled boxes, and outcomes or else detections; return the handles."""
+    """Add labelled boxes, and outcomes or, if unknown, detections; return the handles.
+
+    frame: number of the frame, the last part of the nodes' names."""
     groups = [("truth", BOXES["truth"], sample.truth)]
     if not sample.outcomes:
         groups.append(("detections", BOXES["detections"], sample.detections))
@@ -169,16 +181,18 @@ def _add_boxes(
 
 
 def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
-    """Nodes above all boxes of one kind."""
+    """Paths of the nodes above all boxes and tags of one kind.
+
+    kind: one of `BOX_KINDS`; outcomes: whether to include the nodes of outcomes."""
     return [f"/{group}/{kind}" for group in ((*_LINES, TAGS) if outcomes else (*BOXES, TAGS))]
 
 
 def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.Handle:
-    """Add a grid of 10 m squares on the ground, for scale."""
+    """Add a grid of 10 m squares on the ground, for scale; area: xmin, ymin, xmax, ymax (m)."""
     xmin, ymin, xmax, ymax = area
     colours = scene.Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
     sizes = scene.Look(width=xmax - xmin, height=ymax - ymin, cell_size=10.0, section_size=10.0)
-    middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)
+    middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)  # 2 cm below points on the ground
     far = 10.0 * max(xmax - xmin, ymax - ymin)
     return api.add_grid(
         GRID_NODE, plane="xy", position=middle, fade_distance=far, **sizes, **colours
@@ -186,9 +200,10 @@ def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.
 
 
 def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
-    """Area of most points of a frame and its sensors, or else of its boxes.
+    """Area of most points of a frame and its sensors, or of its boxes without points.
 
-    It is xmin, ymin, xmax, ymax, rounded to 10 m."""
+    Returns xmin, ymin, xmax, ymax (m), extended to multiples of 10 m; each side is at least 20
+    m."""
     places = [np.zeros((0, 2))]
     for cloud in sample.clouds:
         if len(cloud.points):

@@ -18,16 +18,17 @@ import numpy as np
 if TYPE_CHECKING:
     from viser import ViserServer
 
-Spot = tuple[float, float, float]
+Spot = tuple[float, float, float]  # x, y, z (m)
 Handle = Any  # node or control of viser
 Look = dict[str, Any]  # keyword arguments of viser
 FOLDER = Path(__file__).parent
 VERTICAL_FOV = float(np.deg2rad(50.0))  # field of view of the camera that a scene opens with (rad)
+# origin of a page that this machine serves
 _LOCAL = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?")
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue of #rrggbb."""
+    """Red, green and blue (0 to 255) of a colour #rrggbb."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 
@@ -41,10 +42,12 @@ def check_viser() -> None:
 
 @contextmanager
 def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
-    """Open a viser server for this machine only. Its scene is empty, with light and up direction.
-    port: 0 for one of the system's choice, else this or, if it is taken, one after it; token: that
-    its address ends with, "" to serve nobody. Nothing is printed, and viser does not rebuild its
-    viewer, for which it would use the network. Raises ImportError without viser."""
+    """Open a viser server for this machine only, with an empty scene, light and up direction.
+
+    port: 0 for a port of the system's choice, else this port or, if it is taken, a later one;
+    token: secret with which the address ends, "" to refuse every request. Nothing is printed, and
+    viser does not rebuild its viewer, for which it would use the network: parts of viser,
+    websockets and rich are replaced meanwhile, and put back. Raises ImportError without viser."""
     check_viser()
     import rich
     from viser import ViserServer
@@ -81,7 +84,11 @@ def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
 def _serve_guarded(
     serve: Handle, token: str, *arguments: object, process_request: Handle, **options: object
 ) -> Handle:
-    """Serve only requests below /token/, and only sockets to pages of this machine."""
+    """Start a server of websockets that refuses requests without the token and foreign pages.
+
+    serve: websockets' function, to which `arguments` and `options` go; token: first part of the
+    path of every request that is served, "" to refuse all; process_request: viser's handler, which
+    sees the path without the token. A socket must come from a page of this machine."""
 
     def guard(connection: Handle, request: Handle) -> Handle:
         path_token, _, page_path = request.path.removeprefix("/").partition("/")
@@ -104,7 +111,9 @@ def _serve_guarded(
 def set_view(
     server: "ViserServer", position: tuple[float, ...], look_at: tuple[float, ...]
 ) -> None:
-    """Set the camera's place and target when the scene opens."""
+    """Set the camera with which the scene opens.
+
+    position: x, y, z of the camera (m); look_at: x, y, z of the point at which it looks (m)."""
     server.initial_camera.position = np.array(position)
     server.initial_camera.look_at = np.array(look_at)
     server.initial_camera.fov = VERTICAL_FOV
@@ -112,8 +121,9 @@ def set_view(
 
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
-    """Spot and target of a camera that sees an area. It sees the whole area, at a slant from the
-    south. area: xmin, ymin, xmax, ymax (m); height: height of the ground."""
+    """Position and target (m) of a camera that sees a whole area, at a slant from the south.
+
+    area: xmin, ymin, xmax, ymax (m); height: height of the ground (m)."""
     xmin, ymin, xmax, ymax = area
     x = (xmin + xmax) / 2
     y = (ymin + ymax) / 2
@@ -125,12 +135,15 @@ def scene_html(server: "ViserServer") -> str:
     """Return the scene as a page for an iframe.
 
     It reports when it is ready, and switches nodes by messages."""
+    # the last node: the page is ready when the viewer has it, see control.js
     server.scene.add_frame("/end", show_axes=False)
     return _with_head(server.get_scene_serializer().as_html(), "control.js")
 
 
 def _with_head(html: str, script: str) -> str:
-    """Page of the viewer with a script of ours, without its notes on software rendering."""
+    """Insert a script into the viewer's page, and hide its notes on software rendering.
+
+    html: the page; script: name of a file of this folder."""
     head_end = html.index("</head>")
     ours = (FOLDER / script).read_text(encoding="utf-8")
     style = "<style>.mantine-Notification-root{display:none!important}</style>"

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 def add_mesh(
     api: "SceneApi", name: str, mesh: Mesh, colour: str, *, opacity: float | None = None
 ) -> None:
-    """Add a mesh of one colour, if it has triangles."""
+    """Add a mesh of one colour, without shadows and seen from both sides, if it has triangles.
+
+    name: path of its node; colour: #rrggbb; opacity: 0 to 1, None for opaque."""
     if len(mesh.triangles):
         parts = (mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
         shadows = ("cast", "receive")
@@ -34,7 +36,10 @@ def add_lines(
     width: float,
     visible: bool,
 ) -> "LineSegmentsHandle | None":
-    """Add lines of one colour, if there are any."""
+    """Add line segments of one colour, or return None without segments.
+
+    name: path of the node; segments: start and end of each (m); colour: #rrggbb; width: pixels;
+    visible: whether the node is seen at first."""
     if not len(segments):
         return None
     return api.add_line_segments(
@@ -57,7 +62,11 @@ def add_points(
     visible: bool,
     precision: Literal["float16", "float32"] = "float16",
 ) -> "PointCloudHandle":
-    """Add square points of one colour, or one each."""
+    """Add points as squares, in one colour or each in a colour of its row.
+
+    name: path of the node; colour: red, green and blue (0 to 255); size: side of a square (m);
+    visible: whether the node is seen at first; precision: type of the coordinates; float16 is half
+    as large, in steps of 3 cm beyond 32 m."""
     return api.add_point_cloud(
         name,
         points,
@@ -70,7 +79,7 @@ def add_points(
 
 
 def thin_evenly(points: Float32[np.ndarray, "n 3"], max_points: int) -> Float32[np.ndarray, "m 3"]:
-    """Take at most this many of the points, evenly."""
+    """Take at most `max_points` points, evenly over the rows."""
     if len(points) <= max_points:
         return points
     return points[np.linspace(0, len(points), max_points, endpoint=False).astype(np.int64)]

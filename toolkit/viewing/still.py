@@ -42,9 +42,9 @@ def write_still(
 ) -> None:
     """Write a frame as a picture, PNG or SVG by the ending, with the same bytes each time.
 
-    colouring: colouring of points; sensors: names in the order of their colours, the frame's when
-    empty; half: half of the sides (m) of the picture about the origin; None for the area with most
-    points."""
+    title: first line above the map, the frame's name when empty; colouring: colouring of points;
+    sensors: names in the order of their colours, the frame's when empty; half: half the width and
+    height (m) of a map around the origin; None for the area with most points."""
     order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
     scales = Scales.of(sample)
     subtitle = f"{sample.describe()}; points by {scales.describe(colouring)}"
@@ -64,11 +64,11 @@ def write_still(
 
 
 def _make_sheet(area: tuple[float, float, float, float]) -> tuple["Figure", "Axes"]:
-    """Figure with axes of an area xmin ymin xmax ymax (m), with a grid of tens of metres."""
+    """Figure with axes of an area, with a grid of 10 m; area: xmin, ymin, xmax, ymax (m)."""
     xmin, ymin, xmax, ymax = area
     width = xmax - xmin
     height = ymax - ymin
-    scale = _INCHES / max(width, height)
+    scale = _INCHES / max(width, height)  # inches per metre
     figure = blank_figure(width * scale + 1.2, height * scale + 2.0, constrained=True)
     axes = figure.add_subplot()
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xlabel="x (m)", ylabel="y (m)")
@@ -81,7 +81,9 @@ def _make_sheet(area: tuple[float, float, float, float]) -> tuple["Figure", "Axe
 def _draw_clouds(
     axes: "Axes", sample: drawn.DrawnSample, order: list[str], colouring: Colouring, scales: Scales
 ) -> None:
-    """Draw the points of all sensors. order: names of sensors in the order of their colours."""
+    """Draw the points of all sensors.
+
+    order: names of sensors in the order of their colours; scales: ranges of the colours."""
     newest = drawn.find_newest(sample)
     for sample_cloud in sample.clouds:
         cloud = drawn.limit_points(sample_cloud, STILL_POINTS)
@@ -92,7 +94,7 @@ def _draw_clouds(
 
 
 def _draw_labels(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
-    """Draw labelled boxes as outlines, and return their legend entries."""
+    """Draw labelled boxes as outlines, and return a legend entry, or none without boxes."""
     from matplotlib.patches import Patch
 
     labels = _join_kinds(sample.truth)
@@ -104,7 +106,7 @@ def _draw_labels(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
 
 
 def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
-    """Draw outcomes, else detections, and return their legend entries."""
+    """Draw boxes by outcome, or all detections if outcomes are unknown; return legend entries."""
     rows: dict[Outcome, np.ndarray] = {
         MARKED[name]: _join_kinds(boxes) for name, boxes in sample.outcomes.items()
     }
@@ -118,7 +120,7 @@ def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
 
 
 def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
-    """Write tags above their places."""
+    """Write the texts of tags above their places, in the colours of their outcomes."""
     for tag in tags:
         look: PlotStyle = {
             "color": OUTCOME[tag.outcome].colour,
@@ -132,7 +134,9 @@ def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
 
 
 def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, order: list[str]) -> list[Entry]:
-    """Draw sensors as squares, and return their legend entries."""
+    """Draw sensors as squares, and return their legend entries.
+
+    order: names of sensors in the order of their colours; all of them have an entry."""
     from matplotlib.lines import Line2D
 
     for cloud in sample.clouds:
@@ -147,15 +151,17 @@ def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, order: list[str]) -> 
 
 
 def draw_frame_alone(frame: Frame, out: str | Path) -> None:
-    """Draw the area of a frame's points."""
+    """Draw a frame from above without a site: its points, sensors and labelled boxes.
+
+    out: picture to write, PNG or SVG by its ending."""
     view = Drawing()
     write_still(view.draw(frame, view.origin(frame)), out)
 
 
 def draw_recording(recording: Recording, out: str | Path) -> None:
-    """Draw the first frame of a recording, on its site if that is known.
+    """Draw the first frame of a recording, on the map of its site if that is known.
 
-    Raises IndexError without frames."""
+    out: picture to write, PNG or SVG by its ending. Raises IndexError without frames."""
     frame = recording[0]
     site = recording.site
     if site is None:
@@ -168,12 +174,14 @@ def draw_recording(recording: Recording, out: str | Path) -> None:
 
 
 def draw_boxes(rows: Objects | Detections, out: str | Path) -> None:
-    """Draw boxes from above."""
+    """Draw labelled or detected boxes from above, without points.
+
+    out: picture to write, PNG or SVG by its ending."""
     kinds = drawn.sort_kinds(rows.boxes, rows.labels)
     truth, detections = ({}, kinds) if isinstance(rows, Detections) else (kinds, {})
     write_still(drawn.DrawnSample("boxes", np.nan, (), truth, detections), out)
 
 
 def _join_kinds(boxes: drawn.BoxesByKind) -> np.ndarray:
-    """Boxes of all kinds."""
+    """Join the boxes of all kinds into one (n, 7) array."""
     return np.concatenate([np.zeros((0, 7)), *boxes.values()])

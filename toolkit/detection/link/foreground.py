@@ -34,9 +34,12 @@ MIN_MISSING_NEIGHBOURS = 3  # counting the pixel itself, unless all are missing
 
 
 class SendsForeground(DetectsOnce):
-    """Base of schemes that detect once in all foreground.
+    """Base of schemes whose sensors send foreground and whose centre detects once in all points.
 
-    Fusing raises ValueError without scenes or images."""
+    step: step of measurements (m); sigmas: spreads of the empty scene within which a measurement
+    shows it. Fusing raises ValueError if the view has no scenes or images."""
+
+    # surrogate that predicts the scheme's AP, see `toolkit.detection.scheme.surrogate_name`
 
     predicted_as: ClassVar[str] = "early"
     step: float
@@ -44,19 +47,24 @@ class SendsForeground(DetectsOnce):
 
     @property
     def codec(self) -> RangeImages:
-        """Codec that estimates a foreground message's mean bits."""
+        """Codec that estimates the mean bits of a foreground message from its points."""
         return RangeImages(self.step)
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect in all foreground that arrives."""
+        """Detect in the clouds that the centre restores of the sensors (indices), joined."""
         return view.fuse_points([self.send(view, sensor) for sensor in sensors])
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the points on objects that count."""
+        """Return the points on objects that count: only foreground is sent.
+
+        counts: numbers of points of C candidates in F frames."""
         return counts.on_objects
 
     def send(self, view: View, sensor: int) -> Sent[Cloud]:
-        """Send the foreground of a sensor, and restore its cloud at the centre."""
+        """Send the foreground of a sensor (index), and restore its cloud at the centre.
+
+        The cloud that arrives has the measured points first, then the points of the empty scene in
+        all pixels that were neither sent nor missing."""
 
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
             captured = view.captured(sensor)
@@ -75,16 +83,20 @@ class SendsForeground(DetectsOnce):
     def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
-        """Return the message of a sensor, and the image that the centre restores."""
+        """Return the message of a sensor (index), and the image that the centre restores.
+
+        image: measurements (m) to send, 0 in all other pixels; missing: mask of pixels in which the
+        centre must not draw the empty scene."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Foreground(SendsForeground):
-    """Early fusion with a background known to the centre. Raises ValueError for other values.
+    """Early fusion whose sensors send only what differs from a background known to the centre.
 
-    step: step of measurements (m), in whole millimetres; sigmas: spreads of the empty scene, above
-    0, within which a measurement shows it."""
+    step: step of measurements (m), in whole millimetres; sigmas: number of spreads (standard
+    deviations) of the empty scene, above 0, within which a measurement shows it; name: name in
+    tables. Raises ValueError for other values."""
 
     step: float = 0.02
     sigmas: float = SCENE_SIGMAS
@@ -100,14 +112,20 @@ class Foreground(SendsForeground):
     def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
-        """Encode the image and decode it again."""
+        """Encode the foreground of a sensor (index), and decode it again at the centre.
+
+        image: measurements (m) to send, 0 elsewhere; missing: mask of missing pixels."""
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)
 
 
 class Restored(NamedTuple):
-    """Restored image, masks of sent and missing pixels, header, and measurements in steps."""
+    """Image that the centre restores from a message and the empty scene.
+
+    header: header of the message; image: measurements (m), the empty scene's in all pixels that
+    were neither sent nor missing, 0 in missing ones; sent, missing: masks of these pixels; steps:
+    measurements of sent pixels in whole steps, 0 elsewhere."""
 
     header: wire.MessageHeader
     image: ImageRanges
@@ -119,17 +137,19 @@ class Restored(NamedTuple):
 def encode_foreground(
     image: RangeImage, scene: EmptyScene, missing: ImageMask | None = None, *, step: float = 0.02
 ) -> bytes:
-    """Encode an image's foreground, all pixels that return something, and missing pixels.
+    """Encode the foreground of an image, and its missing pixels, as a message.
 
-    Raises ValueError for the empty scene of another sensor, and for a missing pixel that returns
-    something."""
+    image: measurements (m) of the foreground, every pixel that returns something; missing: mask of
+    pixels in which the centre must not draw the empty scene, None for no such pixels; step: step of
+    measurements (m). Raises ValueError for the empty scene of another sensor, and for a missing
+    pixel that returns something."""
     sent, missing = check_pixels(image, scene, missing)
     content = encode_pixels(to_steps(image.measurement, sent, step), sent)
     return write_scene_message(wire.MessageKind.FOREGROUND, image, scene, step, content, missing)
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
-    """Restore an image from a message and the empty scene.
+    """Restore an image from a message of `encode_foreground` and the empty scene.
 
     Raises ValueError for a message that is damaged, of another version or sensor, or made with
     another empty scene."""
@@ -146,9 +166,12 @@ def restore(
     sent: ImageMask,
     end: int,
 ) -> Restored:
-    """Draw the empty scene into all pixels without a measurement.
+    """Draw the empty scene into all pixels that were neither sent nor missing.
 
-    Raises ValueError for damaged missing pixels after `end`."""
+    content: the message after its header; steps: measurements in steps, 0 in pixels not sent; sent:
+    mask of sent pixels; end: index in `content` at which the sent pixels end. A mask of missing
+    pixels follows unless the content ends there. Raises ValueError if that mask is damaged, is
+    empty, marks a sent pixel, or does not end the content."""
     missing = np.zeros(sent.shape, bool)
     if end < len(content):
         missing, end = decode_mask(content, end, sent.shape)
@@ -167,7 +190,11 @@ def restore(
 def check_pixels(
     image: RangeImage, scene: EmptyScene, missing: ImageMask | None
 ) -> tuple[ImageMask, ImageMask]:
-    """Masks of sent and missing pixels; ValueError as `encode_foreground`."""
+    """Masks of the pixels to send and of missing pixels, checked to be disjoint.
+
+    image: every pixel that returns something is sent; missing: mask, None for no missing pixels.
+    Raises ValueError for the empty scene of another sensor, a mask of another shape, or a missing
+    pixel that returns something."""
     if (image.sensor.name, image.sensor.model) != (scene.name, scene.model):
         raise ValueError(
             f"the empty scene is of {scene.name!r}, {scene.model}, the image of "
@@ -191,13 +218,16 @@ def write_scene_message(
     content: bytes,
     missing: np.ndarray,
 ) -> bytes:
-    """Write a message that ends with any missing pixels."""
+    """Write a message that refers to an empty scene and ends with any missing pixels.
+
+    image: gives sensor, time and number of the header; step: step of measurements (m); content:
+    coded pixels; missing: mask (rows, columns) of missing pixels, coded only if it marks any."""
     header = sent_header(kind, image, step, scene_number(scene))
     return wire.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
 
 
 def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: EmptyScene) -> None:
-    """Raise ValueError for a message of another kind or scene."""
+    """Raise ValueError if a message has another kind, sensor, shape or empty scene."""
     rows, columns = scene.model.shape
     number = wire.sensor_number(scene.name)
     wire.check_header(
@@ -206,26 +236,35 @@ def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: Empty
 
 
 def scene_number(scene: EmptyScene) -> int:
-    """Number of an empty scene in messages."""
+    """Number of an empty scene in messages, from the first 32 bits of its SHA-256."""
     return int(scene.digest[:8], 16)
 
 
 class DrawnScene(NamedTuple):
-    """Points of an empty scene in the crop, with pixels."""
+    """Points of an empty scene in the crop, with their pixels.
+
+    points: x, y, z (m), lifted like measured points; pixels: flat index (row by row) of each point,
+    ascending."""
 
     points: Float32[np.ndarray, "n 3"]
     pixels: Int64[np.ndarray, " n"]
 
 
 class StandsOut(NamedTuple):
-    """Pixels of an image to send, ascending, and missing ones."""
+    """Foreground of an image.
+
+    pixels: flat indices (row by row, ascending) of the pixels to send; missing: mask of the pixels
+    in which the centre must not draw the empty scene."""
 
     pixels: Int64[np.ndarray, " n"]
     missing: ImageMask
 
 
 def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SIGMAS) -> StandsOut:
-    """Find the pixels that a sensor sends of an image."""
+    """Find the pixels of an image that differ from its empty scene.
+
+    captured: image with the crop; sigmas: spreads of the scene within which a measurement shows
+    it."""
     measured = captured.measurement
     shows_scene = scene.shows(captured.measurement, sigmas)
     pixels = np.sort(captured.pixels[~shows_scene.ravel()[captured.pixels]])
@@ -233,17 +272,22 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SI
     is_drawn.ravel()[draw_scene(captured, scene).pixels] = True
     is_measured = np.zeros(measured.shape, bool)
     is_measured.ravel()[captured.pixels] = True
+    # The centre would draw a point, but none was measured in the crop: another return or no return.
     is_gone = is_drawn & ~is_measured & (~shows_scene | ~is_return(measured, scene.model.max_range))
+    # Gone pixels that show the scene (it has no return now and then) are no evidence of an object.
     return StandsOut(pixels, keep_neighbours(is_gone, is_drawn & ~(is_gone & shows_scene)))
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
-    """Draw the points of a sensor that sends nothing."""
+    """Points that the centre draws for a sensor that sends nothing: its empty scene, cropped.
+
+    captured: image that defines the sensor's pose, the crop and the lift. Results are cached."""
     return _draw(scene, captured.sensor, Crop.of(captured.area, captured.height), captured.lift)
 
 
 @lru_cache(maxsize=64)
 def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> DrawnScene:
+    # Cropped points of a scene seen from a sensor's pose; the arrays are shared, so never changed.
     xyz, valid = unproject(sensor, scene.first)
     points = np.ascontiguousarray(xyz[:, valid].T)
     points = points if lift is None else lift(points)
@@ -252,7 +296,11 @@ def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> D
 
 
 def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
-    """Mask of missing pixels with enough missing neighbours."""
+    """Mask of missing pixels with enough missing neighbours within 5 x 5 pixels.
+
+    is_gone: mask of pixels in which the sensor lacks a point of the empty scene; is_expected: mask
+    of pixels that should show a point of the scene. All gone pixels are kept if every expected one
+    is gone, and no pixel if every expected one shows a point."""
     is_certain = is_gone & is_expected
     if not is_certain.any():
         return np.zeros_like(is_gone)
@@ -265,7 +313,10 @@ def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
 
 
 def _count_around(mask: ImageMask) -> ImageSteps:
-    """Count mask pixels in the square around each pixel."""
+    """Number of mask pixels in the 5 x 5 square around each pixel, itself included.
+
+    Pixels beyond the image's edges count as unmarked."""
+    # differences of an integral image (cumulative sums along both axes)
     side = 2 * NEIGHBOUR_PX + 1
     padded = np.pad(mask, NEIGHBOUR_PX).astype(np.int64)
     sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))

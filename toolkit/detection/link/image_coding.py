@@ -12,21 +12,30 @@ import numpy as np
 
 from toolkit.arrays import ImageMask, ImageSteps, Int64
 
-MAX_PACKED = (1 << 32) - 1
-_SMALL_NUMBERS = 8  # numbers below it are symbols themselves
-_MIN_LARGE_BITS = 4  # bits of the smallest other number
+MAX_PACKED = (1 << 32) - 1  # largest number that `pack_integers` takes
+# A number becomes a symbol of a byte, which is deflated, and low bits, which are not. Numbers below
+# `_SMALL_NUMBERS` are symbols themselves. Symbols of larger numbers give the number of bits and the
+# second highest bit; the bits below follow as they are.
+_SMALL_NUMBERS = 8
+_MIN_LARGE_BITS = 4  # bits of the smallest number that is not a symbol itself
+# ways to deflate: the shortest result is sent, and all are inflated alike
 _STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_FIXED)
 MAX_RANGE_STEPS = 1 << 24  # in a measurement; 335 km in steps of 2 cm
+# first byte of a coded mask: changes along the rows, or differences from the neighbours
 _ALONG_ROWS = 0
 _LEFT_AND_UP = 1
 
 
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
-    """Pack numbers below 2^32, or raise ValueError."""
+    """Pack whole numbers into bytes: count, length of the symbols, symbols, low bits.
+
+    Raises ValueError for a number below 0 or from 2^32 on."""
     if len(values) and not (values.min() >= 0 and values.max() <= MAX_PACKED):
         raise ValueError(
             f"numbers from 0 to {MAX_PACKED} are packed, got {values.min()} to {values.max()}"
         )
+    # number of bits of each value (the exponent of a float64), and the lower bits that are not in
+    # its symbol
     size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
     low = np.where(values < _SMALL_NUMBERS, 0, size - 2)
     second = (values >> low) & 1
@@ -41,21 +50,24 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
 
 
 def _deflate(content: bytes, strategy: int) -> bytes:
+    # greatest effort (level and memory 9), raw: -15 writes no zlib header or checksum
     packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
     return packer.compress(content) + packer.flush()
 
 
 def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack numbers that begin at `start`, and return their end.
+    """Unpack the numbers of `pack_integers`.
 
-    Raises ValueError for more than `max_count` numbers, or bytes that `pack_integers` does not
-    write."""
+    start: index in `data` at which they begin. Returns the numbers and the index after their last
+    byte. Raises ValueError for more than `max_count` numbers, or bytes that `pack_integers` does
+    not write."""
     count, start = read_varint(data, start)
     if count > max_count:
         raise ValueError(f"at most {max_count} packed numbers are possible, got {count}")
     length, start = read_varint(data, start)
     opener = zlib.decompressobj(-15)
     try:
+        # one byte more than expected: enough to notice excess, without inflating all of it
         content = opener.decompress(data[start : start + length], count + 1)
     except zlib.error as error:
         raise ValueError(f"packed numbers cannot be inflated ({error})") from None
@@ -66,6 +78,7 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
         raise ValueError(
             f"packed numbers have symbols up to {_SMALL_NUMBERS + 57}, got {symbols.max()}"
         )
+    # undo the symbols of large numbers; values of small ones are discarded by both np.where
     half, second = np.divmod(symbols - _SMALL_NUMBERS, 2)
     low = np.where(symbols < _SMALL_NUMBERS, 0, half + _MIN_LARGE_BITS - 2)
     bits, end = read_bits(data, start + length, low)
@@ -73,7 +86,9 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
 
 
 def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, " n"]) -> bytes:
-    """Write the lower `width` bits of each number, highest first."""
+    """Write the lower `width` bits of each number, highest first, without gaps.
+
+    width: bits of each number, or of all. The last byte is filled with zeros."""
     width = np.broadcast_to(width, len(values))
     return np.packbits((np.repeat(values, width) >> _places(width)) & 1).tobytes()
 
@@ -81,7 +96,11 @@ def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, "
 def read_bits(
     data: bytes, start: int, width: Int64[np.ndarray, " n"]
 ) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Read numbers of `write_bits` and their end, or raise ValueError."""
+    """Read the numbers that `write_bits` wrote.
+
+    start: index in `data` of the first byte; width: bits of each number. Returns the numbers and
+    the index after their last byte. Raises ValueError if the data end early, or the last byte is
+    not filled with zeros."""
     total = int(width.sum())
     end = start + -(-total // 8)
     if end > len(data):
@@ -92,19 +111,22 @@ def read_bits(
     bits = np.unpackbits(np.frombuffer(data, np.uint8, end - start, start)).astype(np.int64)
     if bits[total:].any():
         raise ValueError("the last byte must be filled with zeros: the message is damaged")
+    # a number is the sum of its bits' powers of two: a difference of cumulative sums
     sums = np.concatenate([[0], np.cumsum(bits[:total] << _places(width))])
     ends = np.cumsum(width)
     return sums[ends] - sums[ends - width], end
 
 
 def _places(width: np.ndarray) -> np.ndarray:
-    """Position of every bit in its number, highest first."""
+    """Place of every bit in its number (0 for the lowest), number after number, highest first.
+
+    width: bits of each number."""
     ends = np.cumsum(width)
     return np.repeat(ends, width) - 1 - np.arange(int(width.sum()))
 
 
 def write_varint(number: int) -> bytes:
-    """Write a number as 7 bits a byte, lowest first."""
+    """Write a number from 0 on as 7 bits a byte, lowest first; the highest bit: more follow."""
     out = bytearray()
     while number > 127:
         out.append(number & 127 | 128)
@@ -113,9 +135,11 @@ def write_varint(number: int) -> bytes:
 
 
 def read_varint(data: bytes, start: int) -> tuple[int, int]:
-    """Read a number of `write_varint`; return it and the index after it."""
+    """Read the number of `write_varint` that begins at index `start`.
+
+    Returns the number and the index after it. Raises ValueError if it has no last byte."""
     number = 0
-    for byte_index in range(5):
+    for byte_index in range(5):  # enough for 32 bits
         if start + byte_index >= len(data):
             break
         byte = data[start + byte_index]
@@ -126,12 +150,18 @@ def read_varint(data: bytes, start: int) -> tuple[int, int]:
 
 
 def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
-    """Encode the mask's pixels; ValueError for steps from 2^24 on."""
+    """Encode a mask and the measurements of its pixels.
+
+    steps: measurements in whole steps; mask: pixels to encode. Raises ValueError for steps below 0
+    or from 2^24 on."""
     return encode_mask(mask) + encode_values(steps, mask)
 
 
 def decode_pixels(content: bytes, shape: tuple[int, int]) -> tuple[ImageSteps, ImageMask]:
-    """Decode steps and mask of pixels, or raise ValueError."""
+    """Decode the measurements (steps, 0 outside the mask) and the mask of `encode_pixels`.
+
+    content: exactly the bytes written; shape: rows and columns of the image. Raises ValueError for
+    other bytes."""
     steps, mask, end = read_pixels(content, 0, shape)
     if end != len(content):
         raise ValueError(
@@ -143,14 +173,22 @@ def decode_pixels(content: bytes, shape: tuple[int, int]) -> tuple[ImageSteps, I
 def read_pixels(
     content: bytes, start: int, shape: tuple[int, int]
 ) -> tuple[ImageSteps, ImageMask, int]:
-    """Decode pixels that begin at `start`, and return their end."""
+    """Decode the pixels of `encode_pixels` that begin at index `start` of the content.
+
+    shape: rows and columns of the image. Returns measurements (steps, 0 outside the mask), mask,
+    and the index after the last byte. Raises ValueError for other bytes."""
     mask, start = decode_mask(content, start, shape)
     steps, end = decode_values(content, start, mask)
     return steps, mask, end
 
 
 def encode_mask(mask: ImageMask) -> bytes:
-    """Encode a mask by the shorter of the two methods."""
+    """Encode a mask by the shorter of two methods: a byte for the method, then packed distances.
+
+    Either method turns the mask into a mask of changes, and codes the distance of each change from
+    the previous one, row after row."""
+    # xor of a pixel with its left, upper and upper left neighbours; the copy keeps the unchanged
+    # left neighbours
     across = mask.copy()
     across[1:] ^= mask[:-1]
     across[:, 1:] ^= across[:, :-1].copy()
@@ -160,13 +198,16 @@ def encode_mask(mask: ImageMask) -> bytes:
     }
     codes = []
     for method, changes in changes_by_method.items():
-        distances = np.diff(np.flatnonzero(changes), prepend=-1)
+        distances = np.diff(np.flatnonzero(changes), prepend=-1)  # at least 1, also the first
         codes.append(bytes([method]) + pack_integers(distances))
     return min(codes, key=len)
 
 
 def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[ImageMask, int]:
-    """Decode a mask, and return its end, or raise ValueError."""
+    """Decode the mask of `encode_mask` that begins at index `start` of the content.
+
+    shape: rows and columns of the image. Returns the mask and the index after its last byte. Raises
+    ValueError for other bytes."""
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
         raise ValueError("the content of an image must begin with 0 or 1: it is damaged")
@@ -182,8 +223,10 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, known_mask: ImageMask | None = None) -> bytes:
-    """Encode a mask's pixels. known_mask: other pixels, known to the reader.
+    """Encode the measurements of a mask's pixels as differences from their predictions.
 
+    steps: measurements in whole steps, also of known pixels; mask: pixels to encode; known_mask:
+    other pixels whose steps the reader knows already and can predict from, None for no such pixels.
     Raises ValueError for steps beyond 0 to 2^24 - 1."""
     values = steps[mask]
     if len(values) and not (values.min() >= 0 and values.max() < MAX_RANGE_STEPS):
@@ -200,10 +243,12 @@ def decode_values(
     mask: ImageMask,
     known_pixels: tuple[ImageSteps, ImageMask] | None = None,
 ) -> tuple[ImageSteps, int]:
-    """Decode steps of a mask's pixels, 0 elsewhere, and return their end.
+    """Decode the measurements of a mask's pixels that `encode_values` wrote.
 
-    known_pixels: steps and mask of other known pixels. Raises ValueError for bytes that
-    `encode_values` does not write."""
+    start: index in `content` at which they begin; mask: pixels that were encoded; known_pixels:
+    steps and mask of the other pixels that the writer took as known, None for no such pixels.
+    Returns measurements in steps, 0 outside the mask, and the index after the last byte. Raises
+    ValueError for bytes that `encode_values` does not write."""
     residuals, end = unpack_integers(content, start, mask.size)
     if len(residuals) != mask.sum():
         raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")
@@ -211,19 +256,29 @@ def decode_values(
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Map whole numbers to those from 0 on, small magnitudes first."""
+    """Map whole numbers to numbers from 0 on, small magnitudes first.
+
+    0, -1, 1, -2, 2 become 0, 1, 2, 3, 4."""
     return np.where(values >= 0, 2 * values, -2 * values - 1)
 
 
 def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Inverse of `fold`."""
+    """Map numbers from 0 on to whole numbers, the inverse of `fold`.
+
+    0, 1, 2, 3, 4 become 0, -1, 1, -2, 2."""
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
 def predict_residuals(
     steps: np.ndarray, mask: np.ndarray, known_mask: np.ndarray | None = None
 ) -> np.ndarray:
-    """Predict all of the mask's pixels together, as `add_residuals` does one by one."""
+    """Predict the steps of a mask's pixels from the pixels before them, row after row.
+
+    steps: measurements (rows, columns) in whole steps; mask: pixels (rows, columns) to predict;
+    known_mask: other pixels whose steps the reader knows, None for no such pixels. Returns the
+    prediction (n,) of each mask pixel, all computed together; `add_residuals` computes the same
+    numbers one by one."""
+    # flat image with a border, -1 in all pixels that are neither coded nor known
     positions, stride = _pad_places(mask)
     padded = np.full((mask.shape[0] + 1) * stride, -1, np.int64)
     if known_mask is not None:
@@ -233,13 +288,16 @@ def predict_residuals(
     up = padded[positions - stride]
     upper_left = padded[positions - stride - 1]
     upper_right = padded[positions - stride + 1]
+    # the previous pixel of the mask, 0 for the first; cut to nothing for an empty mask
     last = np.concatenate([[0], values[:-1]])[: len(values)]
     lower = np.minimum(left, up)
     higher = np.maximum(left, up)
+    # the median predictor of LOCO-I: the plane through the three neighbours, within left and up
     median = np.clip(left + up - upper_left, lower, higher)
     corner = np.where(upper_right >= 0, upper_right, np.where(upper_left >= 0, upper_left, last))
     both = np.where(upper_left >= 0, median, (left + up) >> 1)
     single = np.where(up >= 0, up, left)
+    # both left and up are available, one of them, or neither
     return np.where(lower >= 0, both, np.where(higher >= 0, single, corner))
 
 
@@ -248,7 +306,14 @@ def add_residuals(
     residuals: np.ndarray,
     known_pixels: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Undo `predict_residuals`, pixel by pixel."""
+    """Restore the steps of a mask's pixels from their differences from the predictions.
+
+    mask: pixels (rows, columns) that were encoded; residuals: difference (n,) of each mask pixel
+    from its prediction, row after row; known_pixels: steps and mask (rows, columns) of other known
+    pixels, None for no such pixels. Returns steps (rows, columns), 0 outside the mask. Pixel by
+    pixel, as each prediction needs the pixels before it. Raises ValueError for a result beyond 0 to
+    2^24 - 1."""
+    # flat image with a border, -1 in all pixels that are neither restored nor known
     positions, stride = _pad_places(mask)
     padded = [-1] * ((mask.shape[0] + 1) * stride)
     if known_pixels is not None:
@@ -265,6 +330,7 @@ def add_residuals(
         if left >= 0 and up >= 0:
             lower = min(left, up)
             higher = max(left, up)
+            # the same predictor as in `predict_residuals`
             if upper_left < 0:
                 value = (left + up) >> 1
             elif upper_left >= higher:
@@ -275,6 +341,7 @@ def add_residuals(
                 value = left + up - upper_left
         else:
             neighbours = (up, left, padded[position - stride + 1], upper_left)
+            # the first available neighbour, else the previous pixel of the mask
             value = next((neighbour for neighbour in neighbours if neighbour >= 0), value)
         value += residual
         if not 0 <= value < MAX_RANGE_STEPS:
@@ -287,7 +354,9 @@ def add_residuals(
 
 
 def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Positions of a mask's pixels in a padded image, and its width."""
+    """Flat index of each mask pixel in a padded image, and the padded image's width.
+
+    Padding is one row above and one column on either side, so neighbours of edge pixels exist."""
     pixels = np.flatnonzero(mask)
     columns = mask.shape[1]
     return pixels + 2 * (pixels // columns) + columns + 3, columns + 2

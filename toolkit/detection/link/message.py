@@ -22,8 +22,9 @@ from toolkit.runtime.text_tables import align_columns
 
 MAGIC = b"cv"
 MESSAGE_VERSION = 2
+# magic, version, kind, then the fields of `_FIELD_BITS` in their order; little endian
 _HEADER = struct.Struct("<2sBBIIQHHHI")
-_CHECKSUM = struct.Struct("<I")
+_CHECKSUM = struct.Struct("<I")  # CRC-32 of all bytes before it
 OVERHEAD_BYTES = _HEADER.size + _CHECKSUM.size  # a message without its content
 _FIELD_BITS = {
     "sensor": 32,
@@ -39,7 +40,7 @@ CAPACITIES_MBIT_PER_S = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}
 
 
 class MessageKind(IntEnum):
-    """Kind of a message's content."""
+    """Kind of a message's content; the number is a byte of its header."""
 
     RANGE_IMAGE = 1
     FOREGROUND = 2
@@ -49,7 +50,18 @@ class MessageKind(IntEnum):
 
 @dataclass(frozen=True)
 class MessageHeader:
-    """Header of a message, with numbers that fit its fields."""
+    """Header of a message. Raises ValueError for a number that does not fit its field.
+
+    Attributes:
+        kind: kind of the content.
+        sensor: number of the sensor (`sensor_number`).
+        number: number of the frame.
+        time_us: time of measurement (µs).
+        step_mm: step of the coded measurements or boxes (mm), at least 1.
+        rows: rows of the sensor's image, 0 for boxes.
+        columns: columns of the sensor's image, 0 for boxes.
+        scene: number of the empty scene that the content refers to, 0 without one.
+    """
 
     kind: MessageKind
     sensor: int = 0
@@ -76,17 +88,20 @@ class MessageHeader:
 
     @property
     def step(self) -> float:
-        """Step of the numbers (m)."""
+        """Step of the coded measurements or boxes (m)."""
         return self.step_mm / 1000
 
 
 def sensor_number(name: str) -> int:
-    """Number of a sensor in messages."""
+    """Number of a sensor in messages: CRC-32 of its name."""
     return zlib.crc32(name.encode())
 
 
 def step_in_mm(step: float) -> int:
-    """Convert a step (m) to 1 to 65535 mm, or ValueError."""
+    """Convert a step (m) to whole millimetres, 1 to 65535.
+
+    Raises ValueError for a step out of this range or with a fraction of a millimetre."""
+    # 66 m is beyond 65535 mm: NaN and infinity are not rounded
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
         raise ValueError(
@@ -97,20 +112,24 @@ def step_in_mm(step: float) -> int:
 
 
 def time_in_us(time: float) -> int:
-    """Convert seconds for messages; ValueError below 0 and for NaN."""
+    """Convert a time (s) to whole microseconds.
+
+    Raises ValueError below 0, from 2^43 s on (beyond 64 bits), and for NaN."""
     if not 0 <= time < 2**43:
         raise ValueError(f"time of a message must be seconds from 0 on, got {time}")
     return round(time * 1e6)
 
 
 def write_message(header: MessageHeader, content: bytes) -> bytes:
-    """Write a message as bytes."""
+    """Return a message as bytes: header, content, and the checksum of both."""
     body = _HEADER.pack(MAGIC, MESSAGE_VERSION, *astuple(header)) + content
     return body + _CHECKSUM.pack(zlib.crc32(body))
 
 
 def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
-    """Read header and content, or raise ValueError if damaged."""
+    """Return the header and the content (bytes between header and checksum) of a message.
+
+    Raises ValueError for a message that is cut off, damaged, or of another version or kind."""
     if len(message) < OVERHEAD_BYTES:
         raise ValueError(
             f"a message has at least {OVERHEAD_BYTES} bytes, got {len(message)}: it is cut off"
@@ -138,7 +157,9 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
 
 
 def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> None:
-    """Raise ValueError for another kind, sensor, shape, scene or step."""
+    """Raise ValueError if a header has another kind or other fields than expected.
+
+    expected: value of each field to check, by its name in `MessageHeader`."""
     if header.kind != kind:
         raise ValueError(
             f"expected a message of kind {kind.name.lower()}, got {header.kind.name.lower()}"
@@ -157,10 +178,11 @@ class LinkLoad:
 
     Attributes:
         rate: messages per second of each sensor (Hz).
-        mbit_per_s: load of all sensors (Mbit/s).
-        packets: mean number of packets per message.
-        one_packet: share of messages that fit one packet.
-        shares: share of each link's capacity, by name.
+        mbit_per_s: mean load of all sensors together (Mbit/s).
+        packets: mean number of packets (`PACKET_BYTES`) per message.
+        one_packet: share (0 to 1) of messages that fit one packet.
+        shares: load divided by the link's capacity, by name in `CAPACITIES_MBIT_PER_S`; above 1 for
+            an overloaded link.
     """
 
     rate: float
@@ -172,21 +194,24 @@ class LinkLoad:
 
 @dataclass(frozen=True)
 class SetLoad:
-    """Load of one scheme and sensor set (indices)."""
+    """Load of one scheme and sensor set on a shared link.
+
+    scheme: name of the scheme; sensors: indices of the sensors."""
 
     scheme: str
     sensors: tuple[int, ...]
     load: LinkLoad
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values for JSON."""
+        """Return scheme, sensors and the fields of the load as one flat dict for JSON."""
         return {"scheme": self.scheme, "sensors": self.sensors, **vars(self.load)}
 
 
 def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of all sensors' messages of every frame, at a rate (Hz).
+    """Load of sensors that each send a message in every frame.
 
-    Raises ValueError without a rate or messages."""
+    bits: bits of each message; rate: frames per second (Hz). Raises ValueError for a rate that is
+    not above 0 and finite, and without messages."""
     if not 0 < rate < np.inf:
         raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
     if not bits.size:
@@ -194,6 +219,7 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
             f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} "
             "sensors"
         )
+    # rounded up; a message without bits needs no packet
     packets = -(-bits // (8 * PACKET_BYTES))
     mbit = float(bits.sum(axis=1).mean()) * rate / 1e6
     shares = {name: mbit / capacity for name, capacity in CAPACITIES_MBIT_PER_S.items()}
@@ -201,7 +227,7 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
-    """Format the load of each scheme and set as lines."""
+    """Format the load of each scheme and sensor set as a table, one line each."""
     table = [
         ["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES_MBIT_PER_S]
     ]

@@ -19,11 +19,12 @@ from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, re
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
-BOX_STEP_M = 0.02
+BOX_STEP_M = 0.02  # of centres and sizes
 TURN_STEPS = 720  # in a full turn of yaw
-MAX_SCORE_STEP = 511
-_COUNT = struct.Struct("<H")
-_COLUMN = struct.Struct("<Bi")
+MAX_SCORE_STEP = 511  # step of score 0; score 1 is step 0
+_COUNT = struct.Struct("<H")  # number of boxes
+_COLUMN = struct.Struct("<Bi")  # bits of each number in a column, and the column's minimum
+# columns of coded boxes: x, y, z, length, width, height, yaw, score, label
 _COLUMNS = 9
 _SIZES = slice(3, 6)
 _YAW = 6
@@ -33,12 +34,17 @@ MAX_BOX_DISTANCE_M = 2000.0  # from the sensor, along any axis
 MAX_SENT_SIZE_M = 100.0  # longest side of a box
 BITS_PER_PIXEL = 5.0  # expected, at 2 cm; see docs/concepts/messages.md
 BITS_PER_BOX = 75.0  # expected, at 2 cm
-STEPS_M = (0.02, 0.04, 0.08)  # usual ones
-CODECS = ("paper", "range-images")
+STEPS_M = (0.02, 0.04, 0.08)  # usual steps of measurements
+CODECS = ("paper", "range-images")  # names in the order of `find_codec`
 
 
 def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
-    """Encode boxes, scores and labels, or raise ValueError."""
+    """Encode boxes, scores and labels as the content of a message.
+
+    sensor: sensor that detected the boxes, which must be within its reach. Numbers are rounded to
+    steps (see the module) and packed column by column, as differences from the column's minimum.
+    Raises ValueError for too many boxes, boxes out of reach or range, and scores that are not
+    finite."""
     if len(detections) > MAX_BOXES:
         raise ValueError(f"a message holds at most {MAX_BOXES} boxes, got {len(detections)}")
     check_boxes(detections.boxes)
@@ -51,9 +57,9 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     columns += [np.sqrt(1 - np.clip(detections.scores, 0, 1)) * MAX_SCORE_STEP, detections.labels]
     table = np.rint(np.column_stack(columns))
     table[:, _YAW] %= TURN_STEPS
-    table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)
+    table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)  # no size may round to 0
     farthest = np.abs(table).max(initial=0)
-    if farthest >= 1 << 30:
+    if farthest >= 1 << 30:  # minimum fits an int32, a difference from it 31 bits
         raise ValueError(
             f"boxes must lie within {(1 << 30) * BOX_STEP_M / 1000:.0f} km, got "
             f"{farthest * BOX_STEP_M} m"
@@ -61,6 +67,8 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     _check_reach(table[:, :7] * BOX_STEP_M, sensor)
     heads = []
     bodies = []
+    # Equal boxes would take no bits at all, so that a damaged count would go unnoticed: the first
+    # column then spends one bit for each box.
     are_equal = len(table) > 1 and not np.ptp(table, axis=0).any()
     for column_index, column in enumerate(table.astype(np.int64).T if len(table) else ()):
         minimum = int(column.min())
@@ -71,7 +79,10 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
 
 
 def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
-    """Decode the boxes of `encode_boxes`. Raises ValueError for other bytes."""
+    """Decode the boxes, scores and labels that `encode_boxes` wrote.
+
+    content: the message without header and checksum; sensor: sensor that detected the boxes. Raises
+    ValueError for bytes that `encode_boxes` does not write."""
     if len(content) < _COUNT.size:
         raise ValueError("the content of boxes begins with their count: it is cut off")
     (count,) = _COUNT.unpack_from(content)
@@ -92,6 +103,7 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
     widths = [width for width, _ in heads]
     if max(widths) > 31:
         raise ValueError(f"numbers of boxes have up to 31 bits, got {max(widths)}")
+    # a box takes at least one bit, unless it is the only one: see `are_equal` in `encode_boxes`
     if count > (MAX_BOXES if any(widths) else 1):
         raise ValueError(
             f"a message holds at most {MAX_BOXES} boxes, of a bit at least, got {count} of "
@@ -114,6 +126,7 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
                 f"{name} must be 0 to {maximum}, got {columns[column_index].min()} to "
                 f"{columns[column_index].max()}"
             )
+    # steps from 0 to 719 become -360 to 359, that is -180° up to 180°
     yaw = (columns[_YAW] + TURN_STEPS // 2) % TURN_STEPS - TURN_STEPS // 2
     boxes = np.column_stack(
         [*(column * BOX_STEP_M for column in columns[:6]), yaw * (2 * np.pi / TURN_STEPS)]
@@ -123,7 +136,7 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
 
 
 def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
-    """Raise ValueError for boxes that a sensor cannot have detected."""
+    """Raise ValueError for boxes too far from a sensor, or too large, to be its detections."""
     away = np.abs(boxes[:, :3] - sensor.position).max(initial=0)
     size = boxes[:, _SIZES].max(initial=0)
     if away > MAX_BOX_DISTANCE_M or size > MAX_SENT_SIZE_M:
@@ -136,7 +149,9 @@ def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
 
 @dataclass(frozen=True)
 class RangeImages(Parameters):
-    """Codec of range images in whole steps (m). Raises ValueError for other steps."""
+    """Codec of range images whose measurements are rounded to whole steps.
+
+    step: step of measurements (m), in whole millimetres. Raises ValueError for other steps."""
 
     step: float = 0.02
 
@@ -144,7 +159,7 @@ class RangeImages(Parameters):
         wire.step_in_mm(self.step)
 
     def encode_image(self, image: RangeImage, /) -> Message:
-        """Encode the pixels of an image that return something."""
+        """Encode the pixels of an image that return something, rounded to steps."""
         sent = is_return(image.measurement, image.sensor.model.max_range)
         header = sent_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
         content = wire.write_message(
@@ -153,9 +168,10 @@ class RangeImages(Parameters):
         return Message(content, 8 * len(content))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
-        """Decode an image, 0 in pixels that were not sent.
+        """Decode an image: measurements (m), 0 in pixels that were not sent.
 
-        Raises ValueError for damage, and messages of another sensor."""
+        sensor: sensor that sent the message. Raises ValueError for a message that is damaged, of
+        another kind or of another sensor."""
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
         expected = {
@@ -174,20 +190,22 @@ class RangeImages(Parameters):
         )
 
     def decode_points(self, message: Message, /) -> Float32[np.ndarray, "m 3"]:
-        """Raise ValueError, as `encode_points`."""
+        """Raise ValueError: this codec sends images, so no message holds bare points."""
         raise ValueError(f"{self} sends images, got points of {message.bits} bits")
 
     def encode_boxes(self, detections: Detections, origin: Origin, /) -> Message:
-        """Encode boxes in steps of 2 cm and 0.5°."""
+        """Encode boxes in steps of 2 cm and 0.5°.
+
+        origin: sensor that detected them, with time and number of the frame."""
         header = sent_header(wire.MessageKind.BOXES, origin, BOX_STEP_M)
         content = wire.write_message(header, encode_boxes(detections, origin.sensor))
         return Message(content, 8 * len(content))
 
     def decode_boxes(self, message: Message, sensor: Sensor, /) -> Detections:
-        """Decode boxes.
+        """Decode the boxes of a sensor.
 
-        Raises ValueError for a message that is damaged, of another sensor, or of impossible
-        boxes."""
+        Raises ValueError for a message that is damaged, of another kind or sensor, or holds boxes
+        that the sensor cannot have detected."""
         header, content = wire.read_message(message.content)
         expected = {
             "sensor": wire.sensor_number(sensor.name),
@@ -199,7 +217,9 @@ class RangeImages(Parameters):
     def bits(
         self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1
     ) -> Float64[np.ndarray, "*shape"]:
-        """Estimate the bits, which depend on a message's content."""
+        """Estimate the bits of messages from their numbers of points and boxes.
+
+        Actual bits depend on the content; points, boxes, messages: numbers that broadcast."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD_BYTES)
 
@@ -207,7 +227,11 @@ class RangeImages(Parameters):
 def sent_header(
     kind: wire.MessageKind, origin: Origin | RangeImage, step: float, scene: int = 0
 ) -> wire.MessageHeader:
-    """Header of a message that holds an image, or boxes."""
+    """Header of a message that holds an image or boxes.
+
+    origin: the image, or the sensor, time and number of boxes, whose header has 0 rows and columns;
+    step: step of the coded numbers (m); scene: number of the empty scene that the content refers
+    to, 0 without one."""
     rows, columns = origin.sensor.model.shape if isinstance(origin, RangeImage) else (0, 0)
     sensor = wire.sensor_number(origin.sensor.name)
     time_us = wire.time_in_us(origin.time)
@@ -217,14 +241,20 @@ def sent_header(
 
 
 def to_steps(measurement: ImageRanges, sent: ImageMask, step: float) -> ImageSteps:
-    """Convert measurements to whole steps, 0 in pixels that are not sent."""
+    """Convert measurements (m) to whole steps, 0 in pixels that are not sent.
+
+    sent: mask of sent pixels; step: step (m)."""
     steps = np.zeros(measurement.shape, np.int64)
     steps[sent] = np.rint(measurement[sent].astype(np.float64) / step)
     return steps
 
 
 def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorModel) -> ImageRanges:
-    """Convert steps to measurements (m) within the model's range."""
+    """Convert steps to measurements (m), 0 in pixels that were not sent.
+
+    sent: mask of sent pixels; step: step (m); model: its range limits the measurements, so that
+    every sent pixel is still a return."""
+    # largest float32 below the range; `step / 4` keeps a pixel of 0 steps above 0
     last = np.nextafter(np.float32(model.max_range), np.float32(0))
     measured = np.zeros(steps.shape, np.float32)
     measured[sent] = np.clip(steps[sent] * step, step / 4, float(last))
@@ -232,9 +262,9 @@ def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorMod
 
 
 def find_codec(name: str, *, step: float = 0.02) -> Codec:
-    """Return a codec by its name. step: step of measurements (m), if the codec has one.
+    """Return a codec by its name in `CODECS`.
 
-    Raises ValueError that lists the names."""
+    step: step of measurements (m) of a codec of images. Raises ValueError for an unknown name."""
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))
     if name not in codecs:
         raise ValueError(f"unknown codec {name!r}: choose among {', '.join(CODECS)}")
