@@ -30,7 +30,7 @@ class Way:
 
     @property
     def is_closed(self) -> bool:
-        """True if the way ends at its first node and encloses ground."""
+        """True if the way ends at its first node and has three corners or more."""
         return len(self.nodes) > 3 and self.nodes[0] == self.nodes[-1]
 
 
