@@ -223,8 +223,8 @@ class RoadReading:
     """Rules that the tags of a road give.
 
     Attributes:
-        rules: rules in the direction of traffic: both entries are equal for a one-way road, and in
-            reverse order if its traffic runs against the line of the road.
+        rules: rules along the line of the road and against it; for a one-way road, the rules of
+            its traffic in both places.
         oneway: "yes", "no", or "-1" for one way against the line of the road.
         notes: texts of kinds of rules that are not used, each once."""
 
