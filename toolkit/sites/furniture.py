@@ -105,7 +105,7 @@ def wall(line: Sequence[Point], height: float = 1.8, width: float = 0.25) -> lis
 def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
     """Fence that can be seen through, along `line`: posts every 2.5 m at most, and two rails.
 
-    height: of the posts and the upper rail (m). No post is at the end of the line."""
+    height: of the posts and the upper rail (m). The end of the line has no post."""
     pieces = _pieces(line, 2.5)
     uprights = [Solid(disc(*start, 0.05), 0.0, height, "fence") for start, _ in pieces]
     # bottom and top of the rail at half height and of the upper rail (m)
@@ -118,7 +118,7 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Solid]:
     """Kerbstones on the footways, along the edges at which they meet the lanes.
 
-    lanes, footways: polygons of the road's surface; height: of the stones (m)."""
+    lanes, footways: polygons of the road's surface; height: how high the stones are (m)."""
     road = unite(lanes).buffer(0.01)
     walk = unite(footways)
     if walk.is_empty:

@@ -441,7 +441,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Js
     """GeoJSON feature of points or polygons that are given in the site frame (m).
 
     The feature is in degrees, or in site metres for a site without a place on earth; heights are
-    left out. properties: of the feature, from names to JSON values."""
+    left out. properties: JSON values of the feature by name."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def moved(xy: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ def street(
     """Rows of lanes of one direction, from the kerb inwards: footway, shoulder, lanes.
 
     lanes: number of lanes for vehicles; width, footway, shoulder: widths (m) of one lane, of the
-    footway and of a strip without traffic, 0 for none of the last two; speed: limit (m/s)."""
+    footway and of a strip without traffic, 0 to leave out footway or strip; speed: limit (m/s)."""
     rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
     rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
@@ -109,7 +109,7 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
 
 
 def run_netconvert(options: Sequence[str]) -> str:
-    """Run netconvert with `options` after those of every network; return the net.xml text.
+    """Run netconvert with the usual options and then `options`; return the net.xml text.
 
     Its comments, which hold the date and paths, are removed. Raises ValueError with netconvert's
     words if it makes no network, ImportError without SUMO."""
@@ -151,7 +151,7 @@ def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]
 def netconvert() -> Path:
     """Path of SUMO's netconvert: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH.
 
-    Raises ImportError if it is in none of them."""
+    Raises ImportError if it is nowhere."""
     package = importlib.util.find_spec("sumo")
     homes = [Path(package.origin).parent] if package and package.origin else []
     homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
@@ -225,7 +225,7 @@ def list_lanes(
 
 
 def lane_width(lane: ElementTree.Element) -> float:
-    """Width of a lane (m); 3.2 m, SUMO's default, if the lane has none."""
+    """Width of a lane (m); 3.2 m, SUMO's default, for a lane without one."""
     return float(lane.get("width", "3.2"))
 
 

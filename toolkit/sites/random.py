@@ -137,7 +137,7 @@ def sloping(relief: Relief) -> Relief:
 
     A share `SLOPING_SHARE` of all seeds gets a slope of 0.01 to `MAX_STREET_SLOPE` m per m in any
     direction; the others get the same relief back."""
-    # 6: numbers apart from those that the seed alone gives to the unevenness
+    # 6: other numbers than the seed gives to the unevenness
     rng = np.random.default_rng([relief.seed, 6])
     if rng.random() > SLOPING_SHARE:
         return relief
@@ -153,7 +153,7 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
     """Draw depth cameras and lidars on a site's mounts; return the sensors in order of name.
 
     They are `MIN_MOUNT_HEIGHT_M` to `MAX_MOUNT_HEIGHT_M` above the foot of their mount as far as
-    it allows, with more tilt if they are higher, most of them headed for the middle of the area.
+    it allows, with more tilt if they are higher, and most are headed for the middle of the area.
     All mounts get a sensor before one gets a second. Cameras come first: d0, d1, ... then lidars,
     whose numbers go on: l2, l3, ...; numbers are padded with zeros to one length.
 
@@ -185,7 +185,7 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
 
 
 def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sensor:
-    # Sensor of random model, height and aim on a mount. name: of the sensor; is_lidar: a lidar, not
+    # Sensor of random model, height and aim on a mount. name: the sensor's; is_lidar: a lidar, not
     # a camera. The order of the draws must not change, or all random sites do.
     x, y, z = mount.position.tolist()
     # heights above the foot of the mount (m); most sensors at eye level remain below low + 1.5
@@ -326,7 +326,7 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
     """SUMO edges of a leg: in{number} towards the junction, out{number} away from it, or one.
 
-    A direction without lanes has no edge. number: of the leg; junction: id of the node at which
+    A direction without lanes has no edge. number: the leg's; junction: id of the node at which
     the leg begins; priority: right of way over edges of a lower one."""
     rows: list[XmlAttributes] = []
     for count, shoulder, name, start, end, path in (

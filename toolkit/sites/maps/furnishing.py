@@ -32,7 +32,7 @@ def furnish_site(
     are set on it. Mounts get posts, except for those on the map's lamp posts.
 
     site: with roads, bays, slope and network, but without mounts and solids; mounts: all of the
-    site; solids: things of the map; seed: of all draws; density: "light" for few kinds of things.
+    site; solids: things of the map; seed: for all draws; density: "light" for few kinds of things.
     Raises ValueError for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")

@@ -12,7 +12,7 @@ from toolkit.sites import network as nets
 def move_network_to_site(network: str, map_SE3_site: Pose) -> str:
     """Turn a net.xml text from the map's coordinates into the site's, without heights.
 
-    map_SE3_site: pose of the site in the map, of which only x, y and the heading count. Outlines
+    map_SE3_site: pose of the site in the map; only x, y and the heading count. Outlines
     of junctions and walking areas that cross themselves are repaired."""
     x, y = map_SE3_site[:2, 3]
     rotation = map_SE3_site[:2, :2]

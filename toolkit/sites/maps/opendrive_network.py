@@ -40,7 +40,7 @@ def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
 def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
     """Return notes of the warnings of netconvert that concern a network's roads and junctions.
 
-    warned: warnings about the whole map; network: net.xml text of a part of it."""
+    warned: warnings about the whole map; network: net.xml text of a part of the map."""
     if not warned:
         return []
     root = ElementTree.fromstring(network)

@@ -41,7 +41,7 @@ def make_osm_network(
     """Make the net.xml text of the roads of an OpenStreetMap file, in the site's frame, and notes.
 
     pieces: roads within reach of the site, with their rules; parking: along which roads vehicles
-    park. Raises ValueError if netconvert makes no road of them, ImportError without SUMO.
+    park. Raises ValueError if netconvert makes no road, ImportError without SUMO.
 
     netconvert reads the roads and writes them as plain edges. If the two directions of a road have
     different rules, or vehicles park along a kerb, these are changed and read again."""

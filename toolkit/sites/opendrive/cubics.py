@@ -47,7 +47,7 @@ class Cubics:
     def split(self, starts: Sequence[float]) -> "Cubics":
         """Return the function with pieces that begin at `starts`, ascending.
 
-        These must hold all starts of the function's pieces from the first of them on."""
+        They must hold all starts of the function's pieces from the first new start on."""
         if not len(self.starts):
             return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
         rows = np.array([self._find_row(s) for s in starts]).reshape(-1, 4)

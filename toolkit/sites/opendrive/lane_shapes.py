@@ -113,7 +113,7 @@ def _is_bent(function: Cubics) -> bool:
 def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> bool:
     """Move the lanes of one edge, in place; return True if any was changed.
 
-    line: reference line of the road; sign: 1 if the lanes are to the left of it in the map, with
+    line: reference line of the road; sign: 1 if the lanes are on the left in the map, with
     positive ids, -1 if to the right."""
     elements = edge.findall("lane")
     shapes = [_parse_points(element) for element in elements]

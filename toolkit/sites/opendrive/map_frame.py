@@ -9,7 +9,7 @@ from toolkit.arrays import Pose
 def move_shape_to_site(shape: shapely.Geometry, map_SE3_site: Pose) -> shapely.Geometry:
     """Turn a shape from the map's frame into the site's.
 
-    map_SE3_site: pose of the site in the map, of which x, y and the heading count."""
+    map_SE3_site: pose of the site in the map; only x, y and the heading count."""
     return shapely.transform(shape, lambda xy: (xy - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2])
 
 

@@ -38,7 +38,7 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
 def _measure_length_gap(piece: Piece) -> float:
     """Difference between the length of a curve and its geometry's, as a share of the latter.
 
-    Shares of a geometry below `MAX_LENGTH_GAP_M` are taken of that length."""
+    A geometry shorter than `MAX_LENGTH_GAP_M` counts as that long."""
     return abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M)
 
 

@@ -48,7 +48,7 @@ class LateralProfile:
     def at(
         self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
     ) -> Float64[np.ndarray, " k"]:
-        """Height (m) above the reference line at places s along it, t to the left of it (m)."""
+        """Height (m) above the reference line at places s along the road, t to its left (m)."""
         height = t * np.sin(self.superelevation.at(s))
         for sign, fall in self.crossfall.items():
             height -= np.where(t * sign > 0, np.abs(t) * np.sin(fall.at(s)), 0.0)

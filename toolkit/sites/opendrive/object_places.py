@@ -67,7 +67,7 @@ def check_place(road: MapRoad, element: ElementTree.Element) -> None:
 
 
 def place_on_road(road: MapRoad, s: float, t: float, turn: float) -> RoadPlace:
-    """Place at s along a road and t to the left of it (m), on millimetres.
+    """Place at s along a road and t to its left (m), on millimetres.
 
     turn: heading against the road's direction (rad, counter-clockwise)."""
     x, y, heading = road.at(np.array([s]))[0]

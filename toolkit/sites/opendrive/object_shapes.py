@@ -70,7 +70,7 @@ def make_object_solids(
 ) -> Iterator[list[Solid]]:
     """Yield the solids of an object and its repeats in the map's frame, a group for each.
 
-    A repeat without a distance is one long barrier, each piece of which is a group.
+    A repeat without a distance is one long barrier, and each of its pieces is a group.
 
     kind: kind of solid; usual_height: height (m) of an object without one. Raises ValueError for a
     damaged object."""
@@ -126,7 +126,7 @@ def _make_barrier(
 ) -> Iterator[Solid]:
     """Yield the pieces of a barrier along the road, each at most `BARRIER_PIECE_M` long.
 
-    repeat: the <repeat> with its place, height and width; size: of its object, for numbers that the
+    repeat: the <repeat> with its place, height and width; size: its object's, for numbers that the
     repeat lacks."""
     start = read_number(repeat, "s")
     length = min(read_row(repeat).length, road.length)
@@ -149,7 +149,7 @@ def _read_ring(
     """Corners x, y (m, map frame) of an outline, described on the road or about the object.
 
     Of an outline that crosses itself the largest part counts. All corners are zero if they make no
-    polygon. place: of the object."""
+    polygon. place: the object's."""
     corners: list[tuple[float, float]] = []
     for corner in outline.iter("cornerRoad"):
         s = read_number(corner, "s")

@@ -41,7 +41,7 @@ def _close_both(
 ) -> LaneUse:
     """Return the use of a lane, closed if it is for both directions between driven lanes.
 
-    use: of the lane by its type and rules, which comes back for all other lanes; problems: counted
+    use: the lane's by its type and rules, which comes back for all other lanes; problems: counted
     there."""
     is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
     is_walked = not use.users or set(use.users) == {FOOT}

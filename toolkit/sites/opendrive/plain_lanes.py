@@ -104,7 +104,7 @@ def _write_lane(lane: SectionLane, kind: str, map_sign: int, neighbours: _LaneId
 def write_cubics(tag: str, key: str, function: Cubics) -> str:
     """Text of elements with a, b, c, d, one for each piece of a function.
 
-    tag: of the elements; key: attribute of a piece's start."""
+    tag: the elements' tag; key: attribute of a piece's start."""
     elements = []
     for start, row in zip(function.starts.tolist(), function.rows.tolist(), strict=True):
         a, b, c, d = row

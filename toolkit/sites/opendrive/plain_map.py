@@ -30,7 +30,7 @@ class PlainMap:
         lefthand: True if traffic keeps left.
         problems: number of parts left out or changed, by the words of their note, for each id of a
             road, "junction ID", or "" for the header.
-        carriageways: roads in the text, and those of junctions that are left out."""
+        carriageways: roads in the text, and roads of junctions that are left out."""
 
     text: str
     types: Sequence[Mapping[str, object]]

@@ -26,7 +26,7 @@ _OPPOSITE = {"left": "right", "right": "left"}
 def make_road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str, str]:
     """Make the tags of a road that netconvert gets: class, direction, lanes, footways and name.
 
-    tags: of the map; reading: rules of the road, whose line is turned round if it is one-way
+    tags: the map's; reading: rules of the road, whose line is turned round if it is one-way
     against it; lefthand: traffic keeps left."""
     kind = tags["highway"]
     junction = tags.get("junction", "").strip().lower()

@@ -144,7 +144,7 @@ def _is_next_to_road(tags: Tags) -> bool:
 
 
 def _find_direction(line: shapely.LineString, distance: float) -> Float64[np.ndarray, "2"]:
-    """Unit vector along a line at a distance (m) from its start, taken over 1 m of it."""
+    """Unit vector along a line, over 1 m at a distance (m) from its start."""
     spots = line.interpolate([max(distance - 0.5, 0.0), distance + 0.5])
     start, end = shapely.get_coordinates(spots)
     ahead = end - start

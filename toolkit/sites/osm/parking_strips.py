@@ -150,7 +150,7 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
             is_inside |= "passenger" in users
             if users:
                 continue
-            # a lane without users is a strip, whose width is that of its bays
+            # a lane without users is a strip, as wide as its bays are deep
             angle = _match_angle(float(lane.get("width", "0")))
             strip = shapely.LineString(nets.parse_shape(lane))
             kerb_left = parking.lefthand != is_inside

@@ -97,7 +97,7 @@ def describe_roadless(extract: Extract, window: shapely.Geometry) -> str:
 def _describe_nearest(lines: Iterable[shapely.LineString], extract: Extract) -> str:
     """Describe the road nearest to the centre: its distance and place on earth.
 
-    lines: of roads, in the extract's frame."""
+    lines: roads' lines, in the extract's frame."""
     middle = shapely.Point(0.0, 0.0)
     nearest_line = min(lines, key=middle.distance)
     link = shapely.get_coordinates(shapely.shortest_line(middle, nearest_line))

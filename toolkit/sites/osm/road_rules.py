@@ -53,7 +53,7 @@ _ALWAYS = "emergency"  # may take every road
 _LONG = frozenset({"truck", "bus", "coach"})
 _WHEELS = "access vehicle"
 _ENGINES = f"{_WHEELS} motor_vehicle"
-# SUMO's vehicle class: keys of its access, of which the last one present holds
+# SUMO's vehicle class: keys of its access; the last one present holds
 _KEY_TEXTS = {
     "passenger": f"{_ENGINES} motorcar",
     "taxi": f"{_ENGINES} motorcar psv taxi",
@@ -450,8 +450,8 @@ def count_notes(notes: Iterable[str]) -> list[str]:
 def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
     """SUMO's vehicle classes that may drive in a direction of a road, by its tags.
 
-    side: "forward" or "backward", as the line of the road runs; notes: to which kinds of rules that
-    are not used are added."""
+    side: "forward" or "backward", as the line of the road runs; notes: kinds of rules that are
+    not used are added to it."""
     kind = tags["highway"]
     usual = usual_users(kind)
     if tags.get("motorroad") == "yes":
@@ -475,8 +475,8 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
 def _is_open(
     tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]
 ) -> bool:
-    # True if a user may drive in a direction. keys: of the user's access, from the general to the
-    # particular; usual: True if roads of this class are open to the user; notes: added to.
+    # True if a user may drive in a direction. keys: access keys of the user, from the general to
+    # the particular; usual: True if roads of this class are open to the user; notes: added to.
     opened = usual
     for key in keys:
         for name in (key, f"{key}:{side}"):
@@ -525,7 +525,7 @@ def _is_tight(tags: Tags, key: str, limit: float) -> bool:
 def _read_oneway(tags: Tags, notes: list[str]) -> str:
     """Direction of a road's traffic: "yes" along its line, "-1" against it, "no" for both.
 
-    notes: to which kinds of rules that are not used are added."""
+    notes: kinds of rules that are not used are added to it."""
     value = tags.get("oneway", "")
     for key in ("oneway:vehicle", "oneway:motor_vehicle", "oneway:motorcar"):
         value = value if value in _FORWARD | _BACKWARD else tags.get(key, value)
@@ -581,9 +581,9 @@ def _list_contraflow(tags: Tags) -> Users:
 
 
 def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
-    """Speed limit (m/s) of a direction, usual for the class of road without a tag of it.
+    """Speed limit (m/s) of a direction, the usual one without a tag.
 
-    side: "forward" or "backward"; notes: to which limits that are not used are added."""
+    side: "forward" or "backward"; notes: limits that are not used are added to it."""
     usual = ROADS[tags["highway"]][1]
     for key in (
         f"maxspeed:{side}",

@@ -27,7 +27,7 @@ def place_mounts(
     0.5 m between them leaves no room for so many. Names are pole00, pole01, ...; prices are drawn.
 
     spacing: least distance (m) between two mounts, lowered until `MIN_MOUNTS` have room; avoid:
-    ground to keep free, besides the carriageway."""
+    ground to keep free, as the carriageway is."""
     window = shapely.box(*area).buffer(5.0)
     # x, y, direction every metre
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)

@@ -28,8 +28,8 @@ _CLOSINGS: tuple[tuple[Make, float], ...] = (
 def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
     """Put road works on a stretch of each strip, near the junction.
 
-    Traffic passes on the left. strips: shoulders by edge; the junction is at the end of those of
-    edges `in...`, and at the start of the others. The solids go to the plot."""
+    Traffic passes on the left. strips: shoulders by edge; the junction is at the end of strips
+    of edges `in...`, and at the start of the others. The solids go to the plot."""
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
         length = min(float(rng.uniform(10.0, 32.0)), path.length - 10.0)

@@ -78,7 +78,7 @@ def plant(
 def clumps(x: float, y: float, radius: float, levels: f.Span, rng: Rng) -> list[Solid]:
     """Draw a tree's crown of 3 to 8 overlapping clumps around (x, y).
 
-    radius: of the whole crown (m); levels: its bottom and top (m)."""
+    radius: the whole crown's (m); levels: its bottom and top (m)."""
     # the first clump begins at the bottom of the crown, the second ends at its top
     low, high = levels
     number = int(rng.integers(3, 9))
