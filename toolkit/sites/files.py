@@ -293,6 +293,7 @@ def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarr
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
+    # Solid with a footprint from `geometry`; errors name the feature's properties
     footprint = _read_ring(geometry, properties)
     base = properties.number("base")
     top = properties.number("top")
@@ -311,6 +312,7 @@ def _read_parking(
 
 
 def _read_origin(properties: JsonObject) -> str:
+    # Origin of a feature, "mapped" without one
     origin: str = properties.get("origin", str) if "origin" in properties.value else "mapped"
     if origin not in ORIGINS:
         raise ValueError(
@@ -320,6 +322,7 @@ def _read_origin(properties: JsonObject) -> str:
 
 
 def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
+    # Mount at x, y, z (m, site frame)
     position = np.array(geometry.numbers("coordinates", 3))
     name = properties.get("name", str)
     # members that a file may leave out have their defaults in `Mount`
@@ -333,6 +336,7 @@ def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
 
 
 def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
+    # Sensor at x, y, z (m, site frame)
     model = read_model(properties.node("model"))
     return read_sensor(geometry.numbers("coordinates", 3), properties, model)
 
@@ -422,11 +426,13 @@ def _origin(origin: str) -> Json:
 
 
 def _polygon(corners: list[list[float]], **properties: JsonValue) -> Json:
+    # GeoJSON feature of a polygon; the ring repeats its first corner at the end
     geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def _point(coordinates: list[float], **properties: JsonValue) -> Json:
+    # GeoJSON feature of a point x, y or x, y, z
     return {
         "type": "Feature",
         "properties": properties,

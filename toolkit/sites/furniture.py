@@ -213,6 +213,7 @@ def _draw_block(kind: str, *ranges: Span) -> Make:
     ranges: three pairs (low, high) in m for the block's length, width and height."""
 
     def make(rng: Rng) -> list[Solid]:
+        # ranges: length, width, height
         length, width, height = _size(rng, *ranges)
         return [Solid(block((length, width)), 0.0, height, kind)]
 

@@ -73,7 +73,7 @@ class Piece:
         return float(np.sum(speeds * np.diff(grid)))
 
     def _find_offsets(self, ds: np.ndarray) -> _Offsets:
-        """Places `ds` m from the start, relative to it."""
+        """Places `ds` m along the curve from its start, relative to the start and its direction."""
         match self.shape.tag:
             case "arc":
                 return self._follow_arc(ds)

@@ -65,7 +65,10 @@ class RoadObjects:
     damaged: list[str] = field(default_factory=list)
 
     def add_object(self, road: MapRoad, element: ElementTree.Element) -> None:
-        """Add an <object> of a road, and its repeats. Raises ValueError for a damaged one."""
+        """Add an <object> of a road, and its repeats, and count it by its type.
+
+        Objects of an unknown type are only counted, flat ones give no solids. Raises ValueError for
+        a damaged one."""
         kind = element.get("type", "") or "none"
         if kind == "parkingSpace":
             self._add_bays(road, element)

@@ -116,6 +116,7 @@ def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str
             line = np.array([positions[node] for node in nodes])
             key = f"{name}~{number}" if number else name
             ways[key] = Way(line, tuple(nodes), raw_way.tags, name)
+            # a distance too long is a fault of the map, which is kept
             leaps = np.hypot(*np.diff(line, axis=0).T).max() > MAX_LEAP_M
             oddities[LEAPS_NOTE] += leaps and bool(_BUILT_KEYS & raw_way.tags.keys())
     return ways

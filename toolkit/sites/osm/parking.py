@@ -111,6 +111,7 @@ class Parking:
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
+        # lines of `roads`, by their index there, to find the near ones fast
         return shapely.STRtree([road.line for road in self.roads])
 
 

@@ -119,7 +119,9 @@ class RawMap:
                 self.node_tags[name] = tags
 
     def _add_way(self, element: ElementTree.Element, tags: Tags) -> None:
-        """Add a way, and the nodes whose places Overpass lists within it ("out geom")."""
+        """Add a way, and the nodes whose places Overpass lists within it ("out geom").
+
+        Nodes that the file has listed before keep their place."""
         name = element.get("id", "")
         self.oddities[TWICE_NOTE] += name in self.ways
         nodes = [row.get("ref", "") for row in element.iter("nd")]
