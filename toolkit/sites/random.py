@@ -42,7 +42,7 @@ class Shoulder:
     """Strip without traffic between lanes and footway."""
 
     width: float = 0.0  # m, 0 for none
-    # between the parking bays on it and the kerb (degrees, a key of `BAY_DEPTHS_M`: 0 for bays
+    # angle between its parking bays and the kerb (degrees, a key of `BAY_DEPTHS_M`: 0 for bays
     # along the kerb); None: no bays, but road works if the shoulder has a width
     angle: int | None = None
 
@@ -89,7 +89,7 @@ class Leg:
 def random_site(rng: Rng | int) -> Site:
     """Draw a junction from a generator or a seed; the same seed gives the same site.
 
-    rng: a generator, which the draws move on, or a whole number from 0 up as seed.
+    rng: a generator, which the draws advance, or a whole number from 0 up as seed.
 
     The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be
     centred on it. There are at least 12 mounts with 1 to 10 default sensors. By chance there are
@@ -157,7 +157,7 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
     All mounts get a sensor before one gets a second. Cameras come first: d0, d1, ... then lidars,
     whose numbers go on: l2, l3, ...; numbers are padded with zeros to one length.
 
-    rng: a generator, which the draws move on, or a seed; count: number of sensors, drawn from 1 to
+    rng: a generator, which the draws advance, or a seed; count: number of sensors, drawn from 1 to
     10 if None. Sensors that the site has already are neither heeded nor returned.
 
     Raises ValueError for a site without mounts and for a count below 1."""
@@ -324,7 +324,7 @@ def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
-    """SUMO edges of a leg: in{number} towards the junction, out{number} away from it, or one.
+    """SUMO edges of a leg: in{number} towards the junction, out{number} away from it, or both.
 
     A direction without lanes has no edge. number: the leg's; junction: id of the node at which
     the leg begins; priority: right of way over edges of a lower one."""
