@@ -15,14 +15,17 @@ NEAR_BORDER_DEG = 0.05  # some 5 km, within which the outlines may be wrong
 
 
 class DrivingSide(NamedTuple):
-    """Side of the road at a place, and whether the other side's border is near."""
+    """Side of the road that traffic keeps to at a place on earth.
+
+    is_left: traffic keeps left; is_near_border: a border to the other side is nearer than
+    `NEAR_BORDER_DEG`."""
 
     is_left: bool
     is_near_border: bool
 
 
 def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
-    """Side of the road that traffic keeps to at a place (degrees)."""
+    """Find the side of the road that traffic keeps to at a place (degrees, WGS84)."""
     spot = shapely.Point((longitude + 180.0) % 360.0 - 180.0, latitude)
     region = _left_hand()
     return DrivingSide(
@@ -32,7 +35,9 @@ def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
 
 @cache
 def _borders() -> shapely.Geometry:
-    """Outlines of the countries, without the meridian of 180 degrees, at which they are cut."""
+    """Borders of the countries that keep left, made once.
+
+    The meridian of 180 degrees, at which the outlines are cut, is no border."""
     west = shapely.box(-180.0 - 1e-6, -90.0, -180.0 + 1e-6, 90.0)
     east = shapely.box(180.0 - 1e-6, -90.0, 180.0 + 1e-6, 90.0)
     return _left_hand().boundary.difference(shapely.union_all([west, east]))
@@ -40,7 +45,7 @@ def _borders() -> shapely.Geometry:
 
 @cache
 def _left_hand() -> shapely.Geometry:
-    """Ground of all countries that keep left."""
+    """Ground of all countries that keep left, in longitude and latitude, read once."""
     table = read_own_table(__file__, "left_hand.toml")
     outlines = _unite_rings(table["outlines"])
     holes = _unite_rings(table["holes"])
@@ -50,6 +55,6 @@ def _left_hand() -> shapely.Geometry:
 
 
 def _unite_rings(rows: list[list[float]]) -> shapely.Geometry:
-    """Ground within rings of longitude, latitude, longitude, ..."""
+    """Union of the ground within rings, each a list of longitude, latitude, longitude, ..."""
     rings = (shapely.Polygon(np.reshape(row, (-1, 2))) for row in rows)
     return shapely.union_all([shapely.make_valid(ring) for ring in rings])

@@ -66,12 +66,16 @@ def load_site(name_or_path: str | Path) -> Site:
 
 
 def save_site(site: Site, path: str | Path) -> None:
-    """Write a site as GeoJSON (local metres) for `load_site`."""
+    """Write a site as a GeoJSON file in local metres, which `load_site` reads."""
     write_text(path, format_site(site))
 
 
 def document(site: Site) -> Json:
-    """Build the GeoJSON FeatureCollection of a site, in plain Python."""
+    """Build the GeoJSON FeatureCollection of a site as dicts, lists, texts and numbers.
+
+    Features: the area, then lanes, footways, solids, bays, mounts and sensors, each in the site's
+    order. Origins, the slope, `furnished` and a mount's `max_sensors` are left out at their
+    defaults, which `parse` fills in."""
     xmin, ymin, xmax, ymax = site.area.tolist()
     features = [_polygon([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], layer="area")]
     features += [_polygon(lane.tolist(), layer="lane") for lane in site.lanes]
@@ -123,7 +127,9 @@ def document(site: Site) -> Json:
 
 
 def format_site(site: Site, *, without: Collection[str] = ()) -> str:
-    """Text of `document(site)`, a feature or network line each."""
+    """JSON text of `document(site)`, with each feature and each line of the network on a line.
+
+    without: names of members of the document to leave out."""
     members = []
     for key, value in document(site).items():
         if key in ("features", "network") and value:
@@ -135,8 +141,10 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
 
 
 def parse(collection: JsonValue) -> Site:
-    """Parse a site's FeatureCollection. Raises ValueError that names the field by its path in the
-    document."""
+    """Build the site of a FeatureCollection that was read from JSON.
+
+    collection: any JSON value; all of it is checked. Raises ValueError that names the field by its
+    path in the document, such as `features[3].properties.kind`."""
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
         raise ValueError(
             "type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by "
@@ -156,6 +164,7 @@ def parse(collection: JsonValue) -> Site:
             "newer one"
         )
     matrix = _read_matrix(root)
+    # what the layer's reader in `_READERS` returns, one for each feature of the layer
     layers: dict[str, list[JsonValue]] = {layer: [] for layer in _READERS}
     for i, feature in enumerate(root.get("features", list)):
         layer, value = _read_feature(JsonObject(feature, f"features[{i}]"), matrix)
@@ -174,6 +183,7 @@ def parse(collection: JsonValue) -> Site:
     if not isinstance(geo_reference, str | None):
         raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
     lines: list[JsonValue] = []
+    # only null is no network: a missing member, ... here, is an error of `root.get`
     if collection.get("network", ...) is not None:
         lines = root.get("network", list)
         if not lines or not all(isinstance(line, str) for line in lines):
@@ -204,6 +214,7 @@ def parse(collection: JsonValue) -> Site:
 
 
 def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
+    # Array of the document's `map_SE3_site`, of any shape and values: `Site` checks it.
     rows = root.get("map_SE3_site", list)
     try:
         return np.array(rows, np.float64)
@@ -214,19 +225,24 @@ def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
 
 
 def _turn_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."]) -> None:
-    """Put the heading of a compass bearing in its place. matrix: the document's `map_SE3_site`."""
+    """Replace `bearing_deg` of properties in place by the `heading_deg` it amounts to.
+
+    The bearing is clockwise from the map's north, the heading counter-clockwise from the site's +x.
+    matrix: the document's `map_SE3_site`, not yet checked."""
     if "heading_deg" in properties.value:
         where = properties.where("bearing_deg")
         raise ValueError(f"{where} and heading_deg are two directions: leave one of them out")
-    properties.angle("bearing_deg")  # its limits
+    properties.angle("bearing_deg")  # read only to check its limits
     turn_deg = float(np.rad2deg(map_turn(check_pose(matrix, "map_SE3_site"))))
     properties.value["heading_deg"] = 90.0 - properties.value.pop("bearing_deg") - turn_deg
 
 
 def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
+    # Layer of a feature, and what the layer's reader in `_READERS` makes of it. matrix: the
+    # document's `map_SE3_site`, for bearings.
     properties = feature.node("properties")
     geometry = feature.node("geometry")
-    # GIS tools fill up
+    # GIS tools fill up members that a feature lacks with null
     properties.value = {k: value for k, value in properties.value.items() if value is not None}
     layer = properties.get("layer", str)
     at = properties.where
@@ -248,6 +264,7 @@ def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tu
 
 
 def _read_ring(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "k 2"]:
+    # Corners x, y (m) of a polygon without holes, the repeated last corner left out.
     coordinates = geometry.get("coordinates", list)
     where = geometry.where("coordinates")
     if len(coordinates) != 1:
@@ -264,6 +281,7 @@ def _read_ring(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarr
 
 
 def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "4"]:
+    # xmin ymin xmax ymax (m) of a rectangle along x and y
     ring = _read_ring(geometry, properties)
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
@@ -275,6 +293,7 @@ def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarr
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
+    # Solid with a footprint from `geometry`; errors name the feature's properties
     footprint = _read_ring(geometry, properties)
     base = properties.number("base")
     top = properties.number("top")
@@ -287,11 +306,13 @@ def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
 def _read_parking(
     geometry: JsonObject, properties: JsonObject
 ) -> tuple[tuple[float, float, float], str]:
+    # Bay x, y (m), yaw (rad), and its origin
     x, y = geometry.numbers("coordinates", 2)
     return (x, y, properties.angle("heading_deg")), _read_origin(properties)
 
 
 def _read_origin(properties: JsonObject) -> str:
+    # Origin of a feature, "mapped" without one
     origin: str = properties.get("origin", str) if "origin" in properties.value else "mapped"
     if origin not in ORIGINS:
         raise ValueError(
@@ -301,8 +322,10 @@ def _read_origin(properties: JsonObject) -> str:
 
 
 def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
+    # Mount at x, y, z (m, site frame)
     position = np.array(geometry.numbers("coordinates", 3))
     name = properties.get("name", str)
+    # members that a file may leave out have their defaults in `Mount`
     numbers: Json = {
         key: properties.number(key)
         for key in properties.value
@@ -313,12 +336,16 @@ def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
 
 
 def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
+    # Sensor at x, y, z (m, site frame)
     model = read_model(properties.node("model"))
     return read_sensor(geometry.numbers("coordinates", 3), properties, model)
 
 
 def read_sensor(position: list[float], properties: JsonObject, model: SensorModel) -> Sensor:
-    """Read name and attitude of a sensor at x, y, z (m).
+    """Build the sensor of a model from a position and the members of a JSON object.
+
+    position: x, y, z (m, site frame); properties: its members `name`, `heading_deg`, `tilt_deg`
+    (positive below the horizon) and `roll_deg`, as `format_attitude` gives them.
 
     Raises ValueError that names a member that does not fit."""
     x, y, z = position
@@ -336,7 +363,11 @@ def read_sensor(position: list[float], properties: JsonObject, model: SensorMode
 
 
 def read_model(properties: JsonObject) -> SensorModel:
-    """Read a sensor model. Raises ValueError that names a member that does not fit."""
+    """Build a sensor model from a JSON object, the inverse of `format_model`.
+
+    properties: `type`, the name of the model's class, and fields of the class. A field that is an
+    angle is in degrees, its name followed by `_deg`; fields left out have their defaults. Raises
+    ValueError that names a member that does not fit."""
     kind = properties.get("type", str)
     if kind not in class_names():
         raise ValueError(
@@ -345,7 +376,7 @@ def read_model(properties: JsonObject) -> SensorModel:
         )
     model = find_model_class(kind)
     angles = find_angles(model)
-    entries = {}
+    entries = {}  # fields of the class, by their names in the file
     for entry in fields(model):
         entries[f"{entry.name}_deg" if angles[entry.name] else entry.name] = entry
     values: Json = {}
@@ -357,7 +388,7 @@ def read_model(properties: JsonObject) -> SensorModel:
         if key == "type":
             continue
         name = entries[key].name
-        default = entries[key].default  # the value has its type
+        default = entries[key].default  # the value must have its type
         if isinstance(default, bool) and isinstance(value, bool):
             values[name] = value
         elif isinstance(default, str | int):
@@ -370,6 +401,8 @@ def read_model(properties: JsonObject) -> SensorModel:
         return make_model(kind, values)
 
 
+# for each layer: type of its geometry, function of geometry and properties that returns the
+# feature's value, and names of its properties
 _READERS: Mapping[
     str, tuple[str, Callable[[JsonObject, JsonObject], JsonValue], tuple[str, ...]]
 ] = {
@@ -388,15 +421,18 @@ _READERS: Mapping[
 
 
 def _origin(origin: str) -> Json:
+    # member `origin` of a feature's properties, left out if it is the default
     return {} if origin == "mapped" else {"origin": origin}
 
 
 def _polygon(corners: list[list[float]], **properties: JsonValue) -> Json:
+    # GeoJSON feature of a polygon; the ring repeats its first corner at the end
     geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def _point(coordinates: list[float], **properties: JsonValue) -> Json:
+    # GeoJSON feature of a point x, y or x, y, z
     return {
         "type": "Feature",
         "properties": properties,
@@ -405,7 +441,10 @@ def _point(coordinates: list[float], **properties: JsonValue) -> Json:
 
 
 def format_model(model: SensorModel) -> Json:
-    """Type and fields of a sensor model, angles in degrees, as `read_model` takes them."""
+    """Members of a JSON object of a sensor model, as `read_model` takes them.
+
+    They are the class name as `type`, and the fields that are not None; angles are in degrees
+    under names that end in `_deg`."""
     members: Json = {"type": type(model).__name__}
     for name, is_angle in find_angles(model).items():
         value = getattr(model, name)
@@ -421,11 +460,13 @@ def format_model(model: SensorModel) -> Json:
 
 
 def format_attitude(sensor: Sensor) -> Json:
-    """Heading, tilt and roll (degrees) of a sensor's body.
+    """Heading, tilt and roll of a sensor's body as `heading_deg`, `tilt_deg` and `roll_deg`.
 
-    The body's x is forward, y left, z up; tilt is positive below the horizon."""
+    The body's x is forward, y left, z up. Heading is counter-clockwise from the site's +x, tilt
+    positive below the horizon, roll about the forward axis. `read_sensor` takes the same members.
+    A sensor straight up or down has roll 0, and its heading holds the whole turn."""
     forward, left, up = sensor.world_SE3_body[:3, :3].T
-    across = float(np.hypot(forward[0], forward[1]))
+    across = float(np.hypot(forward[0], forward[1]))  # length of forward on the ground plane
     angles = (
         np.arctan2(forward[1], forward[0]),
         np.arctan2(-forward[2], across),
@@ -437,5 +478,6 @@ def format_attitude(sensor: Sensor) -> Json:
 
 
 def _degrees(angle: float) -> float:
-    """Convert an angle to degrees, rounded so that radians and back give the same number."""
+    """Convert an angle (rad) to degrees, rounded so that radians and back give the same number."""
+    # + 0.0 makes 0 of -0
     return round(float(np.rad2deg(angle)), 9) + 0.0

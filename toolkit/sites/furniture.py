@@ -1,8 +1,8 @@
 """Street furniture as solids on level ground, and `settle` for uneven ground.
 
 Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for
-one, so a drawn street holds plenty of them. They are made about the origin, lengthwise along x;
-`move_solids` puts them in place."""
+one, so a street that coview makes up holds plenty of them. They are made about the origin,
+lengthwise along x; `move_solids` puts them in place."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -16,31 +16,37 @@ from toolkit.mesh import Span as Span
 from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
-Point = tuple[float, float]
+Point = tuple[float, float]  # x, y, or two lengths (m)
 
-Outlines = Iterable[Float[np.ndarray, "_ 2"]]
+Outlines = Iterable[Float[np.ndarray, "_ 2"]]  # polygons of corners x, y (m)
 
 
 def rectangle(xmin: float, ymin: float, xmax: float, ymax: float) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle along x and y, counter-clockwise."""
+    """Corners of a rectangle along x and y, counter-clockwise from (xmin, ymin)."""
     return np.array([[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]], np.float64)
 
 
 def disc(x: float, y: float, radius: float, corners: int = 8) -> Float64[np.ndarray, "k 2"]:
-    """Regular polygon around (x, y), on millimetres."""
+    """Corners of a regular polygon around (x, y), rounded to millimetres.
+
+    radius: distance of the corners from (x, y) (m); corners: their number."""
     angles = np.arange(corners) * 2 * np.pi / corners
     return np.round(np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1), 3)
 
 
 def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
-    """Strip of `width` from start to end, on millimetres."""
+    """Corners of a strip of `width` (m) about the line from start to end.
+
+    They run counter-clockwise from the right of the start and are rounded to millimetres."""
     along = np.subtract(end, start)
     across = np.array([-along[1], along[0]]) / np.hypot(*along) * width / 2
     return np.round(np.array([start - across, end - across, end + across, start + across]), 3)
 
 
 def block(size: Point, middle: Point = (0.0, 0.0), yaw: float = 0.0) -> Float64[np.ndarray, "4 2"]:
-    """Rectangle (m) about `middle`; yaw: direction of its length."""
+    """Corners of a rectangle about `middle`, rounded to millimetres.
+
+    size: length and width (m); yaw: direction of its length (rad, counter-clockwise from +x)."""
     ahead = size[0] / 2 * np.array([np.cos(yaw), np.sin(yaw)])
     start = float(middle[0] - ahead[0]), float(middle[1] - ahead[1])
     end = float(middle[0] + ahead[0]), float(middle[1] + ahead[1])
@@ -48,12 +54,14 @@ def block(size: Point, middle: Point = (0.0, 0.0), yaw: float = 0.0) -> Float64[
 
 
 def post(x: float, y: float, height: float, radius: float = 0.08) -> Solid:
-    """Lamp, sensor or sign post."""
+    """Post of a lamp, sensor or sign at (x, y), from the ground up to `height` (m)."""
     return Solid(disc(x, y, radius), 0.0, height, "post")
 
 
 def sign(x: float, y: float, facing: float) -> list[Solid]:
-    """Traffic sign on its post, its face towards `facing` (rad)."""
+    """Post and plate of a traffic sign at (x, y), its face towards `facing`.
+
+    facing: rad, counter-clockwise from +x, at a right angle to the plate."""
     plate = block((0.7, 0.06), (x, y), facing + np.pi / 2)
     return [post(x, y, 2.2, 0.04), Solid(plate, 2.2, 2.9, "sign")]
 
@@ -61,9 +69,9 @@ def sign(x: float, y: float, facing: float) -> list[Solid]:
 def tree(
     x: float, y: float, height: float = 7.0, crown: float = 1.6, clear: float = 2.3
 ) -> list[Solid]:
-    """Trunk, and a crown from `clear` m up to `height`.
+    """Trunk of a tree at (x, y), and its crown in three layers from `clear` up to `height` (m).
 
-    crown: its radius (m), less at its foot and top."""
+    crown: largest radius of the crown (m), which it has in its middle layer."""
     low = clear + 0.25 * (height - clear)
     high = clear + 0.7 * (height - clear)
     return [
@@ -75,29 +83,32 @@ def tree(
 
 
 def litter_bin(x: float, y: float) -> Solid:
-    """Litter bin."""
+    """Litter bin at (x, y), 1 m high."""
     return Solid(disc(x, y, 0.28), 0.0, 1.0, "bin")
 
 
 def bench(x: float, y: float, along: float = 0.0) -> Solid:
-    """Bench 1.8 m long. along: its direction (rad)."""
+    """Bench 1.8 m long about (x, y). along: direction of its length (rad from +x)."""
     return Solid(block((1.8, 0.5), (x, y), along), 0.0, 0.5, "bench")
 
 
 def hedge(line: Sequence[Point], height: float = 1.4) -> list[Solid]:
-    """Hedge along `line`."""
+    """Hedge 0.7 m wide along the points of `line`, in pieces of at most 6 m, up to `height` (m)."""
     return [Solid(bar(*piece, 0.7), 0.0, height, "hedge") for piece in _pieces(line, 6.0)]
 
 
 def wall(line: Sequence[Point], height: float = 1.8, width: float = 0.25) -> list[Solid]:
-    """Wall along `line`."""
+    """Wall about the points of `line`, in pieces of at most 8 m; height and width in m."""
     return [Solid(bar(*piece, width), 0.0, height, "wall") for piece in _pieces(line, 8.0)]
 
 
 def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
-    """See-through fence: posts every 2.5 m and two rails."""
+    """Fence that can be seen through, along `line`: posts every 2.5 m at most, and two rails.
+
+    height: of the posts and the upper rail (m). The end of the line has no post."""
     pieces = _pieces(line, 2.5)
     uprights = [Solid(disc(*start, 0.05), 0.0, height, "fence") for start, _ in pieces]
+    # bottom and top of the rail at half height and of the upper rail (m)
     levels = ((0.5 * height - 0.05, 0.5 * height + 0.05), (height - 0.1, height))
     return uprights + [
         Solid(bar(*piece, 0.06), *level, "fence") for piece in pieces for level in levels
@@ -105,7 +116,9 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
 
 
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Solid]:
-    """Kerbstones on the footway's side of the road's edges."""
+    """Kerbstones on the footways, along the edges at which they meet the lanes.
+
+    lanes, footways: polygons of the road's surface; height: how high the stones are (m)."""
     road = unite(lanes).buffer(0.01)
     walk = unite(footways)
     if walk.is_empty:
@@ -117,8 +130,11 @@ def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Sol
 def set_kerbs(
     edge: shapely.Geometry, road: shapely.Geometry, size: Point, *, broken: bool = True
 ) -> list[Solid]:
-    """Kerbstones of a width and height, at most 4 m long, off `road`. broken: keep the rest of one
-    cut in parts."""
+    """Kerbstones along the lines of `edge`, at most 4 m long, only on the side off `road`.
+
+    edge: lines; road: ground that stones must not cover; size: width and height of a stone (m);
+    broken: keep the largest part of a stone that the road cuts in several, else leave such stones
+    out. Stones of 0.02 m² and less, or with holes, are left out."""
     (width, height), solids = size, []
     lines = [
         line
@@ -143,38 +159,43 @@ def set_kerbs(
 def settle(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Lift solids made for level ground onto uneven ground, by its height under their middle.
 
-    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows."""
+    Solids on the ground (base 0) reach 0.3 m into it, so that no gap shows. Returns new solids in
+    the same order."""
     solids = list(solids)
+    # a site whose only purpose is its relief
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     lifts = Site("", np.array([0.0, 0, 1, 1]), relief=relief).ground(middles).round(3).tolist()
     return tuple(_raise_solid(solid, lift) for solid, lift in zip(solids, lifts, strict=True))
 
 
 def _raise_solid(solid: Solid, lift: float) -> Solid:
-    """Move a solid up by `lift` m, its base into the ground if it is on the ground."""
+    """Return a solid moved up by `lift` (m), its base 0.3 m into the ground if it was at 0."""
     base = -0.3 if solid.base == 0 else solid.base
     return replace(solid, base=round(base + lift, 3), top=round(solid.top + lift, 3))
 
 
 def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
-    """Set the feet of mounts on the site's ground."""
+    """Return mounts with their feet (z) set on the site's ground, in the same order."""
     feet = np.array([mount.position for mount in mounts]).reshape(-1, 3)
     feet[:, 2] = site.ground(feet[:, :2]).round(3)
     return tuple(replace(mount, position=foot) for mount, foot in zip(mounts, feet, strict=True))
 
 
 def _pieces(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:
+    # Ends of equal pieces of each segment of a line, at most `length` m long, on millimetres.
     points = shapely.get_coordinates(shapely.segmentize(shapely.LineString(line), length)).round(3)
     return list(pairwise((float(x), float(y)) for x, y in points))
 
 
-Make = Callable[[Rng], list[Solid]]  # about the origin, lengthwise along x
+# draws one thing: its solids on level ground about the origin, lengthwise along x
+Make = Callable[[Rng], list[Solid]]
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """Turn solids by `yaw` (rad) about the origin, then move them to (x, y).
+    """Return solids turned by `yaw` about the origin, then moved by (x, y).
 
-    Footprints are on millimetres."""
+    yaw: rad, counter-clockwise. Footprints are rounded to millimetres, heights remain."""
+    # transpose of the rotation, for rows of points
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     return [
         replace(solid, footprint=np.round(solid.footprint @ turn + [x, y], 3)) for solid in solids
@@ -182,26 +203,30 @@ def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Sol
 
 
 def _size(rng: Rng, *ranges: Span) -> tuple[float, ...]:
+    # A length (m, on centimetres) drawn from each range (low, high), in their order.
     return tuple(round(float(rng.uniform(*between)), 2) for between in ranges)
 
 
 def _draw_block(kind: str, *ranges: Span) -> Make:
-    """Maker of a block whose length, width and height are drawn."""
+    """Return a function that draws a block of a kind, one of `KINDS`.
+
+    ranges: three pairs (low, high) in m for the block's length, width and height."""
 
     def make(rng: Rng) -> list[Solid]:
+        # ranges: length, width, height
         length, width, height = _size(rng, *ranges)
         return [Solid(block((length, width)), 0.0, height, kind)]
 
     return make
 
 
-# clipped, up to the size of a van
+# hedge clipped to a block, up to the size of a van
 hedge_block = _draw_block("hedge", (1.5, 5.5), (0.6, 2.3), (0.6, 2.2))
 _cabinet = _draw_block("cabinet", (0.6, 2.4), (0.35, 1.2), (0.9, 2.3))  # power or telephone box
 
 
 def bushes(rng: Rng) -> list[Solid]:
-    """One to five bushes in a row, grown together."""
+    """Draw one to five bushes in a row along x, grown together."""
     radius = float(rng.uniform(0.4, 1.2))
     number = int(rng.integers(1, 6))
     solids = []
@@ -215,22 +240,27 @@ def bushes(rng: Rng) -> list[Solid]:
 
 
 def _planter(rng: Rng) -> list[Solid]:
+    # A box and the plants in it, which rise `green` m above its edge.
     length, width, height, green = _size(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9), (0.2, 0.9))
     grown = Solid(block((0.8 * length, 0.8 * width)), height, round(height + green, 2), "bush")
     return [Solid(block((length, width)), 0.0, height, "planter"), grown]
 
 
 def container(rng: Rng) -> list[Solid]:
-    """Freight, site or recycling container."""
+    """Draw a freight, site or recycling container, one block."""
     length = float(rng.choice([1.8, 2.4, 3.0, 4.5, 6.06]))
     width, height = _size(rng, (1.5, 2.5), (1.4, 2.7))
     return [Solid(block((length, width)), 0.0, height, "container")]
 
 
 def skip(rng: Rng) -> list[Solid]:
-    """Open skip, narrower at its foot, more or less full."""
+    """Draw an open skip, narrower at its foot, with a load that may rise above its walls.
+
+    Returns the foot, four walls and the load, all of kind `container`."""
+    # full: share of the walls' height that the load fills, more than 1 for a heaped load
     length, width, height, full = _size(rng, (2.8, 4.8), (1.6, 2.1), (1.0, 1.7), (0.4, 1.15))
     middle = round(0.45 * height, 2)
+    # middle, and size, of the two long walls, then of the two short ones between them
     walls = [((0.0, side * (width - 0.12) / 2), (length, 0.12)) for side in (-1, 1)]
     walls += [((side * (length - 0.12) / 2, 0.0), (0.12, width - 0.24)) for side in (-1, 1)]
     foot = Solid(block((0.65 * length, 0.9 * width)), 0.0, middle, "container")
@@ -241,6 +271,7 @@ def skip(rng: Rng) -> list[Solid]:
 
 
 def _bus_shelter(rng: Rng) -> list[Solid]:
+    # Back wall, a side wall and a roof, open towards -y.
     length, width = _size(rng, (2.5, 6.0), (1.2, 2.0))
     xmin = -length / 2
     ymin = -width / 2
@@ -253,6 +284,7 @@ def _bus_shelter(rng: Rng) -> list[Solid]:
 
 
 def _bins(rng: Rng) -> list[Solid]:
+    # One to five large bins of one size in a row along x, 0.12 m apart.
     number = int(rng.integers(1, 6))
     length, width, height = _size(rng, (0.6, 1.4), (0.7, 1.1), (1.0, 1.5))
     at = (np.arange(number) - (number - 1) / 2) * (length + 0.12)
@@ -260,7 +292,7 @@ def _bins(rng: Rng) -> list[Solid]:
 
 
 def heap(rng: Rng) -> list[Solid]:
-    """Heap of earth or gravel, steep and rough."""
+    """Draw a heap of earth or gravel: four discs, one upon the other, smaller upwards."""
     radius, height = _size(rng, (0.8, 2.0), (0.6, 1.8))
     layers = []
     base = 0.0
@@ -272,6 +304,7 @@ def heap(rng: Rng) -> list[Solid]:
 
 
 def _column(rng: Rng) -> list[Solid]:
+    # Advertising column, or a board on two posts, each for half the draws.
     radius, height, length = _size(rng, (0.5, 0.8), (2.4, 3.6), (1.2, 3.6))
     if rng.random() < 0.5:
         return [Solid(disc(0.0, 0.0, radius, 12), 0.0, height, "sign")]
@@ -280,7 +313,10 @@ def _column(rng: Rng) -> list[Solid]:
 
 
 def digger(rng: Rng) -> list[Solid]:
-    """Digger: tracks, a house with a cab, an arm."""
+    """Draw a digger: two tracks, a house with a cab, and an arm, ahead along +x.
+
+    The solids overlap in part. Their proportions are shares of a length, width and height."""
+    # swing: how far (m) the end of the arm is to the left
     length, width, height, swing = _size(rng, (2.0, 3.6), (1.4, 2.3), (2.2, 2.9), (-0.4, 0.4))
     track = round(0.2 * height, 2)
     deck = round(0.55 * height, 2)
@@ -303,7 +339,9 @@ def digger(rng: Rng) -> list[Solid]:
 
 
 def bicycles(rng: Rng) -> list[Solid]:
-    """One to eight parked bicycles side by side: things, since nobody rides them."""
+    """Draw one to eight parked bicycles side by side along y, ahead along +x.
+
+    They are solids, not road users, since nobody rides them. Some have a box on the carrier."""
     solids = []
     spacing = float(rng.uniform(0.4, 0.9))
     number = int(rng.integers(1, 9))
@@ -312,6 +350,7 @@ def bicycles(rng: Rng) -> list[Solid]:
         turn = float(rng.normal(0.0, 0.1))
         wheels = [block((0.64 * scale, 0.05), (x * scale, 0.0)) for x in (-0.52, 0.52)]
         parts = [Solid(wheel, 0.0, 0.64 * scale, "bicycle") for wheel in wheels]
+        # frame, saddle and handlebar: length and width, x of the middle, bottom and top (m)
         heights = (
             ((0.85, 0.05), 0.0, 0.4, 0.6),
             ((0.22, 0.15), -0.25, 0.8, 0.9),
@@ -334,5 +373,6 @@ def bicycles(rng: Rng) -> list[Solid]:
     return solids
 
 
+# makers to choose from; one that is there twice is drawn twice as often
 PLANTED: tuple[Make, ...] = (hedge_block, hedge_block, bushes, bushes, _planter)
 BUILT: tuple[Make, ...] = (_cabinet, container, skip, _bus_shelter, _bins, heap, _column, bicycles)

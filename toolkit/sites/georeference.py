@@ -38,11 +38,13 @@ _INVERSE_FLATTENING = 298.257223563  # of WGS84
 _WGS84_FLATTENING_GAP = 1e-7
 MAX_AXIS_GAP_M = 0.01  # to ellipsoids whose datums are within 2 m of WGS84
 MAX_FLATTENING_GAP = 1e-4  # to the same ellipsoids
-_SCALE_LENGTH_M = 100.0  # by which a map's scale is judged
-MAX_STRETCH_SHARE = 0.01  # of a map's scale without a note
+_SCALE_LENGTH_M = 100.0  # length on the map that is measured on the ground to judge its scale
+MAX_STRETCH_SHARE = 0.01  # relative error of a map's scale up to which there is no note
 DEGREE_DECIMALS = 8  # of coordinates: about 1 mm
 METRE_DECIMALS = 3  # of coordinates
+# unit vectors east, north of the directions that PROJ names
 _DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
+# the same by the letters of the axes, for maps about a pole
 _POLAR_AXES = {"E": (1.0, 0.0), "X": (1.0, 0.0), "N": (0.0, 1.0), "Y": (0.0, 1.0)}
 WGS84 = "EPSG:4326"
 
@@ -54,8 +56,10 @@ def longitude_latitude(
 ) -> Float64[np.ndarray, "n 2"] | None:
     """Convert site metres to degrees of longitude and latitude (WGS84).
 
-    None if the site has no known place on earth. Raises ValueError if `geo_reference` is no
-    projection or does not reach there; ImportError if pyproj is needed and missing."""
+    xy: places in the site frame. Returns rows longitude, latitude in the order of `xy`, or None if
+    the site has no known place on earth. Warns if that place is uncertain. Raises ValueError if
+    `geo_reference` is no projection or does not reach there; ImportError if pyproj is needed and
+    missing."""
     if site.geo_reference is None:
         return None
     xy = np.asarray(xy, np.float64)
@@ -64,8 +68,10 @@ def longitude_latitude(
 
 
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees of longitude and latitude (WGS84) to site metres. Raises ValueError for a
-    site without a known place on earth, and the errors of `longitude_latitude`."""
+    """Convert degrees of longitude and latitude (WGS84) to x, y (m) in the site frame.
+
+    Warns if the site's place on earth is uncertain. Raises ValueError for a site without a known
+    place on earth, and the errors of `longitude_latitude`."""
     if site.geo_reference is None:
         raise ValueError(
             f"site {site.name!r} does not say where on earth it is (geo_reference): give site "
@@ -97,7 +103,9 @@ def heading_from_bearing(site: Site, bearing: float) -> float:
 
 
 def projection(longitude: float, latitude: float) -> str:
-    """PROJ string of the transverse Mercator map about a point."""
+    """PROJ string of the transverse Mercator map in metres about a point (degrees, WGS84).
+
+    `project` computes this map without pyproj, and `_find_centre` knows it again by its text."""
     origin = f"+lat_0={latitude:.9g} +lon_0={longitude:.10g}"
     return f"+proj=tmerc {origin} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
 
@@ -105,17 +113,19 @@ def projection(longitude: float, latitude: float) -> str:
 def project(
     lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]
 ) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees to metres of `projection(*centre)`. Good to 1 mm within 2 km (Snyder, Map
-    Projections, equations 8-9 to 8-15, cut after the terms of third order)."""
+    """Convert longitude, latitude (degrees) to metres east, north on `projection(*centre)`.
+
+    centre: longitude, latitude (degrees). Good to 1 mm within 2 km (Snyder, Map Projections,
+    equations 8-9 to 8-15, cut after the terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine = np.sin(latitude)
     cosine = np.cos(latitude)
     normal = _EQUATOR_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * sine**2)
     east = longitude - longitude_0
-    # across the antimeridian
+    # difference of longitudes (rad), brought within a half turn across the antimeridian
     east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)
-    a = east * cosine
+    a = east * cosine  # a, t and c as Snyder names them
     t = np.tan(latitude) ** 2
     c = _ECCENTRICITY_SQUARED / (1 - _ECCENTRICITY_SQUARED) * cosine**2
     x = normal * (a + (1 - t + c) * a**3 / 6)
@@ -126,9 +136,13 @@ def project(
 def inverse_project(
     metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]
 ) -> Float64[np.ndarray, "n 2"]:
-    """Convert metres of `projection(*centre)` to degrees, by Newton's method."""
+    """Convert metres east, north on `projection(*centre)` to longitude, latitude (degrees).
+
+    This is the inverse of `project`, found by five steps of Newton's method from `centre`
+    (longitude, latitude in degrees); longitudes come back in -180..180."""
     guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
     for _ in range(5):
+        # m per rad of longitude and latitude on a sphere, which is near enough for a step
         radius = _EQUATOR_M * np.stack(
             [np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1
         )
@@ -141,7 +155,9 @@ def inverse_project(
 
 
 def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np.ndarray, "*n"]:
-    """Distance along the meridian from the equator (Snyder, equation 3-21)."""
+    """Distance (m) along the meridian from the equator to a latitude (rad).
+
+    Snyder, Map Projections, equation 3-21."""
     e2 = _ECCENTRICITY_SQUARED
     return _EQUATOR_M * (
         (1 - e2 / 4 - 3 * e2**2 / 64 - 5 * e2**3 / 256) * latitude
@@ -152,10 +168,10 @@ def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np
 
 
 def project_to_map(reference: str, lon_lat: tuple[float, float]) -> tuple[float, float]:
-    """Convert longitude and latitude to metres to the east and north on the map that a reference
-    names.
+    """Convert longitude and latitude (degrees) to metres east and north on a map.
 
-    Raises ValueError if it names none, ImportError without pyproj."""
+    reference: PROJ text of the map. Raises ValueError if it names no map, and ImportError if the
+    map needs pyproj and it is missing."""
     centre = _find_centre(reference)
     degrees = np.array([lon_lat], np.float64)
     metres = _open_map(reference).to_metres(degrees) if centre is None else project(degrees, centre)
@@ -164,10 +180,11 @@ def project_to_map(reference: str, lon_lat: tuple[float, float]) -> tuple[float,
 
 
 def doubt_place(geo_reference: str | None) -> str | None:
-    """Return what is uncertain about a map's place on earth, as a note; None for nothing, and
-    without pyproj.
+    """Return a note on what is uncertain about a map's place on earth.
 
-    Raises ValueError, which names the reason, for a reference that is no map in lengths."""
+    geo_reference: PROJ text of the map, None if unknown. Returns None if nothing is uncertain,
+    without a reference, and without pyproj. Raises ValueError, which names the reason, for a
+    reference that is no map in lengths."""
     if geo_reference is None or _find_centre(geo_reference) is not None:
         return None
     try:
@@ -177,9 +194,11 @@ def doubt_place(geo_reference: str | None) -> str | None:
 
 
 def doubt_scale(site: Site) -> str | None:
-    """Return by how much a site's map stretches lengths, as a note; None for less than
-    `MAX_STRETCH_SHARE`, an unknown place, and without pyproj. The errors of `longitude_latitude`
-    are raised."""
+    """Return a note on how much a site's map stretches lengths.
+
+    Returns None for less than `MAX_STRETCH_SHARE`, for a site without a known place on earth, and
+    without pyproj. Raises the ValueError of `longitude_latitude`."""
+    # origin of the site, and the ends of a length along its x and along its y
     corners = np.array([[0.0, 0.0], [_SCALE_LENGTH_M, 0.0], [0.0, _SCALE_LENGTH_M]])
     try:
         degrees = longitude_latitude(site, corners)
@@ -199,16 +218,23 @@ def doubt_scale(site: Site) -> str | None:
 
 
 def _find_centre(reference: str) -> tuple[float, float] | None:
-    """Longitude and latitude of the centre of a map of ours, None for other maps."""
+    """Longitude and latitude (degrees) of the centre of a map that `projection` named.
+
+    reference: PROJ text. Returns None for all other maps, which need pyproj."""
     zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", reference)
     centre = (float(zero[2]), float(zero[1])) if zero else None
+    # the whole text must be as we write it, not only its origin
     return centre if centre is not None and projection(*centre) == reference else None
 
 
 def _convert(
     site: Site, reference: str, points: np.ndarray, *, inverse: bool
 ) -> Float64[np.ndarray, "n 2"]:
-    """Convert degrees to metres of the site's map; `inverse`: back."""
+    """Convert longitude, latitude (degrees) to metres east, north on a site's map, or back.
+
+    reference: the site's `geo_reference`; points: rows of degrees, or of metres if `inverse`. Warns
+    if the map's place on earth is uncertain. Raises ValueError if the reference names no map or
+    the map does not reach a point, ImportError if it needs pyproj and it is missing."""
     centre = _find_centre(reference)
     if centre is not None:
         return inverse_project(points, centre) if inverse else project(points, centre)
@@ -242,10 +268,11 @@ class _EarthMap:
     """A projected map of PROJ.
 
     Attributes:
-        transformer: from the map's coordinates, as it orders them, to latitude and longitude.
-        axes: (2, 2) what turns metres to the east and north into the map's coordinates: directions
-            and units.
-        doubt: what is uncertain about its place on earth, None for nothing.
+        transformer: from the map's coordinates, as it orders them, to latitude and longitude
+            (degrees).
+        axes: (2, 2) matrix that turns metres to the east and north into the map's coordinates with
+            their directions, order and units.
+        doubt: note on what is uncertain about the map's place on earth, None for nothing.
     """
 
     transformer: "Transformer"
@@ -253,23 +280,30 @@ class _EarthMap:
     doubt: str | None
 
     def to_degrees(self, metres: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-        """Longitude and latitude of places in metres to the east and north."""
+        """Longitude, latitude (degrees) of places in metres to the east and north on the map.
+
+        Places that the map does not reach come back infinite."""
         latitude, longitude = self.transformer.transform(*(self.axes @ metres.T))
         return np.column_stack([longitude, latitude])
 
     def to_metres(self, degrees: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-        """Metres to the east and north of longitude and latitude."""
+        """Metres to the east and north on the map of longitude, latitude (degrees).
+
+        Places that the map does not reach come back as NaN."""
         longitude, latitude = degrees.T
         coordinates = np.column_stack(
             self.transformer.transform(latitude, longitude, direction="INVERSE")
         )
+        # NaN, since infinities of different signs in a product would warn
         return np.where(np.isfinite(coordinates), coordinates, np.nan) @ np.linalg.inv(self.axes).T
 
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
 def _open_map(geo_reference: str) -> _EarthMap:
-    """Open the map that a reference names. Raises ValueError, which begins with a verb, if it is no
-    map."""
+    """Open with pyproj the map that a reference (PROJ text) names.
+
+    Raises ValueError if it is no map; its text begins with a verb whose subject, the name of the
+    reference to the user, the caller adds. Raises ImportError without pyproj."""
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
@@ -288,12 +322,14 @@ def _open_map(geo_reference: str) -> _EarthMap:
         )
     axes = _find_axes(system, quoted)
     missing = _list_missing_grids(geo_reference)
+    # first the exact way, which fails for a map without a known datum or without its grids
     try:
         return _EarthMap(
             Transformer.from_crs(system, WGS84, allow_ballpark=False), axes, _doubt_grids(missing)
         )
     except ProjError:
         pass
+    # @ marks a grid that may be missing
     if missing and "@" not in geo_reference:
         raise ValueError(
             f"needs the grid {', '.join(missing)}, which PROJ has not here (projsync --file), got "
@@ -309,6 +345,7 @@ def _open_map(geo_reference: str) -> _EarthMap:
 
 
 def _describe_system(system: "CRS") -> str:
+    # Words for a system that is no projected map, for an error.
     if system.is_geographic:
         return "a system of degrees, and a map must be in lengths"
     if system.is_engineering:
@@ -317,7 +354,10 @@ def _describe_system(system: "CRS") -> str:
 
 
 def _find_axes(system: "CRS", quoted: str) -> Float64[np.ndarray, "2 2"]:
-    """Matrix from metres to the east and north into a system's coordinates."""
+    """Matrix (2, 2) from metres to the east and north into a system's coordinates.
+
+    A row for each axis of the system, in its order and unit. quoted: the reference, for the
+    ValueError about axes that do not span the plane."""
     rows = []
     for axis in system.axis_info[:2]:
         direction = _DIRECTIONS.get(axis.direction)
@@ -337,7 +377,7 @@ def _find_axes(system: "CRS", quoted: str) -> Float64[np.ndarray, "2 2"]:
 
 
 def _list_missing_grids(geo_reference: str) -> list[str]:
-    """Grids of a PROJ string's datum that are not installed."""
+    """List the grids of a PROJ string's datum (`+nadgrids=`) that are not installed."""
     from pyproj import Transformer
     from pyproj.exceptions import ProjError
 
@@ -354,6 +394,7 @@ def _list_missing_grids(geo_reference: str) -> list[str]:
 
 
 def _doubt_grids(missing: list[str]) -> str | None:
+    # Note for a map whose grids are not installed, None if nothing is missing.
     if not missing:
         return None
     return (
@@ -363,8 +404,12 @@ def _doubt_grids(missing: list[str]) -> str | None:
 
 
 def _doubt_datum(system: "CRS", quoted: str) -> str | None:
-    """Note for a system without a datum, whose place on WGS84 PROJ only guesses."""
+    """Note for a system without a datum, whose place on WGS84 PROJ only guesses.
+
+    The farther its ellipsoid is from WGS84, the larger the error it names; None if the ellipsoid
+    is as good as WGS84's. quoted: the reference, for the note."""
     ellipsoid = system.ellipsoid
+    # equatorial radius (m) and inverse flattening
     shape = (ellipsoid.semi_major_metre, ellipsoid.inverse_flattening) if ellipsoid else (0.0, 0.0)
     if (
         abs(shape[0] - _EQUATOR_M) > MAX_AXIS_GAP_M
@@ -382,7 +427,7 @@ def _doubt_datum(system: "CRS", quoted: str) -> str | None:
 
 
 def site_geojson(site: Site) -> str:
-    """GeoJSON of a site in longitude and latitude.
+    """GeoJSON text of a site in longitude and latitude, a feature for each of its parts.
 
     Raises ValueError for a site without a place, ImportError without pyproj."""
     if site.geo_reference is None:
@@ -393,12 +438,14 @@ def site_geojson(site: Site) -> str:
 
 
 def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Json:
-    """GeoJSON feature of points or polygons of the site frame.
+    """GeoJSON feature of points or polygons that are given in the site frame (m).
 
-    In degrees, or in metres for a site without a place on earth."""
+    The feature is in degrees, or in site metres for a site without a place on earth; heights are
+    left out. properties: JSON values of the feature by name."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def moved(xy: np.ndarray) -> np.ndarray:
+        # coordinates of the feature, rounded; + 0.0 makes 0 of -0
         degrees = longitude_latitude(site, xy)
         return (xy if degrees is None else degrees).round(decimals) + 0.0
 
@@ -407,7 +454,9 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Js
 
 
 def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
-    """GeoJSON feature of a mount, as in files of poles."""
+    """GeoJSON feature of a mount's foot, with the properties that files of poles have.
+
+    more: further properties, which come last."""
     limits = {"min_height": mount.min_height, "max_height": mount.max_height}
     values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
     if mount.max_sensors > 1:
@@ -417,9 +466,13 @@ def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
 
 
 def feature_collection(features: Iterable[_Json], **members: object) -> str:
-    """Text of a FeatureCollection with a bbox."""
+    """JSON text of a FeatureCollection, with a feature on each line.
+
+    members: further members of the collection, before its `bbox` (xmin ymin xmax ymax of all
+    features, left out if no feature has a place)."""
     entries = list(features)
     lines = ",\n".join(json.dumps(entry, allow_nan=False, ensure_ascii=False) for entry in entries)
+    # (n, 4) xmin ymin xmax ymax; NaN for empty geometries
     corners = np.array(
         [shapely.bounds(shapely.geometry.shape(entry["geometry"])) for entry in entries]
     ).reshape(-1, 4)
@@ -435,6 +488,7 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
 
 
 def _layers(site: Site) -> Iterator[_Json]:
+    # Features of the area, lanes, footways, solids, bays, mounts and sensors, in this order.
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name, height=site.height)
     for layer, outlines in (("lane", site.lanes), ("footway", site.footways)):
         for i, outline in enumerate(outlines):
@@ -470,7 +524,7 @@ def _layers(site: Site) -> Iterator[_Json]:
         )
     yield from (mount_feature(site, mount) for mount in site.mounts)
     for sensor in site.sensors:
-        x, y, z = sensor.world_SE3_body[:3, 0]
+        x, y, z = sensor.world_SE3_body[:3, 0]  # unit vector of the forward axis
         model = name_in_words(type(sensor.model).__name__)
         spot = sensor.position[:2]
         height = round(float(sensor.position[2] - site.ground(spot)), 3)

@@ -11,7 +11,8 @@ PREFIX = "Warning: "
 MAX_NOTES = 12  # kinds that are written out; more are counted
 MAX_CHARACTERS = 160  # from the warning that a note quotes
 
-SHAPE_ONLY = (  # the road remains as the map has it
+# beginnings of warnings (regular expressions) that are dropped: the road remains as the map has it
+SHAPE_ONLY = (
     r"Environment variable SUMO_HOME",
     r"Network contains very large coordinates",
     r"Speed of .* connection .* reduced",
@@ -43,17 +44,23 @@ SHAPE_ONLY = (  # the road remains as the map has it
     r".*as it connects same junctions",
 )
 _SHAPE_ONLY = re.compile("|".join(SHAPE_ONLY))
+# names and numbers, without which warnings of one kind are equal
 _VALUES = re.compile(r"'[^']*'|-?\d+(\.\d+)?")
 
 
 def list_warnings(messages: str) -> list[str]:
-    """Return the warnings among what netconvert wrote to its standard error."""
+    """Return the warnings in the text that netconvert wrote to its standard error.
+
+    They are lines without their prefix; netconvert's counts of warnings are left out."""
     lines = [line.strip() for line in messages.splitlines() if line.startswith(PREFIX)]
     return [line.removeprefix(PREFIX) for line in lines if " total messages of type:" not in line]
 
 
 def describe_warnings(warnings: Iterable[str]) -> list[str]:
-    """Notes, one for each kind of warning about something unread, left out or changed."""
+    """Return notes, one for each kind of warning about something unread, left out or changed.
+
+    A note quotes the first warning of its kind and counts the others. Kinds in `SHAPE_ONLY` get no
+    note; those after the first `MAX_NOTES` are counted in a last note."""
     kinds: dict[str, list[str]] = {}
     for warning in warnings:
         if not _SHAPE_ONLY.match(warning):
@@ -65,6 +72,7 @@ def describe_warnings(warnings: Iterable[str]) -> list[str]:
 
 
 def _describe_kind(warnings: list[str]) -> str:
+    # Note for the warnings of one kind, at least one.
     first = warnings[0].rstrip(".")
     quoted = first if len(first) <= MAX_CHARACTERS else f"{first[:MAX_CHARACTERS]}..."
     more = f", and {len(warnings) - 1} more like it" if len(warnings) > 1 else ""

@@ -27,6 +27,7 @@ FOOT = "pedestrian"
 _RAIL = {"tram", "rail", "rail_urban", "rail_electric", "rail_fast", "subway", "cable_car", "ship"}
 _SPECIAL = re.compile(r"""[&<>"'\s]""")  # in an attribute of XML
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
+# options of netconvert for every network
 _OPTIONS = (
     "--offset.disable-normalization",
     "--no-turnarounds",
@@ -40,6 +41,8 @@ _OPTIONS = (
 
 MAX_RUN_S = 60.0  # of netconvert
 MAX_MEMORY_BYTES = 1 << 31  # of netconvert
+# program that runs netconvert (argv[2:]) with limited memory, unless the parent (process argv[1])
+# is gone
 _LIMITED = f"""
 import os, sys
 try:
@@ -52,9 +55,9 @@ if os.getppid() == int(sys.argv[1]):
     os.execv(sys.argv[2], sys.argv[2:])
 """
 
-XmlAttributes = Mapping[str, Any]
+XmlAttributes = Mapping[str, Any]  # attributes of one XML element by name
 _Rows = Iterable[XmlAttributes]
-Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]
+Polygons = tuple[Float64[np.ndarray, "_ 2"], ...]  # simple, without holes; corners x, y (m)
 
 
 def street(
@@ -65,14 +68,17 @@ def street(
     shoulder: float = 0.0,
     speed: float = 13.9,
 ) -> list[XmlAttributes]:
-    """Lanes of one direction, from the kerb inwards."""
+    """Rows of lanes of one direction, from the kerb inwards: footway, shoulder, lanes.
+
+    lanes: number of lanes for vehicles; width, footway, shoulder: widths (m) of one lane, of the
+    footway and of a strip without traffic, 0 to leave out footway or strip; speed: limit (m/s)."""
     rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
     rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
 
 
 def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> str:
-    """Format points as a SUMO shape."""
+    """Format points x, y (m) as the text of a SUMO shape, on millimetres."""
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
 
 
@@ -84,7 +90,7 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
     where pedestrians cross.
 
     Raises ValueError with netconvert's words if it refuses the rows, ImportError without SUMO."""
-    ways = []
+    ways = []  # XML texts of edges, then of roundabouts
     for edge in edges:
         lanes = edge.get("lanes", ())
         inside = "".join(
@@ -103,12 +109,17 @@ def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str
 
 
 def run_netconvert(options: Sequence[str]) -> str:
-    """Run netconvert; return the net.xml text without its comments."""
+    """Run netconvert with the usual options and then `options`; return the net.xml text.
+
+    Its comments, which hold the date and paths, are removed. Raises ValueError with netconvert's
+    words if it makes no network, ImportError without SUMO."""
     return run_netconvert_with_warnings(options)[0]
 
 
 def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
-    """Run netconvert; return the net.xml text without its comments, and its warnings."""
+    """Run netconvert as `run_netconvert` does; return the net.xml text and netconvert's warnings.
+
+    The warnings are lines without their prefix."""
     command = [str(netconvert()), *_OPTIONS, *options]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
@@ -138,7 +149,9 @@ def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]
 
 
 def netconvert() -> Path:
-    """Path of SUMO's netconvert: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH."""
+    """Path of SUMO's netconvert: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH.
+
+    Raises ImportError if it is nowhere."""
     package = importlib.util.find_spec("sumo")
     homes = [Path(package.origin).parent] if package and package.origin else []
     homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
@@ -157,8 +170,10 @@ def netconvert() -> Path:
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Road polygons of a net.xml text within `margin` (m) around `area`: for wheels, and for feet.
-    Wheels: lanes, shoulders, junctions, crossings; feet: sidewalks, walking areas."""
+    """Road polygons of a net.xml text: those for wheels, and those for feet.
+
+    Wheels have lanes, shoulders, junctions and crossings; feet have sidewalks and walking areas.
+    Polygons are cut at the window `margin` (m) around `area` (xmin ymin xmax ymax)."""
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []
@@ -168,7 +183,7 @@ def road_polygons(
         function = edge.get("function")
         if function == "walkingarea":
             footways.append(enclose(lane))
-        elif not users <= _RAIL or not users:
+        elif not users <= _RAIL or not users:  # lanes without users are shoulders
             line = shapely.LineString(parse_shape(lane))
             half = lane_width(lane) / 2
             strip = line.buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
@@ -187,8 +202,10 @@ def road_polygons(
 
 
 def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float]]:
-    """Strips of a net.xml text without traffic, by edge: middle line (k, 2) as traffic goes, and
-    width (m)."""
+    """Strips without traffic of a net.xml text, by the id of their edge.
+
+    Each is its middle line (k, 2) in the direction of the edge's traffic, and its width (m); of two
+    strips on an edge the inner one counts."""
     unused = [
         (str(edge.get("id")), lane) for edge, lane in list_lanes(network) if not list_users(lane)
     ]
@@ -198,19 +215,24 @@ def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float
 def list_lanes(
     network: str, *functions: str
 ) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
-    """Edges and lanes of a net.xml text. functions: of the edges, normal ones by default."""
+    """Yield edge and lane for each lane of a net.xml text, from the kerb inwards on each edge.
+
+    functions: SUMO's functions of the edges to take, such as "internal" for those within junctions;
+    only "normal" ones if none is given."""
     for edge in ElementTree.fromstring(network).iter("edge"):
         if edge.get("function", "normal") in (functions or ("normal",)):
             yield from ((edge, lane) for lane in edge.iter("lane"))
 
 
 def lane_width(lane: ElementTree.Element) -> float:
-    """Width of a lane (m)."""
+    """Width of a lane (m); 3.2 m, SUMO's default, for a lane without one."""
     return float(lane.get("width", "3.2"))
 
 
 def list_users(lane: ElementTree.Element) -> set[str]:
-    """Users of a net.xml text's lane, in SUMO's words."""
+    """Vehicle classes of SUMO that may use a lane, pedestrians and trains included.
+
+    A lane without rules is open to all; the empty set is a lane without traffic."""
     allowed = set(lane.get("allow", "").split()) or {"all"}
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:
@@ -219,7 +241,9 @@ def list_users(lane: ElementTree.Element) -> set[str]:
 
 
 def enclose(element: ElementTree.Element) -> shapely.Geometry:
-    """Area that an element's shape encloses, all parts of it."""
+    """Area that the shape of a lane or junction encloses, empty below three corners.
+
+    A shape that crosses itself gives the union of all its parts."""
     coordinates = parse_shape(element)
     if len(coordinates) < 3:
         return shapely.Polygon()
@@ -228,18 +252,22 @@ def enclose(element: ElementTree.Element) -> shapely.Geometry:
 
 
 def parse_shape(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
-    """Shape (k, 2) of a lane or junction, without heights."""
+    """Points x, y (m) of the shape of a lane or junction, (k, 2), without heights.
+
+    (0, 2) for an element without a shape."""
     points = [p.split(",")[:2] for p in element.get("shape", "").split()]
     return np.array(points, np.float64).reshape(-1, 2)
 
 
 def unite(polygons: Iterable[Float[np.ndarray, "_ 2"]]) -> shapely.Geometry:
-    """Union of outlines."""
+    """Union of the ground within outlines, each of corners x, y (m)."""
     return shapely.union_all([shapely.Polygon(outline) for outline in polygons])
 
 
 def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
-    """Simple polygons of `shapes` in `window`, 0.1 m² and more, on a grid of 1 mm."""
+    """Corners of the simple polygons of `shapes` in `window`, on a grid of 1 mm.
+
+    Shapes with holes are cut in several; pieces of 0.1 m² and less are left out."""
     simple: list[shapely.Polygon] = []
     for shape in shapes:
         for polygon in list_polygons(shapely.set_precision(shape.intersection(window), 1e-3)):
@@ -259,10 +287,10 @@ def list_polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """Cut a polygon through its holes until none is left."""
+    """Cut a polygon through its holes until none is left; return the pieces."""
     if not polygon.interiors:
         return [polygon]
-    x = shapely.Polygon(polygon.interiors[0]).centroid.x
+    x = shapely.Polygon(polygon.interiors[0]).centroid.x  # the cut runs along y
     xmin, ymin, xmax, ymax = polygon.bounds
     pieces: list[shapely.Polygon] = []
     for side in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax)):
@@ -272,15 +300,18 @@ def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
 
 
 def format_xml(root: str, elements: Iterable[str]) -> str:
-    """XML text of a root with elements, one a line."""
+    """XML text of a root element with elements, which are XML texts, one on each line.
+
+    root: tag of the root."""
     return f"<{root}>\n" + "\n".join(elements) + f"\n</{root}>\n"
 
 
 def format_element(tag: str, attributes: XmlAttributes, inside: str = "") -> str:
-    """XML text of an element."""
+    """XML text of an element with quoted attributes. inside: XML text of its content."""
     written = " ".join(f"{key}={_quote(str(value))}" for key, value in attributes.items())
     return f"<{tag} {written}>{inside}</{tag}>"
 
 
 def _quote(text: str) -> str:
+    # Value of an attribute in quotes, escaped only if it needs to be.
     return quoteattr(text) if _SPECIAL.search(text) else f'"{text}"'

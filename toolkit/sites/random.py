@@ -31,7 +31,7 @@ from toolkit.sites.surroundings.things import draw_everything
 LEG_LENGTH_M = 140.0  # from the middle of the junction
 MIN_MOUNT_HEIGHT_M = 1.6  # of sensors above the foot of their mount
 MAX_MOUNT_HEIGHT_M = 9.0  # of sensors above the foot of their mount
-_LOW_MOUNT_SHARE = 0.35  # of mounts that allow a sensor at eye level
+_LOW_MOUNT_SHARE = 0.35  # share of mounts that allow a sensor at eye level
 SLOPING_SHARE = 0.4  # of sites on a slope
 MAX_STREET_SLOPE = 0.06  # m per m
 _MAX_TILT_RAD = np.deg2rad(35.0)
@@ -42,7 +42,8 @@ class Shoulder:
     """Strip without traffic between lanes and footway."""
 
     width: float = 0.0  # m, 0 for none
-    # of the bays on it (degrees, 0: along the kerb; None: road works instead of bays)
+    # angle between its parking bays and the kerb (degrees, a key of `BAY_DEPTHS_M`: 0 for bays
+    # along the kerb); None: no bays, but road works if the shoulder has a width
     angle: int | None = None
 
 
@@ -51,13 +52,14 @@ class Leg:
     """Road that meets the junction.
 
     Attributes:
-        path: middle line from the junction outwards.
-        inbound: number of lanes, 0 if one-way.
-        outbound: number of lanes, 0 if one-way.
+        path: points x, y (m, site frame) of the line between the two directions, from the
+            junction outwards.
+        inbound: number of lanes towards the junction, 0 if the leg is one-way outwards.
+        outbound: number of lanes away from the junction, 0 if the leg is one-way inwards.
         lane: width of a lane (m).
         footway: width of the footways (m).
-        shoulders: shoulders of the inbound and outbound side.
-        speed: limit (m/s)."""
+        shoulders: shoulders of the inbound and of the outbound side, in this order.
+        speed: speed limit (m/s)."""
 
     path: Float64[np.ndarray, "k 2"]
     inbound: int
@@ -69,20 +71,25 @@ class Leg:
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """Distances (m) from the path to the outer edges of the footways.
+        """Distances (m) from the path to the outer edges of the footways: left, right.
 
-        Left is the inbound side, right the outbound side."""
+        Seen outwards along the path, left is the inbound side and right the outbound side, as
+        traffic keeps right. A side without lanes has width 0."""
         left = self._measure_side(self.inbound, self.shoulders[0])
         right = self._measure_side(self.outbound, self.shoulders[1])
         return left, right
 
     def _measure_side(self, lanes: int, shoulder: Shoulder) -> float:
-        """Width (m) of one direction with its footway, 0 without lanes."""
+        """Width (m) of one direction with its footway and shoulder, 0 without lanes.
+
+        lanes: number of lanes of the direction."""
         return lanes * self.lane + self.footway + shoulder.width if lanes else 0.0
 
 
 def random_site(rng: Rng | int) -> Site:
     """Draw a junction from a generator or a seed; the same seed gives the same site.
+
+    rng: a generator, which the draws advance, or a whole number from 0 up as seed.
 
     The junction is near the origin; the detection area, 60 to 110 m by 40 to 110 m, need not be
     centred on it. There are at least 12 mounts with 1 to 10 default sensors. By chance there are
@@ -92,14 +99,15 @@ def random_site(rng: Rng | int) -> Site:
     Raises ValueError for a negative seed."""
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise ValueError(f"seed of a random site must be a whole number from 0 up, got {rng}")
-    rng = np.random.default_rng(rng)
+    rng = np.random.default_rng(rng)  # a generator remains the same object
+    # a changed order of the draws below changes all random sites
     name = f"random-{rng.integers(16**6):06x}"
     size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
     middle = rng.uniform(-size / 8, size / 8)
     area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
     legs, network = (_roundabout if rng.random() < 0.25 else _crossroads)(rng)
     lanes, footways = road_polygons(network, area)
-    angles = {}
+    angles = {}  # of parking bays (degrees), by edge: in0, out0, ... as `_leg_edges` names them
     for i, leg in enumerate(legs):
         for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
             if shoulder.angle is not None:
@@ -125,14 +133,16 @@ def random_site(rng: Rng | int) -> Site:
 
 
 def sloping(relief: Relief) -> Relief:
-    """Give a relief a slope drawn from its seed, up to `MAX_STREET_SLOPE`.
+    """Return a relief with a slope drawn from its seed, or unchanged.
 
-    Two of five are steeper than 1 %."""
+    A share `SLOPING_SHARE` of all seeds gets a slope of 0.01 to `MAX_STREET_SLOPE` m per m in any
+    direction; the others get the same relief back."""
+    # 6: other numbers than the seed gives to the unevenness
     rng = np.random.default_rng([relief.seed, 6])
     if rng.random() > SLOPING_SHARE:
         return relief
     rise = rng.uniform(0.01, MAX_STREET_SLOPE)
-    towards = rng.uniform(0, 2 * np.pi)
+    towards = rng.uniform(0, 2 * np.pi)  # uphill, rad from the site's +x
     return replace(
         relief,
         slope=(round(float(rise * np.cos(towards)), 4), round(float(rise * np.sin(towards)), 4)),
@@ -140,11 +150,15 @@ def sloping(relief: Relief) -> Relief:
 
 
 def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tuple[Sensor, ...]:
-    """Hang random depth cameras and lidars on mounts. count: 1 to 10 if None.
+    """Draw depth cameras and lidars on a site's mounts; return the sensors in order of name.
 
-    They are `MIN_MOUNT_HEIGHT_M` to `MAX_MOUNT_HEIGHT_M` up as far as their mounts allow, with more
-    tilt if they are higher, most of them headed for the middle of the area. Cameras come
-    first in order of name: d0, d1, ... then lidars l2, l3, ...
+    They are `MIN_MOUNT_HEIGHT_M` to `MAX_MOUNT_HEIGHT_M` above the foot of their mount as far as
+    it allows, with more tilt if they are higher, and most are headed for the middle of the area.
+    All mounts get a sensor before one gets a second. Cameras come first: d0, d1, ... then lidars,
+    whose numbers go on: l2, l3, ...; numbers are padded with zeros to one length.
+
+    rng: a generator, which the draws advance, or a seed; count: number of sensors, drawn from 1 to
+    10 if None. Sensors that the site has already are neither heeded nor returned.
 
     Raises ValueError for a site without mounts and for a count below 1."""
     rng = np.random.default_rng(rng)
@@ -153,6 +167,7 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
         raise ValueError(f"count must be at least 1, got {count}")
     if not site.mounts:
         raise ValueError(f"site {site.name!r} has no mounts to hang sensors on: give it some")
+    # rounds over all mounts: count / mounts, rounded up
     order = [rng.permutation(len(site.mounts)) for _ in range(-(-count // len(site.mounts)))]
     mounts = [site.mounts[i] for i in np.concatenate(order)[:count]]
     lidars = int(rng.binomial(count, 0.35))
@@ -170,15 +185,20 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
 
 
 def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sensor:
+    # Sensor of random model, height and aim on a mount. name: the sensor's; is_lidar: a lidar, not
+    # a camera. The order of the draws must not change, or all random sites do.
     x, y, z = mount.position.tolist()
+    # heights above the foot of the mount (m); most sensors at eye level remain below low + 1.5
     low = min(max(MIN_MOUNT_HEIGHT_M, mount.min_height), mount.max_height)
     top = max(low, min(MAX_MOUNT_HEIGHT_M, mount.max_height))
     height = rng.uniform(low, low + 1.5 if low < 2.0 and rng.random() < 0.6 else top)
     z += min(height, top)
     size = site.area[2:] - site.area[:2]
+    # point x, y near the middle of the area (xmin ymin xmax ymax)
     aim = rng.normal((site.area[:2] + site.area[2:]) / 2, size / 6)
     towards = np.arctan2(aim[1] - y, aim[0] - x) + rng.normal(0.0, np.deg2rad(15.0))
     heading = towards if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
+    # down to level ground 10 to 45 m away, about 2 degrees off (rad, positive below the horizon)
     tilt = np.arctan2(height, rng.uniform(10.0, 45.0)) + rng.normal(0.0, np.deg2rad(2.0))
     tilt = float(np.clip(tilt, 0.0, _MAX_TILT_RAD))
     if not is_lidar:
@@ -199,7 +219,7 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sens
 
 
 def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
-    """Three to five legs that meet in one junction."""
+    """Legs, three to five, that meet in one junction, and the net.xml text of their network."""
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
     legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
@@ -210,7 +230,7 @@ def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
         "type": rule,
         "radius": round(float(rng.uniform(3.0, 8.0)), 1),
     }
-    major = rng.permutation(count)[:2]
+    major = rng.permutation(count)[:2]  # indices of the two legs that have the right of way
     edges: list[XmlAttributes] = []
     for i, leg in enumerate(legs):
         edges += _leg_edges(leg, i, "c", 3 if i in major else 1)
@@ -218,9 +238,12 @@ def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
 
 
 def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
-    """Three to five legs that meet a ring, driven counter-clockwise."""
+    """Legs, three to five, that meet a ring, and the net.xml text of their network.
+
+    The ring is driven counter-clockwise; leg i starts on it at node r{i}."""
     count = int(rng.choice([3, 4, 5], p=[0.3, 0.5, 0.2]))
     wide = rng.random() < 0.25
+    # m, of the middle of the ring's lanes; `wide` counts as 0 or 1 here and as a second lane below
     radius = rng.uniform(11.0, 17.0) + 2.0 * (count - 3) + 7.0 * wide
     directions = _directions(rng, count)
     legs = _legs(rng, directions, start=radius, most_lanes=1 + wide)
@@ -235,6 +258,7 @@ def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     for i in range(count):
         start = directions[i]
         end = directions[(i + 1) % count]
+        # rad; the remainder is positive, so the arc runs counter-clockwise past 2 pi too
         arc = np.linspace(start, start + (end - start) % (2 * np.pi), 16)
         shape = radius * np.stack([np.cos(arc), np.sin(arc)], axis=1)
         ends = {"id": f"ring{i}", "from": f"r{i}", "to": f"r{(i + 1) % count}"}
@@ -249,26 +273,35 @@ def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
 
 
 def _directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
-    """Directions of `count` legs (rad), ascending, 45° apart or more."""
-    even = np.arange(count) * 360.0 / count
+    """Directions of `count` legs (3 to 5), 45° apart or more.
+
+    Returns rad, counter-clockwise from +x in ascending order, not wrapped to a full turn."""
+    even = np.arange(count) * 360.0 / count  # degrees
     if count == 3 and rng.random() < 0.6:
         even = np.array([0.0, 90.0, 180.0])
+    # degrees by which a leg may be off its even direction: neighbours stay 45 degrees apart
     skew = {3: 22.0, 4: 22.0, 5: 13.0}[count]
     return np.deg2rad(even + rng.uniform(-skew, skew, count) + rng.uniform(0.0, 360.0))
 
 
 def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
-    """Draw legs along `directions`, gently bent."""
+    """Draw a gently bent leg along each direction, `LEG_LENGTH_M` out from the junction's middle.
+
+    directions: rad from +x; start: distance (m) from the middle at which legs begin; most_lanes:
+    largest number of lanes of one direction. In a fifth of all draws one leg is one-way."""
     lane = rng.uniform(3.0, 3.75)
     footway = rng.uniform(1.5, 4.0)
+    # index of the leg that is one-way, -1 for none
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
     usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
     legs = []
     for i, direction in enumerate(directions):
+        # inbound and outbound: usually as on other legs, else one more or one less
         lanes = np.clip(usual + rng.integers(-1, 2, 2) * (rng.random(2) < 0.3), 1, most_lanes)
         if i == one_way:
             lanes[rng.integers(2)] = 0
         along = np.linspace(start, LEG_LENGTH_M, 15)
+        # m to the left of the straight line, none at the junction and more and more outwards
         bend = rng.uniform(-14.0, 14.0) * ((along - start) / LEG_LENGTH_M) ** 2
         ahead = np.array([np.cos(direction), np.sin(direction)])
         path = along[:, None] * ahead + bend[:, None] * np.array([-ahead[1], ahead[0]])
@@ -284,13 +317,17 @@ def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) ->
 
 
 def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
+    # nodes e0, e1, ... at the outer ends of the legs
     return [
         {"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)
     ]
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
-    """Edges of a leg towards the junction, away from it, or both."""
+    """SUMO edges of a leg: in{number} towards the junction, out{number} away from it, or both.
+
+    A direction without lanes has no edge. number: the leg's; junction: id of the node at which
+    the leg begins; priority: right of way over edges of a lower one."""
     rows: list[XmlAttributes] = []
     for count, shoulder, name, start, end, path in (
         (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
@@ -306,11 +343,12 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
 
 
 def _shoulder(rng: Rng) -> Shoulder:
-    """Draw a shoulder: none, a closed lane, or parking bays."""
+    """Draw a shoulder: none (width 0), a lane closed for works (no angle), or parking bays."""
     use = rng.random()
     if use < 0.5:
         return Shoulder()
     if use > 0.9:
         return Shoulder(round(float(rng.uniform(*CLOSED_LANE_M)), 2))
+    # the chances belong to the angles in their order in the table
     angle = int(rng.choice(list(BAY_DEPTHS_M), p=[0.55, 0.15, 0.15, 0.15]))
     return Shoulder(BAY_DEPTHS_M[angle], angle)

@@ -23,21 +23,23 @@ _FURNITURE_KINDS = ("bin", "bench", "shelter", "container", "cabinet", "planter"
 _WORKS_KINDS = ("barrier", "cone", "heap", "machine", "bicycle")
 _GROUND_KINDS = ("kerb", "island", "pond")
 KINDS = _STREET_KINDS + _FURNITURE_KINDS + _WORKS_KINDS + _GROUND_KINDS
-ORIGINS = ("mapped", "surveyed", "drawn")  # of a map, measured on site, or made up by coview
+# taken from a map, measured on site, or made up by coview
+ORIGINS = ("mapped", "surveyed", "drawn")
 MAX_BUILT_HEIGHT_M = 1000.0  # of solids and mounts
 # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
 EQUAL_TOLERANCE = 1e-9
-Furnishing = Literal["none", "light", "dense"]
+Furnishing = Literal["none", "light", "dense"]  # how much of a site's surroundings coview drew
 HYBRID_RADIUS_M = 20.0  # unless the paper gives another for a site (its section IV-B)
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Prism that stands still, from `base` up to `top` (m, site frame).
+    """Upright prism that never moves, from `base` up to `top` (z in m, site frame).
 
-    footprint: (k, 2) polygon; kind: one of `KINDS`; origin: one of `ORIGINS`. A tree is two solids,
-    a `trunk` and a crown (`tree`). A `pond` is a hole: there is no ground inside its footprint, but
-    a surface at `top`, below the street."""
+    footprint: (k, 2) corners x, y (m) of a simple polygon, the first not repeated; kind: one of
+    `KINDS`; origin: one of `ORIGINS`. A tree is several solids, a `trunk` and a crown (`tree`). A
+    `pond` is a hole: there is no ground inside its footprint, but a surface at `top`, below the
+    street."""
 
     footprint: Float64[np.ndarray, "k 2"]
     base: float
@@ -63,17 +65,17 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """Pole or corner that can carry sensors."""
+    """Pole, or corner of a house, that can carry sensors."""
 
-    name: str
-    position: Float64[np.ndarray, "3"]  # foot on the ground
-    min_height: float = 3.0  # of sensors above it (m)
-    max_height: float = 8.0
+    name: str  # unique in its site
+    position: Float64[np.ndarray, "3"]  # foot on the ground: x, y, z (m, site frame)
+    min_height: float = 3.0  # lowest height of sensors above the foot (m)
+    max_height: float = 8.0  # greatest height of sensors above the foot (m)
     price: float = 1.0  # of building there, in units of one ordinary mount
     capacity: float = (
         2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
     )
-    max_sensors: int = 1
+    max_sensors: int = 1  # most sensors it can carry
     # one of `ORIGINS`; places along the kerb that an import suggests are drawn
     origin: str = "mapped"
 
@@ -106,10 +108,10 @@ class Mount:
 
 @dataclass(frozen=True)
 class Relief:
-    """Shape of the ground: a plane, and unevenness on it."""
+    """Shape of the ground: a plane, and unevenness on it (`Site.ground` has the heights)."""
 
     amplitude: float = 0.0  # largest deviation from the plane (m)
-    seed: int = 0  # of the unevenness
+    seed: int = 0  # of the unevenness: one seed gives one shape
     slope: Slope = LEVEL  # rise of the plane through the site's origin along x and y (m per m)
 
     def __post_init__(self) -> None:
@@ -131,19 +133,20 @@ class Site(Displayed):
 
     Attributes:
         name: name of the site.
-        area: xmin ymin xmax ymax of the detection area.
+        area: xmin ymin xmax ymax (m) of the detection area.
         height: height up to which points are kept (m).
-        lanes: polygons for wheels, in and around the area.
-        footways: polygons for feet, in and around the area.
+        lanes: polygons of the ground for wheels, in and around the area, each with corners x, y
+            (m), the first not repeated.
+        footways: polygons of the ground for feet, as `lanes`.
         solids: buildings, furniture and other things that never move.
-        mounts: possible places of sensors.
-        sensors: sensors that are present.
-        parking: bays x, y, yaw.
-        parking_origins: origin of each bay, () for all mapped.
+        mounts: possible places of sensors, with unique names.
+        sensors: sensors that are present, with unique names.
+        parking: a row for each bay: x, y (m) of its middle, yaw (rad) of a vehicle in it.
+        parking_origins: origin of each bay in the order of `parking`, () for all mapped.
         road_origin: origin of lanes, footways and network.
-        furnished: density of the surroundings drawn by coview, on which the map is silent.
+        furnished: density of the surroundings that coview drew because the map lacks them.
         network: SUMO net.xml text in site coordinates, "" for a site without traffic.
-        map_SE3_site: pose of the site in the map frame.
+        map_SE3_site: pose of the site in the map frame, which turns site into map coordinates.
         geo_reference: PROJ string of the map frame, None if unknown.
         relief: shape of the ground.
         hybrid_radius: m within which sensors send no points in hybrid fusion (paper IV-B)."""
@@ -210,6 +213,7 @@ class Site(Displayed):
     __hash__ = None  # type: ignore[assignment]
 
     def _card(self) -> Card:
+        # What a notebook shows: size and counts, then tables of sensors and of mounts.
         xmin, ymin, xmax, ymax = self.area
         things = {
             "lane polygon": self.lanes,
@@ -224,12 +228,14 @@ class Site(Displayed):
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
         facts.append(f"sensors {', '.join(names) or 'none'}{more}")
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
+        # the first table is the one that opens: mounts in a site without sensors
         tables_shown = tables if self.sensors else dict(reversed(tables.items()))
         return Card(
             f"Site({self.name!r})", tuple(facts), tables_shown, "toolkit.plots.plan_view:draw_site"
         )
 
     def _list_mounts(self) -> Table:
+        # Columns of a table of the mounts, a row for each; reshape is for a site without any.
         positions = np.array([mount.position for mount in self.mounts]).reshape(-1, 3)
         return {
             "name": [mount.name for mount in self.mounts],
@@ -243,36 +249,43 @@ class Site(Displayed):
 
     @property
     def bay_origins(self) -> tuple[str, ...]:
-        """Origin of each bay."""
+        """Origin of each bay in the order of `parking`, one of `ORIGINS`."""
         return self.parking_origins or ("mapped",) * len(self.parking)
 
     def ground(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height of the ground (m) at places (..., 2) of the site.
+        """Height of the ground (z in m, site frame) at places x, y (m), shape (..., 2).
 
-        The unevenness is a smooth, seeded sum of plane waves 7 to 160 m long, whose mean over a
-        large place is zero. Ponds, kerbs and islands are solids and not part of it."""
+        Returns shape (...): the plane plus the relief's unevenness. The unevenness is a smooth,
+        seeded sum of plane waves 7 to 160 m long, whose mean over a large place is zero. Ponds,
+        kerbs and islands are solids and not part of it."""
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:
             return plane
         rng = np.random.default_rng(self.relief.seed)
-        lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])
+        lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])  # of the waves (m)
+        # shares of the amplitude, whose sum is the largest deviation that all waves can add up to
         parts = np.array([5.0, 4, 4, 3, 2, 1, 1])
         directions = rng.uniform(0, 2 * np.pi, len(lengths))
+        # (2, waves), rad per m
         wave_vectors = 2 * np.pi / lengths * np.stack([np.cos(directions), np.sin(directions)])
         phases = rng.uniform(0, 2 * np.pi, len(lengths))
         weights = self.relief.amplitude * parts / parts.sum()
         return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ weights)
 
     def plane(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Height (m) of the sloping plane at places (..., 2)."""
+        """Height (m) of the sloping plane, without unevenness, at places x, y, shape (..., 2)."""
+        # + 0.0 makes 0 of -0
         return np.asarray(
             np.asarray(xy, np.float64) @ np.array(self.relief.slope, np.float64) + 0.0
         )
 
 
 def _alike(first: object, second: object) -> bool:
-    """Compare two field values or dataclasses, numbers to `EQUAL_TOLERANCE`."""
+    """Test two field values or dataclasses for equality.
+
+    Floats and arrays are equal to `EQUAL_TOLERANCE`, texts line by line, so that line ends do not
+    count, dataclasses and tuples entry by entry."""
     if is_dataclass(first):
         names = [f.name for f in fields(first)]
         return type(first) is type(second) and all(
@@ -290,13 +303,16 @@ def _alike(first: object, second: object) -> bool:
 
 
 def check_area(area: object) -> Float64[np.ndarray, "4"]:
-    """Return `area` as xmin ymin xmax ymax; ValueError if empty."""
+    """Return `area` as an array xmin ymin xmax ymax (m).
+
+    Raises ValueError if it is not four finite numbers, is empty, or is longer than 10 km or larger
+    than 4 km²."""
     box = np.asarray(area, np.float64)
     if box.shape != (4,) or not np.isfinite(box).all():
         raise ValueError(f"area must be four finite numbers xmin, ymin, xmax, ymax, got {area}")
     if not (box[0] < box[2] and box[1] < box[3]):
         raise ValueError(f"area is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
-    size = box[2:] / 1e3 - box[:2] / 1e3
+    size = box[2:] / 1e3 - box[:2] / 1e3  # km; divided first, so that huge numbers do not overflow
     if not (size.max() <= 10 and size.prod() <= 4):
         raise ValueError(
             f"area must be at most 10 km long and 4 km² large, got {box.tolist()}: cut it into "
@@ -306,7 +322,10 @@ def check_area(area: object) -> Float64[np.ndarray, "4"]:
 
 
 def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
-    """Return `vertices` as (k, 2); ValueError unless a simple polygon."""
+    """Return `vertices` as an array (k, 2) of corners x, y (m), in their order.
+
+    Raises ValueError, which begins with `where`, the name of the polygon to the user, if they are
+    not three finite corners or more, cross themselves, or enclose no area."""
     try:
         polygon = np.asarray(vertices, np.float64)
     except (TypeError, ValueError):
@@ -336,12 +355,14 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
 
 
 def _check_origin(origin: object, where: str) -> None:
+    # ValueError unless one of `ORIGINS`. where: name of the field to the user.
     if origin not in ORIGINS:
         raise ValueError(f"{where} must be one of {', '.join(ORIGINS)}, got {origin!r:.60}")
 
 
 def _check_unique(names: Sequence[str], where: str) -> None:
-    seen: dict[str, int] = {}
+    # ValueError if a name is no text, is empty, or is there twice. where: layer of the names.
+    seen: dict[str, int] = {}  # index of the first entry of each name
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
@@ -352,6 +373,7 @@ def _check_unique(names: Sequence[str], where: str) -> None:
 
 
 def _check_network(network: str) -> None:
+    # ValueError unless "" or the text of a SUMO network with edges.
     if not network:
         return
     try:

@@ -21,7 +21,8 @@ ARROW_SHARE = 0.5  # of the lane's length at which its arrow is
 class StreetName:
     """Name of a street and its place on a map.
 
-    x, y: m; angle: direction of the text, counter-clockwise from +x (rad), upright."""
+    x, y: middle of the text (m, site frame); angle: direction of the text (rad, counter-clockwise
+    from +x), within a quarter turn so that it is never upside down."""
 
     name: str
     x: float
@@ -32,8 +33,10 @@ class StreetName:
 def find_street_names(
     site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]
 ) -> list[StreetName]:
-    """Find places for the names of streets between two corners of a map, each name once, on its
-    longest line."""
+    """Find places for the names of streets on a map, in order of name.
+
+    low, high: corners x, y (m, site frame) of the map. Each name is there once, in the middle of
+    its longest line; names with less than `MIN_NAMED_M` of line are left out."""
     window = shapely.box(*low, *high)
     lines = defaultdict[str, list[shapely.Geometry]](list)
     for edge in _roads(site):
@@ -49,6 +52,7 @@ def find_street_names(
         longest = max(shapely.get_parts(inside), key=shapely.length, default=None)
         if name and longest is not None and longest.length >= MIN_NAMED_M:
             (x, y), angle = _middle(longest)
+            # turned by a half turn if upside down
             upright = (angle + np.pi / 2) % np.pi - np.pi / 2
             street_names.append(StreetName(name, x, y, upright))
     return street_names
@@ -57,8 +61,10 @@ def find_street_names(
 def find_lane_arrows(
     site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]
 ) -> Float64[np.ndarray, "n 3"]:
-    """Find places and directions of arrows on the lanes of motor vehicles: x, y (m), heading from
-    +x (rad)."""
+    """Find places of arrows on the lanes of motor vehicles on a map.
+
+    low, high: corners x, y (m, site frame) of the map. Returns a row for each lane that has at
+    least `MIN_ARROW_LANE_M` on it: x, y (m) and direction of traffic (rad from +x)."""
     window = shapely.box(*low, *high)
     rows = []
     for edge in _roads(site):
@@ -75,12 +81,13 @@ def find_lane_arrows(
 
 
 def _roads(site: Site) -> list[ElementTree.Element]:
+    # Edges of the site's network that are streets: those within junctions have a function.
     edges = ElementTree.fromstring(site.network or "<net/>").findall("edge")
     return [edge for edge in edges if not edge.get("function")]
 
 
 def _middle(line: shapely.Geometry) -> tuple[tuple[float, float], float]:
-    """Point in the middle of a line, and its direction there (rad)."""
+    """Point x, y at `ARROW_SHARE` of a line, and the line's direction there (rad from +x)."""
     at = ARROW_SHARE * line.length
     before = line.interpolate(max(at - 1.0, 0.0))
     after = line.interpolate(min(at + 1.0, line.length))

@@ -21,17 +21,19 @@ from toolkit.sites.surroundings.plot import Road
 from toolkit.sites.surroundings.things import mark_drawn
 
 BRACKET_M = 0.45  # from a lamp post's axis to the sensor it carries
-LAMP_REACH_M = 10.0  # around the area, for lamp posts with sensors
-MIN_WALL_HEIGHT_M = 2.0  # of solids that no mount is put in
+LAMP_REACH_M = 10.0  # distance around the area within which lamp posts become mounts
+MIN_WALL_HEIGHT_M = 2.0  # height from which solids keep mounts out of their ground
 MIN_LAMP_MOUNTS = 6  # with fewer, mounts are made along the kerbs too
 
 
 def finish_site(
     site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]
 ) -> Site:
-    """Add kerbs and mounts to a site, and furnish it if a seed is given.
+    """Add kerbs and mounts to a site, and furnish it if the piece has a seed; return the site.
 
-    solids: things of the map. lamps: (n, 2) places of street lamps. notes: to warn of."""
+    site: without solids and mounts; solids: things of the map, on level ground (z = 0); lamps:
+    (n, 2) places x, y (m) of street lamps in the site's frame; notes: texts to warn of, after which
+    further ones may come. Raises ValueError if no lane is in the area."""
     if not nets.unite(site.lanes).intersects(shapely.box(*site.area)):
         raise piece.no_road()
     mounts = _make_mounts(site, solids, lamps)
@@ -54,7 +56,9 @@ def finish_site(
 
 
 def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list[Mount]:
-    """Mounts on lamp posts and, if these are few, along the kerbs."""
+    """Make mounts on lamp posts and, if these are few, along the kerbs too.
+
+    Their feet are at z = 0. lamps: (n, 2) places x, y of street lamps."""
     road = Road((), (), site.lanes, site.footways)
     walls = nets.unite(s.footprint for s in solids if s.top > MIN_WALL_HEIGHT_M).buffer(0.3)
     bays = [outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
@@ -62,7 +66,7 @@ def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list
     mounts = _mount_on_lamps(site, road, lamps, obstacles.buffer(-0.3))
     if len(mounts) >= MIN_LAMP_MOUNTS:
         return mounts
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(0)  # fixed, so that a map always gives the same mounts
     drawn_mounts = place_mounts(road, site.area, rng, spacing=12.0, avoid=obstacles)
     near_lamps = shapely.MultiPoint(lamps).buffer(2.0)
     for mount in drawn_mounts:
@@ -74,7 +78,10 @@ def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list
 def _mount_on_lamps(
     site: Site, road: Road, lamps: np.ndarray, obstacles: shapely.Geometry
 ) -> list[Mount]:
-    """Mounts on brackets of lamp posts, over the road."""
+    """Make mounts on brackets of lamp posts, `BRACKET_M` from the post towards the road.
+
+    lamps: (n, 2) places x, y; lamps far from the area, or whose bracket ends within `obstacles`,
+    get none."""
     mounts: list[Mount] = []
     surroundings = shapely.box(*site.area).buffer(LAMP_REACH_M)
     for lamp in lamps:
@@ -89,7 +96,7 @@ def _mount_on_lamps(
 
 
 def _doubt_place(site: Site) -> list[str]:
-    """Notes of what is uncertain about a site's place on earth, and its scale."""
+    """Return notes of what is uncertain about a site's place on earth and its scale."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # it repeats a note of the import

@@ -28,8 +28,12 @@ def furnish_site(
 ) -> tuple[Site, str]:
     """Furnish a site around the map's `solids`; return it and a note of the drawn things.
 
-    Mounts get posts, except for those on the map's lamp posts. Raises ValueError for a negative
-    seed."""
+    Draws surroundings and the unevenness of the ground; mounts and solids, made for level ground,
+    are set on it. Mounts get posts, except for those on the map's lamp posts.
+
+    site: with roads, bays, slope and network, but without mounts and solids; mounts: all of the
+    site; solids: things of the map; seed: for all draws; density: "light" for few kinds of things.
+    Raises ValueError for a negative seed."""
     if seed < 0:
         raise ValueError(f"seed must be a whole number from 0 up, got {seed}")
     rng = np.random.default_rng(seed)
@@ -39,15 +43,16 @@ def furnish_site(
     mapped = replace(site, solids=f.settle(solids, relief), mounts=f.on_ground(mounts, site))
     furnished_site = _furnish(mapped, rng)
     counts = dict(count_things(furnished_site)["drawn"])
-    counts.pop("pole", None)
+    counts.pop("pole", None)  # mounts are made for bare sites too, so they are not of the seed
     note = f"drawn from seed {seed}, in no map: {describe_things(counts)}"
     return furnished_site, f"{note}, ground within {relief.amplitude} m"
 
 
 def redraw(site: Site, seed: int) -> Site:
-    """Draw again, from another seed, the things that an import drew.
+    """Draw again, from another seed, the things that an import drew; return the new site.
 
-    The map's things, the ground and all mounts stay. Raises ValueError for a site that no import
+    Solids and bays of origin `drawn` are replaced; the map's things, the ground and all mounts
+    stay. Raises ValueError for a site that no import
     furnished."""
     if site.furnished == "none":
         raise ValueError(
@@ -62,7 +67,10 @@ def redraw(site: Site, seed: int) -> Site:
 
 
 def _furnish(site: Site, rng: Rng) -> Site:
-    """Add drawn solids and bays to a site with its mounts and the map's solids."""
+    """Return a site with drawn solids and bays added, as many as `site.furnished` asks for.
+
+    site: with its mounts and the map's solids, on its ground. Drawn kerbs are left out, as the
+    import has made kerbs, and so is all that touches things of the map."""
     legs = find_legs(site.network)
     road = Road(legs.paths, legs.half_widths, site.lanes, site.footways)
     is_light = site.furnished == "light"
@@ -82,7 +90,7 @@ def _furnish(site: Site, rng: Rng) -> Site:
 
 
 def _list_map_shapes(site: Site) -> list[shapely.Geometry]:
-    """Ground of the map's things on which nothing is drawn."""
+    """List the ground of the map's things on which nothing is drawn: poles, solids and bays."""
     feet = [mount.position[:2] for mount in site.mounts if mount.origin != "drawn"]
     solids = [solid for solid in site.solids if solid.kind not in ("kerb", "island")]
     return [
@@ -93,7 +101,10 @@ def _list_map_shapes(site: Site) -> list[shapely.Geometry]:
 
 
 def _keep_apart(solids: Sequence[Solid], occupied: shapely.Geometry) -> list[Solid]:
-    """Solids that do not touch occupied ground, even through others; islands all stay."""
+    """Return the solids that do not touch occupied ground, even through others.
+
+    A thing of several solids that touch each other is kept or left out as one. All islands stay,
+    and do not connect the things on them."""
     shapes = [shapely.Polygon(solid.footprint) for solid in solids]
     pairs = list(zip(solids, shapes, strict=True))
     joined = shapely.union_all([shape for solid, shape in pairs if solid.kind != "island"])

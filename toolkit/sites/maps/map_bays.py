@@ -18,7 +18,10 @@ BAY_SPACING_M = 6.4  # from bay to bay along a lane
 def find_free_bays(
     bays: Sequence[Bay], window: shapely.Geometry, solids: Sequence[Solid], tracks: shapely.Geometry
 ) -> Float64[np.ndarray, "n 3"]:
-    """Bays (x, y, yaw) in `window` without solids and traffic."""
+    """Return the bays in `window` that have no solids and no traffic on them.
+
+    bays: x, y (m), yaw (rad) of bays that the map has; tracks: ground that vehicles drive on.
+    Returns their rows in the same order, rounded to 0.1 mm and 0.1 mrad."""
     obstacles = nets.unite(s.footprint for s in solids if s.kind not in ("island", "kerb"))
     tracks = tracks.buffer(-0.3)
     free_bays = []
@@ -32,7 +35,9 @@ def find_free_bays(
 
 
 def lay_bays(middle: Float[np.ndarray, "k 2"]) -> list[Bay]:
-    """Bays x, y, yaw along a parking lane's middle, every `BAY_SPACING_M`."""
+    """List bays x, y (m), yaw (rad) along a parking lane, every `BAY_SPACING_M`.
+
+    middle: points x, y of the lane's middle line, in the direction in which vehicles park."""
     line = shapely.LineString(middle)
     margin = BAY_SPACING_M / 2
     stations = np.arange(margin, line.length - margin, BAY_SPACING_M)

@@ -10,13 +10,17 @@ from toolkit.sites import network as nets
 
 
 def move_network_to_site(network: str, map_SE3_site: Pose) -> str:
-    """Turn a net.xml text from the map's coordinates into the site's, without heights."""
+    """Turn a net.xml text from the map's coordinates into the site's, without heights.
+
+    map_SE3_site: pose of the site in the map; only x, y and the heading count. Outlines
+    of junctions and walking areas that cross themselves are repaired."""
     x, y = map_SE3_site[:2, 3]
     rotation = map_SE3_site[:2, :2]
     root = ElementTree.fromstring(network)
     for element in root.iter():
         if "shape" in element.attrib:
             points = (nets.parse_shape(element) - [x, y]) @ rotation
+            # SUMO names a walking area :JUNCTION_wNUMBER
             is_walking_area = "_w" in element.get("id", "").partition(":")[2]
             is_closed = element.tag == "junction" or is_walking_area
             if is_closed and len(points) > 2:
@@ -33,7 +37,9 @@ def move_network_to_site(network: str, map_SE3_site: Pose) -> str:
 
 
 def _repair(ring: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 2"]:
-    """Largest part of an outline that crosses itself. If it has no area, it becomes a strip."""
+    """Largest part of an outline that crosses itself; a sound outline comes back unchanged.
+
+    An outline without area becomes a strip 0.1 m wide. ring: corners x, y (m)."""
     shape = shapely.Polygon(ring.round(3))
     if shape.is_valid:
         return ring

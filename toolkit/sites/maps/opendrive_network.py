@@ -27,7 +27,9 @@ _CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # w
 
 
 def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
-    """Network with a road in it, and netconvert's warnings."""
+    """Run netconvert; return a net.xml text with a road in it, and netconvert's warnings.
+
+    Raises ValueError, which names the map file, if it fails or makes no road."""
     with name_errors(piece.path):
         network, warned = nets.run_netconvert_with_warnings(options)
     if "<edge " not in network:
@@ -36,12 +38,15 @@ def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
 
 
 def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
-    """Notes of netconvert's warnings that concern roads and junctions of a network."""
+    """Return notes of the warnings of netconvert that concern a network's roads and junctions.
+
+    warned: warnings about the whole map; network: net.xml text of a part of the map."""
     if not warned:
         return []
     root = ElementTree.fromstring(network)
     names = {element.get("id", "") for element in root.iter("edge")}
     names |= {element.get("id", "") for element in root.iter("junction")}
+    # roads of the map by the names of their edges, which are ROAD#PIECE, with - for one direction
     names |= {name.strip("-").partition("#")[0] for name in names}
     near_warnings = [
         warning for warning in warned if not names.isdisjoint(re.findall(r"'([^']*)'", warning))
@@ -50,7 +55,7 @@ def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
 
 
 def make_whole_network(plain: PlainMap, piece: MapPiece) -> tuple[str, list[str]]:
-    """Network of a whole map, in its coordinates, and netconvert's warnings."""
+    """Make the net.xml text of a whole map, in its coordinates, and netconvert's warnings."""
     with tempfile.TemporaryDirectory() as folder:
         types = Path(folder, "types.xml")
         roads = Path(folder, "plain.xodr")
@@ -64,9 +69,10 @@ def make_whole_network(plain: PlainMap, piece: MapPiece) -> tuple[str, list[str]
 
 
 def cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
-    """Network without some edges, and with crossings.
+    """Return a net.xml text without some edges, and with crossings for pedestrians.
 
-    netconvert cuts networks, but not OpenDRIVE maps."""
+    netconvert cuts networks, but not OpenDRIVE maps. edges: ids of the edges to remove; lefthand:
+    traffic keeps left."""
     with tempfile.TemporaryDirectory() as folder:
         network_file = Path(folder, "net.xml")
         edges_file = Path(folder, "edges.txt")
@@ -85,7 +91,9 @@ def cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand
 
 
 def find_nearest_road(network: str, point: shapely.Point) -> tuple[float, float] | None:
-    """Place on the nearest lane of a network that vehicles use, to 0.1 m."""
+    """Place x, y on the nearest lane of a network that cars use, to 0.1 m; None without a lane.
+
+    network: net.xml text; point: in its coordinates."""
     lines = [
         shapely.LineString(nets.parse_shape(lane))
         for _, lane in nets.list_lanes(network)
@@ -103,7 +111,7 @@ class NearEdges(NamedTuple):
 
     Attributes:
         level: height of the nearest road (m).
-        other_edges: edges elsewhere, or on another storey than this road.
+        other_edges: ids of edges elsewhere, or on another storey than this road.
         has_edges: True if any edge is near."""
 
     level: float
@@ -112,7 +120,9 @@ class NearEdges(NamedTuple):
 
 
 def find_near_edges(network: str, window: shapely.Polygon) -> NearEdges:
-    """Find the edges in `window` that are on the storey of the road nearest to its middle."""
+    """Find the edges in `window` that are on the storey of the road nearest to its middle.
+
+    network: net.xml text; window: in its coordinates."""
     lines: dict[str, list[shapely.LineString]] = {}
     min_distance = np.inf
     level = 0.0
@@ -132,6 +142,6 @@ def find_near_edges(network: str, window: shapely.Polygon) -> NearEdges:
 
 
 def _parse_heights(lane: ElementTree.Element) -> list[list[float]]:
-    """Points x, y, z of a lane's shape; z is 0 without heights."""
+    """Points x, y, z (m) of a lane's shape; z is 0 if the network has no heights."""
     points = [list(map(float, point.split(","))) for point in lane.get("shape", "").split()]
     return [[*point, 0.0][:3] for point in points]

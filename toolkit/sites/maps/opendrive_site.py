@@ -103,10 +103,10 @@ class _SiteNetwork(NamedTuple):
     """SUMO network of a site.
 
     Attributes:
-        text: roads near the site, in its frame.
-        whole: all roads, in the map's coordinates.
+        text: net.xml text of the roads near the site, in its frame.
+        whole: net.xml text of all roads, in the map's coordinates.
         map_SE3_site: pose of the site in the map; z is the height of the road nearest to it.
-        warnings: lines of netconvert."""
+        warnings: lines that netconvert warned in, without their prefix."""
 
     text: str
     whole: str
@@ -114,7 +114,7 @@ class _SiteNetwork(NamedTuple):
     warnings: Sequence[str]
 
     def find_nearest_road(self) -> tuple[float, float] | None:
-        """Place on the road nearest to the site, in the map's coordinates."""
+        """Place x, y on the road nearest to the site, in the map's coordinates; None if none."""
         return find_nearest_road(self.whole, shapely.Point(*self.map_SE3_site[:2, 3]))
 
 
@@ -125,7 +125,10 @@ def _find_window(piece: MapPiece) -> shapely.Polygon:
 
 
 def _make_network(root: ElementTree.Element, plain: PlainMap, piece: MapPiece) -> _SiteNetwork:
-    """Network of the roads near a site. Raises ValueError if there are none."""
+    """Make the network of the roads near a site, in its frame and as a whole.
+
+    root: the map; plain: its roads as netconvert reads them. Raises ValueError if no road is near,
+    ImportError without SUMO."""
     x, y = map(float, piece.centre)
     window = _find_window(piece)
     whole, warned = make_whole_network(plain, piece)
@@ -141,7 +144,9 @@ def _make_network(root: ElementTree.Element, plain: PlainMap, piece: MapPiece) -
 
 
 def _describe_degrees(root: ElementTree.Element, centre: tuple[float, float]) -> str:
-    """Hint for a centre that is a place on an OpenDRIVE map if it is read as degrees, else ""."""
+    """Hint for a centre that is on the map if it is read as longitude and latitude, else "".
+
+    The hint names the place in the file's coordinates."""
     inside = locate_degrees(root, centre)
     if inside is None:
         return ""
@@ -151,7 +156,10 @@ def _describe_degrees(root: ElementTree.Element, centre: tuple[float, float]) ->
 def _make_surfaces(
     map_lanes: Sequence[MapLane], piece: MapPiece, network: _SiteNetwork, tracks: shapely.Geometry
 ) -> tuple[nets.Polygons, nets.Polygons]:
-    """Carriageway and footways of the site. Raises ValueError if it has no carriageway."""
+    """Make the polygons of the carriageway and of the footways of the site, in its frame.
+
+    map_lanes: lanes of the map, in its frame; tracks: ground that vehicles drive on, in the site's
+    frame. Raises ValueError if no carriageway is in the area."""
     frame = network.map_SE3_site
     paved = [
         move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind not in UNPAVED
@@ -171,7 +179,7 @@ def _make_surfaces(
 
 
 def _lay_lane_bays(map_lanes: Sequence[MapLane], map_SE3_site: Pose) -> list[Bay]:
-    """Bays on the lanes for parking, in the site's frame."""
+    """List bays x, y, yaw on the map's lanes for parking, in the site's frame."""
     bays: list[Bay] = []
     for lane in map_lanes:
         if lane.kind == "parking" and lane.width >= MIN_BAY_LANE_M:
@@ -183,7 +191,10 @@ def _lay_lane_bays(map_lanes: Sequence[MapLane], map_SE3_site: Pose) -> list[Bay
 def _fit_relief(
     roads: Sequence[MapRoad], piece: MapPiece, map_SE3_site: Pose
 ) -> tuple[Relief, list[str]]:
-    """Ground that slopes as the roads do, and notes."""
+    """Fit a relief that slopes as the roads in the area do; return it and notes.
+
+    The relief is level if the roads are level to `MIN_SLOPE`, or if they do not share a slope that
+    a site can have."""
     area = move_shape_to_map(piece.around(0.0), map_SE3_site)
     plane = find_plane(roads, area, map_SE3_site)
     if plane.steepest <= MIN_SLOPE:
@@ -201,7 +212,7 @@ def _fit_relief(
 
 
 def _describe_storeys(other_storeys: int) -> list[str]:
-    """Note of roads on other storeys."""
+    """Return a note of the number of roads on other storeys, none for 0."""
     if not other_storeys:
         return []
     return [

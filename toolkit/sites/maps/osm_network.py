@@ -38,7 +38,10 @@ _ESCAPED_TWICE = re.compile(r"&amp;(amp|lt|gt|quot|apos);")
 def make_osm_network(
     pieces: Sequence[Way], extract: Extract, piece: MapPiece, parking: Parking
 ) -> tuple[str, list[str]]:
-    """Network of the roads of an OpenStreetMap file, in the site's frame, and notes.
+    """Make the net.xml text of the roads of an OpenStreetMap file, in the site's frame, and notes.
+
+    pieces: roads within reach of the site, with their rules; parking: along which roads vehicles
+    park. Raises ValueError if netconvert makes no road, ImportError without SUMO.
 
     netconvert reads the roads and writes them as plain edges. If the two directions of a road have
     different rules, or vehicles park along a kerb, these are changed and read again."""
@@ -72,7 +75,10 @@ def make_osm_network(
 def _write_roads(
     folder: Path, pieces: Sequence[Way], extract: Extract, types: Mapping[RoadRules, str]
 ) -> list[str]:
-    """Write roads and their types into a folder; return the options of netconvert for them."""
+    """Write roads and their types into a folder; return the options of netconvert for them.
+
+    types: names of SUMO's edge types by the rules of the pieces. With these options netconvert also
+    writes its edges into the folder, as plain.edg.xml and so on."""
     streets = folder / "roads.osm"
     type_file = folder / "types.xml"
     streets.write_text(write_osm(pieces, extract), "utf-8")

@@ -78,7 +78,7 @@ def import_osm(piece: MapPiece, *, lefthand: bool | None = None) -> Site:
 
 @dataclass(frozen=True)
 class _Street:
-    """Lanes and footways of a network."""
+    """Polygons of the lanes and footways of a network, in the site's frame."""
 
     lanes: nets.Polygons
     footways: nets.Polygons
@@ -101,7 +101,10 @@ def _make_surfaces(
     houses: shapely.Geometry,
     tracks: shapely.Geometry,
 ) -> tuple[nets.Polygons, nets.Polygons]:
-    """Carriageway and footways of a site, with the map's walks that belong to no road."""
+    """Make the polygons of the carriageway and of the footways of a site.
+
+    To the street's footways come the map's walks that belong to no road, off the street and off
+    `houses`. tracks: ground that vehicles drive on."""
     walks = [
         walk.difference(street.ground).difference(houses) for walk in find_walks(extract, window)
     ]

@@ -23,11 +23,12 @@ class MapPiece:
 
     Attributes:
         path: map file.
-        centre: in the map's coordinates (m), or longitude and latitude of OpenStreetMap.
-        size: along x and y (m).
-        heading: direction of x (rad counter-clockwise from the map's east).
-        seed: seed of drawn surroundings, which a warning lists, for all that the map leaves open;
-            None for a bare site.
+        centre: place of the site's origin in the map: x, y (m) of an OpenDRIVE map, longitude and
+            latitude (degrees) of OpenStreetMap.
+        size: lengths of the detection area along the site's x and y (m).
+        heading: direction of the site's x (rad, counter-clockwise from the map's east).
+        seed: seed of the surroundings that coview draws because the map lacks them; None to draw
+            none.
         density: density of the drawn surroundings."""
 
     path: Path
@@ -57,18 +58,18 @@ class MapPiece:
 
     @property
     def area(self) -> Float64[np.ndarray, "4"]:
-        """Detection area in the site's frame."""
+        """Detection area xmin ymin xmax ymax (m) in the site's frame, centred on its origin."""
         return np.array([-self.size[0], -self.size[1], self.size[0], self.size[1]]) / 2
 
     def around(self, margin: float) -> shapely.Polygon:
-        """Ground up to `margin` m around the area."""
+        """Rectangle of the ground up to `margin` m around the area, in the site's frame."""
         return shapely.box(*(self.area + margin * np.array([-1, -1, 1, 1])))
 
     def no_road(self, nearest: tuple[float, float] | None = None, nearby: str = "") -> ValueError:
-        """Error for a piece without a road.
+        """Make the error for a piece without a road, for the caller to raise.
 
-        nearest: place on the nearest road, in the map's coordinates. nearby: what the map has here
-        instead."""
+        nearest: place on the nearest road, in the map's coordinates; nearby: words for the things
+        that the map has here instead, "" for none."""
         where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
         instead = f" ({nearby})" if nearby else ""
         onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
@@ -78,7 +79,9 @@ class MapPiece:
         )
 
     def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
-        """Error for a piece whose roads have no carriageway. kinds: types of their lanes."""
+        """Make the error for a piece whose roads have no carriageway, for the caller to raise.
+
+        kinds: types of the roads' lanes in the map's words."""
         listed = ", ".join(kind[:30] for kind in kinds[:12])
         where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
         only = (

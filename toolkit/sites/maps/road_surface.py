@@ -21,7 +21,9 @@ KERB_SIZE_M = (0.15, 0.12)  # width and height of kerbstones
 
 
 def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
-    """Carriageway and footway at the corners of a network's junctions."""
+    """Ground of a network's junctions: carriageway, and footway (SUMO's walking areas).
+
+    network: net.xml text."""
     footway = shapely.union_all(
         [nets.enclose(lane) for _, lane in nets.list_lanes(network, "walkingarea")]
     )
@@ -42,10 +44,11 @@ def whole_road(
     *,
     fillings: tuple[shapely.Geometry, shapely.Geometry] = (shapely.Polygon(), shapely.Polygon()),
 ) -> tuple[nets.Polygons, nets.Polygons]:
-    """Lanes and footways within `window` without cracks, stubs and slivers.
+    """Polygons of lanes and of footways within `window`, without cracks, stubs and slivers.
 
     Driven ground is carriageway, and a footway begins at the end of the carriageway.
 
+    lanes, footways: ground of single lanes and footways; tracks: ground that vehicles drive on;
     fillings: carriageway and footway at places that the map leaves open."""
     around = window.buffer(2 * STUB_M)
     more_lanes, more_footways = (filling.intersection(around) for filling in fillings)
@@ -66,7 +69,9 @@ def whole_road(
 def _part_ground(
     paved: shapely.Geometry, footway: shapely.Geometry
 ) -> tuple[shapely.Geometry, shapely.Geometry]:
-    """Part ground into carriageway and footway, both without cracks, stubs and slivers."""
+    """Divide ground into carriageway and footway, both without cracks, stubs and slivers.
+
+    paved: ground of the carriageway so far; footway: ground of footways, which may overlap it."""
     closed = _open_shape(_close_shape(paved, CRACK_M), MIN_ROAD_M)
     stubs = _close_shape(closed, STUB_M).difference(closed).intersection(footway)
     footway = _open_shape(footway.difference(closed.union(stubs)), SLIVER_M)
@@ -81,7 +86,7 @@ def _part_ground(
 def _find_islets(
     footway: shapely.Geometry, carriageway: shapely.Geometry
 ) -> list[shapely.Geometry]:
-    """Small pieces of footway that are surrounded by carriageway."""
+    """List pieces of footway below `MAX_ISLET_M2` that are surrounded by carriageway."""
     border = carriageway.buffer(0.1)
     small_pieces = [piece for piece in shapely.get_parts(footway) if piece.area < MAX_ISLET_M2]
     return [
@@ -94,9 +99,9 @@ def _find_islets(
 def kerbstones(
     lanes: nets.Polygons, footways: nets.Polygons, lowered: shapely.Geometry
 ) -> list[Solid]:
-    """Kerbstones between lanes and footways, off ground with lowered kerbs.
+    """Make kerbstones between lanes and footways, on the side of the footways.
 
-    lowered: this ground, as at corners that vehicles cut."""
+    lowered: ground without kerbstones, as at corners that vehicles cut."""
     carriageway = nets.unite(lanes).buffer(0.01)
     footway = nets.unite(footways)
     if footway.is_empty:
@@ -109,13 +114,13 @@ def kerbstones(
 
 
 def _open_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
-    """Remove pieces narrower than twice `gap` (m)."""
+    """Return a shape without the pieces narrower than twice `gap` (m)."""
     core = shape.buffer(-gap, join_style="mitre", mitre_limit=2)
     thick = core.buffer(gap + 0.01, join_style="mitre", mitre_limit=2)
     return shape.intersection(thick)
 
 
 def _close_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
-    """Fill openings narrower than twice `gap` (m)."""
+    """Return a shape with openings narrower than twice `gap` (m) filled."""
     swollen = shape.buffer(gap, join_style="mitre", mitre_limit=2)
     return swollen.buffer(-gap, join_style="mitre", mitre_limit=2)

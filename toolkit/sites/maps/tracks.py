@@ -11,12 +11,12 @@ from toolkit.sites import network as nets
 MAX_TRACK_M = 3.5  # width of the track that a vehicle follows over a junction
 CORNER_CUT_M = 1.2  # ground with lowered kerbs next to the track of a turning vehicle
 TURNING_BODY_M = (5.5, 2.6)  # length and width of a turning vehicle, with room next to it
-TURNING_STEP_M = 0.5
+TURNING_STEP_M = 0.5  # between the places at which a turning vehicle's ground is taken
 MIN_BEND_M = 0.3  # deviation from a straight line of a track that counts as bent
 
 
 def find_tracks(network: str) -> shapely.Geometry:
-    """Tracks of motor vehicles in a net.xml text.
+    """Union of the ground that motor vehicles drive on in a net.xml text.
 
     Over junctions they have the room that both ends of a vehicle need."""
     tracks = []
@@ -29,7 +29,9 @@ def find_tracks(network: str) -> shapely.Geometry:
 
 
 def find_turns(network: str) -> shapely.Geometry:
-    """Ground within `CORNER_CUT_M` of bent tracks over junctions."""
+    """Ground within `CORNER_CUT_M` of bent tracks over a network's junctions.
+
+    network: net.xml text. Kerbs are lowered there."""
     bent_tracks = []
     for _, lane in nets.list_lanes(network, "internal"):
         if "passenger" in nets.list_users(lane):
@@ -41,7 +43,7 @@ def find_turns(network: str) -> shapely.Geometry:
 
 
 def _make_track(lane: ElementTree.Element) -> shapely.Geometry:
-    """Ground that is driven on along a lane."""
+    """Ground that is driven on along a lane, at most `MAX_TRACK_M` wide; empty without a line."""
     points = nets.parse_shape(lane)
     if len(points) < 2:
         return shapely.Polygon()
@@ -51,7 +53,9 @@ def _make_track(lane: ElementTree.Element) -> shapely.Geometry:
 
 
 def _sweep_body(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
-    """Ground under `TURNING_BODY_M` with both ends on a path, at steps along it."""
+    """Ground under a vehicle of `TURNING_BODY_M` with both ends on a path, at steps along it.
+
+    The vehicle begins right before the path and ends right after it, on straight extensions."""
     length, width = TURNING_BODY_M
     if shapely.LineString(path).length < TURNING_STEP_M:
         return []
@@ -66,5 +70,5 @@ def _sweep_body(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
 
 
 def _normalize(vector: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "2"]:
-    """Vector of length 1 in the same direction."""
+    """Vector of length 1 in the same direction; a zero vector stays zero."""
     return vector / max(np.hypot(*vector), 1e-9)

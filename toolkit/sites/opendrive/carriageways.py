@@ -16,7 +16,7 @@ from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
 from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane, read_sections
 from toolkit.sites.opendrive.plain_names import SAFE_NAME
 
-MIN_ROAD_LENGTH_M = 2e-3
+MIN_ROAD_LENGTH_M = 2e-3  # of a road whose geometry is shorter
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +25,13 @@ class Carriageway:
 
     Attributes:
         element: the <road>.
-        name: name of the plain road.
-        length: m.
+        name: name of the road that netconvert gets, its plain road.
+        length: length of the road by its geometry (m).
         sections: sections with lanes numbered as in the plain road.
-        offset: m from the reference line to the middle of these lanes, positive to the left.
-        ends: ids in the file and in the plain road, for the lanes at "start" and "end".
+        offset: m from the reference line to the middle of these lanes along s, positive to the
+            left.
+        ends: for "start" and "end" of the road, ids of the driven lanes there: in the file, and in
+            the plain road.
         junction: id of the junction that it belongs to, or -1.
         closed: lanes that keep others in their places, but are driven in another carriageway."""
 
@@ -49,10 +51,12 @@ class PlainWriter:
 
     Attributes:
         root: the map.
-        roads: carriageways by id of their road.
-        sign: sign of lanes: -1 if traffic keeps left, as netconvert mirrors such a map.
-        uses: names of the uses of lanes.
-        problems: see `PlainMap.problems`."""
+        roads: carriageways by id of their road, those against the usual direction first.
+        sign: -1 if traffic keeps left, as netconvert mirrors such a map, so that ids of lanes are
+            written with the opposite sign; else 1.
+        uses: name of SUMO's type for each type of lane and its use.
+        problems: number of parts left out or changed, by the words of their note, and by the id of
+            the road or "junction ID"."""
 
     root: ElementTree.Element
     roads: dict[str, list[Carriageway]] = field(default_factory=dict)
@@ -61,7 +65,10 @@ class PlainWriter:
     problems: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
     def find_lane(self, road: str, contact: str, lane_id: int) -> tuple[Carriageway, int] | None:
-        """Carriageway of a lane at an end of a road, and the lane's id there."""
+        """Find the carriageway of a lane at an end of a road, and the lane's id in it.
+
+        road: id of the road; contact: "start" or "end"; lane_id: id in the file. None if no
+        carriageway has the lane."""
         for carriageway in self.roads.get(road, ()):
             if lane_id in carriageway.ends[contact]:
                 return carriageway, carriageway.ends[contact][lane_id]
@@ -69,7 +76,9 @@ class PlainWriter:
 
 
 def read_carriageways(writer: PlainWriter) -> None:
-    """Add the carriageways of all roads that can be driven to a writer."""
+    """Add the carriageways of all roads with lanes to a writer, and set its sign.
+
+    Raises ValueError for a road or lane with a damaged number."""
     roads = writer.root.findall("road")
     rules = Counter(road.get("rule", "RHT") for road in roads)
     writer.sign = -1 if rules["LHT"] > rules["RHT"] else 1
@@ -103,7 +112,7 @@ def read_carriageways(writer: PlainWriter) -> None:
 
 
 def _measure_length(road: ElementTree.Element) -> float:
-    """Length of a road by its geometry (m)."""
+    """Length (m) of a road by its geometry, at least `MIN_ROAD_LENGTH_M`."""
     geometries = road.findall("planView/geometry")
     ends = (read_number(row, "s") + read_number(row, "length") for row in geometries)
     return max(max(ends, default=0.0), MIN_ROAD_LENGTH_M)
@@ -112,7 +121,7 @@ def _measure_length(road: ElementTree.Element) -> float:
 def _read_sections(
     road: ElementTree.Element, length: float, *, is_inner: bool
 ) -> Sequence[LaneSection]:
-    """Sections of a road, cut where a limit or a rule of access changes.
+    """Read the sections of a road, cut at places at which a limit or a rule of access changes.
 
     is_inner: the road is part of a junction, and is not cut."""
     sections = read_sections(road, length, keep_empty=is_inner)
@@ -134,9 +143,12 @@ def number_section_lanes(section: LaneSection) -> dict[int, int]:
 
 
 def _part_directions(road: Carriageway, *, keeps_other_side: bool) -> list[Carriageway]:
-    """Carriageways of a road.
+    """Divide a road into carriageways: lanes against their direction by side, then all others.
 
-    First come those with lanes against the usual direction of their side."""
+    A road without lanes against the usual direction of their side comes back unchanged.
+
+    keeps_other_side: traffic of the road keeps to the other side than the map's, so that lanes not
+    marked as reversed run against."""
     lanes = [lane for section in road.sections for lane in section.lanes]
     against = {
         lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)
@@ -163,21 +175,23 @@ def _runs_against(lane: SectionLane) -> bool:
 
 
 def _has_direction(lane: SectionLane) -> bool:
-    """True for a lane of vehicles that is driven one way."""
+    """True for a lane of vehicles that is driven one way, whichever."""
     is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
     users = set(lane_rules.USERS.get(lane.kind, "").split())
     return not is_both and not users <= {FOOT}
 
 
 def _strip_section(section: LaneSection, against: set[SectionLane]) -> LaneSection:
-    """Section without outer lanes that run against their side."""
+    """Return a section without the outer lanes that run against their side."""
     lanes = _strip_side(section.side(1), against) + _strip_side(section.side(-1), against)
     lanes.sort(key=lambda lane: -lane.number)
     return replace(section, lanes=tuple(lanes))
 
 
 def _strip_side(lanes: Sequence[SectionLane], against: set[SectionLane]) -> list[SectionLane]:
-    """Lanes of one side from the middle outwards, without outer ones that run against it."""
+    """Return lanes of one side, from the middle outwards, without outer ones that run against it.
+
+    Lanes in `against` that have others outside them stay, to keep these in their places."""
     inner_lanes = list(lanes)
     while inner_lanes and inner_lanes[-1] in against:
         inner_lanes.pop()
@@ -190,8 +204,9 @@ class _TurnedSection:
 
     Attributes:
         section: section with the turned lanes.
-        edge: m from the road's reference line to the outer border of the lanes, along the road.
-        lane_ids: ids of the lanes in the file and here.
+        edge: m from the road's reference line to the outer border of the lanes along s, positive
+            to the left.
+        lane_ids: ids of the lanes in the file, and after the turn.
         closed: turned lanes that are between others, but do not run against their side."""
 
     section: LaneSection
@@ -201,10 +216,10 @@ class _TurnedSection:
 
 
 def _make_contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carriageway:
-    """Lanes of one side that run against it, as a carriageway.
+    """Make a carriageway of the lanes of one side that run against it.
 
-    They become lanes of the other side of a line along their outer border. sign: 1 for the left
-    side, -1 for the right."""
+    They become lanes of the other side of a line along their outer border. against: lanes of both
+    sides that run against theirs; sign: 1 for the left side, -1 for the right."""
     turned: list[_TurnedSection] = []
     for section in road.sections:
         previous_ids = turned[-1].lane_ids if turned else None
@@ -212,6 +227,7 @@ def _make_contraflow(road: Carriageway, against: set[SectionLane], sign: int) ->
     closed = {lane for row in turned for lane in row.closed}
     sections = [row.section for row in turned]
     for i, next_row in enumerate(turned[1:]):
+        # links to the section after, whose new ids are known only now
         lanes = []
         for lane in sections[i].lanes:
             linked_lane = replace(lane, after=_renumber(lane.after, next_row.lane_ids))
@@ -245,9 +261,11 @@ def _turn_section(
     sign: int,
     previous_ids: Mapping[int, int] | None,
 ) -> _TurnedSection:
-    """Turn the lanes of one side of a section that run against it.
+    """Turn the lanes of one side of a section that run against it to the other side.
 
-    previous_ids: ids of the turned lanes before this section, None if it is the first."""
+    Lanes between them are turned too, but closed. sign: 1 for the left side, -1 for the right;
+    previous_ids: ids of the turned lanes in the section before, by their id in the file; None for
+    the first section."""
     lanes = section.side(sign)
     places = [place for place, lane in enumerate(lanes) if lane in against]
     inside = lanes[: places[-1] + 1] if places else ()
@@ -268,9 +286,9 @@ def _turn_section(
 
 
 def _renumber(lane_ids: Sequence[int], new_ids: Mapping[int, int] | None) -> tuple[int, ...]:
-    """Ids of lanes as they are in a carriageway.
+    """Return ids of lanes as they are in a carriageway; lanes that it lacks are left out.
 
-    new_ids: None at the end of a road, whose links are found later."""
+    new_ids: by id in the file; None at the end of a road, whose links are found later."""
     if new_ids is None:
         return tuple(lane_ids)
     return tuple(new_ids[lane_id] for lane_id in lane_ids if lane_id in new_ids)

@@ -13,8 +13,8 @@ from toolkit.sites.opendrive.plain_names import is_number
 
 MIN_WIDTH_M = -0.1  # a narrower lane is noted
 WIDTH_SAMPLES = 9  # places along a section at which the width of a lane is taken
-MAX_LENGTH_GAP_M = 1.0
-MAX_LENGTH_GAP_SHARE = 0.02
+MAX_LENGTH_GAP_M = 1.0  # between two lengths of a road that agree
+MAX_LENGTH_GAP_SHARE = 0.02  # the same, as a share of the length
 
 
 def count_contradictions(
@@ -23,7 +23,9 @@ def count_contradictions(
     sections: Sequence[LaneSection],
     problems: Counter[str],
 ) -> None:
-    """Count contradictions within a road. length: of its geometry (m)."""
+    """Count the contradictions within a <road> in `problems`, by the words of their note.
+
+    length: length of the road by its geometry (m); sections: as read from the road."""
     gap = max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length)
     attribute = road.get("length", "")
     if is_number(attribute) and abs(float(attribute) - length) > gap:
@@ -45,5 +47,5 @@ def count_contradictions(
 
 
 def sample_width(section: LaneSection, lane: SectionLane) -> Float64[np.ndarray, " k"]:
-    """Widths (m) of a lane at places along its section."""
+    """Widths (m) of a lane at `WIDTH_SAMPLES` places along its section, which may be negative."""
     return lane.width.at(np.linspace(0.0, section.end - section.start, WIDTH_SAMPLES))

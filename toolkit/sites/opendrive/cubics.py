@@ -23,7 +23,7 @@ class Cubics:
     rows: Float64[np.ndarray, "n 4"]
 
     def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """Values at `s`; the first piece extends to the left."""
+        """Values at `s`; to the left of the first piece, the value at its start."""
         if not len(self.starts):
             return np.zeros(len(s))
         which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
@@ -31,30 +31,30 @@ class Cubics:
         return np.sum(self.rows[which] * ds[:, None] ** np.arange(4), axis=1)
 
     def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """Derivatives at `s`."""
+        """Derivatives at `s`; the first piece's at its start holds to the left of it."""
         derived = self.rows[:, 1:] * [1, 2, 3]
         rows = np.column_stack([derived, np.zeros(len(self.rows))])
         return Cubics(self.starts, rows).at(s)
 
     def cut_start(self, s: float) -> "Cubics":
-        """Same function with its zero at `s` and the pieces that end before it left out."""
+        """Return the function with `s` as its new zero, without the pieces that end before it."""
         return self.split([s, *self.starts[self.starts > s].tolist()]).move(-s)
 
     def move(self, by: float) -> "Cubics":
-        """Same function `by` farther along s."""
+        """Return the function moved by `by` along s."""
         return Cubics(self.starts + by, self.rows)
 
     def split(self, starts: Sequence[float]) -> "Cubics":
-        """Same function with pieces that begin at `starts`.
+        """Return the function with pieces that begin at `starts`, ascending.
 
-        These hold all starts of the function's pieces from the first on."""
+        They must hold all starts of the function's pieces from the first new start on."""
         if not len(self.starts):
             return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
         rows = np.array([self._find_row(s) for s in starts]).reshape(-1, 4)
         return Cubics(np.array(starts, np.float64), rows)
 
     def subtract(self, other: "Cubics") -> "Cubics":
-        """Difference of two functions."""
+        """Difference of this function and another, with the starts of both and 0."""
         starts = sorted({0.0, *self.starts.tolist(), *other.starts.tolist()})
         return Cubics(np.array(starts), self.split(starts).rows - other.split(starts).rows)
 
@@ -63,7 +63,7 @@ class Cubics:
         return Cubics(self.starts, -self.rows)
 
     def _find_row(self, s: float) -> Float64[np.ndarray, "4"]:
-        """Coefficients about `s`."""
+        """Coefficients a, b, c, d of the function about `s`, from the piece that is valid there."""
         which = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
         ds = s - self.starts[which]
         a, b, c, d = self.rows[which]
@@ -75,9 +75,10 @@ class Cubics:
 
 
 def read_number(element: ElementTree.Element, key: str, default: float | None = None) -> float:
-    """Attribute as a finite number within `MAX_COORDINATE_M`.
+    """Read an attribute of an element as a finite number within `MAX_COORDINATE_M`.
 
-    default: number for a missing attribute, which is an error if None."""
+    default: number for a missing attribute, which is an error if None. Raises ValueError, which
+    names element and attribute but not the file."""
     text = element.get(key)
     if text is None and default is not None:
         return default
@@ -94,7 +95,10 @@ def read_number(element: ElementTree.Element, key: str, default: float | None = 
 
 
 def read_cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
-    """Pieces described by elements with a, b, c, d, in order of `key`."""
+    """Read the piecewise function of elements with a, b, c, d, each valid from its start on.
+
+    key: attribute of the start, by which the pieces are sorted; of equal starts the last element
+    counts. No elements give the function 0."""
     keys = (key, "a", "b", "c", "d")
     numbers = [read_number(element, name, 0.0) for element in elements for name in keys]
     rows = np.array(numbers, np.float64).reshape(-1, 5)

@@ -13,7 +13,8 @@ from toolkit.sites.opendrive.lane_sections import LaneSection, read_sections
 from toolkit.sites.opendrive.lane_surfaces import MAX_LANE_WIDTH_M, STATION_STEP_M, UNPAVED
 from toolkit.sites.opendrive.map_roads import MapRoad
 
-MIN_SPREAD_M = 3.0  # of road middles along a direction; with less, it has no slope
+# standard deviation of road middles along a direction; with less, the plane has no slope in it
+MIN_SPREAD_M = 3.0
 MIN_TILTED_SPREAD_M = 1.0  # the same for tilted roads, whose edges count too
 
 
@@ -36,7 +37,9 @@ def find_plane(
     """Fit a plane to roads by least squares.
 
     It is fitted to the middle lines within `window` (map frame), and to the edges of tilted roads.
-    It is level if the roads give no slope in one direction."""
+    It is level in a direction along which the roads do not spread enough.
+
+    map_SE3_site: pose of the site in the map, in whose x and y the slope comes back."""
     middles = [np.zeros((0, 3))]
     edges = []
     steepest = 0.0
@@ -61,12 +64,14 @@ def find_plane(
 def _fit_slope(
     xy: Float64[np.ndarray, "n 2"], z: Float64[np.ndarray, " n"], spread: float
 ) -> tuple[Slope, float]:
-    """Slope of points by least squares, and their greatest distance from it (m).
+    """Fit the slope of points by least squares; return it and their greatest distance from it (m).
 
-    spread: standard deviation (m) that the points need along a direction."""
+    xy, z: places and heights (m); spread: standard deviation (m) that the points need along a
+    direction, else the slope there is 0."""
     xy = xy - xy.mean(axis=0)
     z = z - z.mean()
     min_square_sum = (spread * np.sqrt(len(xy))) ** 2
+    # columns of `axes` are the main directions of the points
     square_sums, axes = np.linalg.eigh(xy.T @ xy)
     wide_axes = axes[:, square_sums > min_square_sum]
     slope = np.zeros(2)
@@ -78,7 +83,10 @@ def _fit_slope(
 def _find_edges(
     road: MapRoad, s: Float[np.ndarray, " k"]
 ) -> tuple[Float64[np.ndarray, "n 3"], float]:
-    """Places on both edges of a carriageway at `s`, and its steepest gradient there."""
+    """Places on both edges of a carriageway at `s` (m), and its steepest gradient there.
+
+    Rows are x, y, z (m, map frame).
+    The gradient (rise over run) is along the road and across it together."""
     offset = read_cubics(road.element.findall("lanes/laneOffset"))
     edges = [np.zeros((0, 3))]
     steepest = 0.0
@@ -101,9 +109,10 @@ def _find_edges(
 def _find_edge(
     section: LaneSection, sign: int, s: Float[np.ndarray, " k"], middle_t: Float64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, " k"]:
-    """Edge (m along t) of the carriageway on one side; level lanes are no part of it.
+    """Edge of the carriageway on one side of a road at `s`, as t: m to the left of the line.
 
-    sign: 1 for the left side. middle_t: middle of the lanes (m along t)."""
+    It ends at the first lane that is no carriageway, or is marked level. sign: 1 for the left side,
+    -1 for the right; middle_t: middle of the lanes at `s` (m along t)."""
     edge_t = middle_t
     for lane in section.side(sign):
         if lane.kind in UNPAVED or lane.element.get("level") in ("true", "1"):

@@ -35,6 +35,7 @@ _CLOSED = (
     "stop",
     "roadWorks",
 )
+# type of a lane: its usual users in SUMO's words, "" for none
 USERS: dict[str, str] = {
     "driving": MOTOR,
     **dict.fromkeys(_RAMPS, MOTOR),
@@ -53,6 +54,7 @@ USERS: dict[str, str] = {
 # who uses all lanes of a road of that type
 _ROADS = {"pedestrian": (FOOT,), "bicycle": ("bicycle",)}
 _NOTED = ("restricted", "stop", "roadWorks")  # closed types on which a reader may expect traffic
+# value of restriction of <access>: SUMO's users
 _RESTRICTED = {
     "passengerCar": "passenger",
     "bus": "bus coach",
@@ -85,11 +87,12 @@ class LaneUse:
 
 
 def find_cuts(road: ElementTree.Element, sections: Sequence[LaneSection]) -> set[float]:
-    """Places along s (m) where a limit or an access rule changes within a section."""
+    """Find the places along s (m) at which a limit or an access rule of a <road> changes."""
     cuts = {read_number(element, "s", 0.0) for element in road.findall("type")}
     for section in sections:
         for lane in section.lanes:
             rules = [*lane.element.findall("speed"), *lane.element.findall("access")]
+            # sOffset counts from the start of the <laneSection>, `offset` before this section's
             cuts |= {
                 section.start - lane.offset + read_number(rule, "sOffset", 0.0) for rule in rules
             }
@@ -103,9 +106,9 @@ def find_use(
     defaults: dict[str, float],
     problems: Counter[str],
 ) -> LaneUse:
-    """Users and limit of a lane at its section's start.
+    """Find the users and the limit of a lane at its section's start.
 
-    Differences from the map are counted in `problems`.
+    Differences from the map are counted in `problems`, by the words of their note.
 
     defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
     users = _find_users(section, lane, problems)
@@ -122,7 +125,9 @@ def find_use(
 
 
 def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str, float]:
-    """Limits (m/s) that the header sets by type of road (1.8, <defaultRegulations>)."""
+    """Read the limits (m/s) that the header sets by type of road (1.8, <defaultRegulations>).
+
+    Limits that are no speeds are counted in `problems`."""
     limits = {}
     for regulation in root.findall("header/defaultRegulations/roadRegulations"):
         for speed in regulation.findall("semantics/speed"):
@@ -133,6 +138,7 @@ def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str
 
 
 def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str]) -> tuple[str, ...]:
+    # Users of a lane by its type and access rules; differences from the map go to `problems`.
     kind = lane.kind
     if kind not in USERS:
         problems[f"lanes of type {kind[:30]!r} are closed, as the type is unknown"] += 1
@@ -155,7 +161,10 @@ def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str])
 def _apply_access(
     users: Sequence[str], rules: Iterable[ElementTree.Element], problems: Counter[str]
 ) -> tuple[str, ...]:
-    """Users that are left by the access rules of one place."""
+    """Users that are left by the access rules of one place.
+
+    users: usual for the lane; rules: <access> elements; differences from the map are counted in
+    `problems`. A rule that allows some users closes the lane to all others."""
     allowed: set[str] = set()
     denied: set[str] = set()
     is_exclusive = False
@@ -187,6 +196,8 @@ def _find_limit(
     defaults: dict[str, float],
     problems: Counter[str],
 ) -> float | None:
+    # Limit (m/s) of a lane at its section's start: the lane's, the road's there, or the header's
+    # for its type (`defaults`); None without any.
     for speed in _active(lane.element.findall("speed"), lane.offset):
         limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)
         if limit is not None:
@@ -203,7 +214,9 @@ def _find_limit(
 
 
 def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> float | None:
-    """Limit (m/s) of a text; None if it gives no speed."""
+    """Limit (m/s) of a text and a unit, m/s if it is None; None if the text gives no speed.
+
+    Odd limits are counted in `problems`."""
     text = (text or "").strip()
     if text == "no limit":
         problems[f"limits of 'no limit' count as {NO_LIMIT_MPS * 3.6:.0f} km/h"] += 1
@@ -229,7 +242,9 @@ def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> 
 def _active(
     rules: list[ElementTree.Element], at: float, key: str = "sOffset"
 ) -> list[ElementTree.Element]:
-    """Rules that hold at a place: those of the last start up to it."""
+    """Rules that hold at a place: all that begin at the last start up to it.
+
+    at: place (m) along what `key`, the attribute of the start, counts from."""
     before = [rule for rule in rules if read_number(rule, key, 0.0) <= at + 1e-6]
     last = max((read_number(rule, key, 0.0) for rule in before), default=0.0)
     return [rule for rule in before if read_number(rule, key, 0.0) == last]

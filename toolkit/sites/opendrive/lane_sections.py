@@ -14,7 +14,7 @@ import numpy as np
 
 from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
 
-MIN_SECTION_M = 1e-3
+MIN_SECTION_M = 1e-3  # a shorter section has no length
 MIN_PIECE_M = 0.5  # between cuts within a section
 _SIDES = ("left", "right")
 
@@ -24,9 +24,9 @@ class SectionLane:
     """Lane of one section.
 
     Attributes:
-        number: id of the lane, positive to the left of the reference line.
-        kind: type of the lane.
-        width: m, along s from the section's start.
+        number: id of the lane, positive to the left of the reference line, growing outwards.
+        kind: type of the lane in the map's words.
+        width: width (m) along s, counted from the section's start.
         before: ids of the lanes that lead into it, in the section or road before.
         after: ids of the lanes it leads into.
         element: the <lane>.
@@ -51,7 +51,7 @@ class LaneSection:
     lanes: tuple[SectionLane, ...]
 
     def side(self, sign: int) -> list[SectionLane]:
-        """Lanes of one side from the middle outwards."""
+        """Lanes of one side from the middle outwards. sign: 1 for the left, -1 for the right."""
         return sorted(
             (lane for lane in self.lanes if lane.number * sign > 0),
             key=lambda lane: abs(lane.number),
@@ -65,8 +65,10 @@ def read_sections(
     *,
     keep_empty: bool = False,
 ) -> list[LaneSection]:
-    """Sections of a <road>, cut at further places `cuts` too. length: of the road (m).
+    """Read the sections of a <road> in order of s.
 
+    length: length of the road (m), at which the last section ends; cuts: places along s (m) at
+    which sections are cut too, unless nearer than `MIN_PIECE_M` to another cut or start;
     keep_empty: keep sections of no length, whose links may lead from the road before to the section
     after.
 
@@ -99,7 +101,10 @@ def read_sections(
 def _read_empty(
     elements: Iterable[ElementTree.Element], start: float, lane_offset: Cubics
 ) -> list[LaneSection]:
-    """Sections of no length at `start` that describe both sides."""
+    """Read the sections of no length at `start` (m), which describe both sides.
+
+    They are all <laneSection> there but the last, which has a length. lane_offset: m from the
+    reference line to the middle of the lanes, along s."""
     both_sided = [
         element
         for element in elements
@@ -136,7 +141,11 @@ class _Description:
 def _find_description(
     elements: Sequence[ElementTree.Element], at: float, length: float
 ) -> _Description | None:
-    """Description that is valid at `at`, among those in order of s."""
+    """Find the <laneSection> that is valid at `at` (m along s) for one side.
+
+    None comes back for a place before the first.
+
+    elements: all that describe the side, in order of s; length: length of the road (m)."""
     starts = [read_number(element, "s") for element in elements]
     which = int(np.searchsorted(starts, at, side="right")) - 1
     if which < 0:
@@ -148,7 +157,11 @@ def _find_description(
 def _read_side(
     described: _Description, side: str, span: tuple[float, float], lane_offset: Cubics
 ) -> list[SectionLane]:
-    """Lanes of one side over a span of s."""
+    """Read the lanes of one side over a span of s, from the middle outwards.
+
+    described: the <laneSection>, which may begin before the span and end after it; side: "left" or
+    "right"; span: start and end (m); lane_offset: m from the reference line to the middle of the
+    lanes, along s."""
     elements = described.element.findall(f"{side}/lane")
     elements.sort(key=lambda lane: abs(read_number(lane, "id")))
     widths = {lane: read_cubics(lane.findall("width"), "sOffset") for lane in elements}
@@ -161,6 +174,7 @@ def _read_side(
     is_last = described.end < span[1] + MIN_SECTION_M
     lanes = []
     for lane in elements:
+        # within its <laneSection> a lane goes on as itself
         itself = (int(read_number(lane, "id")),)
         lanes.append(
             SectionLane(
@@ -181,7 +195,10 @@ def _read_side(
 def _widths_of_borders(
     widths: dict[ElementTree.Element, Cubics], inner: Cubics, *, is_left: bool
 ) -> dict[ElementTree.Element, Cubics]:
-    """Widths of lanes from the middle outwards, without a <width> by their borders."""
+    """Complete the widths of one side's lanes: without a <width>, by their borders.
+
+    widths: by <lane>, from the middle outwards; inner: border (m along t) from which the first lane
+    begins, along s from the start of the <laneSection>."""
     complete = {}
     for lane, width in widths.items():
         borders = lane.findall("border")
@@ -196,6 +213,8 @@ def _widths_of_borders(
 
 
 def _links(lane: ElementTree.Element, which: str) -> tuple[int, ...]:
-    """Lanes linked to; links without a whole number lead nowhere."""
+    """Ids of the lanes that a <lane> is linked to; links without a whole number lead nowhere.
+
+    which: "predecessor" or "successor"."""
     names = (link.get("id", "").strip() for link in lane.findall(f"link/{which}"))
     return tuple(int(name) for name in names if re.fullmatch(r"[-+]?\d{1,9}", name))

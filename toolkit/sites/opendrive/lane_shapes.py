@@ -20,18 +20,18 @@ from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane
 from toolkit.sites.opendrive.map_roads import MapRoad, read_road
 from toolkit.sites.opendrive.plain_map import PlainMap
 
-MAX_DEVIATION_M = 0.1  # of a lane from its middle line in the map that is left as it is
+MAX_DEVIATION_M = 0.1  # up to which a lane off its middle line in the map is left as it is
 MAX_PLACE_GAP_M = 5.0  # between the lengths of a lane and of its piece of road, as on a ring
 MAX_PLACE_GAP_SHARE = 0.2  # of the lane's length, in addition
-SHAPE_TOLERANCE_M = 0.01
-MIN_DRIVEN_WIDTH_M = 1.8  # of a lane that anybody drives on
-SAMPLES_EVERY_M = 1.0
+SHAPE_TOLERANCE_M = 0.01  # by which a simplified middle line may be off
+MIN_DRIVEN_WIDTH_M = 1.8  # width from which a lane is driven on
+SAMPLES_EVERY_M = 1.0  # between places along a line
 _NARROW_USERS = {"authority", "emergency"}  # all that netconvert lets use narrow lanes
 
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """Reference line of a road, sampled: places along it (m), and as a line."""
+    """Reference line of a road, sampled: places `s` along it (m), and a line of their points."""
 
     road: MapRoad
     places: Float64[np.ndarray, " k"]
@@ -44,7 +44,7 @@ class _Line:
         return cls(road, places, shapely.LineString(road.at(places)[:, :2]))
 
     def find_places(self, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-        """Places along the line (m) nearest to points."""
+        """Places `s` along the reference line (m) nearest to points x, y of the map."""
         along = np.concatenate(
             [[0.0], np.cumsum(_measure_steps(shapely.get_coordinates(self.line)))]
         )
@@ -54,10 +54,12 @@ class _Line:
 
 
 def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
-    """Give the lanes of a whole map's network, in its coordinates, the middle lines that the map
-    describes.
+    """Return a network whose lanes have the middle lines that the map describes.
 
-    Only roads that reach `window` and whose lanes change their width or offset are touched."""
+    Only roads that reach `window` and whose lanes change their width or offset are touched.
+
+    network: net.xml text of the whole map, in its coordinates; plain: roads from which netconvert
+    made it; window: ground in the map's coordinates."""
     varying = {
         road.name: road
         for road in plain.carriageways
@@ -69,6 +71,7 @@ def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
     lines: dict[str, _Line] = {}
     is_changed = False
     for edge in root.iter("edge"):
+        # netconvert names edges ROAD#PIECE, with - for one direction
         name = edge.get("id", "").removeprefix("-").partition("#")[0]
         if edge.get("function") is None and name in varying:
             if name not in lines:
@@ -102,13 +105,16 @@ def _varies(road: Carriageway) -> bool:
 
 
 def _is_bent(function: Cubics) -> bool:
+    # True if a function has a slope, or steps from one piece to the next.
     rows = function.rows
     return bool(rows[:, 1:].any()) or bool((rows[1:, 0] != rows[:-1, 0]).any())
 
 
 def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> bool:
-    """Move the lanes of one edge; return True if any was changed. sign: of the ids of its lanes in
-    the map."""
+    """Move the lanes of one edge, in place; return True if any was changed.
+
+    line: reference line of the road; sign: 1 if the lanes are on the left in the map, with
+    positive ids, -1 if to the right."""
     elements = edge.findall("lane")
     shapes = [_parse_points(element) for element in elements]
     ends = line.find_places(np.array([shapes[0][0, :2], shapes[0][-1, :2]]))
@@ -117,6 +123,8 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
     if section is None or len(lanes) != len(elements) or any(len(shape) < 2 for shape in shapes):
         return False
     is_changed = False
+    # SUMO lists lanes from the kerb inwards, the section from the middle outwards; count: lanes
+    # between this one and the middle
     for element, shape, count in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
         first, last = line.find_places(shape[[0, -1], :2])
         drawn = shapely.LineString(shape[:, :2])
@@ -153,19 +161,25 @@ def _measure_steps(points: Float[np.ndarray, "k 2"]) -> Float64[np.ndarray, " _"
 
 
 def _width(lane: SectionLane, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
+    # Width (m) of a lane at places `s` from its section's start; one below zero counts as zero.
     return np.maximum(lane.width.at(s), 0.0)
 
 
 def _find_section(sections: Iterable[LaneSection], s: float) -> LaneSection | None:
+    # Section at a place along the road (m), None beyond its ends.
     return next((section for section in sections if section.start <= s < section.end), None)
 
 
 def _parse_points(element: ElementTree.Element) -> Float64[np.ndarray, "k _"]:
+    # Points of a lane's shape: x, y and, in a network with heights, z.
     return np.array([point.split(",") for point in element.get("shape", "").split()], np.float64)
 
 
 def _format_points(middle: Float[np.ndarray, "k 2"], shape: Float[np.ndarray, "n _"]) -> str:
-    """Points of a line, as high as those of the shape that it replaces."""
+    """Text of a SUMO shape for the points of a line, as high as the shape that it replaces.
+
+    middle: x, y of the new line; shape: x, y and perhaps z of the old one. Heights are taken at the
+    same share of the length."""
     if shape.shape[1] == 3:
         drawn = shapely.LineString(shape[:, :2])
         shares = shapely.line_locate_point(drawn, shapely.points(middle), normalized=True)
@@ -176,4 +190,5 @@ def _format_points(middle: Float[np.ndarray, "k 2"], shape: Float[np.ndarray, "n
 
 
 def _format_point(point: Float[np.ndarray, " n"]) -> str:
+    # Text of one point of a SUMO shape, on millimetres.
     return ",".join(f"{value:.3f}" for value in point)

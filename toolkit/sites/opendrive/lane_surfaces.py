@@ -12,12 +12,12 @@ from toolkit.sites.opendrive.lane_sections import LaneSection, read_sections
 from toolkit.sites.opendrive.map_roads import MapRoad
 from toolkit.sites.opendrive.reference_line import step_aside
 
-MAX_USUAL_WIDTH_M = 50.0
-MAX_LANE_WIDTH_M = 1000.0
+MAX_USUAL_WIDTH_M = 50.0  # a wider lane is noted
+MAX_LANE_WIDTH_M = 1000.0  # to which wider lanes are cut
 MIN_LANE_WIDTH_M = 0.05  # narrower lanes are left out
 STATION_STEP_M = 1.0  # between the corners of a lane
-FOOTWAY = ("sidewalk", "walking")
-# all other types are carriageway
+FOOTWAY = ("sidewalk", "walking")  # types of lanes
+# types of lanes that are no carriageway, as all others are
 UNPAVED = ("none", "border", "curb", "median", "rail", "tram", "sidewalk", "walking")
 
 
@@ -26,9 +26,9 @@ class MapLane:
     """One lane of one section, in the map frame.
 
     Attributes:
-        kind: its type.
+        kind: its type in the map's words.
         outline: its ground.
-        middle: points of its middle line.
+        middle: points x, y (m) of its middle line along s.
         width: mean width (m)."""
 
     kind: str
@@ -38,7 +38,7 @@ class MapLane:
 
 
 def outline_lanes(road: MapRoad) -> Iterator[MapLane]:
-    """Lanes of a road that have any width."""
+    """Yield the lanes of a road that are wider than `MIN_LANE_WIDTH_M` anywhere."""
     offset = read_cubics(road.element.findall("lanes/laneOffset"))
     for section in read_sections(road.element, road.length):
         steps = int((section.end - section.start) / STATION_STEP_M) + 2
@@ -56,10 +56,11 @@ def _outline_side(
     places: Float64[np.ndarray, "k 3"],
     middle_t: Float64[np.ndarray, " k"],
 ) -> Iterator[MapLane]:
-    """Lanes of one side of a section, from the middle outwards.
+    """Yield the lanes of one side of a section, from the middle outwards.
 
-    sign: 1 for the left side. places: x, y and direction of the reference line at `s`. middle_t:
-    m from there to the middle of the lanes."""
+    sign: 1 for the left side, -1 for the right; s: places along the road (m); places: x, y (m) and
+    direction (rad) of the reference line at `s`; middle_t: m from there to the middle of the lanes,
+    positive to the left."""
     inner_t = middle_t
     for lane in section.side(sign):
         width = np.clip(lane.width.at(s - section.start), 0.0, MAX_LANE_WIDTH_M)
@@ -75,7 +76,7 @@ def _outline_side(
 
 
 def describe_widths(lanes: Sequence[MapLane]) -> list[str]:
-    """Note of lanes too wide for one vehicle after another.
+    """Return a note that counts lanes wider than `MAX_USUAL_WIDTH_M`, none without such.
 
     They are driven along their middle all the same."""
     wide_count = sum(lane.width > MAX_USUAL_WIDTH_M for lane in lanes)

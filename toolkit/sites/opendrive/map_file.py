@@ -11,9 +11,10 @@ from toolkit.sites.opendrive.map_projection import move_to_file, project_degrees
 
 
 def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Element:
-    """Read the elements of an OpenDRIVE file.
+    """Read an OpenDRIVE file; return its root element, all tags without their namespace.
 
-    Raises ValueError for damage, no map, and a `centre` outside it."""
+    centre: x, y (m) in the file's coordinates. Raises ValueError, which does not name the file, for
+    damage, no map, and a centre outside it."""
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:
@@ -33,7 +34,7 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
 
 
 def _list_pieces(root: ElementTree.Element) -> Float64[np.ndarray, "n 4"]:
-    """x, y, heading and length of all pieces of roads."""
+    """Rows x, y (m), heading (rad), length (m) of the starts of all pieces of roads."""
     pieces = root.findall("road/planView/geometry")
     keys = ("x", "y", "hdg", "length")
     numbers = [read_number(piece, key) for piece in pieces for key in keys]
@@ -41,7 +42,9 @@ def _list_pieces(root: ElementTree.Element) -> Float64[np.ndarray, "n 4"]:
 
 
 def _reaches(rows: Float64[np.ndarray, "n 4"], point: Float64[np.ndarray, "2"]) -> bool:
-    """True if a place is within the map. rows: x, y, heading and length of all pieces of roads."""
+    """True if a place x, y is within the map, or outside by at most its longest piece of road.
+
+    rows: x, y, heading and length of all pieces of roads."""
     low = rows[:, :2].min(axis=0)
     high = rows[:, :2].max(axis=0)
     longest = rows[:, 3].max()
@@ -51,7 +54,10 @@ def _reaches(rows: Float64[np.ndarray, "n 4"], point: Float64[np.ndarray, "2"]) 
 def _describe_outside(
     root: ElementTree.Element, centre: tuple[float, float], rows: Float64[np.ndarray, "n 4"]
 ) -> str:
-    """Message for a centre outside the map, with one on a road."""
+    """Message for a centre outside the map, with one that is inside it.
+
+    That is the place meant, if `centre` is one in degrees or in coordinates of the projection, and
+    else a place on a road near the middle of the map. rows: as for `_reaches`."""
     low = rows[:, :2].min(axis=0)
     high = rows[:, :2].max(axis=0)
     spans = f"x {low[0]:.10g} to {high[0]:.10g} and y {low[1]:.10g} to {high[1]:.10g}"
@@ -79,7 +85,9 @@ def _describe_outside(
 def locate_degrees(
     root: ElementTree.Element, lon_lat: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Place in the file (m) of longitude and latitude; None if they lead nowhere on the map."""
+    """Place x, y (m) in the file of longitude and latitude (degrees).
+
+    None if the map has no projection, or they lead nowhere on the map."""
     metres = project_degrees(root, lon_lat)
     if metres is None:
         return None

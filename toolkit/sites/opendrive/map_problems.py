@@ -12,11 +12,13 @@ from toolkit.sites.opendrive.plain_names import WHOLE_NUMBER
 from toolkit.sites.opendrive.plain_signals import PRIORITY_SIGNS, TRAFFIC_LIGHTS
 from toolkit.sites.opendrive.reference_line import Piece
 
-MAX_KERB_M = 0.25
+MAX_KERB_M = 0.25  # height of a lane above the road's surface up to which it counts as a kerb
 
 
 def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
-    """Notes of the parts of `roads` and their junctions that netconvert got otherwise, or not."""
+    """Return notes of the parts of roads and their junctions that netconvert got otherwise, or not.
+
+    plain: the map as netconvert got it, with its problems; roads: roads near the site."""
     names = {""}
     for road in roads:
         names.add(road.element.get("id", ""))
@@ -34,14 +36,14 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
 
 
 def _measure_length_gap(piece: Piece) -> float:
-    """Difference between the length of a curve and its geometry's, as a share of the latter."""
+    """Difference between the length of a curve and its geometry's, as a share of the latter.
+
+    A geometry shorter than `MAX_LENGTH_GAP_M` counts as that long."""
     return abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M)
 
 
 def count_unread(road: ElementTree.Element) -> dict[str, int]:
-    """Number of unread things of a road by the words of a note.
-
-    They bear on traffic or the ground."""
+    """Count the unread things of a <road> that bear on traffic or the ground, by their note."""
     read_types = TRAFFIC_LIGHTS + PRIORITY_SIGNS
     signals = road.findall("signals/signal")
     plates = [signal for signal in signals if signal.get("type") not in read_types]
@@ -61,14 +63,14 @@ def count_unread(road: ElementTree.Element) -> dict[str, int]:
 
 
 def _measure_height(element: ElementTree.Element) -> float:
-    """Greatest distance (m) of a lane from its road's surface, up or down."""
+    """Greatest distance (m) of a lane from its road's surface, up or down, by its <height>."""
     inner = read_number(element, "inner", 0.0)
     outer = read_number(element, "outer", 0.0)
     return max(abs(inner), abs(outer))
 
 
 def _count_marks(road: ElementTree.Element) -> int:
-    """Number of lanes from which road marks forbid a change to the driving lane outside them."""
+    """Count the lanes from which road marks forbid a change to the driving lane outside them."""
     count = 0
     for side in road.findall("lanes/laneSection/*"):
         driving = [lane for lane in side.findall("lane") if lane.get("type") == "driving"]

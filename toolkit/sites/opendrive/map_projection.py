@@ -12,14 +12,16 @@ from toolkit.sites.georeference import project_to_map
 from toolkit.sites.opendrive.cubics import read_number
 
 MAX_OFFSET_TURN_RAD = 2 * np.pi
-# no others are a map in metres
+# regular expression of the texts that may name a map in metres: PROJ, EPSG, AUTHORITY:CODE or WKT
 NAMES_PROJECTION = r"\bproj=(?!lat|lon)|EPSG:|^\w+:\w+$|PROJ(CS|CRS|ECTEDCRS)\b"
 
 
 def move_to_file(
     root: ElementTree.Element, metres: tuple[float, float]
 ) -> Float64[np.ndarray, "2"]:
-    """Place in the file of a place in the map's projection, to 1 cm."""
+    """Place x, y (m) in the file's coordinates of a place in the map's projection, to 1 cm.
+
+    metres: x, y in the projection; the header's offset leads from the file to it."""
     place = np.array([[metres[0], metres[1], 0.0]])
     return transform(invert(find_placement(root)), place)[0, :2].round(2) + 0.0
 
@@ -27,7 +29,7 @@ def move_to_file(
 def project_degrees(
     root: ElementTree.Element, lon_lat: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Longitude and latitude in metres of a map's projection.
+    """Convert longitude and latitude (degrees) to x, y (m) in a map's projection.
 
     None if the map has none, the place is not on earth, or PROJ is missing."""
     reference = _read_reference(root)
@@ -41,7 +43,7 @@ def project_degrees(
 
 
 def find_placement(root: ElementTree.Element) -> Pose:
-    """Pose of the file's frame in its projection's: the <offset> of its header (1.8, 8.5).
+    """Pose of the file's frame in its projection: the <offset> of its header (1.8, 8.5).
 
     A point of the file is turned by `hdg`, then moved by x, y and z. Raises ValueError for a
     damaged number."""
@@ -67,10 +69,11 @@ def _read_reference(root: ElementTree.Element) -> str:
 
 
 def find_projection(root: ElementTree.Element, name: str) -> str | None:
-    """Projection of a map.
+    """Find the projection of a map, as a text that PROJ can use.
 
-    None, with a warning, if its geoReference names no projection, or one that PROJ cannot use, as
-    if it needs a grid of shifts that is not installed. The map is in metres all the same.
+    None without a geoReference and, with a warning, if it names no projection, or one that PROJ
+    cannot use, for example without a grid of shifts that is not installed. The map is in metres all
+    the same.
 
     name: name of the file."""
     reference = _read_reference(root)
@@ -91,7 +94,9 @@ def find_projection(root: ElementTree.Element, name: str) -> str | None:
 
 
 def describe_turn(root: ElementTree.Element) -> list[str]:
-    """Note of a header whose offset turns by more than a full turn, as degrees would."""
+    """Return a note on a header whose offset turns by more than a full turn, as degrees would.
+
+    The list is empty for all others."""
     offset = root.find("header/offset")
     turn = 0.0 if offset is None else read_number(offset, "hdg", 0.0)
     if abs(turn) <= MAX_OFFSET_TURN_RAD:

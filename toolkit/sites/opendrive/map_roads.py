@@ -14,7 +14,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
 from toolkit.sites.opendrive.reference_line import Piece, step_aside
 
-MAX_PIECE_M = 1e5
+MAX_PIECE_M = 1e5  # a longer piece of a reference line is damage
 MAX_CURVE_GAP_M = 50.0  # a curve may be this much longer than its geometry gives
 MIN_TILT_RAD = 1e-4  # less tilt across the road is ignored: 1 mm over 10 m
 SEARCH_MARGIN_M = 30.0  # around a window, for roads
@@ -32,7 +32,7 @@ class LateralProfile:
     Attributes:
         superelevation: rad along s, about the reference line; positive if the left side is higher.
         crossfall: rad along s by side, 1 left and -1 right; positive if the road falls outwards.
-        shapes: places along s (m) and the height (m) along t there."""
+        shapes: places along s (m), in order, and the height (m) along t there."""
 
     superelevation: Cubics
     crossfall: Mapping[int, Cubics]
@@ -48,13 +48,14 @@ class LateralProfile:
     def at(
         self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
     ) -> Float64[np.ndarray, " k"]:
-        """Height (m) at s, t above the reference line."""
+        """Height (m) above the reference line at places s along the road, t to its left (m)."""
         height = t * np.sin(self.superelevation.at(s))
         for sign, fall in self.crossfall.items():
             height -= np.where(t * sign > 0, np.abs(t) * np.sin(fall.at(s)), 0.0)
         if self.shapes:
             stations = [station for station, _ in self.shapes]
             rows = np.array([shape.at(t) for _, shape in self.shapes])
+            # between two shapes, heights at the same t are interpolated along s
             height += np.array([np.interp(s[i], stations, rows[:, i]) for i in range(len(s))])
         return height
 
@@ -66,7 +67,7 @@ class MapRoad:
     Attributes:
         element: the <road>.
         pieces: pieces of its reference line, in order of s.
-        length: m.
+        length: length of the reference line (m), at which s ends.
         elevation: height of the reference line (m) along s.
         lateral: height across the road, above the reference line."""
 
@@ -77,7 +78,9 @@ class MapRoad:
     lateral: LateralProfile
 
     def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
-        """x, y and direction of the reference line at `s`."""
+        """Rows x, y (m, map frame), direction (rad from +x) of the reference line at `s` (m).
+
+        Beyond its ends the first and last piece count."""
         starts = [piece.start for piece in self.pieces]
         piece_rows = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)
         places = np.zeros((len(s), 3))
@@ -90,7 +93,7 @@ class MapRoad:
     def step_aside(
         self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
     ) -> Float64[np.ndarray, "k 2"]:
-        """Places `t` m to the left of the line at `s`."""
+        """Places x, y (map frame) `t` m to the left of the reference line at `s` (m)."""
         return step_aside(self.at(s), t)
 
     def may_reach(self, window: shapely.Geometry) -> bool:
@@ -107,7 +110,9 @@ class MapRoad:
     def stations(
         self, window: shapely.Geometry, spacing: float
     ) -> tuple[np.ndarray, Float64[np.ndarray, "k 2"]]:
-        """s and place of stations within `window`, `spacing` m apart or less."""
+        """Places along the reference line that are within `window`: their s (m), and x, y (m).
+
+        They are `spacing` m apart or less."""
         s = np.linspace(0.0, self.length, int(self.length / spacing) + 2)
         xy = self.at(s)[:, :2]
         is_inside = shapely.intersects_xy(window, xy)
@@ -115,7 +120,7 @@ class MapRoad:
 
 
 def read_road(element: ElementTree.Element) -> MapRoad:
-    """Road of a <road>. Raises ValueError for a damaged one."""
+    """Read the reference line and heights of a <road>. Raises ValueError for a damaged one."""
     pieces = [_read_piece(geometry) for geometry in element.findall("planView/geometry")]
     if not pieces:
         raise ValueError(f"road {element.get('id')!r} has no <geometry>: export the map again")
@@ -126,7 +131,7 @@ def read_road(element: ElementTree.Element) -> MapRoad:
 
 
 def _read_piece(geometry: ElementTree.Element) -> Piece:
-    """Piece of a <geometry>. Raises ValueError for an unknown shape or an endless one."""
+    """Read the piece of a <geometry>. Raises ValueError for an unknown shape or bad length."""
     start = read_number(geometry, "s")
     x = read_number(geometry, "x")
     y = read_number(geometry, "y")
@@ -147,7 +152,7 @@ def _read_piece(geometry: ElementTree.Element) -> Piece:
 
 
 def _read_lateral(road: ElementTree.Element) -> LateralProfile:
-    """Heights across a <road>."""
+    """Read the heights across a <road>."""
     falls: dict[int, Cubics] = {}
     for side, sign in _SIDES:
         rows = road.findall("lateralProfile/crossfall")
@@ -166,9 +171,10 @@ def _read_lateral(road: ElementTree.Element) -> LateralProfile:
 def find_near_roads(
     root: ElementTree.Element, window: shapely.Geometry, level: float, storey: float
 ) -> tuple[list[MapRoad], int]:
-    """Roads in `window` near a height, and the number of roads on another storey.
+    """Find the roads in and near `window` at a height; return them and the number of the others.
 
-    level: the height (m). storey: greatest distance from it (m)."""
+    root: the map; window: in its frame; level: the height (m); storey: greatest distance from it
+    (m). The others are in the window too, but on another storey."""
     near_roads = []
     other_storeys = 0
     surroundings = window.buffer(SEARCH_MARGIN_M)
@@ -192,7 +198,7 @@ def is_on_level(
 ) -> bool:
     """True if lines (x, y, z) come within `storey` (m) of a height in `window`.
 
-    In its inner half, they must do so on the mean."""
+    In its inner half, their mean height must be as near too. level: the height (m)."""
     heights = _list_heights(lines, window)
     if not len(heights) or np.abs(heights - level).min() > storey:
         return False
@@ -204,6 +210,6 @@ def is_on_level(
 def _list_heights(
     lines: Sequence[shapely.LineString], window: shapely.Geometry
 ) -> Float64[np.ndarray, " n"]:
-    """Heights of the corners of lines within a window, and at its edge."""
+    """Heights (m) of the corners of lines within a window, and of the lines at its edge."""
     inside = shapely.intersection(lines, window)
     return shapely.get_coordinates(inside, include_z=True)[:, 2]

@@ -12,11 +12,11 @@ from toolkit.sites.opendrive.cubics import read_number
 from toolkit.sites.opendrive.map_roads import MapRoad
 
 MAX_BEYOND_M = 5.0  # an object may be this far beyond the ends of its road
-MAX_REPEATS = 2000
+MAX_REPEATS = 2000  # objects in a row
 
 
 class RoadPlace(NamedTuple):
-    """Place on a road in the map's frame (m, rad)."""
+    """Place on a road in the map's frame: x, y (m), heading (rad, counter-clockwise from +x)."""
 
     x: float
     y: float
@@ -67,7 +67,9 @@ def check_place(road: MapRoad, element: ElementTree.Element) -> None:
 
 
 def place_on_road(road: MapRoad, s: float, t: float, turn: float) -> RoadPlace:
-    """Place at s, t on a road. turn: against the road's direction (rad)."""
+    """Place at s along a road and t to its left (m), on millimetres.
+
+    turn: heading against the road's direction (rad, counter-clockwise)."""
     x, y, heading = road.at(np.array([s]))[0]
     return RoadPlace(
         round(float(x - t * np.sin(heading)), 3),
@@ -77,7 +79,9 @@ def place_on_road(road: MapRoad, s: float, t: float, turn: float) -> RoadPlace:
 
 
 def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectPlace]:
-    """Places of an object and its repeats."""
+    """Yield the place of an object, or the places of its repeats if it has any.
+
+    Bases below the road are raised to it."""
     is_reversed = element.get("orientation") == "-"
     turn = read_number(element, "hdg", 0.0) + (np.pi if is_reversed else 0.0)
     repeats = element.findall("repeat")
@@ -104,7 +108,7 @@ def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectP
 
 
 def read_row(repeat: ElementTree.Element) -> ObjectRow:
-    """Row that a <repeat> describes.
+    """Read the row that a <repeat> describes.
 
     Raises ValueError for a negative number or too many objects."""
     length = read_number(repeat, "length", 0.0)

@@ -24,18 +24,19 @@ from toolkit.sites.opendrive.object_places import (
 )
 from toolkit.sites.site import Solid
 
+# limits to which sizes in the map are cut, or raised
 MAX_OBJECT_HEIGHT_M = 200.0
 MAX_RADIUS_M = 20.0
 MAX_BARRIER_WIDTH_M = 20.0
-BARRIER_PIECE_M = 4.0
+BARRIER_PIECE_M = 4.0  # length of a barrier's pieces at most
 MIN_OBJECT_WIDTH_M = 0.2
 MIN_OBJECT_LENGTH_M = 0.3
-MIN_OUTLINE_M2 = 1e-3
+MIN_OUTLINE_M2 = 1e-3  # smaller outlines are left out
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Size of an object (m), 0 where the map gives none.
+    """Size of an object (m); a number that the map lacks is 0.
 
     Attributes:
         height: above its base.
@@ -50,7 +51,7 @@ class _Size:
 
     @classmethod
     def read(cls, element: ElementTree.Element, usual_height: float) -> Self:
-        """Size of an <object>. usual_height: of one without a height."""
+        """Read the size of an <object>. usual_height: height (m) of one without a height."""
         return cls(
             height=min(read_number(element, "height", 0.0) or usual_height, MAX_OBJECT_HEIGHT_M),
             radius=read_number(element, "radius", 0.0),
@@ -60,16 +61,19 @@ class _Size:
 
     @property
     def any_radius(self) -> float:
-        """Its radius, or else half its length or width."""
+        """Radius (m) of the object, or half the greater of its length and width without one."""
         return self.radius or max(self.length, self.width) / 2
 
 
 def make_object_solids(
     road: MapRoad, element: ElementTree.Element, kind: str, usual_height: float
 ) -> Iterator[list[Solid]]:
-    """Solids of an object and its repeats, a group for each.
+    """Yield the solids of an object and its repeats in the map's frame, a group for each.
 
-    usual_height: height (m) of an object without one."""
+    A repeat without a distance is one long barrier, and each of its pieces is a group.
+
+    kind: kind of solid; usual_height: height (m) of an object without one. Raises ValueError for a
+    damaged object."""
     size = _Size.read(element, usual_height)
     repeats = element.findall("repeat")
     if any(read_number(repeat, "distance", 0.0) == 0 for repeat in repeats):
@@ -94,7 +98,7 @@ def _make_prisms(
     kind: str,
     size: _Size,
 ) -> list[Solid]:
-    """Prisms on the outlines of an object."""
+    """Make a prism on each outline of an object. Raises ValueError if no outline has an area."""
     rings = [_read_ring(road, outline, place) for outline in outlines]
     rings = [ring for ring in rings if shapely.Polygon(ring).area > MIN_OUTLINE_M2]
     if not rings:
@@ -103,7 +107,7 @@ def _make_prisms(
 
 
 def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
-    """Tree, disc or block of an object without an outline."""
+    """Make the tree, disc or block of an object without an outline."""
     xy = (place.x, place.y)
     top = place.base + size.height
     if kind == "tree":
@@ -120,7 +124,10 @@ def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
 def _make_barrier(
     road: MapRoad, repeat: ElementTree.Element, kind: str, size: _Size
 ) -> Iterator[Solid]:
-    """Barrier along the road, in pieces of `BARRIER_PIECE_M`."""
+    """Yield the pieces of a barrier along the road, each at most `BARRIER_PIECE_M` long.
+
+    repeat: the <repeat> with its place, height and width; size: its object's, for numbers that the
+    repeat lacks."""
     start = read_number(repeat, "s")
     length = min(read_row(repeat).length, road.length)
     first_t = read_number(repeat, "tStart", 0.0)
@@ -139,9 +146,10 @@ def _make_barrier(
 def _read_ring(
     road: MapRoad, outline: ElementTree.Element, place: ObjectPlace
 ) -> Float64[np.ndarray, "k 2"]:
-    """Corners of an outline, described on the road or about the object.
+    """Corners x, y (m, map frame) of an outline, described on the road or about the object.
 
-    All are zero if they make no polygon."""
+    Of an outline that crosses itself the largest part counts. All corners are zero if they make no
+    polygon. place: the object's."""
     corners: list[tuple[float, float]] = []
     for corner in outline.iter("cornerRoad"):
         s = read_number(corner, "s")

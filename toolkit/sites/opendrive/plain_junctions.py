@@ -11,7 +11,7 @@ from toolkit.sites.opendrive.plain_names import WHOLE_NUMBER, name_junction
 
 
 class _RoadEnd(NamedTuple):
-    """Id of a road, and its "start" or "end" at a junction or connection."""
+    """End of a road at a junction or connection: the road's id, and "start" or "end"."""
 
     road: str
     contact: str
@@ -37,9 +37,10 @@ class _Connection(NamedTuple):
 def write_plain_junction(
     writer: PlainWriter, name: str, junction: ElementTree.Element, *, is_direct: bool
 ) -> str:
-    """<junction> of OpenDRIVE 1.4.
+    """Text of the <junction> of OpenDRIVE 1.4 for a junction of the map.
 
-    is_direct: the junction joins roads to each other, without connecting roads between them."""
+    writer: has the roads, and collects problems; name: id of the junction; is_direct: it joins
+    roads to each other, without connecting roads between them."""
     problems = writer.problems[f"junction {name}"]
     texts: list[str] = []
     for element in junction.findall("connection"):
@@ -55,10 +56,12 @@ def write_plain_junction(
         joints = _read_joints(element, writer, incoming, connecting)
         if len(joints) < len(element.findall("laneLink")):
             problems["connections of junctions lead to lanes that are not in the file"] += 1
+        # ids of the lanes before and after each connection of two carriageways
         lanes: dict[_Connection, list[tuple[int, int]]] = defaultdict(list)
         for joint in joints:
             road, from_lane = joint.incoming
             next_road, to_lane = joint.connecting
+            # a lane that leads away from the junction at this end of its road
             is_reversed = (from_lane * writer.sign < 0) != (incoming.contact == "end")
             if is_direct and is_reversed:
                 connection = _Connection(next_road, road, incoming.contact)
@@ -73,7 +76,7 @@ def write_plain_junction(
 
 
 def _find_contact(road: Carriageway, junction: str) -> str:
-    """End of a road at which it meets a junction."""
+    """End of a road, "start" or "end", at which it meets a junction. junction: its id."""
     for link in road.element.findall("link/predecessor"):
         if link.get("elementType") == "junction" and link.get("elementId") == junction:
             return "start"
@@ -83,7 +86,9 @@ def _find_contact(road: Carriageway, junction: str) -> str:
 def _read_joints(
     connection: ElementTree.Element, writer: PlainWriter, incoming: _RoadEnd, connecting: _RoadEnd
 ) -> list[_Joint]:
-    """Lanes that a connection joins. Without links, lanes of the same id (1.4, 5.4.2)."""
+    """List the lanes that a connection joins, if both are in carriageways.
+
+    A connection without links joins lanes of the same id (1.4, 5.4.2)."""
     joints = []
     other_contact = "end" if incoming.contact == "start" else "start"
     for from_id, to_id in _read_lane_ids(connection, writer, incoming):
@@ -100,7 +105,9 @@ def _read_joints(
 def _read_lane_ids(
     connection: ElementTree.Element, writer: PlainWriter, incoming: _RoadEnd
 ) -> list[tuple[int, int]]:
-    """Ids of the lanes that a connection joins, as the file gives them."""
+    """Ids of the lanes that a connection joins, before and after it, as the file gives them.
+
+    Links without whole numbers are left out."""
     links = connection.findall("laneLink")
     if not links:
         roads = writer.roads[incoming.road]
@@ -117,7 +124,10 @@ def _read_lane_ids(
 def _write_connection(
     number: int, connection: _Connection, lanes: Sequence[tuple[int, int]], sign: int
 ) -> str:
-    """<connection> of OpenDRIVE 1.4. lanes: ids before and after it; sign: see `PlainWriter`."""
+    """Text of a <connection> of OpenDRIVE 1.4.
+
+    number: its id, which need not be unique; lanes: ids of lanes before and after it; sign: -1 if
+    netconvert mirrors the map, so that ids get the opposite sign, else 1."""
     row = {
         "id": number,
         "incomingRoad": connection.incoming.name,

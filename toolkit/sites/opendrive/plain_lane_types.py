@@ -19,9 +19,11 @@ def find_lane_type(
     defaults: Mapping[str, float],
     problems: Counter[str],
 ) -> str:
-    """Name of the type of a lane that netconvert gets.
+    """Name of SUMO's type for a lane, by its type in the map and its use at its section's start.
 
-    defaults: limits (m/s) by type of road."""
+    Lanes of one type and use share a name, which is kept in `writer.uses`; the usual use of a type
+    has the type's name. defaults: limits (m/s) by type of road; problems: differences from the map
+    are counted there."""
     use = find_use(road.element, section, lane, dict(defaults), problems)
     if use.limit is None and "passenger" in use.users and road.junction == "-1":
         problems[NO_LIMIT_NOTE] = 1  # counted once a road, however many lanes it has
@@ -37,7 +39,10 @@ def find_lane_type(
 def _close_both(
     section: LaneSection, lane: SectionLane, use: LaneUse, problems: Counter[str]
 ) -> LaneUse:
-    """Use of a lane, which is closed if it is for both directions between driven lanes."""
+    """Return the use of a lane, closed if it is for both directions between driven lanes.
+
+    use: the lane's by its type and rules, which comes back for all other lanes; problems: counted
+    there."""
     is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
     is_walked = not use.users or set(use.users) == {FOOT}
     if is_walked or not is_both:

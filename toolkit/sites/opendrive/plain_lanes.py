@@ -19,7 +19,7 @@ CENTRE_LANE = '<center><lane id="0" type="none"/></center>'
 
 
 class _LaneIds(NamedTuple):
-    """Ids in the file and here of the lanes before and after a section."""
+    """Ids of the lanes before and after a section: in the file, and those that netconvert gets."""
 
     before: Mapping[int, int]
     after: Mapping[int, int]
@@ -32,12 +32,14 @@ def write_sections(
     defaults: Mapping[str, float],
     problems: Counter[str],
 ) -> Iterator[str]:
-    """<laneSection> elements of a carriageway.
+    """Yield the texts of the <laneSection> elements of a carriageway.
 
-    links: by "predecessor" and "successor". defaults: limits (m/s) by type of road."""
+    links: other roads at its ends, by "predecessor" and "successor"; defaults: limits (m/s) by type
+    of road; problems: differences from the map are counted there."""
     section_ids = [number_section_lanes(section) for section in road.sections]
     first_ids = links["predecessor"].lane_ids if "predecessor" in links else {}
     last_ids = links["successor"].lane_ids if "successor" in links else {}
+    # ids before the first section, of each section, and after the last: i is before section i
     lane_ids = [first_ids, *section_ids, last_ids]
     for i, section in enumerate(road.sections):
         kinds = {
@@ -57,9 +59,10 @@ def _write_side(
     side_sign: int,
     neighbours: _LaneIds,
 ) -> str:
-    """<left> or <right> of a section; empty if it has no lanes there.
+    """Text of the <left> or <right> of a section; empty if it has no lanes there.
 
-    kinds: types of the lanes. map_sign: -1 if the map is mirrored. side_sign: 1 for the left."""
+    kinds: names of SUMO's types of the lanes; map_sign: -1 if netconvert mirrors the map, so that
+    ids get the opposite sign, else 1; side_sign: 1 for <left>, -1 for <right>."""
     lanes = [lane for lane in section.lanes if lane.number * map_sign * side_sign > 0]
     lanes.sort(key=lambda lane: -lane.number * map_sign)
     if not lanes:
@@ -72,16 +75,18 @@ def _write_side(
 
 
 def _drop_negative(section: LaneSection, lane: SectionLane) -> SectionLane:
-    """Lane without width, if its width is below zero all along.
+    """Return a lane, with width 0 if its width is below zero all along.
 
-    netconvert takes it for a lane of usual width."""
+    netconvert would take such a lane for one of usual width."""
     if sample_width(section, lane).max() >= 0.0:
         return lane
     return replace(lane, width=Cubics(np.zeros(1), np.zeros((1, 4))))
 
 
 def _write_lane(lane: SectionLane, kind: str, map_sign: int, neighbours: _LaneIds) -> str:
-    """<lane> of OpenDRIVE 1.4."""
+    """Text of the <lane> of OpenDRIVE 1.4; only the first link at each end is written.
+
+    kind: name of SUMO's type of the lane; map_sign: -1 if ids get the opposite sign, else 1."""
     links = ""
     for before_id in lane.before[:1]:
         if before_id in neighbours.before:
@@ -97,7 +102,9 @@ def _write_lane(lane: SectionLane, kind: str, map_sign: int, neighbours: _LaneId
 
 
 def write_cubics(tag: str, key: str, function: Cubics) -> str:
-    """Elements with a, b, c, d, one for each piece. key: attribute of its start."""
+    """Text of elements with a, b, c, d, one for each piece of a function.
+
+    tag: the elements' tag; key: attribute of a piece's start."""
     elements = []
     for start, row in zip(function.starts.tolist(), function.rows.tolist(), strict=True):
         a, b, c, d = row

@@ -10,7 +10,7 @@ from toolkit.sites.network import format_element
 from toolkit.sites.opendrive.carriageways import Carriageway, PlainWriter
 from toolkit.sites.opendrive.plain_names import name_junction
 
-Direction = Literal["predecessor", "successor"]
+Direction = Literal["predecessor", "successor"]  # at the start or end of a road
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class PlainLink:
     Attributes:
         kind: "road" or "junction".
         name: its name for netconvert.
-        contact: end of the road, "start" or "end".
-        lane_ids: ids of the lanes at this end, in the file and here."""
+        contact: end of that road at which the two meet, "start" or "end"; "" for a junction.
+        lane_ids: ids of the lanes at this end in the file, and those that netconvert gets."""
 
     kind: str
     name: str
@@ -29,7 +29,7 @@ class PlainLink:
     lane_ids: Mapping[int, int] = field(default_factory=dict)
 
     def write(self, direction: Direction) -> str:
-        """<predecessor> or <successor> of OpenDRIVE 1.4."""
+        """Text of the <predecessor> or <successor> of OpenDRIVE 1.4."""
         row = {"elementType": self.kind, "elementId": self.name}
         if self.contact:
             row["contactPoint"] = self.contact
@@ -39,9 +39,10 @@ class PlainLink:
 def find_links(
     writer: PlainWriter, road: Carriageway, left_out: Collection[str], problems: Counter[str]
 ) -> Iterator[tuple[Direction, PlainLink]]:
-    """Links of a carriageway that lead somewhere.
+    """Yield the links of a carriageway that lead to roads and junctions in the file.
 
-    left_out: ids of junctions that netconvert does not get."""
+    left_out: ids of junctions that netconvert does not get; problems: links that are not used are
+    counted there."""
     contacts: tuple[tuple[Direction, str], ...] = (("predecessor", "end"), ("successor", "start"))
     for direction, default_contact in contacts:
         for link in road.element.findall(f"link/{direction}"):
@@ -62,7 +63,9 @@ def find_links(
 
 
 def _read_contact(link: ElementTree.Element, default_contact: str) -> str:
-    """End of the road that a link leads to."""
+    """End of the road that a link leads to, "start" or "end".
+
+    default_contact: end without a valid contactPoint."""
     contact = link.get("contactPoint", default_contact)
     return contact if contact in ("start", "end") else default_contact
 
@@ -70,7 +73,10 @@ def _read_contact(link: ElementTree.Element, default_contact: str) -> str:
 def _find_partner(
     writer: PlainWriter, road: Carriageway, direction: Direction, name: str, contact: str
 ) -> Carriageway:
-    """Carriageway of the road `name` to which most lanes at an end of `road` are linked."""
+    """Carriageway of the road `name` to which most lanes at an end of `road` are linked.
+
+    direction: end of `road`; contact: end of the other road. Without linked lanes it is the other
+    road's last one, with lanes in the usual direction of their side."""
     is_before = direction == "predecessor"
     section = road.sections[0 if is_before else -1]
     partners: Counter[Carriageway] = Counter()

@@ -25,11 +25,12 @@ class PlainMap:
     """Part of a map for netconvert.
 
     Attributes:
-        text: OpenDRIVE 1.4.
-        types: rows of SUMO's types, one for every use of a lane.
+        text: text of an OpenDRIVE 1.4 file.
+        types: attributes of SUMO's types, a row for every use of a lane.
         lefthand: True if traffic keeps left.
-        problems: number of parts left out or changed, by id of the road or junction, and kind.
-        carriageways: roads in the text."""
+        problems: number of parts left out or changed, by the words of their note, for each id of a
+            road, "junction ID", or "" for the header.
+        carriageways: roads in the text, and roads of junctions that are left out."""
 
     text: str
     types: Sequence[Mapping[str, object]]
@@ -68,12 +69,12 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
 
 
 def _read_kind(junction: ElementTree.Element) -> str:
-    """Type of a junction."""
+    """Type of a <junction>, "default" without one."""
     return junction.get("type", "default")
 
 
 def _describe_type(name: str, use: lane_rules.LaneUse) -> dict[str, object]:
-    """Row of SUMO's type for a use of a lane."""
+    """Attributes of SUMO's type for a use of a lane. name: id of the type."""
     row: dict[str, object] = {
         "id": name,
         "speed": use.limit or _usual_speed(use.users),
@@ -98,7 +99,7 @@ def _usual_speed(users: Sequence[str]) -> float:
 
 
 def _note_unread(writer: PlainWriter, name: str, junction: ElementTree.Element) -> None:
-    """Note the unread parts of a junction that netconvert gets."""
+    """Count the unread parts of a junction that netconvert gets in the writer's problems."""
     problems = writer.problems[f"junction {name}"]
     if junction.find("priority") is not None:
         problems["junctions have priorities, which are not read"] += 1
@@ -107,7 +108,7 @@ def _note_unread(writer: PlainWriter, name: str, junction: ElementTree.Element) 
 
 
 def _note_left_out(writer: PlainWriter, name: str, junction: ElementTree.Element) -> None:
-    """Note a junction that netconvert does not get, at one of its roads."""
+    """Count a junction that netconvert does not get in the problems of one of its roads."""
     roads = [road[0] for road in writer.roads.values() if road[0].junction == name]
     if _read_kind(junction) == "virtual":
         text = (

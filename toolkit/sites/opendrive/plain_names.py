@@ -17,7 +17,7 @@ def is_number(text: str) -> bool:
 
 
 def name_junction(name: str) -> str:
-    """Name of a junction that SUMO can hold."""
+    """Name of a junction that SUMO can hold: `name` itself, or else the numbers of its letters."""
     if SAFE_NAME.fullmatch(name):
         return name
     return "junction" + "".join(f"_{ord(letter)}" for letter in name)

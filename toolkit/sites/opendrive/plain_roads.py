@@ -13,9 +13,10 @@ from toolkit.sites.opendrive.plain_names import name_junction
 from toolkit.sites.opendrive.plain_signals import write_plain_signals
 
 MIN_CURVATURE_PER_M = 1e-10  # less curvature is ignored
-MIN_GEOMETRY_M = 1e-6
+MIN_GEOMETRY_M = 1e-6  # a shorter piece of a reference line is left out
 
 _GEOMETRY_KEYS = ("s", "x", "y", "hdg", "length")
+# shape of a <geometry>: its numbers
 _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "line": (),
     "arc": ("curvature",),
@@ -28,13 +29,14 @@ _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
 def write_plain_road(
     writer: PlainWriter, road: Carriageway, left_out: Collection[str], defaults: Mapping[str, float]
 ) -> str:
-    """<road> of OpenDRIVE 1.4 for a carriageway.
+    """Text of the <road> of OpenDRIVE 1.4 for a carriageway.
 
-    left_out: ids of junctions that netconvert does not get. defaults: limits (m/s) by type of
-    road."""
+    writer: collects uses of lanes and problems meanwhile; left_out: ids of junctions that
+    netconvert does not get; defaults: limits (m/s) by type of road."""
     name = road.element.get("id", "")
     problems = writer.problems[name]
     is_first = writer.roads[name][0] is road
+    # problems of links and signals count once for a road, however many carriageways it has
     links = dict(find_links(writer, road, left_out, problems if is_first else Counter()))
     row = {
         "id": road.name,
@@ -59,7 +61,9 @@ def write_plain_road(
 
 
 def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
-    """<geometry> elements of a reference line, without those of no length."""
+    """Yield the texts of the <geometry> elements of a <road>, in order of s.
+
+    Elements without length are left out, unless all are."""
     pieces = sorted(road.findall("planView/geometry"), key=lambda piece: read_number(piece, "s"))
     long_pieces = [piece for piece in pieces if read_number(piece, "length") > MIN_GEOMETRY_M]
     for piece in long_pieces or pieces[:1]:
@@ -70,7 +74,10 @@ def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
 
 
 def _write_shape(shape: ElementTree.Element) -> str:
-    """Shape of a <geometry>; bends that netconvert takes for none become lines or arcs."""
+    """Text of the shape inside a <geometry>.
+
+    Spirals of even curvature become arcs, and arcs that do not bend become lines, since netconvert
+    takes such bends for none."""
     kind = shape.tag
     values = {key: read_number(shape, key, 0.0) for key in _SHAPE_KEYS[kind]}
     if kind == "spiral":

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 from toolkit.sites.network import format_element
 from toolkit.sites.opendrive.plain_names import SAFE_NAME, WHOLE_NUMBER, is_number
 
+# types of signals that are traffic lights, in OpenDRIVE's list
 TRAFFIC_LIGHTS = (
     "1000001",
     "1000002",
@@ -25,9 +26,10 @@ PRIORITY_SIGNS = ("205", "301", "306")  # German signs that netconvert reads
 
 
 def write_plain_signals(road: ElementTree.Element, sign: int) -> Iterator[str]:
-    """Traffic lights and signs of priority; netconvert ignores all other signs.
+    """Yield the texts of a <road>'s traffic lights, signs of priority and references to signals.
 
-    sign: see `PlainWriter`."""
+    netconvert ignores all other signs. sign: -1 if netconvert mirrors the map, as traffic keeps
+    left, so that ids of lanes get the opposite sign; else 1."""
     for signal in road.findall("signals/signal"):
         kind = signal.get("type", "")
         is_read = kind in TRAFFIC_LIGHTS or kind in PRIORITY_SIGNS
@@ -57,7 +59,7 @@ def _is_placed(signal: ElementTree.Element) -> bool:
 
 
 def _write_validity(signal: ElementTree.Element, sign: int) -> Iterator[str]:
-    """Lanes for which a signal holds."""
+    """Yield the texts of the lanes for which a signal holds. sign: factor of their ids."""
     for validity in signal.findall("validity"):
         ends = [validity.get("fromLane", ""), validity.get("toLane", "")]
         if all(WHOLE_NUMBER.fullmatch(end) for end in ends):

@@ -11,7 +11,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites.opendrive.cubics import Cubics, read_number
 
 CURVE_STEP_M = 0.25  # between the points at which a curve is summed up
-MIN_CURVE_STEPS = 16
+MIN_CURVE_STEPS = 16  # of a short curve too
 
 _U_KEYS = ("aU", "bU", "cU", "dU")
 _V_KEYS = ("aV", "bV", "cV", "dV")
@@ -35,12 +35,12 @@ class Piece:
     """One <geometry> of a road.
 
     Attributes:
-        start: m along s.
-        x: x of its start.
-        y: y of its start.
-        heading: direction at its start.
-        length: m.
-        shape: element inside."""
+        start: s of its start (m).
+        x: x of its start (m, map frame).
+        y: y of its start (m, map frame).
+        heading: direction at its start (rad, counter-clockwise from +x).
+        length: length along the line (m), as the file gives it.
+        shape: element inside: line, arc, spiral, poly3 or paramPoly3."""
 
     start: float
     x: float
@@ -50,7 +50,7 @@ class Piece:
     shape: ElementTree.Element
 
     def at(self, ds: Float[np.ndarray, " k"]) -> Float64[np.ndarray, "k 3"]:
-        """x, y and direction `ds` m from its start."""
+        """Rows x, y (m, map frame), direction (rad) `ds` m along the line from its start."""
         offsets = self._find_offsets(ds)
         cos = np.cos(self.heading)
         sin = np.sin(self.heading)
@@ -73,7 +73,7 @@ class Piece:
         return float(np.sum(speeds * np.diff(grid)))
 
     def _find_offsets(self, ds: np.ndarray) -> _Offsets:
-        """Places `ds` m from the start, relative to it."""
+        """Places `ds` m along the curve from its start, relative to the start and its direction."""
         match self.shape.tag:
             case "arc":
                 return self._follow_arc(ds)
@@ -88,12 +88,13 @@ class Piece:
     def _follow_arc(self, ds: np.ndarray) -> _Offsets:
         """Places along an arc."""
         turn = read_number(self.shape, "curvature") * ds
+        # sinc(x) is sin(pi x) / (pi x), so that a curvature of 0 gives a line
         u = ds * np.sinc(turn / np.pi)
         v = ds * np.sin(turn / 2) * np.sinc(turn / 2 / np.pi)
         return _Offsets(u, v, turn)
 
     def _follow_spiral(self, ds: np.ndarray) -> _Offsets:
-        """Places along a spiral, summed by the midpoint rule."""
+        """Places along a spiral, whose curvature changes evenly, summed by the midpoint rule."""
         curvature = read_number(self.shape, "curvStart")
         change = read_number(self.shape, "curvEnd") - curvature
         rate = change / max(self.length, 1e-9)
@@ -106,13 +107,15 @@ class Piece:
         return _Offsets(np.interp(ds, grid, u), np.interp(ds, grid, v), turn)
 
     def _follow_cubic(self, ds: np.ndarray) -> _Offsets:
-        """Places along a cubic v(u)."""
+        """Places along a cubic v(u); u is found from the length along the curve."""
         v = _read_cubic(self.shape, "abcd")
         u = _find_parameter(ds, lambda grid: np.hypot(1.0, v.slope(grid)), self.length)
         return _Offsets(u, v.at(u), np.arctan(v.slope(u)))
 
     def _follow_parametric_cubic(self, ds: np.ndarray) -> _Offsets:
-        """Places along cubics u(p) and v(p)."""
+        """Places along cubics u(p) and v(p).
+
+        p is the length along the curve (pRange arcLength), or runs from 0 to 1 over it."""
         u = _read_cubic(self.shape, _U_KEYS)
         v = _read_cubic(self.shape, _V_KEYS)
         p = ds
@@ -126,7 +129,7 @@ class Piece:
 def step_aside(
     places: Float[np.ndarray, "k 3"], t: Float[np.ndarray, " k"]
 ) -> Float64[np.ndarray, "k 2"]:
-    """Places `t` m to the left of x, y and direction."""
+    """Places x, y that are `t` m to the left of places x, y (m), direction (rad)."""
     x, y, heading = places.T
     return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
 
@@ -152,11 +155,15 @@ def _find_parameter(
 
 
 def _make_grid(end: float, length: float) -> Float64[np.ndarray, " n"]:
-    """Parameters from 0 to `end` of a curve that is about `length` m long."""
+    """Evenly spaced parameters from 0 to `end` of a curve that is about `length` m long.
+
+    They are about `CURVE_STEP_M` apart along the curve, or less if it is short."""
     return np.linspace(0.0, end, max(int(length / CURVE_STEP_M), MIN_CURVE_STEPS) + 1)
 
 
 def _read_cubic(shape: ElementTree.Element, keys: Sequence[str]) -> Cubics:
-    """Cubic polynomial whose coefficients are attributes of an element."""
+    """Read the cubic polynomial whose coefficients are attributes of an element.
+
+    keys: their names, from the constant up; a missing one is 0."""
     coefficients = [read_number(shape, key, 0.0) for key in keys]
     return Cubics(np.zeros(1), np.array([coefficients]))

@@ -42,17 +42,17 @@ LAMPS = ("streetLamp", "streetlamp")
 UNNAMED_TYPES = ("-1", "")  # types without meaning, as in CARLA's maps
 MIN_SIGN_BASE_M = 2.1  # height of the lower edge of a sign or a signal head
 MAX_SIGN_BASE_M = 12.0
-SIGN_SIZE_M = (0.2, 4.0)  # least and greatest width and height
+SIGN_SIZE_M = (0.2, 4.0)  # least and greatest width, and height, of a sign
 
 
 @dataclass
 class RoadObjects:
-    """Objects next to the roads, in the map's frame.
+    """Objects next to the roads, in the map's frame or, once moved, in the site's.
 
     Attributes:
         groups: solids that are kept or left out together.
-        bays: x, y, yaw of parking bays.
-        lamps: x, y of street lamps.
+        bays: x, y (m), yaw (rad) of parking bays.
+        lamps: x, y (m) of street lamps.
         understood: number of known objects by type.
         unknown: number of unknown objects by type and name.
         damaged: fault of each object or signal that was left out."""
@@ -65,7 +65,10 @@ class RoadObjects:
     damaged: list[str] = field(default_factory=list)
 
     def add_object(self, road: MapRoad, element: ElementTree.Element) -> None:
-        """Add an object of a road, and its repeats. Raises ValueError for a damaged one."""
+        """Add an <object> of a road, and its repeats, and count it by its type.
+
+        Objects of an unknown type are only counted, flat ones give no solids. Raises ValueError for
+        a damaged one."""
         kind = element.get("type", "") or "none"
         if kind == "parkingSpace":
             self._add_bays(road, element)
@@ -89,13 +92,13 @@ class RoadObjects:
         self.bays += [(place.x, place.y, place.heading + turn) for place in places]
 
     def add_signal(self, road: MapRoad, element: ElementTree.Element) -> None:
-        """Add a signal of a road. Raises ValueError for a damaged one."""
+        """Add a <signal> of a road. Raises ValueError for a damaged one."""
         self.groups.append(_make_signal(road, element))
         self.understood["signal"] += 1
 
 
 def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
-    """Objects and signals of roads. Of damaged ones, only the fault is kept."""
+    """Read the objects and signals of roads. Only the fault is kept of damaged ones."""
     objects = RoadObjects()
     for road in roads:
         for element in road.element.findall("objects/object"):
@@ -114,10 +117,11 @@ def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
 
 
 def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Post and plate of a signal."""
+    """Make the post and the plate, or signal head, of a signal in the map's frame."""
     s = read_number(element, "s")
     t = read_number(element, "t")
     place = place_on_road(road, s, t, read_number(element, "hOffset", 0.0))
+    # a signal for traffic along s faces against s
     is_forward = element.get("orientation", "+") == "+"
     facing = place.heading + (np.pi if is_forward else 0.0)
     is_head = element.get("dynamic") == "yes"
@@ -133,7 +137,7 @@ def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
 
 
 def move_objects_to_site(objects: RoadObjects, map_SE3_site: Pose) -> RoadObjects:
-    """Move objects into the site's frame."""
+    """Return objects of the map's frame in the site's frame. Heights remain as they are."""
     rotation = map_SE3_site[:2, :2]
     origin = map_SE3_site[:2, 3]
     yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
@@ -159,7 +163,10 @@ def select_solids(
     lanes: Sequence[np.ndarray],
     tracks: shapely.Geometry,
 ) -> tuple[list[Solid], list[str]]:
-    """Solids within `window` and off the lanes, and notes."""
+    """Select the solids within `window` and off the road; return them and notes of all others.
+
+    window: ground in the site's frame, as the objects are; lanes: polygons of the carriageway;
+    tracks: ground that vehicles drive on. A group with any solid on the road is left out."""
     road = unite(lanes).union(tracks).buffer(-1e-3)
     shapely.prepare(road)
     solids: list[Solid] = []

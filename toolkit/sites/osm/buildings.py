@@ -23,9 +23,10 @@ _NO_BUILDING = ("", "no", "none", "demolished", "entrance")
 def make_buildings(
     extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 ) -> tuple[list[Solid], list[str]]:
-    """Buildings that reach into `window`, cut off at `road`, and notes.
+    """Make the solids of buildings that reach into `window`, cut off at `road`, and notes.
 
-    A building with parts (building:part) is made of them, and of the rest of its outline."""
+    A building with parts (building:part) is made of them, and of the rest of its outline. window,
+    road: ground in the extract's frame."""
     solids = []
     cut_count = 0
     reach = window.buffer(MAX_OVERHANG_M)
@@ -42,7 +43,7 @@ def make_buildings(
 
 
 def _list_parts(extract: Extract, window: shapely.Geometry) -> list[tuple[shapely.Geometry, Tags]]:
-    """Parts of buildings within `window`, then buildings without the ground of the parts."""
+    """List ground and tags of parts of buildings, then of buildings without their parts' ground."""
     near_areas = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
     parts = [
         (shape, tags)
@@ -57,7 +58,7 @@ def _list_parts(extract: Extract, window: shapely.Geometry) -> list[tuple[shapel
 
 
 def _is_building(tags: Tags) -> bool:
-    """True for a building above the ground."""
+    """True for the tags of a building above the ground."""
     return (
         tags.get("building", "") not in _NO_BUILDING
         and tags.get("location") != "underground"
@@ -66,7 +67,7 @@ def _is_building(tags: Tags) -> bool:
 
 
 def _read_heights(tags: Tags) -> tuple[float, float]:
-    """Base and top of a building or a part of one (m)."""
+    """Base and top (m above the ground) of a building or a part of one, by its tags."""
     storeys = metres(tags.get("building:levels"))
     top = metres(tags.get("height")) or metres(tags.get("building:height"))
     if not top:

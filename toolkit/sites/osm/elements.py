@@ -15,13 +15,14 @@ from xml.etree import ElementTree
 
 from toolkit.runtime.text_values import parse_json
 
-MAX_MAP_BYTES = 1 << 26
-MAX_ELEMENT_TAGS = 200_000
-MAX_SILENT_BYTES = 1 << 22  # without a tag
+MAX_MAP_BYTES = 1 << 26  # 64 MiB, unpacked
+MAX_ELEMENT_TAGS = 200_000  # in one element of the map
+MAX_SILENT_BYTES = 1 << 22  # 4 MiB without a tag
 
 _CHUNK_BYTES = 1 << 20
 _HEAD_BYTES = 65536
 _OTHER_KINDS = (".pbf", ".o5m", ".o5c", ".zip", ".7z", ".osc", ".osh", ".geojson", ".shp", ".gpkg")
+# kind of a file that is no XML: bytes among its first 32
 _SIGNATURES = {
     "OSM PBF": b"OSMHeader",
     "o5m": b"o5m2",
@@ -33,9 +34,10 @@ _KINDS_IN_JSON = ("node", "way", "relation")
 
 
 def read_elements(path: Path) -> Iterator[ElementTree.Element]:
-    """Yield the file's elements, each released before the next.
+    """Yield the nodes, ways, relations and bounds of a map file as XML elements, in its order.
 
-    Raises ValueError if the file is no map."""
+    An element is emptied when the next one is read. Raises ValueError if the file is no map, is
+    damaged or exceeds a limit."""
     name = path.name.lower().removesuffix(".gz").removesuffix(".bz2")
     if name.endswith(_OTHER_KINDS):
         formats = "only .osm, .osm.xml and .osm.gz are read, also as .bz2, and JSON of Overpass"
@@ -52,7 +54,7 @@ def read_elements(path: Path) -> Iterator[ElementTree.Element]:
 
 
 def _open(path: Path) -> BinaryIO:
-    """Open a file that may be packed."""
+    """Open a file, packed by gzip or bzip2 or not, to read its content."""
     with path.open("rb") as stream:
         signature = stream.read(3)
     if signature[:2] == b"\x1f\x8b":
@@ -62,7 +64,7 @@ def _open(path: Path) -> BinaryIO:
 
 @dataclass
 class _Consumption:
-    """Bytes and tags of an XML file that were read.
+    """Bytes and tags of an XML file that were read so far, held against the limits.
 
     Attributes:
         total_bytes: bytes of the file.
@@ -84,7 +86,7 @@ class _Consumption:
         self.element_tags += 1
 
     def check(self, path: Path) -> None:
-        """Raise ValueError beyond a limit."""
+        """Raise ValueError, which names the file, if a count is beyond its limit."""
         if (
             self.total_bytes > MAX_MAP_BYTES
             or self.silent_bytes > MAX_SILENT_BYTES
@@ -100,7 +102,7 @@ class _Consumption:
 
 
 def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
-    """Elements of XML. head: the file's first bytes."""
+    """Yield the elements of an XML file. head: its first bytes, unpacked."""
     _check_xml(path, head)
     parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(
         ("start", "end")
@@ -120,14 +122,16 @@ def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
                     _check_remark(path, element.text)
                 if event == "end" and element.tag in _KINDS_IN_XML:
                     yield element
-                    root.clear()
+                    root.clear()  # releases the elements read so far
                     consumption.element_tags = 0
             consumption.check(path)
     parser.close()
 
 
 def _check_xml(path: Path, head: bytes) -> None:
-    """Raise ValueError for a file that is no OpenStreetMap XML. head: its first bytes."""
+    """Raise ValueError for a file that is no OpenStreetMap XML, or has a DOCTYPE.
+
+    head: its first bytes, unpacked."""
     for kind, signature in _SIGNATURES.items():
         if signature in head[:32]:
             raise ValueError(
@@ -143,7 +147,9 @@ def _check_xml(path: Path, head: bytes) -> None:
 
 
 def _check_remark(path: Path, remark: object) -> None:
-    """Raise ValueError for Overpass's remark that it could not finish."""
+    """Raise ValueError for a remark of Overpass that it could not finish, pass all others.
+
+    remark: text, or another value for a file without one."""
     if remark and "error" in str(remark).lower():
         quoted = " ".join(str(remark).split())[:90]
         raise ValueError(
@@ -152,7 +158,7 @@ def _check_remark(path: Path, remark: object) -> None:
 
 
 def _read_json(path: Path) -> Iterator[ElementTree.Element]:
-    """Elements of Overpass's JSON, in the form of XML."""
+    """Yield the elements of Overpass's JSON as XML elements of the same content."""
     with _open(path) as stream:
         content = stream.read(MAX_MAP_BYTES + 1)
     if len(content) > MAX_MAP_BYTES:
@@ -176,7 +182,7 @@ def _read_json(path: Path) -> Iterator[ElementTree.Element]:
 
 
 def _convert_row(row: Mapping[str, Any]) -> ElementTree.Element:
-    """Element as in XML for an entry of JSON."""
+    """Make the XML element of an entry of Overpass's JSON, a node, way or relation."""
     attributes = {key: str(row[key]) for key in ("id", "lat", "lon", "visible") if key in row}
     if row.get("visible") is False:
         attributes["visible"] = "false"
@@ -194,7 +200,10 @@ def _convert_row(row: Mapping[str, Any]) -> ElementTree.Element:
 
 
 def _add_nodes(element: ElementTree.Element, nodes: Any, positions: Any) -> None:
-    """Add a way's nodes: their ids, and positions if Overpass gave them ("out geom")."""
+    """Add a way's nodes to its element: ids, and positions if Overpass gave them ("out geom").
+
+    nodes: list of ids; positions: list of dicts with lat and lon, or of null; either may be empty
+    or shorter. A node without an id is named by its position."""
     for k in range(max(len(nodes), len(positions))):
         position = positions[k] if k < len(positions) and isinstance(positions[k], dict) else {}
         lat_lon = {key: str(position[key]) for key in ("lat", "lon") if key in position}

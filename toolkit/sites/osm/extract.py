@@ -16,11 +16,11 @@ class Way:
     """Line or outline of a map.
 
     Attributes:
-        line: (k, 2) metres.
-        nodes: ids of its k nodes.
+        line: (k, 2) points x, y (m) in the frame of the extract.
+        nodes: ids of its k nodes, one for each point.
         tags: its tags.
-        name: its id in the map.
-        rules: rules of a piece of road."""
+        name: its id in the map, the same for all pieces of a way.
+        rules: who may drive on it and how fast, for a piece of road; None for other ways."""
 
     line: Float64[np.ndarray, "k 2"] = field(repr=False)
     nodes: tuple[str, ...]
@@ -30,7 +30,7 @@ class Way:
 
     @property
     def is_closed(self) -> bool:
-        """True if the way ends at its first node."""
+        """True if the way ends at its first node and has three corners or more."""
         return len(self.nodes) > 3 and self.nodes[0] == self.nodes[-1]
 
 
@@ -53,16 +53,16 @@ class Restriction(NamedTuple):
 
 @dataclass(frozen=True)
 class Extract:
-    """Map in metres around its centre.
+    """Map in metres around its centre, which is the origin of its frame.
 
     Attributes:
-        centre: longitude, latitude.
-        heading: direction of x (rad counter-clockwise from east).
+        centre: longitude, latitude (degrees).
+        heading: direction of x (rad, counter-clockwise from east).
         ways: all ways with two or more known nodes.
         areas: areas with their holes, and their tags.
-        places: tagged single points.
-        notes: oddities of the map.
-        node_tags: tags of nodes by id.
+        places: point x, y (m) and tags of each node that has tags.
+        notes: texts that name and count what was left out or changed.
+        node_tags: tags of the nodes that have any, by id.
         restrictions: rules of turning."""
 
     centre: tuple[float, float]

@@ -27,11 +27,10 @@ _BUILT_KEYS = {"highway", "building"}
 
 
 def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> Extract:
-    """Read a map in metres around `centre` (longitude, latitude).
+    """Read a map in metres around `centre` (longitude, latitude in degrees).
 
-    The file is .osm, also .gz or .bz2, or JSON of Overpass.
-
-    heading: direction of x (rad counter-clockwise from east).
+    path: a file .osm, also .gz or .bz2, or JSON of Overpass; heading: direction of x (rad,
+    counter-clockwise from east).
 
     Raises ValueError if the file is of another kind, is damaged, incomplete or empty, or `centre`
     is outside it."""
@@ -64,8 +63,11 @@ def _check_centre(
     bounds: list[list[float]],
     lon_lats: Float64[np.ndarray, "n 2"],
 ) -> None:
-    """Raise ValueError for a centre outside the map's bounds, or else its nodes."""
+    """Raise ValueError for a centre outside the map's bounds, or its nodes if it has no bounds.
+
+    bounds: west, south, east, north (degrees), one or several; lon_lats: degrees of all nodes."""
     has_bounds = bool(bounds) and bool(np.isfinite(bounds).all())
+    # rows west, south, east, north; a node is its whole bounds
     corners = np.array(bounds) if has_bounds else np.tile(lon_lats, 2)
     low = corners[:, :2].min(axis=0)
     high = corners[:, 2:].max(axis=0)
@@ -79,13 +81,13 @@ def _check_centre(
 
 
 def _is_between(centre: tuple[float, ...], low: np.ndarray, high: np.ndarray) -> bool:
-    """True for a place within bounds (degrees), or hardly outside."""
+    """True for a place within bounds, or at most `EDGE_MARGIN_DEG` outside (all in degrees)."""
     is_inside = (low - EDGE_MARGIN_DEG <= centre) & (centre <= high + EDGE_MARGIN_DEG)
     return bool(is_inside.all())
 
 
 def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarray) -> str:
-    """Remedy for a centre outside a map that spans from `low` to `high`."""
+    """Words of a remedy for a centre outside a map that spans from `low` to `high` (degrees)."""
     swapped = centre[::-1]
     if _is_between(swapped, low, high):
         return f"longitude comes first, give --centre {swapped[0]:g} {swapped[1]:g}"
@@ -98,7 +100,9 @@ def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarr
 
 
 def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str, Way]:
-    """Ways in metres by id; the later parts of a cut road are named ID~1, ID~2 and so on."""
+    """Make the ways in metres, by id; later parts of a cut road are named ID~1, ID~2 and so on.
+
+    positions: x, y (m) of nodes by id. Cuts and leaps are counted in the map's oddities."""
     ways: dict[str, Way] = {}
     oddities = raw_map.oddities
     for name, raw_way in raw_map.ways.items():
@@ -112,13 +116,17 @@ def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str
             line = np.array([positions[node] for node in nodes])
             key = f"{name}~{number}" if number else name
             ways[key] = Way(line, tuple(nodes), raw_way.tags, name)
+            # a distance too long is a fault of the map, which is kept
             leaps = np.hypot(*np.diff(line, axis=0).T).max() > MAX_LEAP_M
             oddities[LEAPS_NOTE] += leaps and bool(_BUILT_KEYS & raw_way.tags.keys())
     return ways
 
 
 def _list_runs(way: RawWay, positions: Collection[str]) -> list[list[str]]:
-    """Known nodes of a way; a road is cut at nodes that the map lacks."""
+    """Ids of the known nodes of a way, in one run or, for a cut road, in several.
+
+    A road is cut at nodes that the map lacks; other ways go straight past them. positions: known
+    nodes."""
     if "highway" not in way.tags:
         return [[node for node in way.nodes if node in positions]]
     runs: list[list[str]] = [[]]
@@ -131,14 +139,17 @@ def _list_runs(way: RawWay, positions: Collection[str]) -> list[list[str]]:
 
 
 def _drop_repeats(nodes: list[str]) -> list[str]:
-    """Nodes without those that follow themselves."""
+    """Return nodes without those that are the same as the node before."""
     return [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
 
 
 def _list_areas(
     ways: Mapping[str, Way], multipolygons: Iterable[Multipolygon]
 ) -> Iterator[tuple[shapely.Polygon, Tags]]:
-    """Areas of closed ways and of multipolygons, with their tags."""
+    """Yield the areas of closed ways and of multipolygons, with their tags.
+
+    Closed roads are rings to drive on, unless tagged area=yes. Multipolygons other than buildings
+    also have the tags of their first way, as older maps put them there."""
     for way in ways.values():
         is_road = way.tags.get("highway") is not None and way.tags.get("area") != "yes"
         if way.is_closed and not is_road:
@@ -157,13 +168,13 @@ def _list_areas(
 
 
 def _enclose_rings(ways: Iterable[Way]) -> shapely.Geometry:
-    """Ground enclosed by rings, which may be made of several ways."""
+    """Union of the ground enclosed by rings, which may be made of several ways each."""
     lines = [shapely.LineString(way.line) for way in ways]
     rings = shapely.get_parts(shapely.polygonize(lines))
     return shapely.union_all([shapely.Polygon(ring.exterior) for ring in rings])
 
 
 def _list_valid(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    """Polygons in a shape that may cross itself, without specks."""
+    """List the polygons in a shape that may cross itself, above `MIN_MAP_AREA_M2`."""
     polygons = nets.list_polygons(shapely.make_valid(shape))
     return [polygon for polygon in polygons if polygon.area > MIN_MAP_AREA_M2]

@@ -14,7 +14,9 @@ from toolkit.sites.osm.road_rules import RoadRules, name_types
 
 
 def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
-    """Format pieces of roads as OSM XML."""
+    """Format pieces of roads as the text of an OSM XML file that netconvert reads.
+
+    pieces: with their rules, in the extract's frame; nodes and ways get new numbers."""
     pieces = list(pieces)
     positions: dict[str, np.ndarray] = {}
     for piece in pieces:
@@ -29,10 +31,13 @@ def write_osm(pieces: Iterable[Way], extract: Extract) -> str:
 
 
 def _format_nodes(positions: Mapping[str, np.ndarray], extract: Extract) -> Iterator[str]:
-    """OSM nodes in degrees, numbered in their order, with the traffic lights of the map."""
+    """Yield OSM nodes in degrees, numbered from 1 in their order, with the map's traffic lights.
+
+    positions: x, y (m) in the extract's frame by id."""
     points = np.array(list(positions.values())).reshape(-1, 2)
     map_points = points @ plane_rotation(extract.heading).T
     degrees = inverse_project(map_points, extract.centre)
+    # places of traffic lights, rounded to find the same place again
     signals = {
         tuple(xy.round(3))
         for xy, tags in extract.places
@@ -46,7 +51,9 @@ def _format_nodes(positions: Mapping[str, np.ndarray], extract: Extract) -> Iter
 
 
 def _format_ways(pieces: Sequence[Way], numbers: Mapping[str, int]) -> Iterator[str]:
-    """OSM ways, numbered in their order. numbers: of the nodes."""
+    """Yield OSM ways, numbered from 1 in their order. numbers: numbers of the nodes by id.
+
+    Their highway is the name of SUMO's edge type for their rules."""
     types = name_types(cast("RoadRules", piece.rules) for piece in pieces)
     for number, piece in enumerate(pieces, start=1):
         tags = {**piece.tags, "highway": types[cast("RoadRules", piece.rules)]}
@@ -59,7 +66,9 @@ def _format_ways(pieces: Sequence[Way], numbers: Mapping[str, int]) -> Iterator[
 def _format_restrictions(
     pieces: Sequence[Way], numbers: Mapping[str, int], restrictions: Iterable[Restriction]
 ) -> Iterator[str]:
-    """OSM relations of the turns between pieces. numbers: of the nodes."""
+    """Yield OSM relations of the turns between pieces, one for each pair that meets at the node.
+
+    numbers: numbers of the nodes by id."""
     piece_numbers: dict[tuple[str, str], list[int]] = {}  # by id of a way and a node on it
     for number, piece in enumerate(pieces, start=1):
         for node in piece.nodes:

@@ -13,6 +13,7 @@ from toolkit.sites.osm.road_rules import (
 MAX_NAME_CHARACTERS = 60
 
 _FOOTWAY_SIDES = ("both", "left", "right")
+# value of sidewalk: footways in netconvert's words
 _PLAIN_SIDEWALKS = {
     **{side: side for side in (*_FOOTWAY_SIDES, "no")},
     "none": "no",
@@ -23,9 +24,10 @@ _OPPOSITE = {"left": "right", "right": "left"}
 
 
 def make_road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[str, str]:
-    """Tags of a road meant for netconvert.
+    """Make the tags of a road that netconvert gets: class, direction, lanes, footways and name.
 
-    reading: rules of the road. lefthand: traffic keeps left."""
+    tags: the map's; reading: rules of the road, whose line is turned round if it is one-way
+    against it; lefthand: traffic keeps left."""
     kind = tags["highway"]
     junction = tags.get("junction", "").strip().lower()
     if reading.oneway == "no":
@@ -50,16 +52,16 @@ def make_road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[
 
 
 def _is_walked(tags: Tags) -> bool:
-    """True for a road of a class that has footways, and that people may walk along."""
+    """True for the tags of a road of a class with footways, which people may walk along."""
     has_footways = ROADS[tags["highway"]][3]
     is_barred = tags.get("foot") in ("no", "use_sidepath") or tags.get("motorroad") == "yes"
     return has_footways and not is_barred
 
 
 def _read_sidewalk(tags: Tags, usual_side: str) -> str | None:
-    """Footways along a road: both, left, right or no; None if unknown.
+    """Sides of a road with footways by its tags: both, left, right or no; None if unknown.
 
-    usual_side: footways along roads of its class."""
+    Sides are as the line runs in the map. usual_side: footways along roads of its class."""
     plain = tags.get("sidewalk", "")
     if plain in _PLAIN_SIDEWALKS:
         return _PLAIN_SIDEWALKS[plain]

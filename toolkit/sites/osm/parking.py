@@ -21,20 +21,23 @@ Angle = int | None  # degrees between bay and kerb, of `BAY_DEPTHS_M`; None: no 
 MAX_PARKING_GAP_M = 8.0  # from a lane to its road's line, and to an area of parking next to it
 MIN_ALIGNMENT = 0.85  # cosine between a lane and its road
 
+# value of orientation: degrees between bay and kerb
 _ORIENTATIONS = {"parallel": 0, "diagonal": 45, "perpendicular": 90}
 _NEXT_TO_ROAD = ("lane", "street_side", "on_kerb", "half_on_kerb", "shoulder", "layby")
 _FORBIDDEN = ("no_parking", "no_stopping", "no_standing")
 
 
 class Sides(NamedTuple):
-    """Parking on both sides of a lane. The kerb is on the right if traffic keeps right."""
+    """Parking on both sides of a lane: angle between bays and kerb, None for no parking.
+
+    kerb: on the right if traffic keeps right; inner: on the other side."""
 
     kerb: Angle = None
     inner: Angle = None
 
 
 class ParkingRoad(NamedTuple):
-    """Line of a road, and the parking to the left and right of it."""
+    """Line of a road, and the parking to the left and right of it, as the line runs in the map."""
 
     line: shapely.LineString
     left: Angle
@@ -46,8 +49,8 @@ class Parking:
     """Parking along roads.
 
     Attributes:
-        roads: roads with their parking.
-        areas: areas next to roads, and their angles.
+        roads: roads with their parking, and roads without.
+        areas: areas of parking next to roads, and their angles (degrees) between bay and kerb.
         lefthand: True if traffic keeps left."""
 
     roads: tuple[ParkingRoad, ...]
@@ -59,7 +62,10 @@ class Parking:
         return bool(self.areas) or any(has_parking)
 
     def find_sides(self, lane: shapely.LineString, distance: float) -> Sides:
-        """Parking on both sides of a lane at a distance (m) along it."""
+        """Find the parking on both sides of a lane at a distance (m) along it.
+
+        lane: in the direction of traffic. The nearest road along the lane counts, and on a side
+        without parking there the first area of parking within `MAX_PARKING_GAP_M`."""
         spot = lane.interpolate(distance)
         ahead = _find_direction(lane, distance)
         left, right = self._find_road_angles(spot, ahead)
@@ -73,7 +79,9 @@ class Parking:
     def _find_road_angles(
         self, spot: shapely.Point, ahead: Float64[np.ndarray, "2"]
     ) -> tuple[Angle, Angle]:
-        """Parking left and right of the nearest road along a direction."""
+        """Angles left and right of the nearest road that runs along a direction or against it.
+
+        ahead: unit vector of the direction, as seen in which left and right come back."""
         angles: tuple[Angle, Angle] = (None, None)
         min_distance = MAX_PARKING_GAP_M
         near_roads = self._tree.query(spot, predicate="dwithin", distance=MAX_PARKING_GAP_M)
@@ -88,7 +96,9 @@ class Parking:
         return angles
 
     def _find_area_angle(self, spot: shapely.Point, across: Float64[np.ndarray, "2"]) -> Angle:
-        """Angle of the first area of parking from a spot along a vector."""
+        """Angle of the first area of parking from a spot up to the end of a vector; None if none.
+
+        across: vector x, y (m) to the side of the lane."""
         end = shapely.get_coordinates(spot)[0] + across
         ray = shapely.LineString([spot, shapely.Point(end)])
         distances = [float(ray.intersection(shape).distance(spot)) for shape, _ in self.areas]
@@ -101,13 +111,16 @@ class Parking:
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
+        # lines of `roads`, by their index there, to find the near ones fast
         return shapely.STRtree([road.line for road in self.roads])
 
 
 def find_parking(
     extract: Extract, kinds: Collection[str], window: shapely.Geometry, *, lefthand: bool
 ) -> Parking:
-    """Parking along the roads of `kinds` (highway=...) within `window`."""
+    """Read the parking along the roads of `kinds` (highway=...) that reach into `window`.
+
+    lefthand: traffic keeps left."""
     ways = [way for way in extract.ways if way.tags.get("highway") in kinds]
     roads = [
         ParkingRoad(
@@ -127,12 +140,12 @@ def find_parking(
 
 
 def _is_next_to_road(tags: Tags) -> bool:
-    """True for an area of parking that is part of a street."""
+    """True for the tags of an area of parking that is part of a street."""
     return tags.get("amenity") == "parking" and tags.get("parking") in _NEXT_TO_ROAD
 
 
 def _find_direction(line: shapely.LineString, distance: float) -> Float64[np.ndarray, "2"]:
-    """Unit vector along a line at a distance (m) from its start."""
+    """Unit vector along a line, over 1 m at a distance (m) from its start."""
     spots = line.interpolate([max(distance - 0.5, 0.0), distance + 0.5])
     start, end = shapely.get_coordinates(spots)
     ahead = end - start
@@ -140,7 +153,7 @@ def _find_direction(line: shapely.LineString, distance: float) -> Float64[np.nda
 
 
 def _read_angle(tags: Tags, side: str) -> Angle:
-    """Parking angle on one side of a road."""
+    """Angle of parking on one side of a road, None for no parking. side: "left" or "right"."""
     parking = _read_side_tag(tags, "parking", side)
     if _read_side_tag(tags, "parking", side, ":restriction") in _FORBIDDEN:
         return None
@@ -154,6 +167,8 @@ def _read_angle(tags: Tags, side: str) -> Angle:
 
 
 def _read_side_tag(tags: Tags, key: str, side: str, suffix: str = "") -> str:
-    """Value of a tag for one side of a road, or else for both."""
+    """Value of a tag KEY:SIDE or, without it, KEY:both, in lower case; "" without both.
+
+    suffix: text after the side in the name of the tag."""
     text = tags.get(f"{key}:{side}{suffix}") or tags.get(f"{key}:both{suffix}") or ""
     return text.strip().lower()

@@ -27,7 +27,7 @@ class _Street(NamedTuple):
     Attributes:
         name: id of the edge.
         lanes: its lanes from the kerb inwards.
-        inner: innermost lane for motor vehicles.
+        inner: middle line of the innermost lane for motor vehicles, in the direction of traffic.
         two_way: True if the road's other direction is beyond it."""
 
     name: str
@@ -37,9 +37,10 @@ class _Street(NamedTuple):
 
 
 def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
-    """Angles on both sides of the edges that get strips; the commonest counts.
+    """Find the edges that get strips, and the angle between bays and kerb on both of their sides.
 
-    network: in the extract's frame."""
+    network: net.xml text in the extract's frame. The commonest angle along an edge counts. Strips
+    on the inner side are for one-way streets only."""
     strips = {}
     for street in _list_streets(network):
         stations = np.arange(SIDE_STEP_M / 2, street.inner.length, SIDE_STEP_M)
@@ -53,7 +54,9 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
 
 
 def _find_commonest(samples: Iterable[Angle]) -> Angle:
-    """Commonest angle of samples along a lane; None if too few have parking."""
+    """Return the commonest angle of samples along a lane.
+
+    None if fewer than `MIN_PARKING_SAMPLES` have parking."""
     angles = Counter(angle for angle in samples if angle is not None)
     if angles.total() < MIN_PARKING_SAMPLES:
         return None
@@ -61,14 +64,19 @@ def _find_commonest(samples: Iterable[Angle]) -> Angle:
 
 
 def restrict_network(folder: Path, types: Mapping[RoadRules, str]) -> None:
-    """Give the plain edges that netconvert wrote the rules of their direction."""
+    """Give the plain edges that netconvert wrote the users and limits of their direction.
+
+    folder: with plain.edg.xml, which is changed; types: names of edge types by their rules."""
     edges = ElementTree.parse(folder / "plain.edg.xml")
     restrict_edges(edges.iter("edge"), types)
     edges.write(folder / "plain.edg.xml")
 
 
 def widen_network(folder: Path, strips: Mapping[str, Sides]) -> list[str]:
-    """Options of netconvert for a network with strips."""
+    """Write plain files with strips; return the options of netconvert for that network.
+
+    folder: with netconvert's plain files, next to which the wide ones are written; strips: angles
+    on both sides of edges by id, those without parking left out."""
     edges = ElementTree.parse(folder / "plain.edg.xml")
     connections = ElementTree.parse(folder / "plain.con.xml")
     first_lanes = {}
@@ -95,14 +103,18 @@ def widen_network(folder: Path, strips: Mapping[str, Sides]) -> list[str]:
 def _move_lane(connection: ElementTree.Element, end: str, first_lanes: Mapping[str, int]) -> None:
     """Number the lane at an end of a connection one higher, if a strip at the kerb moves it.
 
-    end: "from" or "to". first_lanes: number of the first lane that moves, by edge."""
+    connection: changed in place; end: "from" or "to"; first_lanes: number of the first lane that
+    moves, by edge."""
     lane = connection.get(f"{end}Lane")
     if lane is not None and int(lane) >= first_lanes[connection.attrib[end]]:
         connection.set(f"{end}Lane", str(int(lane) + 1))
 
 
 def _widen(edge: ElementTree.Element, sides: Sides) -> int:
-    """Give an edge its strips; return the number of the first lane that moves."""
+    """Give an edge its strips, in place; return the number of the first lane that moves.
+
+    The kerb's strip comes before the first lane for cars, between footway and lanes. Without it no
+    lane moves, and the number is beyond them all."""
     lanes = edge.findall("lane")
     if not lanes:
         lanes = [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
@@ -119,7 +131,7 @@ def _widen(edge: ElementTree.Element, sides: Sides) -> int:
 
 
 def _make_strip(angle: Angle) -> list[ElementTree.Element]:
-    """Lane without traffic for bays at an angle; empty without bays."""
+    """Make the lane without traffic for bays at an angle to the kerb; none for None."""
     if angle is None:
         return []
     width = f"{BAY_DEPTHS_M[angle]:.3f}"
@@ -127,7 +139,9 @@ def _make_strip(angle: Angle) -> list[ElementTree.Element]:
 
 
 def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, float]]:
-    """Bays x, y, yaw on a network's parking strips."""
+    """List bays x, y (m), yaw (rad) on a network's parking strips, if the map has parking there.
+
+    network: net.xml text in the extract's frame, with strips."""
     strip_bays: list[tuple[float, float, float]] = []
     for street in _list_streets(network):
         is_inside = False
@@ -136,6 +150,7 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
             is_inside |= "passenger" in users
             if users:
                 continue
+            # a lane without users is a strip, as wide as its bays are deep
             angle = _match_angle(float(lane.get("width", "0")))
             strip = shapely.LineString(nets.parse_shape(lane))
             kerb_left = parking.lefthand != is_inside
@@ -148,12 +163,12 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
 
 
 def _match_angle(width: float) -> int:
-    """Angle of bays on a strip of about `width` (m)."""
+    """Angle (degrees) between kerb and bays on a strip of about `width` (m)."""
     return min(BAY_DEPTHS_M, key=lambda angle: abs(BAY_DEPTHS_M[angle] - width))
 
 
 def _list_streets(network: str) -> Iterator[_Street]:
-    """Edges of a network with a lane for motor vehicles."""
+    """Yield the edges of a network (net.xml text) with a lane for motor vehicles."""
     edges: dict[str, list[ElementTree.Element]] = {}
     driven_lanes: dict[str, list[ElementTree.Element]] = {}
     for edge, lane in nets.list_lanes(network):
@@ -164,6 +179,7 @@ def _list_streets(network: str) -> Iterator[_Street]:
     for name, lanes in edges.items():
         if name not in driven_lanes:
             continue
+        # SUMO marks one direction of a road by -
         opposite = name[1:] if name.startswith("-") else f"-{name}"
         line = nets.parse_shape(driven_lanes[name][-1])
         if len(line) > 1:

@@ -16,7 +16,7 @@ _SQUARES = {"pedestrian", "footway"}
 
 
 def find_walks(extract: Extract, window: shapely.Geometry) -> list[shapely.Polygon]:
-    """Footways and squares within `window` that belong to no road."""
+    """List the ground of footways and squares within `window` that the map has apart from roads."""
     shapes: list[shapely.Geometry] = [
         shape
         for shape, tags in extract.areas
@@ -45,7 +45,10 @@ def _is_walk(way: Way) -> bool:
 def find_parking_spaces(
     extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 ) -> list[Bay]:
-    """Parking spaces (x, y, yaw) within `window`, off `road`."""
+    """List the parking spaces that the map outlines, within `window` and off `road`.
+
+    Each is x, y (m) of its middle and yaw (rad) of its longer side; spaces too long or too narrow
+    for a car are left out."""
     spaces = []
     for shape, tags in extract.areas:
         is_space = tags.get("amenity") == "parking_space"

@@ -37,7 +37,7 @@ class Multipolygon(NamedTuple):
     """Relation of ways that enclose an area.
 
     Attributes:
-        members: ids of ways, and their roles.
+        members: id and role of each way; the role "inner" is for holes.
         tags: tags of the relation."""
 
     members: list[tuple[str, str]]
@@ -50,12 +50,12 @@ class RawMap:
 
     Attributes:
         degrees: longitude and latitude of nodes by id.
-        node_tags: tags of tagged nodes by id.
-        bounds: west, south, east and north of each <bounds>.
+        node_tags: tags of the nodes that have any, by id.
+        bounds: west, south, east and north (degrees) of each <bounds>.
         ways: ways by id.
         multipolygons: areas made of several ways.
         restrictions: turns that the map forbids or prescribes.
-        oddities: number of oddities by the words of their note."""
+        oddities: number of parts that were left out or changed, by the words of their note."""
 
     degrees: dict[str, list[float]] = field(default_factory=dict)
     node_tags: dict[str, Tags] = field(default_factory=dict)
@@ -74,7 +74,7 @@ class RawMap:
         return raw_map
 
     def _add(self, element: ElementTree.Element) -> None:
-        """Add an element, or remove what an editor marked as deleted."""
+        """Add an element of the file, or remove a node or way that an editor marked as deleted."""
         tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
         relation_type = tags.get("type", "") if element.tag == "relation" else ""
         if element.get("action") == "delete" or element.get("visible") == "false":
@@ -94,7 +94,7 @@ class RawMap:
         elif relation_type.startswith("restriction"):
             turns, note = _read_restriction(element, tags)
             self.restrictions += turns
-            self.oddities[note] += bool(note)
+            self.oddities[note] += bool(note)  # "", without a note, remains at 0
 
     def _remove(self, element: ElementTree.Element) -> None:
         """Remove a node or way that an earlier element described."""
@@ -106,9 +106,10 @@ class RawMap:
             self.ways.pop(name, None)
 
     def _add_node(self, element: ElementTree.Element, tags: Tags) -> None:
-        """Add a node, if it is a place on earth."""
+        """Add a node with its tags if it is a place on earth, and count it as odd if not."""
         name = element.get("id", "")
         degrees = _read_degrees(element, "lon", "lat")
+        # a bool counts as 0 or 1; a node may be there twice at the same place
         is_on_earth = not np.isnan(degrees[0])
         self.oddities[OFF_EARTH_NOTE] += not is_on_earth
         self.oddities[TWICE_NOTE] += self.degrees.get(name, degrees) != degrees
@@ -118,7 +119,9 @@ class RawMap:
                 self.node_tags[name] = tags
 
     def _add_way(self, element: ElementTree.Element, tags: Tags) -> None:
-        """Add a way, and the nodes whose places Overpass lists within it ("out geom")."""
+        """Add a way, and the nodes whose places Overpass lists within it ("out geom").
+
+        Nodes that the file has listed before keep their place."""
         name = element.get("id", "")
         self.oddities[TWICE_NOTE] += name in self.ways
         nodes = [row.get("ref", "") for row in element.iter("nd")]
@@ -133,7 +136,9 @@ class RawMap:
 
 
 def _read_degrees(element: ElementTree.Element, lon_key: str, lat_key: str) -> list[float]:
-    """Longitude and latitude in two attributes, NaN if they are no place on earth."""
+    """Longitude and latitude (degrees) in two attributes, both NaN if they are no place on earth.
+
+    lon_key, lat_key: names of the attributes."""
     try:
         longitude = float(element.get(lon_key, "nan"))
         latitude = float(element.get(lat_key, "nan"))
@@ -144,7 +149,10 @@ def _read_degrees(element: ElementTree.Element, lon_key: str, lat_key: str) -> l
 
 
 def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Restriction], str]:
-    """Turns that a relation forbids or prescribes, and a note of unused parts."""
+    """Read the turns that a relation forbids or prescribes; return them and a note of unused parts.
+
+    One relation may have several ways before and after the turn, and gives a turn for each pair.
+    The note is "" if all is used."""
     members = _list_members(element)
     kind = tags.get("restriction", "").strip().lower()
     if not kind:

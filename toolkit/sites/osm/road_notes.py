@@ -45,7 +45,9 @@ _NO_TRAINS = "tracks of trams and trains, which do not run here"
 
 
 def describe_crossings(ways: Sequence[Way]) -> list[str]:
-    """Note of roads that cross without a node in common, at which traffic does not give way."""
+    """Return a note that counts roads that cross without a node in common, none without such.
+
+    Traffic does not give way there."""
     if not ways:
         return []
     lines = [shapely.LineString(way.line) for way in ways]
@@ -58,7 +60,9 @@ def describe_crossings(ways: Sequence[Way]) -> list[str]:
 
 
 def list_unused_places(extract: Extract, window: shapely.Geometry) -> list[str]:
-    """Notes of signs, small roundabouts and rails within `window`, which traffic does not heed."""
+    """List a note for each sign, small roundabout and rail in `window`, which are not heeded.
+
+    The same note comes once for each of its places."""
     notes: list[str] = []
     for spot, tags in extract.places:
         note = _UNUSED_PLACES.get(tags.get("highway", ""))
@@ -91,7 +95,9 @@ def describe_roadless(extract: Extract, window: shapely.Geometry) -> str:
 
 
 def _describe_nearest(lines: Iterable[shapely.LineString], extract: Extract) -> str:
-    """Distance and place on earth of the road nearest to the centre."""
+    """Describe the road nearest to the centre: its distance and place on earth.
+
+    lines: roads' lines, in the extract's frame."""
     middle = shapely.Point(0.0, 0.0)
     nearest_line = min(lines, key=middle.distance)
     link = shapely.get_coordinates(shapely.shortest_line(middle, nearest_line))
@@ -104,7 +110,9 @@ def _describe_nearest(lines: Iterable[shapely.LineString], extract: Extract) -> 
 
 
 def describe_unused(ways: Iterable[Way]) -> list[str]:
-    """Note of ways that are driven on by their name but are no roads here."""
+    """Return a note that counts ways by kinds that may be driven on but are no roads here.
+
+    ways: with a tag highway."""
     unused = Counter[str]()
     for way in ways:
         tags = way.tags
@@ -121,7 +129,9 @@ def describe_unused(ways: Iterable[Way]) -> list[str]:
 
 
 def describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
-    """Note of roundabouts that run against the side that traffic keeps to."""
+    """Return a note that counts roundabouts that run against the side that traffic keeps to.
+
+    lefthand: traffic keeps left, and so drives clockwise."""
     arcs = [way for way in ways if way.tags.get("junction") in ("roundabout", "circular")]
     driven_lines = []
     for way in arcs:

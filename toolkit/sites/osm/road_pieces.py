@@ -13,21 +13,22 @@ from toolkit.sites.osm.extract import Way
 from toolkit.sites.osm.netconvert_tags import make_road_tags
 from toolkit.sites.osm.road_rules import RoadReading
 
-GATE_GAP_M = 0.75  # road left out on either side of a barrier
-SAME_PLACE_M = 1e-6
+GATE_GAP_M = 0.75  # length of road left out on either side of a barrier
+SAME_PLACE_M = 1e-6  # distance below which two points are one
 
 
 class _Corner(NamedTuple):
-    """Point of a road, with the name of its node."""
+    """Point x, y (m) of a road, with the id of its node."""
 
     node: str
     xy: Float64[np.ndarray, "2"]
 
 
 def split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
-    """Parts of a way between barriers, which keep `GATE_GAP_M` off them.
+    """Yield the parts of a way between barriers, which keep `GATE_GAP_M` off them.
 
-    barred: nodes that no car can pass."""
+    barred: ids of nodes that no car can pass. The new ends at a barrier are nodes ID_before and
+    ID_after, so that netconvert does not join the parts."""
     corners: list[_Corner] = []
     for k, node in enumerate(way.nodes):
         xy = way.line[k]
@@ -44,14 +45,16 @@ def split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
 
 
 def _make_part(way: Way, corners: list[_Corner]) -> Iterator[Way]:
-    """Part of a way, if it has two corners or more."""
+    """Yield the part of a way with these corners, if they are two or more, else nothing."""
     if len(corners) > 1:
         nodes = tuple(corner.node for corner in corners)
         yield replace(way, nodes=nodes, line=np.array([corner.xy for corner in corners]))
 
 
 def _step_back(barrier: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
-    """Place on the way from a barrier to a neighbour, a little off the barrier."""
+    """Place x, y on the way from a barrier to a neighbour, a little off the barrier.
+
+    It is `GATE_GAP_M` off, but at most 0.4 of the way, so that both ends keep their order."""
     distance = max(float(np.hypot(*(neighbour - barrier))), 1e-9)
     return barrier + (neighbour - barrier) * min(GATE_GAP_M / distance, 0.4)
 
@@ -59,11 +62,14 @@ def _step_back(barrier: np.ndarray, neighbour: np.ndarray) -> np.ndarray:
 def cut_way(
     way: Way, window: shapely.Geometry, reading: RoadReading, *, lefthand: bool
 ) -> Iterator[Way]:
-    """Parts of a way within `window`, in the direction of its traffic, with netconvert's tags."""
+    """Yield the parts of a road within `window`, in the direction of its traffic.
+
+    They have netconvert's tags and the rules of `reading`. A way that is one-way against its line
+    (oneway -1) is turned round; lefthand: traffic keeps left."""
     tags = make_road_tags(way.tags, reading, lefthand=lefthand)
     step = -1 if reading.oneway == "-1" else 1
     corners = [_Corner(node, xy) for node, xy in zip(way.nodes, way.line, strict=True)]
-    pieces: list[list[_Corner]] = [[]]
+    pieces: list[list[_Corner]] = [[]]  # the last one is still growing
     for start, end in pairwise(corners[::step]):
         inside = shapely.LineString([start.xy, end.xy]).intersection(window)
         if inside.geom_type == "LineString" and not inside.is_empty:
@@ -78,11 +84,13 @@ def cut_way(
 def _add_stretch(
     pieces: list[list[_Corner]], start: _Corner, end: _Corner, inside: Float64[np.ndarray, "_ 2"]
 ) -> None:
-    """Add the stretch of a road from one node to the next to the last piece.
+    """Add the stretch of a road from one node to the next to the last piece, in place.
 
-    A stretch that enters the window begins a piece, one that leaves it ends a piece.
+    A stretch that enters the window begins a piece, one that leaves it ends a piece; the new nodes
+    at its edge are named by the nodes of the stretch.
 
-    inside: ends of the stretch within the window."""
+    start, end: nodes of the stretch; inside: (2, 2) ends of its part within the window, in any
+    order."""
     distances = np.hypot(*(inside - start.xy).T)
     inside = inside[np.argsort(distances)]
     entry = _Corner(start.node, inside[0])
@@ -99,6 +107,6 @@ def _add_stretch(
 
 
 def _add_corner(piece: list[_Corner], corner: _Corner) -> None:
-    """Add a corner to a piece that does not end there already."""
+    """Add a corner to a piece, in place, unless the piece ends at its node already."""
     if not piece or piece[-1].node != corner.node:
         piece.append(corner)

@@ -53,7 +53,8 @@ _ALWAYS = "emergency"  # may take every road
 _LONG = frozenset({"truck", "bus", "coach"})
 _WHEELS = "access vehicle"
 _ENGINES = f"{_WHEELS} motor_vehicle"
-_KEY_TEXTS = {  # SUMO's vehicle class: keys of its access, of which the last one present holds
+# SUMO's vehicle class: keys of its access; the last one present holds
+_KEY_TEXTS = {
     "passenger": f"{_ENGINES} motorcar",
     "taxi": f"{_ENGINES} motorcar psv taxi",
     "bus": f"{_ENGINES} psv bus",
@@ -66,6 +67,7 @@ _KEY_TEXTS = {  # SUMO's vehicle class: keys of its access, of which the last on
 }
 _KEYS = {user: tuple(keys.split()) for user, keys in _KEY_TEXTS.items()}
 ACCESS_KEYS = frozenset(key for keys in _KEYS.values() for key in keys)
+# values of access by their effect: open, open to local traffic, closed
 _OPEN = {
     "yes",
     "permissive",
@@ -108,6 +110,7 @@ _CLOSED = {
 }
 _DELIVERS = {"delivery", "loading", "hgv", "goods"}
 _PUBLIC = {"bus", "psv", "taxi", "public_transport"}
+# values of oneway: along the line of the road, against it, both ways
 _FORWARD = {"yes", "true", "1"}
 _BACKWARD = {"-1", "reverse"}
 _BOTH_WAYS = {"no", "false", "0"}
@@ -180,7 +183,8 @@ BARRIER_UNREAD = (
     "barriers with access that is not understood, open or shut as is usual for their kind"
 )
 CLOSED = "roads closed to cars, as the map says"
-_SIZE_LIMITS = {  # t and m
+# tag: limit (t or m) up to which the road is closed to trucks and buses
+_SIZE_LIMITS = {
     "maxweight": 7.5,
     "maxheight": 3.5,
     "maxlength": 10.0,
@@ -195,10 +199,10 @@ _TRUCK_LIMITS = {f"{key}:hgv": limit for key, limit in _SIZE_LIMITS.items()}
 
 @dataclass(frozen=True)
 class RoadRules:
-    """Rules of a piece of road.
+    """Rules of a piece of road: who may drive on it each way, and how fast.
 
     Attributes:
-        kind: class of road.
+        kind: class of road, a key of `ROADS`.
         users: SUMO's vehicle classes that may drive along its line, and against it.
         speeds: limits (m/s) along its line, and against it.
         number: number of the piece if its two directions differ, else None."""
@@ -219,9 +223,10 @@ class RoadReading:
     """Rules that the tags of a road give.
 
     Attributes:
-        rules: rules of the road.
-        oneway: yes, no, or -1 for one way against its line.
-        notes: kinds of rules that are not used."""
+        rules: rules along the line of the road and against it; for a one-way road, the rules of
+            its traffic in both places.
+        oneway: "yes", "no", or "-1" for one way against the line of the road.
+        notes: texts of kinds of rules that are not used, each once."""
 
     rules: RoadRules
     oneway: str
@@ -229,7 +234,7 @@ class RoadReading:
 
 
 def usual_users(kind: str) -> Users:
-    """SUMO's classes that may take a class of road without tags of access."""
+    """SUMO's vehicle classes that may take a road without tags of access, by its class."""
     if kind == "cycleway":
         return frozenset({"bicycle"})
     if kind == "busway":
@@ -238,14 +243,14 @@ def usual_users(kind: str) -> Users:
 
 
 def usual_rules(kind: str) -> RoadRules:
-    """Rules of a class of road without further tags."""
+    """Rules of a road without further tags, by its class (a key of `ROADS`)."""
     users = usual_users(kind)
     speed = ROADS[kind][1]
     return RoadRules(kind, (users, users), (speed, speed))
 
 
 def read_rules(tags: Tags) -> RoadReading:
-    """Rules of a road of a class in `ROADS`, by its tags."""
+    """Read the rules of a road by its tags. Its class (highway) must be a key of `ROADS`."""
     tags = _read_older_keys(
         {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     )
@@ -261,6 +266,7 @@ def read_rules(tags: Tags) -> RoadReading:
         tags["access"] = "no"
     notes = _list_unused(tags)
     oneway = _read_oneway(tags, notes)
+    # users along the line of the road, and against it; speeds below are in the same order
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
     _close_one_way(tags, oneway, sides, notes)
     against = _list_contraflow(tags)
@@ -279,6 +285,7 @@ def read_rules(tags: Tags) -> RoadReading:
     has_cars = any("passenger" in users for users in driven)
     if tags["highway"] not in ("cycleway", "busway") and not has_cars:
         notes.append(CLOSED)
+    # the line of such a road is turned round for netconvert
     if oneway == "-1":
         sides = sides[::-1]
         speeds = speeds[::-1]
@@ -290,14 +297,17 @@ def read_rules(tags: Tags) -> RoadReading:
 
 
 def _read_older_keys(tags: Tags) -> dict[str, str]:
-    """Tags with keys as they are written today: access:bus as bus, maxspeed:both as maxspeed."""
+    """Return tags with the keys of today: access:bus as bus, maxspeed:both as maxspeed.
+
+    A tag with today's key counts before one with the older key."""
     older = {f"access:{key}": key for key in ACCESS_KEYS} | {"maxspeed:both": "maxspeed"}
     return {older[key]: value for key, value in tags.items() if key in older} | dict(tags)
 
 
 def is_barred(tags: Tags) -> bool:
-    """True for a node of a road that no car can pass, such as a bollard or a gate that is
-    locked."""
+    """True for the tags of a node of a road that no car can pass.
+
+    Such nodes are bollards and locked gates, for example; crossings never bar the road."""
     tags = _read_older_keys(
         {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     )
@@ -319,7 +329,7 @@ def is_barred(tags: Tags) -> bool:
 
 
 def describe_barrier(tags: Tags) -> list[str]:
-    """Kinds of rules of a node of a road that are not used."""
+    """List the kinds of rules in the tags of a node of a road that are not used."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     notes = []
     access = {key: value for key, value in tags.items() if key.partition(":")[0] in ACCESS_KEYS}
@@ -332,8 +342,10 @@ def describe_barrier(tags: Tags) -> list[str]:
 
 
 def number_lanes(tags: Tags) -> dict[str, str]:
-    """Numbers of lanes that are whole, from 1 to 8. If both directions have theirs, all lanes are
-    their sum."""
+    """Numbers of lanes of a road by key: lanes, lanes:forward and lanes:backward.
+
+    Keys without a whole number from 1 to 8 are left out. If both directions have their number,
+    `lanes` is the sum, whatever its tag is."""
     numbers: dict[str, str] = {}
     for key in ("lanes", "lanes:forward", "lanes:backward"):
         value = tags.get(key, "").strip()
@@ -345,9 +357,9 @@ def number_lanes(tags: Tags) -> dict[str, str]:
 
 
 def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
-    """Numbers of lanes of a one-way street, without lanes against its traffic.
+    """Number of lanes of a one-way street as `lanes`, without lanes against its traffic.
 
-    oneway: yes or -1."""
+    oneway: "yes" or "-1". Empty if the number is unknown."""
     numbers = number_lanes(tags)
     driven_key, against_key = _name_sides(oneway)
     driven = numbers.get(driven_key)
@@ -360,14 +372,18 @@ def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
 
 
 def _name_sides(oneway: str) -> tuple[str, str]:
-    """Keys of the lanes along and against the traffic of a one-way street."""
+    """Keys of the number of lanes along the traffic of a one-way street, and against it.
+
+    oneway: "yes", or "-1" for traffic against the line of the road."""
     if oneway == "-1":
         return "lanes:backward", "lanes:forward"
     return "lanes:forward", "lanes:backward"
 
 
 def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
-    """Name of SUMO's edge type for each rule, its class of road if it is the usual one."""
+    """Name SUMO's edge type for each of the rules, in their order.
+
+    The name is the class of road for its usual rules, and the class with a number for others."""
     names: dict[RoadRules, str] = {}
     for rule in rules:
         if rule not in names:
@@ -377,7 +393,9 @@ def name_types(rules: Iterable[RoadRules]) -> dict[RoadRules, str]:
 
 
 def format_types(names: Mapping[RoadRules, str]) -> str:
-    """SUMO's type file for edge types by their names, and for all classes of road.
+    """Text of SUMO's type file for edge types, and for the usual rules of all classes of road.
+
+    names: names of the types by their rules.
 
     Roads whose directions differ have a unique speed, so that netconvert does not join them to
     others; `restrict_edges` gives them their real speed."""
@@ -385,6 +403,7 @@ def format_types(names: Mapping[RoadRules, str]) -> str:
     usual = {usual_rules(kind): kind for kind in ROADS}
     for rule, name in {**usual, **names}.items():
         lanes, _, priority, _ = ROADS[rule.kind]
+        # unique, faster than any road, and replaced later
         speed = 50.0 + 0.01 * rule.number if rule.number is not None else rule.speeds[0]
         row: dict[str, Any] = {
             "id": f"highway.{name}",
@@ -400,18 +419,20 @@ def format_types(names: Mapping[RoadRules, str]) -> str:
 
 
 def _format_users(users: Users) -> str:
+    # Text of users in SUMO's order of vehicle classes.
     return " ".join(user for user in nets.MOTOR.split() if user in users)
 
 
 def restrict_edges(edges: Iterable[Any], names: Mapping[RoadRules, str]) -> None:
-    """Give plain edges (XML elements) the users and the speed of their direction.
+    """Give plain edges (XML elements) the users and the speed of their direction, in place.
 
-    Only roads whose directions differ are changed."""
+    Only roads whose directions differ are changed. names: names of edge types by their rules."""
     types = {f"highway.{name}": rule for rule, name in names.items() if rule.number is not None}
     for edge in edges:
         rule = types.get(edge.get("type", ""))
         if rule is None:
             continue
+        # 1, against the line of the road, for edges whose id begins with -; else 0
         side = int(str(edge.get("id")).startswith("-"))
         for lane in [edge, *edge.findall("lane")]:
             if lane.get("speed") is not None:
@@ -422,12 +443,15 @@ def restrict_edges(edges: Iterable[Any], names: Mapping[RoadRules, str]) -> None
 
 
 def count_notes(notes: Iterable[str]) -> list[str]:
-    """Notes with their numbers."""
+    """Return each note once, followed by the number of times it is there."""
     return [f"{note}: {count}" for note, count in Counter(notes).items()]
 
 
 def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
-    """SUMO's classes that may drive in a direction."""
+    """SUMO's vehicle classes that may drive in a direction of a road, by its tags.
+
+    side: "forward" or "backward", as the line of the road runs; notes: kinds of rules that are
+    not used are added to it."""
     kind = tags["highway"]
     usual = usual_users(kind)
     if tags.get("motorroad") == "yes":
@@ -451,6 +475,8 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
 def _is_open(
     tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]
 ) -> bool:
+    # True if a user may drive in a direction. keys: access keys of the user, from the general to
+    # the particular; usual: True if roads of this class are open to the user; notes: added to.
     opened = usual
     for key in keys:
         for name in (key, f"{key}:{side}"):
@@ -466,7 +492,9 @@ def _is_open(
 
 
 def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
-    """True if a value of access is open to a user, None if it is not understood."""
+    """True if a value of access is open to a user (SUMO's class), None if not understood.
+
+    value: one or several words with semicolons between them; notes: added to."""
     values = {word.strip() for word in value.split(";")} - {""}
     known_values = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
     if not values or not values <= known_values or (values & _OPEN and values & _CLOSED):
@@ -483,6 +511,7 @@ def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
 
 
 def _is_tight(tags: Tags, key: str, limit: float) -> bool:
+    # True if a tag of weight or size is at most `limit` (t or m); 7'6" has feet and inches.
     match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
@@ -494,7 +523,9 @@ def _is_tight(tags: Tags, key: str, limit: float) -> bool:
 
 
 def _read_oneway(tags: Tags, notes: list[str]) -> str:
-    """Direction of a road: yes, no or -1."""
+    """Direction of a road's traffic: "yes" along its line, "-1" against it, "no" for both.
+
+    notes: kinds of rules that are not used are added to it."""
     value = tags.get("oneway", "")
     for key in ("oneway:vehicle", "oneway:motor_vehicle", "oneway:motorcar"):
         value = value if value in _FORWARD | _BACKWARD else tags.get(key, value)
@@ -519,8 +550,10 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
 
 
 def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]) -> None:
-    """Close the direction against `oneway:USER` to its users. sides: users along the line of the
-    road, and against."""
+    """Close the direction against the tag oneway:USER to its users.
+
+    sides: users along the line of the road, and against it, changed in place; oneway: direction of
+    the road; notes: added to."""
     known_values = _FORWARD | _BACKWARD | _BOTH_WAYS
     for user, keys in _KEYS.items():
         values = [tags[f"oneway:{key}"] for key in keys if f"oneway:{key}" in tags]
@@ -534,7 +567,7 @@ def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]
 
 
 def _list_contraflow(tags: Tags) -> Users:
-    """Users who may drive a one-way street both ways."""
+    """Users (SUMO's vehicle classes) who may drive a one-way street both ways, by its tags."""
     exempt = {
         key.removeprefix("oneway:")
         for key in tags
@@ -548,7 +581,9 @@ def _list_contraflow(tags: Tags) -> Users:
 
 
 def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
-    """Limit of a direction (m/s)."""
+    """Speed limit (m/s) of a direction, the usual one without a tag.
+
+    side: "forward" or "backward"; notes: limits that are not used are added to it."""
     usual = ROADS[tags["highway"]][1]
     for key in (
         f"maxspeed:{side}",
@@ -574,7 +609,10 @@ def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
 
 
 def parse_speed(value: str) -> float | None:
-    """Speed limit (m/s) as mappers write it; the least of several. None if it is not understood."""
+    """Parse a speed limit (m/s) as mappers write it, the least of several.
+
+    value: numbers with or without unit, or names of a country's zones such as de:urban, with
+    semicolons between them. Returns None if one is not understood or is no likely speed."""
     speeds = [
         _parse_one_speed(speed_text.strip().lower())
         for speed_text in value.split(";")
@@ -587,6 +625,7 @@ def parse_speed(value: str) -> float | None:
 
 
 def _parse_one_speed(text: str) -> float | None:
+    # Limit (m/s) of one number with its unit, or of one zone; None if it is not understood.
     match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
     if match is not None:
         unit = UNITS_M_S.get(match[2])
@@ -608,11 +647,12 @@ def _parse_one_speed(text: str) -> float | None:
 
 @cache
 def _speed_zones() -> dict[str, Any]:
+    # limits by zone and country, read once
     return read_own_table(__file__, "speed_zones.toml")
 
 
 def _list_unused(tags: Tags) -> list[str]:
-    """Kinds of rules in a road's tags that are not used."""
+    """List the kinds of rules in a road's tags that are not used."""
     notes = []
     conditional = [key.removesuffix(":conditional") for key in tags if key.endswith(":conditional")]
     if any(_bears_on_traffic(key) for key in conditional):
@@ -648,6 +688,7 @@ def _list_unused(tags: Tags) -> list[str]:
 
 
 def _bears_on_traffic(key: str) -> bool:
+    # True for the key of a rule of access, speed, direction, lanes or turns.
     return key.partition(":")[0] in ACCESS_KEYS | {
         "maxspeed",
         "oneway",
@@ -659,6 +700,7 @@ def _bears_on_traffic(key: str) -> bool:
 
 
 def _is_own_lane(key: str, value: str) -> bool:
+    # True for a tag of lanes that only some users may take.
     head, _, suffix = key.partition(":")
     if key.endswith(":conditional"):
         return False
@@ -674,5 +716,5 @@ def _is_own_lane(key: str, value: str) -> bool:
 
 
 def number_pieces(rules: Iterable[RoadRules]) -> list[RoadRules]:
-    """Return the rules, numbered if their directions differ."""
+    """Return the rules of pieces of road, numbered by their place if their directions differ."""
     return [replace(rule, number=k) if rule.differs else rule for k, rule in enumerate(rules)]

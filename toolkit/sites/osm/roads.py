@@ -38,10 +38,10 @@ DRIVEN_WALKS_NOTE = "pedestrian streets open to some vehicles, not driven on her
 def find_roads(
     extract: Extract, window: shapely.Geometry, *, lefthand: bool = False
 ) -> tuple[list[Way], list[str]]:
-    """Roads for vehicles within `window`, cut at its edge and at barriers, and notes.
+    """Find the roads for vehicles within `window`, cut at its edge and at barriers, and notes.
 
     They have the tags meant for netconvert, and their rules. Tunnels and bridges over another road
-    are left out and noted."""
+    are left out and noted. window: in the extract's frame; lefthand: traffic keeps left."""
     near_ways = [
         way for way in extract.ways if "highway" in way.tags and reaches_window(way, window)
     ]
@@ -67,7 +67,7 @@ def find_roads(
 
 
 def _select_roads(ways: Sequence[Way]) -> tuple[list[Way], list[str]]:
-    """Roads on the ground among ways, each once, and notes of the roads left out."""
+    """Select the roads on the ground from ways, each once; return them and notes of the others."""
     notes = []
     roads = [way for way in ways if is_road(way.tags)]
     surface_roads = [road for road in roads if not is_underground(road.tags)]
@@ -89,7 +89,7 @@ def _crosses_over(way: Way, level_roads: Iterable[Way]) -> bool:
 
 
 def _drop_doubles(ways: Iterable[Way]) -> list[Way]:
-    """Roads without those that run along others from their first node to their last."""
+    """Return roads without those that run along earlier ones from first node to last."""
     seen_steps: set[frozenset[str]] = set()
     single_roads: list[Way] = []
     for way in ways:
@@ -106,7 +106,10 @@ def _list_unused_rules(
     barred_nodes: Collection[str],
     node_tags: Mapping[str, Tags],
 ) -> Iterator[str]:
-    """Notes of rules of roads and of barriers on them that are not used."""
+    """Yield a note for each rule of a road, or of a barrier on one, that is not used.
+
+    The same note comes once for each place. readings: one for each road; barred_nodes: ids of nodes
+    that no car can pass; node_tags: tags of nodes by id."""
     roads = list(roads)
     for reading in readings:
         yield from reading.notes
@@ -119,10 +122,10 @@ def _list_unused_rules(
 
 
 def _list_barred(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
-    """Nodes of ways that no car can pass."""
+    """Ids of the nodes of ways that no car can pass. node_tags: tags of nodes by id."""
     return {node for node in _list_tagged(ways, node_tags) if is_barred(node_tags[node])}
 
 
 def _list_tagged(ways: Iterable[Way], node_tags: Mapping[str, Tags]) -> set[str]:
-    """Nodes of ways that have tags."""
+    """Ids of the nodes of ways that have tags. node_tags: tags of nodes by id."""
     return {node for way in ways for node in way.nodes if node in node_tags}

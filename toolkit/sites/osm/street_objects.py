@@ -9,8 +9,8 @@ from toolkit.sites.osm.road_rules import Tags
 from toolkit.sites.osm.tag_values import metres
 from toolkit.sites.site import Solid
 
-MAX_BARRIER_M = 10.0
-MAX_LAMP_M = 15.0
+MAX_BARRIER_M = 10.0  # height
+MAX_LAMP_M = 15.0  # height
 MAX_CROWN_RADIUS_M = 6.0
 MIN_CROWN_RADIUS_M = 0.5
 TREE_SPACING_M = 8.0  # in a row of trees
@@ -31,7 +31,7 @@ _BINS = ("waste_basket", "recycling", "post_box")
 def make_barriers(
     extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 ) -> list[Solid]:
-    """Walls, fences and hedges within `window`, off `road`."""
+    """Make the map's walls, fences and hedges within `window`, 0.5 m or more off `road`."""
     solids: list[Solid] = []
     for way in extract.ways:
         draw, usual_height = _BARRIERS.get(way.tags.get("barrier", ""), (None, 0.0))
@@ -49,13 +49,14 @@ def make_barriers(
 
 
 def make_trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometry) -> list[Solid]:
-    """Single trees and rows of trees within `window`.
+    """Make the map's single trees and rows of trees within `window`.
 
     Crowns keep off `road`; trees too near it are left out."""
     solids: list[Solid] = []
     for (x, y), tags in _list_trees(extract):
         foot = shapely.Point(x, y)
         road_gap = road.distance(foot) - 0.1
+        # m; a crown of unknown width is 4 m wide
         mapped_radius = (metres(tags.get("diameter_crown")) or 4.0) / 2
         radius = min(mapped_radius, road_gap, MAX_CROWN_RADIUS_M)
         if radius > MIN_CROWN_RADIUS_M and window.contains(foot):
@@ -66,7 +67,7 @@ def make_trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometr
 
 
 def _list_trees(extract: Extract) -> list[tuple[np.ndarray, Tags]]:
-    """Places of trees, and their tags."""
+    """List place x, y (m) and tags of each tree, those in rows every `TREE_SPACING_M`."""
     trees = [(xy, tags) for xy, tags in extract.places if tags.get("natural") == "tree"]
     for way in extract.ways:
         if way.tags.get("natural") == "tree_row":
@@ -79,7 +80,9 @@ def _list_trees(extract: Extract) -> list[tuple[np.ndarray, Tags]]:
 def make_furniture(
     extract: Extract, window: shapely.Geometry, road: shapely.Geometry
 ) -> tuple[list[Solid], np.ndarray]:
-    """Posts, signs, bins and benches off `road`, and (n, 2) street lamps."""
+    """Make the map's posts, signs, bins and benches within `window`, 0.4 m or more off `road`.
+
+    Returns their solids, street lamps included, and the (n, 2) places x, y of the street lamps."""
     solids: list[Solid] = []
     lamps: list[np.ndarray] = []
     road_margin = road.buffer(0.4)
@@ -94,7 +97,7 @@ def make_furniture(
 
 
 def _make_thing(tags: Tags, x: float, y: float) -> list[Solid]:
-    """Thing of the street at a place, by its tags; nothing for other places."""
+    """Make the solids of a thing of the street at (x, y), by its tags; none for other places."""
     if tags.get("highway") == "street_lamp":
         height = min(metres(tags.get("height")) or 6.0, MAX_LAMP_M)
         return [f.post(x, y, height, 0.09)]

@@ -13,9 +13,10 @@ _LAYER = re.compile(r"\s*([+-]?\d{1,3})\s*")
 
 
 def metres(text: str | None) -> float | None:
-    """Parse a length as mappers write it, the greatest of several.
+    """Parse a length (m) as mappers write it, in metres or feet; the greatest of several.
 
-    None if it is not positive."""
+    text: value of a tag, several lengths with semicolons between them, or None for a missing tag.
+    Returns None if no length between 0 and `MAX_LENGTH_M` is in it."""
     lengths = []
     for length_text in (text or "").lower().replace(",", ".").split(";"):
         feet_inches = _FEET.fullmatch(length_text.strip())
@@ -29,7 +30,7 @@ def metres(text: str | None) -> float | None:
 
 
 def is_underground(tags: Tags) -> bool:
-    """True for what is below the ground or inside a building."""
+    """True for the tags of something below the ground or inside a building."""
     if tags.get("location") in ("underground", "indoor"):
         return True
     if tags.get("indoor", "no") not in ("no", "area"):
@@ -40,17 +41,17 @@ def is_underground(tags: Tags) -> bool:
 
 
 def is_bridge(tags: Tags) -> bool:
-    """True for a way on a bridge."""
+    """True for the tags of a way on a bridge."""
     return tags.get("bridge", "no") != "no"
 
 
 def is_off_ground(tags: Tags) -> bool:
-    """True for a bridge, and for a road of another layer than the ground's."""
+    """True for the tags of a bridge, and of a road on another layer than the ground's."""
     layer = _read_layer(tags)
     return is_bridge(tags) or (layer is not None and layer != 0)
 
 
 def _read_layer(tags: Tags) -> int | None:
-    """Layer of a way, 0 for the ground's; None if it is no number."""
+    """Layer of a way, 0 for the ground's and without a tag; None if it is no number."""
     layer = _LAYER.fullmatch(tags.get("layer", "0"))
     return None if layer is None else int(layer[1])

@@ -13,10 +13,10 @@ from toolkit.sites.osm.way_kinds import reaches_window
 def choose_side(
     extract: Extract, window: shapely.Geometry, lefthand: bool | None
 ) -> tuple[bool, list[str]]:
-    """True if traffic keeps left, and notes.
+    """Choose the side that traffic keeps to: True for left, and notes on the choice.
 
-    lefthand: side to keep to; None for the side in the tags of the roads (driving_side), or else
-    the country's."""
+    lefthand: True or False for a side that was asked for; None for the side in the tags of the
+    roads within `window` (driving_side), or else the country's."""
     tagged_sides = _count_sides(extract, window)
     if lefthand is not None:
         against = tagged_sides["right" if lefthand else "left"]
@@ -36,7 +36,7 @@ def choose_side(
 
 
 def _count_sides(extract: Extract, window: shapely.Geometry) -> Counter[str]:
-    """Number of roads tagged "left" and "right"."""
+    """Count the roads within a window that are tagged driving_side=left and =right."""
     near_ways = [
         way
         for way in extract.ways
@@ -47,7 +47,9 @@ def _count_sides(extract: Extract, window: shapely.Geometry) -> Counter[str]:
 
 
 def _choose_by_country(centre: tuple[float, float]) -> tuple[bool, list[str]]:
-    """True if traffic keeps left at a place on earth, and notes."""
+    """Choose the side by the country: True for left, and notes of doubts.
+
+    centre: longitude, latitude (degrees)."""
     is_left, is_near_border = find_driving_side(*centre)
     remedy = f"give {'--righthand' if is_left else '--lefthand'} if it is wrong"
     side = name_side(is_left)
@@ -59,5 +61,5 @@ def _choose_by_country(centre: tuple[float, float]) -> tuple[bool, list[str]]:
 
 
 def name_side(is_left: bool) -> str:
-    """Name of a side of the road."""
+    """Name of a side of the road, "left" or "right"."""
     return "left" if is_left else "right"

@@ -5,7 +5,9 @@ import shapely
 from toolkit.sites.osm.extract import Way
 from toolkit.sites.osm.road_rules import ACCESS_KEYS, ROADS, Tags
 
+# values of highway that are walks
 WALKS = ("footway", "path", "pedestrian", "steps", "corridor")
+# values of service of roads that are not driven on here
 UNUSED_SERVICES = ("driveway", "parking_aisle", "drive-through")
 
 _OPEN_VALUES = {"yes", "designated", "destination", "permissive", "delivery"}
@@ -13,7 +15,7 @@ _VEHICLE_KEYS = ACCESS_KEYS - {"access", "bicycle"}
 
 
 def reaches_window(way: Way, window: shapely.Geometry) -> bool:
-    """True if a way has a point in `window`."""
+    """True if a way has a point in `window`, given in the extract's frame."""
     return bool(shapely.LineString(way.line).intersects(window))
 
 
@@ -33,7 +35,9 @@ def is_driven_walk(tags: Tags) -> bool:
 
 
 def crosses_road(bridge: Way, road: Way) -> bool:
-    """True if two ways meet at a place that is no node of both."""
+    """True if two ways meet at a place that is no node of both.
+
+    Such ways cross at different heights, or lack their junction in the map."""
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     nodes = zip(bridge.nodes, bridge.line, strict=True)
     shared_points = [xy for node, xy in nodes if node in road.nodes]

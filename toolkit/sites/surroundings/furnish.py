@@ -27,11 +27,14 @@ POST_AIR_M = 0.2  # from the top of a mount's post to the lowest sensor on it
 def furnish(
     road: Road, area: Extent, mounts: Sequence[Mount], rng: Rng, *, light: bool = False
 ) -> tuple[list[Solid], Bays]:
-    """Draw solids on level ground, and parking bays x, y, yaw, in and around `area`.
+    """Draw solids and parking bays in and up to 25 m around `area`, on level ground (z = 0).
 
-    Strips of the road without bays have road works.
+    Mounts get posts and keep the ground around them clear. Strips of the road without bays have
+    road works. Some bays are filled with things, and bays under low crowns are left out.
 
-    light: draw islands, trees along kerbs and street furniture only."""
+    area: xmin ymin xmax ymax (m); light: draw islands, trees along kerbs, street furniture and bays
+    only. Returns the solids, and bays as rows x, y (m), yaw (rad)."""
+    # a changed order of the draws changes all random sites
     plot = Plot(road, shapely.box(*area).buffer(25.0, join_style="mitre"), mounts)
     for mount in mounts:
         x, y, _ = mount.position.tolist()
@@ -62,7 +65,7 @@ def furnish(
 
 
 def _loosen_hedges(solids: Sequence[Solid], rng: Rng) -> list[Solid]:
-    """Make bushes, which rays go into, of a random share of the hedges."""
+    """Return the solids with a random share of the hedges made bushes, which rays go into."""
     bush_share = rng.random() if rng.random() < 0.75 else 0.0
     loosened = []
     for solid in solids:
@@ -74,7 +77,7 @@ def _loosen_hedges(solids: Sequence[Solid], rng: Rng) -> list[Solid]:
 def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
     """Put skips, containers and the like in some bays, close to vehicles that park.
 
-    Returns the bays that are still free."""
+    The things go to the plot. Returns the bays (x, y, yaw) that are still free."""
     filled = rng.random(len(bays)) < rng.uniform(0.0, 0.3)
     things = list[Solid]()
     for x, y, yaw in bays[filled]:
@@ -87,7 +90,7 @@ def _fill_bays(plot: Plot, bays: Bays, rng: Rng) -> Bays:
 
 
 def _select_free(solids: Sequence[Solid], bays: Bays) -> Bays:
-    """Bays that are free of the solids."""
+    """Return the bays (x, y, yaw) whose ground, 0.1 m within its edge, no solid is on."""
     if not len(bays):
         return bays
     obstacles = unite(solid.footprint for solid in solids)

@@ -8,18 +8,20 @@ from toolkit.sites.site import Solid
 from toolkit.sites.surroundings.plot import Plot
 
 HOUSES_REACH_M = 90.0  # along a leg
-HEIGHT_M = (4.0, 25.0)
+HEIGHT_M = (4.0, 25.0)  # range of the height of houses
 ROW_GAP_M = 0.05  # between houses that form a row
 RETRY_STEP_M = 1.5  # after a place without room
 
 
 def place_houses(plot: Plot, rng: Rng) -> None:
-    """Place rows of houses along every leg."""
+    """Place a row of houses along each side of every leg of the plot's road.
+
+    The houses go to the plot; those without room are left out."""
     density = rng.uniform(0.3, 0.95)
     usual_height = rng.uniform(4.5, 16.0)
     for path, widths in zip(plot.road.paths, plot.road.half_widths, strict=True):
         line = shapely.LineString(path)
-        for side, half_width in zip((1, -1), widths, strict=True):
+        for side, half_width in zip((1, -1), widths, strict=True):  # left, right
             offset = side * (half_width + rng.uniform(0.5, 8.0))
             _place_row(plot, line, offset, density, usual_height, rng)
 
@@ -32,10 +34,10 @@ def _place_row(
     usual_height: float,
     rng: Rng,
 ) -> None:
-    """Place houses along a line.
+    """Place a row of houses along a line, up to `HOUSES_REACH_M` from its start.
 
-    offset: m from the line to their fronts, positive to the left. density: share of the line with
-    houses."""
+    offset: m from the line to their fronts, positive to the left; density: share of the line with
+    houses, from 0 to 1; usual_height: median height (m)."""
     distance = rng.uniform(4.0, 16.0)
     while distance < HOUSES_REACH_M:
         front = rng.uniform(7.0, 22.0)
@@ -56,9 +58,10 @@ def _place_row(
 def _outline_house(
     line: shapely.LineString, distance: float, front: float, depth: float, offset: float
 ) -> Float64[np.ndarray, "4 2"]:
-    """Corners of a house that begins at a distance (m) along a line.
+    """Corners x, y of a house that begins at a distance (m) along a line, on millimetres.
 
-    front: its length along the line. offset: m from the line, positive to the left."""
+    front: its length along the line (m); depth: its length away from the line (m); offset: m from
+    the line to its front, positive to the left."""
     start = shapely.get_coordinates(line.interpolate(distance))[0]
     end = shapely.get_coordinates(line.interpolate(distance + front))[0]
     ahead = (end - start) / (np.hypot(*(end - start)) + 1e-9)

@@ -14,7 +14,10 @@ _MIN_ISLAND_M2 = 30.0  # of an island with solids on it
 
 
 def plant_islands(plot: Plot, rng: Rng) -> None:
-    """Put a centre piece, rings of hedges, bushes and signs on every large enough island."""
+    """Put a centre piece, rings of hedges, things, trees and signs on every large enough island.
+
+    The solids go to the plot, on the ground that the road encloses: a kerbed slab 0.15 m high, and
+    the others if there is room for them."""
     for ground in plot.road.islands:
         parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -25,7 +28,7 @@ def plant_islands(plot: Plot, rng: Rng) -> None:
         )
         x, y = shapely.get_coordinates(island.centroid)[0].tolist()
         middle = (x, y)
-        radius = float(np.sqrt(island.area / np.pi))
+        radius = float(np.sqrt(island.area / np.pi))  # m, of a disc as large as the island
         if rng.random() < 0.5:
             size = rng.uniform(0.15, 0.4) * radius
             height = round(float(rng.uniform(0.5, 2.5)), 2)
@@ -48,14 +51,18 @@ def plant_islands(plot: Plot, rng: Rng) -> None:
 
 
 def _ring(plot: Plot, middle: tuple[float, float], ring_radius: float, rng: Rng) -> None:
-    """Place hedges or bushes in a ring with gaps."""
+    """Place hedges or bushes of about one size in a ring with gaps.
+
+    middle: x, y of the ring; ring_radius: m."""
     length = float(rng.uniform(1.0, 5.0))
     width = float(rng.uniform(0.6, 2.2))
     height = float(rng.uniform(0.5, 1.8))
+    # rad from one to the next
     step = (length + rng.uniform(0.1, 4.0)) / ring_radius
     turn = rng.uniform(0, 2 * np.pi)
     placed_share = rng.uniform(0.4, 1.0)
     is_round = rng.random() < 0.4
+    # at most 60 hedges
     for angle in np.arange(turn, turn + 2 * np.pi - step / 2, step)[:60]:
         at = _around(middle, ring_radius, angle)
         tall = round(height * float(rng.uniform(0.8, 1.2)), 2)
@@ -70,5 +77,5 @@ def _ring(plot: Plot, middle: tuple[float, float], ring_radius: float, rng: Rng)
 
 
 def _around(middle: tuple[float, float], out: float, angle: float) -> tuple[float, float]:
-    """Place `out` m from a middle in a direction (rad)."""
+    """Point x, y that is `out` m from a middle in a direction (rad from +x)."""
     return float(middle[0] + out * np.cos(angle)), float(middle[1] + out * np.sin(angle))

@@ -10,7 +10,7 @@ from toolkit.sites.surroundings.plot import Road
 
 MIN_MOUNTS = 12  # of a site
 POLE_HEIGHT_M = 2.8  # of a mount's pole: sensors are above it
-Extent = Float[np.ndarray, "4"]
+Extent = Float[np.ndarray, "4"]  # xmin ymin xmax ymax (m)
 
 
 def place_mounts(
@@ -23,9 +23,13 @@ def place_mounts(
 ) -> tuple[Mount, ...]:
     """Choose sensor places at the kerb and behind the footway, their feet at z = 0.
 
-    There are `MIN_MOUNTS` to twice as many mounts in and just around `area`, out of `avoid`. They
-    are `spacing` m apart, or less if there is no room."""
+    There are `MIN_MOUNTS` to twice as many mounts in and up to 5 m around `area`, or fewer if even
+    0.5 m between them leaves no room for so many. Names are pole00, pole01, ...; prices are drawn.
+
+    spacing: least distance (m) between two mounts, lowered until `MIN_MOUNTS` have room; avoid:
+    ground to keep free, as the carriageway is."""
     window = shapely.box(*area).buffer(5.0)
+    # x, y, direction every metre
     kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
     behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
     behind = behind[rng.random(len(behind)) < 0.5]

@@ -24,12 +24,14 @@ class Road:
     """Surface of a road, and the paths of its legs.
 
     Attributes:
-        paths: middle lines of the legs.
-        half_widths: width to the left and right of each path (m).
-        lanes: everything with a kerb, including `strips`.
-        footways: footways next to the lanes.
-        strips: shoulders without traffic, by edge.
-        angles: angles of the bays on strips that have bays (degrees), by edge."""
+        paths: lines of points x, y (m) along the legs, from the junction outwards.
+        half_widths: width (m) of the road to the left and right of each path, footways included.
+        lanes: polygons of everything with a kerb, including `strips`.
+        footways: polygons of the footways next to the lanes.
+        strips: shoulders without traffic, by the id of their edge: `in...` for edges towards the
+            junction, others for those away from it.
+        angles: angles between parking bays and kerb (degrees) on strips that have bays, by edge;
+            strips without an angle get road works."""
 
     paths: Sequence[Float64[np.ndarray, "_ 2"]]
     half_widths: Sequence[tuple[float, float]]
@@ -59,7 +61,7 @@ class Road:
 
     @cached_property
     def islands(self) -> list[shapely.Polygon]:
-        """Ground that the road encloses."""
+        """Ground that the road's surface encloses, a polygon for each of its holes."""
         return [
             shapely.Polygon(ring)
             for polygon in shapely.get_parts(self.surface)
@@ -72,12 +74,12 @@ class Plot:
 
     Attributes:
         road: the road.
-        window: all the ground.
-        solids: solids placed so far.
-        open: ground next to the road.
+        window: ground on which solids may be placed.
+        solids: solids placed so far, on level ground (z = 0).
+        open: ground of the window next to the road, without islands.
         lanes: lanes to keep clear, with `LANE_CLEARANCE_M`.
-        driven: part of the lanes to keep clear even of solids on shoulders.
-        mounts: (n, 2) places of sensors."""
+        driven: part of `lanes` to keep clear even of solids on shoulders.
+        mounts: (n, 2) places x, y (m) of mounts."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
         self.road = road
@@ -93,10 +95,11 @@ class Plot:
     def claim(
         self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False
     ) -> bool:
-        """Take `ground` off the lanes if it is free; return success.
+        """Take `ground` if it is free; return True if it was.
 
-        footway: the ground may be on footways; shoulder: it may be on any ground that is not
-        driven."""
+        It must be next to the road (`open`) and off all ground taken before. footway: it may be
+        anywhere off the lanes, also on footways and islands; shoulder: it may be on any ground that
+        is not driven, whatever `footway` is."""
         if shoulder:
             allowed = not self.driven.intersects(ground)
         else:
@@ -109,7 +112,9 @@ class Plot:
     def place(
         self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False
     ) -> bool:
-        """Place solids together if there is room for all; return success."""
+        """Place solids together if there is room for all; return True if there was.
+
+        footway, shoulder: ground that they may be on, as for `claim`."""
         ground = unite(solid.footprint for solid in solids)
         if not self.claim(ground, footway=footway, shoulder=shoulder):
             return False
@@ -118,7 +123,7 @@ class Plot:
 
 
 def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
-    """Union of polygons, gaps up to twice `gap` (m) filled."""
+    """Union of polygons, with gaps up to twice `gap` (m) wide filled."""
     union = unite(polygons)
     return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(
         -gap, join_style="mitre", quad_segs=2

@@ -16,6 +16,7 @@ from toolkit.sites.surroundings.works_closings import barrier, beacon, concrete,
 CLOSED_LANE_M = (2.6, 3.6)  # range of the width of a lane closed for works
 _BARRIER_EDGE_M = 0.45  # between the edge of the strip and its barrier
 WORKS_THINGS: tuple[Make, ...] = (container, skip, digger, digger, heap, heap, bushes)
+# what closes the works off on the side of traffic, and its spacing (m)
 _CLOSINGS: tuple[tuple[Make, float], ...] = (
     (cone, 1.5),
     (beacon, 2.0),
@@ -25,18 +26,22 @@ _CLOSINGS: tuple[tuple[Make, float], ...] = (
 
 
 def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
-    """Put road works on a stretch of each strip, near the junction. Traffic passes on the left."""
+    """Put road works on a stretch of each strip, near the junction.
+
+    Traffic passes on the left. strips: shoulders by edge; the junction is at the end of strips
+    of edges `in...`, and at the start of the others. The solids go to the plot."""
     for edge, (line, width) in strips.items():
         path = shapely.LineString(line)
         length = min(float(rng.uniform(10.0, 32.0)), path.length - 10.0)
         start = float(rng.uniform(4.0, 22.0))
+        # start of the works along the strip (m)
         first = path.length - start - length if edge.startswith("in") else start
         if first > 0 and length > 6.0:
             _put_works(plot, path, (first, first + length), width, rng, shoulder=True)
 
 
 def verge_works(plot: Plot, rng: Rng) -> None:
-    """Put up to three small works next to the footways."""
+    """Put up to three small works next to the footways. The solids go to the plot."""
     edge = along(plot.road.surface.buffer(2.0).boundary.intersection(plot.window), 2.0)
     for x, y, direction in rng.permutation(edge)[: rng.integers(0, 4)]:
         ahead = 9.0 * np.array([np.cos(direction), np.sin(direction)])
@@ -51,10 +56,13 @@ def _put_works(
 ) -> None:
     """Put barriers round a stretch of a strip, and machines and heaps inside.
 
-    span: start and end of the stretch along `path` (m); width: width of the strip (m)."""
+    path: middle line of the strip, with traffic on its left; span: start and end of the stretch
+    along `path` (m); width: width of the strip (m); shoulder: the strip is part of the road, so
+    solids may be on any ground that is not driven. Solids without room are left out."""
     start, end = span
 
     def place_solids(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> None:
+        # s: m along the path; left: m to the left of it; turn: rad from the path's direction
         x, y = shapely.get_coordinates(path.interpolate(s))[0]
         ahead = shapely.get_coordinates(path.interpolate(s + 0.5))[0]
         yaw = float(np.arctan2(ahead[1] - y, ahead[0] - x))

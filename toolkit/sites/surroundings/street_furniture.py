@@ -13,12 +13,14 @@ from toolkit.sites.surroundings.street_trees import Draw, plant
 
 
 def place_bulky(plot: Plot, rng: Rng) -> None:
-    """Place up to 30 car-sized things next to the footway."""
+    """Place up to 29 things about as big as a car: behind the footways, and a few at the kerb.
+
+    The solids go to the plot; things without room are left out."""
     outer_edge = plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary
     behind = along(outer_edge.intersection(plot.window), 0.5)
     kerb_edge = plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary
     kerb = along(kerb_edge.intersection(plot.window), 0.5)
-    green = rng.uniform(0.2, 0.8)
+    green = rng.uniform(0.2, 0.8)  # share of planted things
     for at_kerb, rows in ((False, rng.permutation(behind)), (True, rng.permutation(kerb))):
         for x, y, direction in rows[: rng.integers(0, 5 if at_kerb else 26)]:
             makes = PLANTED if rng.random() < green else BUILT
@@ -32,7 +34,11 @@ def place_bulky(plot: Plot, rng: Rng) -> None:
 
 
 def place_furniture(plot: Plot, rng: Rng) -> None:
-    """Place trees, lamp posts, signs, bins, benches and bollards."""
+    """Place trees, lamp posts, signs, bins, benches and bollards along the road.
+
+    The solids go to the plot; things without room are left out."""
+    # x, y, direction every 0.5 m at the kerb, behind the footway, and farther behind it; a row is
+    # taken with a chance of 0.5 / spacing, so that things are `spacing` m apart on average
     kerb = along(plot.road.carriageway.buffer(0.5).boundary.intersection(plot.window), 0.5)
     behind = along(plot.road.surface.buffer(0.9).boundary.intersection(plot.window), 0.5)
     deep = along(plot.road.surface.buffer(2.4).boundary.intersection(plot.window), 0.5)
@@ -42,6 +48,7 @@ def place_furniture(plot: Plot, rng: Rng) -> None:
     for row in deep[rng.random(len(deep)) < 0.5 / rng.uniform(6, 40)]:
         levels = rng.uniform(1.8, 2.8), tall * rng.uniform(0.8, 1.2)
         plant(plot, row[:2], crown * rng.uniform(0.8, 1.2), levels, rng, footway=False)
+    # places, whether they may be on a footway, the thing, and its spacing (m)
     lines: tuple[tuple[np.ndarray, bool, Draw, float], ...] = (
         (
             kerb if rng.random() < 0.6 else behind,
@@ -60,9 +67,12 @@ def place_furniture(plot: Plot, rng: Rng) -> None:
 
 
 def place_gardens(plot: Plot, rng: Rng) -> None:
-    """Place hedges, walls and fences behind footways, and trees."""
+    """Place hedges, walls and fences behind footways, and trees all over the plot.
+
+    The solids go to the plot; those without room are left out."""
     boundary = plot.road.surface.buffer(rng.uniform(0.8, 2.0)).boundary
     edge = boundary.simplify(0.1).intersection(plot.window)
+    # one to three of hedge, wall and railing, by their index below
     kinds = rng.permutation(3)[: rng.integers(1, 4)]
     height = rng.uniform(0.9, 2.2)
     for edge_line in shapely.get_parts(shapely.line_merge(edge)):

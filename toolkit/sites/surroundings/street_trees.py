@@ -13,18 +13,20 @@ from toolkit.sites import furniture as f
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings.plot import Plot
 
-UNDERSIDE_M = (2.5, 5.0)  # range above the ground, of a crown over lanes or bays
-CROWN_WIDTH_M = (3.0, 9.0)  # range of such a crown
+UNDERSIDE_M = (2.5, 5.0)  # range of the underside of crowns over lanes or bays, above the ground
+CROWN_WIDTH_M = (3.0, 9.0)  # range of the width of such crowns
 _TRIMMED_UNDERSIDE_M = 4.2  # underside of crowns over tall vehicles
 _MOUNT_AIR_M = 1.0  # between a crown and a mount's axis
 _MIN_CROWN_RADIUS_M = 1.0  # of a crown that is planted
-Draw = Callable[[float, float, float], list[Solid]]  # x, y and the direction along the road (rad)
+# draws one thing at x, y (m) for the direction of the road's edge there (rad)
+Draw = Callable[[float, float, float], list[Solid]]
 
 
 def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
-    """Plant rows of trees with crowns over the road, at most sites.
+    """Plant rows of trees with crowns over the road, at 60 % of all sites.
 
-    kerb: x, y, direction every 0.5 m."""
+    kerb: rows x, y (m), direction (rad) every 0.5 m along the kerbs. The trees go to the plot; they
+    are of one kind, with little difference in size."""
     if rng.random() > 0.6 or not len(kerb):
         return
     planted_share = rng.uniform(0.3, 0.9)
@@ -35,7 +37,7 @@ def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
         low = rng.uniform(_TRIMMED_UNDERSIDE_M, UNDERSIDE_M[1])
     else:
         low = rng.uniform(UNDERSIDE_M[0], _TRIMMED_UNDERSIDE_M)
-    step = max(1, round(spacing / 0.5))
+    step = max(1, round(spacing / 0.5))  # rows of `kerb` from tree to tree
     for row in kerb[int(rng.integers(step)) :: step]:
         if rng.random() > planted_share:
             continue
@@ -47,10 +49,12 @@ def avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
 def plant(
     plot: Plot, foot: np.ndarray, radius: float, levels: f.Span, rng: Rng, *, footway: bool = True
 ) -> bool:
-    """Plant a tree at `foot`; return False if there is no room.
+    """Plant a tree on the plot; return True if there was room for it.
 
-    radius: radius of the crown, less near walls and mounts, and off the road if it is too low;
-    levels: ends of the crown (m)."""
+    foot: x, y (m) of the trunk; radius: largest radius of the crown (m), made less near houses and
+    mounts, and near lanes if the crown is lower than `UNDERSIDE_M`; levels: bottom and top of the
+    crown (m above the ground); footway: the trunk may be on footways and islands. Only the trunk
+    takes ground."""
     x = round(float(foot[0]), 3)
     y = round(float(foot[1]), 3)
     spot = shapely.Point(x, y)
@@ -72,7 +76,10 @@ def plant(
 
 
 def clumps(x: float, y: float, radius: float, levels: f.Span, rng: Rng) -> list[Solid]:
-    """Draw a crown of 3 to 8 overlapping clumps."""
+    """Draw a tree's crown of 3 to 8 overlapping clumps around (x, y).
+
+    radius: the whole crown's (m); levels: its bottom and top (m)."""
+    # the first clump begins at the bottom of the crown, the second ends at its top
     low, high = levels
     number = int(rng.integers(3, 9))
     around = (

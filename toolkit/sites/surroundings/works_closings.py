@@ -8,7 +8,7 @@ from toolkit.sites.site import Solid
 
 
 def barrier(length: float, rng: Rng) -> list[Solid]:
-    """Barrier of two boards on feet, along x."""
+    """Barrier of two boards on feet about the origin. length: along x (m)."""
     top = float(rng.uniform(0.9, 1.2))
     foot_top = round(top - 0.62, 2)
     feet = [
@@ -23,7 +23,7 @@ def barrier(length: float, rng: Rng) -> list[Solid]:
 
 
 def cone(rng: Rng) -> list[Solid]:
-    """Traffic cone."""
+    """Traffic cone at the origin: four discs, one upon the other, smaller upwards."""
     height = float(rng.choice([0.5, 0.75, 1.0]))
     steps = []
     base = 0.0
@@ -35,7 +35,7 @@ def cone(rng: Rng) -> list[Solid]:
 
 
 def beacon(rng: Rng) -> list[Solid]:
-    """Guide board on its foot, across the way."""
+    """Guide board on its foot at the origin, facing along x."""
     top = round(float(rng.uniform(1.0, 1.3)), 2)
     return [
         Solid(f.block((0.4, 0.3)), 0.0, 0.12, "cone"),
@@ -44,7 +44,7 @@ def beacon(rng: Rng) -> list[Solid]:
 
 
 def concrete(rng: Rng) -> list[Solid]:
-    """Piece of a concrete barrier."""
+    """Piece of a concrete barrier about the origin, 2 m along x, with a wider foot."""
     top = round(float(rng.uniform(0.75, 0.95)), 2)
     return [
         Solid(f.block((2.0, 0.5)), 0.0, 0.3, "barrier"),
@@ -53,7 +53,7 @@ def concrete(rng: Rng) -> list[Solid]:
 
 
 def fence(rng: Rng) -> list[Solid]:
-    """Panel of a see-through site fence."""
+    """Panel of a site fence that can be seen through, about the origin, 2.3 m along x."""
     height = round(float(rng.uniform(1.2, 2.0)), 2)
     bars = [
         Solid(f.disc(x, 0.0, 0.03, 6), 0.0, height, "fence") for x in np.linspace(-1.15, 1.15, 9)
