@@ -289,7 +289,7 @@ def _written_times(
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
     """Times (s) in labels.json by frame: the frame's, and its clouds' by sensor.
 
-    Times of frames that are all the same are None, as nobody measured them."""
+    Times of frames that are all the same are None."""
     times = {}
     for name, content in entries.items():
         clouds = content.get("clouds") or {}
@@ -305,7 +305,7 @@ def _written_times(
 
 
 def _pose(poses_by_name: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
-    # Pose of a cloud by sensor and name: its own first, the sensor's last, identity without poses.
+    # Pose of a cloud: by sensor and name, else by name, else by sensor; identity without poses.
     for key in (f"{sensor}/{stem}", stem, sensor):
         if key in poses_by_name:
             return poses_by_name[key]
