@@ -92,7 +92,7 @@ def draw_proportions(rng: Rng) -> Proportions:
 def _draw_axles(kind: CarKind, length: float, wheel: float, rng: Rng) -> tuple[float, float]:
     """Draw the distances of front and rear axle from the front of a car (m).
 
-    length: of the car (m); wheel: radius of its wheels (m)."""
+    length: length of the car (m); wheel: radius of its wheels (m)."""
     front_overhang = float(wheel + rng.uniform(0.32, 0.6) * min(1.0, length / 4.3))
     max_rear = 1.0 if kind.name in ("van", "pickup") else 0.75
     rear_overhang = float(wheel + rng.uniform(0.22, max_rear) * length / 4.6)

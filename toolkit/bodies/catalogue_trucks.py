@@ -84,7 +84,8 @@ def _make_cab_mirror(size: VehicleSize) -> Mesh:
 def _make_box(truck_length: float, length: float, width: float, top: float) -> Mesh:
     """Mesh of the box at the rear of a truck, with the truck's frame and rear guard.
 
-    truck_length: m; length, width: of the box (m); top: height of its roof (m)."""
+    truck_length: length of the truck; length, width: size of the box; top: height of its roof (all
+    m)."""
     rear = -truck_length / 2
     sections = [ShellSection(rear, width, 0.95, top), ShellSection(rear + length, width, 0.95, top)]
     guard = box((0.12, width * 0.95, 0.14), (rear + 0.1, 0, 0.5))
@@ -95,7 +96,7 @@ def _make_box(truck_length: float, length: float, width: float, top: float) -> M
 def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
     """Mesh of an open tipper bed with a heap in it, and of the truck's frame.
 
-    truck_length, length: of the truck and of the bed (m)."""
+    truck_length: length of the truck; length: length of the bed (both m)."""
     rear = -truck_length / 2
     middle = rear + length / 2
     walls = [box((length, 0.08, 1.35), (middle, y, 1.75)) for y in (-1.2, 1.2)]

@@ -213,7 +213,7 @@ def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
 def _draw_chassis(length: float, width: float, floor: float, rng: Rng) -> list[Mesh]:
     """Draw frame, rear guard and wheels of a rigid truck.
 
-    length, width: of the truck; floor: height of its load's floor (all m)."""
+    length, width: size of the truck; floor: height of its load's floor (all m)."""
     usual_radius = 0.36 + 0.03 * (length - 5.2)
     wheel_radius = float(np.clip(usual_radius + rng.uniform(-0.03, 0.03), 0.34, 0.53))
     rear_axle = -length / 2 + float(rng.uniform(0.9, 0.28 * length))

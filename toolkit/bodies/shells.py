@@ -42,7 +42,7 @@ def loft_shell(sections: Sequence[ShellSection], corner: float, points: int = 3)
 def _round_section(section: ShellSection, radius: float, points: int) -> Float64[np.ndarray, "p 3"]:
     """Ring of a section's points (x, y, z), counter-clockwise seen from the front.
 
-    radius: of its round corners (m); points: number of points on each corner."""
+    radius: radius of its round corners (m); points: number of points on each corner."""
     # y, low and high are of the middles of the four corners' circles
     y = section.width / 2 - radius
     low = section.bottom + radius

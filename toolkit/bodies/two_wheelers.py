@@ -136,7 +136,7 @@ def bicycle(radius: float) -> Mesh:
 def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
     """Mesh of a tyre on z = 0, with nothing inside the ring.
 
-    x: of its middle; radius: of its outside; thickness: radius of the tyre itself (all m)."""
+    x: place of its middle; radius: its outer radius; thickness: radius of the tyre (all m)."""
     # + 0 * turn gives ring_y the shape (around the axle, around the tyre) of the others
     turn = np.arange(21) * 2 * np.pi / 20  # around the axle
     roll = np.arange(5) * 2 * np.pi / 5  # around the tyre

@@ -163,8 +163,8 @@ def _find_partners(
 ) -> Int64[np.ndarray, " n"]:
     """Index of the group that each cloud of a sensor belongs to, -1 for none.
 
-    A group gets at most one cloud, the closest. times: of the sensor's clouds (s, rising);
-    centres: of the groups (s, rising); period: time between two clouds of the fastest sensor
+    A group gets at most one cloud, the closest. times: times of the clouds (s, rising);
+    centres: times of the groups (s, rising); period: time between two clouds of the fastest sensor
     (s)."""
     lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
     nearest = _find_nearest(times - lag, centres)

@@ -156,6 +156,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return self._open[1:]
 
     def _frame(self, k: int) -> Frame:
+        # Frame of number k, from 0: images, objects and time, in the site's frame.
         file, _ = self._file()
         try:
             names = dict.fromkeys(channel.name for channel in self.channels)

@@ -223,8 +223,8 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     sin = sin[window]
     near = np.zeros(len(window))
     far = np.full(len(window), np.inf)
-    # for each side of the rectangle: viewpoint and ray along it, in the rectangle's frame, and half
-    # of it
+    # for each axis of the rectangle: place of the viewpoint and direction of the ray along it, and
+    # half the rectangle's side
     axes = (
         (along, ahead * cos + left * sin, half_length),
         (aside, left * cos - ahead * sin, half_width),

@@ -314,7 +314,7 @@ def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> Ra
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
     """Noise of a time-of-flight camera; sensors of every kind get it.
 
-    at_10_m: standard deviation at 10 m (m); ambient: share of it, from 0 to 1, due to ambient
+    at_10_m: standard deviation at 10 m (m); ambient: share, from 0 to 1, that is due to ambient
     light and electronics. This share grows with the square of the measurement, the rest in
     proportion."""
     if not 0 <= ambient <= 1:

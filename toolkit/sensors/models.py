@@ -178,7 +178,7 @@ class AngleGrid(NamedTuple):
     Columns are evenly spaced from the right to the left, each in the middle of its share of
     `width`."""
 
-    elevations: tuple[float, ...]  # of the rows (rad above the horizon), top first
+    elevations: tuple[float, ...]  # elevation of each row (rad above the horizon), top first
     columns: int  # number of columns
     width: float  # angle that all columns cover (rad)
     heading: float = 0.0  # azimuth of the middle of the columns (rad from +x to the left)

@@ -212,7 +212,7 @@ def _place_companion(
 ) -> Float64[np.ndarray, "3"]:
     """Pose (x, y, yaw) to the left of the stray drawn before, so that a group is in a row.
 
-    first: pose of that stray; widths: widths of its body and the companion's (m)."""
+    first: pose of that stray; widths: widths of that body and the companion's (m)."""
     x, y, yaw = first
     across = widths.sum() / 2 + rng.uniform(MIN_STRAY_GAP_M, MAX_COMPANION_GAP_M)
     behind = rng.normal(0, 0.15)

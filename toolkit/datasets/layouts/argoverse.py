@@ -91,8 +91,8 @@ def read_labels(
 ) -> Labels:
     """Read the cuboids that are labelled at the time of one sweep.
 
-    log: folder of the log; time: of the sweep (ns); problems: boxes with more tilt than any road
-    are counted in it, None for no count."""
+    log: folder of the log; time: time of the sweep (ns); problems: boxes with more tilt than any
+    road are counted in it, None for no count."""
     table = read_table(Path(log, "annotations.feather"))
     table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)

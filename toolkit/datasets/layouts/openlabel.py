@@ -149,9 +149,9 @@ def _place_sensors(
 ) -> tuple[str | None, dict[str, Pose]]:
     """Find the root system of a frame's clouds, and the pose of each sensor in it.
 
-    The root is that of the first sensor's chain of parents, None if the file does not place the
-    sensors. Sensors that nothing connects with it get the pose in their root, and are counted in
-    problems."""
+    The root is the last in the chain of parents of the first sensor, None if the file does not
+    place the sensors. Sensors that nothing connects with it get the pose in their
+    root, and are counted in problems."""
     places = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
     roots = [root for root, _ in places.values()]
     if not roots:
