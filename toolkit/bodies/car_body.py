@@ -58,7 +58,7 @@ class Proportions:
         wheel: radius (m).
         clearance: height of the floor (m).
         belt: height of the belt line, as a part of the height.
-        lean: of the sides above the belt line, as a part of the half width.
+        lean: how far the sides lean in above the belt line, as a part of the half width.
         rounding: depth of the plan's corners at front and rear, as parts of the length.
         ends: width of the very front and rear, as parts of the width.
         bow: stations by which screens bulge forward in plan.
@@ -68,7 +68,7 @@ class Proportions:
         barrel: part of the width by which both ends are narrower.
         tail: rise of the floor at the rear (m).
         tyre: width of a wheel, as a part of the car's.
-        bed: of a pick-up.
+        bed: open bed of a pick-up, None for other cars.
         spread: stations of the sections, without those at the wheel arches."""
 
     kind: str

@@ -518,7 +518,7 @@ def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
 
 
 def _remedy(mesh: Mesh, named_label: int | None) -> str:
-    """Words on the unit or axes that would make a mesh plausible, "" if there are none.
+    """Words on the unit or axes that would make a mesh plausible, "" if nothing does.
 
     mesh: as in the file; named_label: class number, None if unknown."""
     # smaller is better: first no change of scale, then the largest deviation from typical sizes

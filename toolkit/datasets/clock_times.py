@@ -197,7 +197,7 @@ def _find_lag(differences: Float64[np.ndarray, " n"], period: float) -> float:
     """Lag (s) that a sensor's clouds usually have, at most half a period either way.
 
     differences: from the nearest group's time to each cloud's (s); those above a period do not
-    count. The mean is taken on a circle of one period, as a lag of a full period is none."""
+    count. The mean is taken on a circle of one period, as a full period more changes nothing."""
     near = differences[np.abs(differences) <= period]
     if not len(near):
         return 0.0

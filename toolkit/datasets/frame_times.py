@@ -9,7 +9,7 @@ from toolkit.frame import Frame, SensorCloud
 
 
 def clock_time(frame: Frame, number: int) -> float:
-    """Return the time (s) to write for a frame, `number` tenths of a second if it has none.
+    """Return the time (s) to write for a frame, `number` tenths of a second if unknown.
 
     Raises ValueError for a time that is not since 1970, which no layout with clock times holds."""
     time = frame.time if np.isfinite(frame.time) else 0.1 * number
@@ -22,7 +22,7 @@ def clock_time(frame: Frame, number: int) -> float:
 
 
 def cloud_time(cloud: SensorCloud, frame_time_s: float) -> float:
-    """Return the time (s) to write for a cloud: the time of its frame if it has none itself."""
+    """Return the time (s) to write for a cloud: the time of its frame if unknown."""
     return frame_time_s if cloud.stamp_s is None else cloud.stamp_s
 
 

@@ -67,7 +67,7 @@ def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask,
         place_shapes = outline_boxes(places)
         touches = shapely.intersects(place_shapes[:, None], shapes[is_kept][None])
         is_free = ~obstacles.hit(places) & ~touches.any(axis=1)
-        # first free place; if none is free, place 0, with the row dropped
+        # first free place; without a free one it is place 0, and the row is dropped
         first = np.argmax(is_free)
         is_kept[row] = is_free[first]
         settled[row] = places[first]

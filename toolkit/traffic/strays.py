@@ -162,8 +162,8 @@ class Strays:
     ) -> tuple[Float64[np.ndarray, "3"], bool]:
         """Draw a pose (x, y, yaw), and True if it is next to a solid or a vehicle.
 
-        size: length, width, height (m) of the body. The pose is clear of solids unless none of
-        `MAX_TRIES` is."""
+        size: length, width, height (m) of the body. The pose is clear of solids if one of
+        `MAX_TRIES` draws is."""
         pose = np.zeros(3)
         is_next_to = False
         for _ in range(MAX_TRIES):

@@ -35,7 +35,7 @@ class BagIndex:
         recorded_ns: times of recording of each topic's clouds.
         with_points: by topic, True if its first readable cloud has x, y and z.
         links: transforms of tf, in the order of recording.
-        reason: error of the last cloud that cannot be read, None if there is none.
+        reason: error of the last cloud that cannot be read, None without such a cloud.
     """
 
     stamps_ns: dict[str, list[int]] = field(default_factory=dict)
@@ -101,7 +101,7 @@ def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
     """Raise ValueError that explains why no clouds can be read from a bag.
 
     has_clouds: True if there are clouds, but none with x, y and z; reason: error of a cloud that
-    cannot be read, None if there is none."""
+    cannot be read, None without such a cloud."""
     if reason is not None:
         with name_bag_damage(path):
             raise reason

@@ -147,7 +147,7 @@ def _name_sensors(
 def _list_sensors(systems: Mapping[str, Unchecked]) -> list[str]:
     """Return the names of the coordinate systems that are sensors.
 
-    These are the systems with "sensor" in their type, or, if there are none, those that have a
+    These are the systems with "sensor" in their type, or, without such a system, those with a
     parent and no child."""
     of_type = [
         name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()
