@@ -91,31 +91,31 @@ class SensorCloud:
         set_fields(self, world_SE3_sensor=pose)
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
-        """Points in the sensor's own frame, float64."""
+        """Points (m) in the sensor's frame, as float64."""
         points = self.points.astype(np.float64)
         return (
             points if self.frame == "sensor" else transform(invert(self.world_SE3_sensor), points)
         )
 
     def in_own_frame(self) -> "SensorCloud":
-        """Return the cloud in the sensor's own frame."""
+        """Return the cloud with its points in the sensor's frame; itself if they are already."""
         if self.frame == "sensor":
             return self
         return replace(self, points=self.in_sensor().astype(np.float32), frame="sensor")
 
     def in_world(self) -> Float64[np.ndarray, "n 3"]:
-        """Points in the world frame, float64 for large coordinates."""
+        """Points (m) in the world frame, as float64, since coordinates may be large."""
         points = self.points.astype(np.float64)
         return points if self.frame == "world" else transform(self.world_SE3_sensor, points)
 
 
 class Region:
-    """Region in which a frame's labels are complete."""
+    """Region in which a frame's labels are complete; objects outside it may have no label."""
 
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # name of the subclass in records
 
     def covers(self, boxes: BoxRows) -> Mask:
-        """Mask of the boxes inside the region, world frame."""
+        """Mask of the boxes (world frame) inside the region."""
         raise NotImplementedError
 
     def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "Region":
@@ -123,7 +123,7 @@ class Region:
         raise NotImplementedError
 
     def record(self) -> dict[str, object]:
-        """Return kind and numbers for JSON and `parse_region`."""
+        """Return kind and fields as plain values, for JSON and `parse_region`."""
         return {
             "kind": self.kind,
             **{name: np.asarray(value).tolist() for name, value in vars(self).items()},
@@ -147,7 +147,9 @@ class Everywhere(Region):
 
 @dataclass(frozen=True)
 class Rectangle(Region):
-    """Detection area (xmin, ymin, xmax, ymax, m) with complete labels."""
+    """Detection area with complete labels.
+
+    area: xmin, ymin, xmax, ymax (m, world frame)."""
 
     kind = "rectangle"
     area: tuple[float, float, float, float]
@@ -167,8 +169,14 @@ class Rectangle(Region):
 
 @dataclass(frozen=True, eq=False)
 class ImageWedge(Region):
-    """Labels are complete in what one camera sees, but for `ignored` rectangles (left, top, right,
-    bottom; DontCare) of its image. projection: world → pixels, homogeneous."""
+    """Region that one camera sees, except for ignored rectangles of its image.
+
+    Attributes:
+        projection: matrix that takes x, y, z, 1 (m, world frame) to u · depth, v · depth, depth.
+        width: width of the image (pixels).
+        height: its height.
+        ignored: left, top, right, bottom (pixels) of regions without complete labels, KITTI's
+            DontCare."""
 
     kind = "image"
     projection: Float64[np.ndarray, "3 4"]
@@ -183,6 +191,7 @@ class ImageWedge(Region):
         is_inside = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         for region in self.ignored:
             rectangles = self.rectangles(boxes)
+            # width and height of the overlap, negative for none
             overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(
                 rectangles[:, :2], region[:2]
             )
@@ -200,9 +209,12 @@ class ImageWedge(Region):
         return replace(self, projection=moved)
 
     def rectangles(self, boxes: BoxRows) -> Float64[np.ndarray, "n 4"]:
-        """Left, top, right, bottom of boxes, 0 behind the camera."""
+        """Left, top, right, bottom (pixels) of boxes in the image, cut to it.
+
+        All four are 0 for a box with a corner behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
+        # (box, 8 corners) each
         u, v, depth = (
             column.reshape(-1, 8) for column in self._pixels(corners(boxes).reshape(-1, 3))
         )
@@ -214,6 +226,7 @@ class ImageWedge(Region):
         return np.where((depth > 0).all(axis=1, keepdims=True), np.hstack([low, high]), 0.0)
 
     def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        # u, v (pixels) and depth (m) of points (n, 3); a depth of 0 becomes 1e-9 to divide by
         homogeneous = points @ self.projection[:, :3].T + self.projection[:, 3]
         depth = homogeneous[:, 2]
         divisor = np.where(np.abs(depth) > 1e-9, depth, 1e-9)
@@ -221,6 +234,7 @@ class ImageWedge(Region):
 
 
 def _four(values: Any) -> tuple[float, float, float, float]:
+    # Four numbers as a tuple of floats; ValueError for another count.
     a, b, c, d = (float(value) for value in values)
     return a, b, c, d
 
@@ -251,8 +265,12 @@ def parse_region(record: object) -> Region:
 
 @dataclass(frozen=True, eq=False)
 class OtherObjects:
-    """Labels of classes other than ours: boxes, the dataset's names, and its own point counts if it
-    has some."""
+    """Labels of classes other than ours.
+
+    Attributes:
+        boxes: box of each label, world frame.
+        categories: its class as the data set names it.
+        counts: the data set's number of points on it, None if it gives none."""
 
     boxes: BoxRows = field(default_factory=lambda: np.zeros((0, 7)))
     categories: tuple[str, ...] = ()
@@ -327,7 +345,11 @@ class Frame(Displayed):
         time: float = np.nan,
         **more: Any,
     ) -> "Frame":
-        """Return a labelled frame of clouds. more: other fields."""
+        """Return a labelled frame of clouds.
+
+        Its `problems` also count objects a kilometre away from all clouds, and clouds measured at
+        different times. time: seconds, NaN if unknown; more: other fields of the frame; for the
+        other arguments see `Frame`."""
         more |= {
             "categories": categories,
             "counts": counts,
@@ -351,14 +373,14 @@ class Frame(Displayed):
 
     @property
     def has_images(self) -> bool:
-        """True for a frame with sensors and only images."""
+        """True if the frame has sensors and each of them measured an image."""
         return bool(self.sensors) and not any(
             isinstance(measurement, SensorCloud) for measurement in self.measurements
         )
 
     @property
     def images(self) -> tuple[Image, ...]:
-        """Image of every sensor; ValueError for a cloud."""
+        """Image of every sensor (rows, columns; m); ValueError if one measured a cloud."""
         for sensor, measurement in zip(self.sensors, self.measurements, strict=True):
             if isinstance(measurement, SensorCloud):
                 raise ValueError(
@@ -369,7 +391,9 @@ class Frame(Displayed):
 
     @cached_property
     def clouds(self) -> tuple[SensorCloud, ...]:
-        """Points of every sensor; of images in the body's frame."""
+        """Points of every sensor as a cloud, in the order of `sensors`.
+
+        Images become clouds in the frame of the sensor's body (x forward, y left, z up)."""
         clouds = []
         for k, (sensor, measurement) in enumerate(
             zip(self.sensors, self.measurements, strict=True)
@@ -384,15 +408,17 @@ class Frame(Displayed):
         return tuple(clouds)
 
     def points(self) -> Float64[np.ndarray, "n 3"]:
-        """Points of all sensors, one after the other, world frame."""
+        """Points (m, world frame) of all sensors, one sensor after the other."""
         return np.concatenate([np.zeros((0, 3)), *(cloud.in_world() for cloud in self.clouds)])
 
     def with_clouds(self, clouds: Sequence[SensorCloud]) -> "Frame":
-        """Return the frame with other clouds as its measurements."""
+        """Return the frame with other clouds instead of its sensors and measurements."""
         return replace(self, sensors=_cloud_sensors(clouds), measurements=tuple(clouds), shifts=())
 
     def seen_by(self, sensors: Sequence[int | str]) -> "Frame":
-        """Return the frame with some sensors; ValueError for unknown ones."""
+        """Return the frame with only some sensors, in the frame's order.
+
+        sensors: names or positions in `Frame.sensors`. Raises ValueError for unknown ones."""
         numbers = sorted(select_sensors(self.sensors, sensors))
         if len(numbers) == len(self.sensors):
             return self
@@ -402,7 +428,9 @@ class Frame(Displayed):
         return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
-        """Return the frame with some objects (mask or indices)."""
+        """Return the frame with only some objects, their categories and counts.
+
+        rows: mask of the objects or their row numbers."""
         rows = np.arange(len(self.objects))[rows]
         categories = tuple(self.categories[k] for k in rows) if self.categories else ()
         counts = None if self.counts is None else self.counts[rows]
@@ -410,7 +438,7 @@ class Frame(Displayed):
 
 
 def tabulate_measured(frame: Frame) -> Table:
-    """Columns of a table of a frame's sensors with their points."""
+    """Columns of a table of a frame's sensors, with the number of points of each."""
     return {
         **tabulate_sensors(frame.sensors),
         "points": [len(cloud.points) for cloud in frame.clouds],
@@ -424,7 +452,9 @@ def measure_spread(clouds: Sequence[SensorCloud]) -> float:
 
 
 def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
-    """Count the objects that are far from every sensor and all that it measured."""
+    """Count the objects farther than `FARTHEST_BOX` from each sensor and its points.
+
+    0 without clouds."""
     is_away_of_all = np.full(len(objects), len(clouds) > 0)
     for cloud in clouds:
         if is_away_of_all.any():
@@ -445,10 +475,12 @@ def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
 
 
 def _cloud_sensors(clouds: Sequence[SensorCloud]) -> tuple[Sensor, ...]:
+    # Sensor at the pose of each cloud, with a model that stands for an unknown one.
     return tuple(Sensor(cloud.name, _UNKNOWN_MODEL, cloud.world_SE3_sensor) for cloud in clouds)
 
 
 def _check_image(sensor: Sensor, measurement: np.ndarray) -> None:
+    # Raise ValueError unless an image has the rows and columns of its sensor.
     if measurement.shape != (shape := sensor.model.shape):
         raise ValueError(
             f"sensor {sensor.name!r} measures {shape} pixels, got an image of {measurement.shape}"
@@ -487,8 +519,11 @@ def unproject(
     measurement: Float[np.ndarray, "rows columns"],
     shift: ImageVectors | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Bool[np.ndarray, " pixels"]]:
-    """World x, y and z of every pixel, row after row, and a mask of those that returned. shift: see
-    `Frame.shifts`."""
+    """Return the world point of every pixel, and a mask of the pixels that have a return.
+
+    Pixels are in one line, row after row of the image. A pixel without return has the sensor's
+    position, moved by its shift. shift: see `Frame.shifts`; None for none. Raises ValueError for
+    a sensor more than 100 km from the origin."""
     _check_image(sensor, measurement)
     position = sensor.pose[:3, 3]
     if np.abs(position).max() > 1e5:
@@ -509,8 +544,10 @@ def unproject(
 def select_sensors(
     available: Sequence[Sensor], wanted: Sequence[int | str] | None = None
 ) -> list[int]:
-    """Return the positions of some sensors in `available`. wanted: names or numbers, None for all.
-    Raises ValueError for an unknown sensor, one chosen twice, and names that two sensors share."""
+    """Return the indices in `available` of some sensors, in the order of `wanted`.
+
+    wanted: names or indices, None for all. Raises ValueError for an unknown sensor, one chosen
+    twice, and names that two sensors share."""
     names = [sensor.name for sensor in available]
     if len(set(names)) < len(names):
         raise ValueError(
@@ -542,8 +579,9 @@ def select_sensors(
 
 
 class DisplayedRecording(Displayed):
-    """Base of recordings that show themselves: path, frames, and the sensors and the scene of the
-    first frame."""
+    """Base of recordings that notebooks and terminals show as a card.
+
+    The card has path and number of frames, and the sensors and the scene of the first frame."""
 
     def _card(self) -> Card:
         recording = cast("Recording", self)
@@ -560,7 +598,9 @@ class DisplayedRecording(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class RecordingView(DisplayedRecording):
-    """Frames made from those of another recording."""
+    """Base of recordings whose frames are made from the frames of another one.
+
+    recording: the other one; each frame is passed on unless a subclass changes it."""
 
     recording: Frames
 
@@ -585,13 +625,16 @@ class RecordingView(DisplayedRecording):
 
 
 def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
-    """Return each sensor's measurement behind all that moves: the farthest return of each pixel.
-    sample: frames at most, spread over all. Nothing returned counts as farthest, so a pixel that
-    ever sees the sky is 0. Raises ValueError without frames."""
+    """Return a frame without objects: each sensor's image behind all that moves.
+
+    Each pixel has its farthest return. No return counts as farthest, so a pixel that sees the sky
+    in any frame is 0. frames: frames of images from the same sensors; sample: largest number of
+    frames to use, spread evenly over all. Raises ValueError without frames."""
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")
     farthest: list[np.ndarray] = []
     for k in np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)):
+        # no return is infinite here and 0 again in `still`
         seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].images]
         farthest = (
             [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen

@@ -10,7 +10,7 @@ from toolkit.arrays import Float, Pose
 
 Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
-STEEPEST = 0.3  # slope of a street
+STEEPEST = 0.3  # largest slope of the ground (m per m), steeper than any street
 # A camera's axes (x right, y down, z forward) in a body's axes (x forward, y left, z up).
 BODY_SE3_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 MAX_COORDINATE_M = 1e8  # the one limit of absolute coordinates; maps reach 1e7
@@ -25,8 +25,10 @@ def pose(
     pitch: float = 0.0,
     roll: float = 0.0,
 ) -> Pose:
-    """Pose of a body at x, y, z (m), turned by roll about its x, then pitch about y, then yaw about
-    z (rad).
+    """Pose (4, 4) of a body at x, y, z (m) with yaw, pitch and roll (rad).
+
+    The body is turned by roll about x, then pitch about y (positive: nose down), then yaw about z
+    (counter-clockwise from +x), all of them fixed axes of the outer frame.
 
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
     array([[1., 3., 0.]])
@@ -38,8 +40,10 @@ def pose(
 
 
 def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Pose:
-    """Pose of a camera (x right, y down, z forward) at a position, heading (rad, counter-clockwise)
-    and tilt down.
+    """Pose (4, 4) of a camera (x right, y down, z forward) at a position, with a viewing direction.
+
+    position: x, y, z (m); heading: direction of view (rad, counter-clockwise from +x); tilt: angle
+    of view below the horizon (rad).
 
     >>> transform(look((0.0, 0.0, 5.0), heading=np.pi / 2), np.array([[0.0, 0.0, 10.0]])).round(6)
     array([[ 0., 10.,  5.]])
@@ -49,7 +53,9 @@ def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -
 
 
 def invert(world_SE3_sensor: Pose) -> Pose:
-    """Return the inverse motion, world → sensor.
+    """Return the inverse (4, 4) of a rigid motion: sensor_SE3_world of world_SE3_sensor.
+
+    It transposes the rotation, so it is wrong for matrices with a shear or a scale.
 
     >>> np.allclose(invert(pose(1.0, 2.0, 3.0, yaw=0.5)) @ pose(1.0, 2.0, 3.0, yaw=0.5), np.eye(4))
     True
@@ -65,7 +71,10 @@ def invert(world_SE3_sensor: Pose) -> Pose:
 def transform(
     target_SE3_source: Pose, points: Float[np.ndarray, "*n 3"]
 ) -> Float[np.ndarray, "*n 3"]:
-    """Transform points (..., 3), dtype kept (paper equation 1)."""
+    """Turn points from source into target coordinates (paper equation 1).
+
+    points: x, y, z on the last axis (m). The result has their shape and dtype: float32 points give
+    float32 results. The matrix may hold a shear."""
     points = np.asarray(points)
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
@@ -76,12 +85,15 @@ def transform(
 
 
 def plane_rotation(angle: float) -> Float[np.ndarray, "2 2"]:
-    """Rotation of the plane by an angle (rad, counter-clockwise)."""
+    """Matrix (2, 2) that turns column vectors x, y by an angle (rad, counter-clockwise)."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
-    """Return a slope as two floats; ValueError beyond `STEEPEST`."""
+    """Return a slope as two floats, rise along x and along y (m per m).
+
+    Raises ValueError for another number of values, and for more than `STEEPEST` together. name:
+    what errors call the slope."""
     numbers = tuple(map(float, slope))
     if len(numbers) != 2 or not np.hypot(*numbers) <= STEEPEST:
         raise ValueError(
@@ -92,8 +104,10 @@ def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:
 
 
 def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
-    """Shear of the world that makes a slope level, keeping heights at `about` (x, y) and verticals
-    vertical."""
+    """Matrix (4, 4) of a shear that makes sloping ground level.
+
+    It changes z only, so verticals stay vertical. about: x, y (m) of the place at which heights
+    stay as they are."""
     shear = np.eye(4)
     shear[2, :2] = -np.array(slope)
     shear[2, 3] = np.dot(slope, about)
@@ -101,8 +115,10 @@ def level_motion(slope: Slope, about: tuple[float, float] = (0.0, 0.0)) -> Pose:
 
 
 def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Return points (x, y, z) or boxes (x, y, z, ...) with z counted from the slope's plane through
-    the origin."""
+    """Return points or boxes with z counted from the plane of the slope through the origin.
+
+    rows: x, y, z (m) in the first columns; other columns stay. For level ground the array itself
+    comes back, otherwise a copy."""
     if slope == LEVEL:
         return rows
     moved = rows.copy()
@@ -111,12 +127,14 @@ def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray
 
 
 def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:
-    """Put points or boxes from `level_rows` back on the slope."""
+    """Undo `level_rows`: return points or boxes with z counted from z = 0 again."""
     return level_rows(rows, (-slope[0], -slope[1]))
 
 
 def check_pose(candidate: Float[np.ndarray, "..."], name: str = "pose") -> Pose:
-    """Return a pose as float64; ValueError for no rigid motion."""
+    """Return a pose as float64 (4, 4), or raise ValueError if it is no rigid motion.
+
+    name: what errors call the pose. A float64 array comes back itself, not a copy."""
     matrix = np.asarray(candidate, np.float64)
     if matrix.shape != (4, 4):
         raise ValueError(f"{name} must have shape (4, 4), got {matrix.shape}")

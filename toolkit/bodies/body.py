@@ -16,10 +16,10 @@ from toolkit.mesh import Mesh, merge
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Rigid mesh and the ground truth box it stands in."""
+    """Rigid mesh and its ground truth box, in the frame of the box (x forward, y left, z up)."""
 
     name: str
-    label: int
+    label: int  # class number, an index of `toolkit.objects.LABELS`
     vertices: Float32[np.ndarray, "k 3"] = field(repr=False)  # m, from the middle of the box
     triangles: Int32[np.ndarray, "m 3"] = field(repr=False)
     truth: tuple[float, float, float] | None = (
@@ -36,7 +36,9 @@ class Body:
 
     @cached_property
     def bounds(self) -> Float64[np.ndarray, "6"]:
-        """Middle x y z and length, width, height (m) of the whole mesh."""
+        """Middle x, y, z and length, width, height (m) of a box around the whole mesh.
+
+        The middle is in the body's frame: 0, 0, 0 unless parts stick out of the truth box."""
         if self.truth is None:
             return np.array([0.0, 0.0, 0.0, *self.size])
         low, high = (
@@ -49,7 +51,9 @@ class Body:
 def make_body(
     name: str, label: int, vertices: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"]
 ) -> Body:
-    """Make a body of a mesh, its box tight around it."""
+    """Make a body from a mesh, with a tight box around it.
+
+    vertices: m, x forward, z up, from any origin; label: class number."""
     vertices = np.asarray(vertices, np.float64)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return Body(
@@ -58,7 +62,9 @@ def make_body(
 
 
 def make_boxed_body(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
-    """Make a body with a box around `mesh` only; `outside` sticks out."""
+    """Make a body from two meshes of one frame, with a tight box around the first only.
+
+    outside: parts that stick out of the box, such as wing mirrors; label: class number."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     merged = merge([mesh, outside])
     length, width, height = (high - low).tolist()
@@ -67,7 +73,7 @@ def make_boxed_body(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
 
 
 def include_mirrors(body: Body) -> Body:
-    """Put the box around the whole mesh, mirrors included."""
+    """Return the body with its box around the whole mesh, mirrors included."""
     return make_body(body.name, body.label, body.vertices, body.triangles)
 
 

@@ -24,7 +24,9 @@ _ROOF_SHARES = (1.0, 0.9, 0.7, 0.38, 0.0)  # points across half the roof, 1 its 
 
 
 def spread_stations(count: int, step: int = 1) -> Float64[np.ndarray, " n"]:
-    """Stations from 0 to 1, dense at both ends."""
+    """Stations from 0 (front) to 1 (rear) along a car, dense at both ends.
+
+    2 * count of them are made, and every `step`-th is kept."""
     even = np.linspace(0, 1, count)
     return np.concatenate([even**1.6 / 2, 1 - even**1.6 / 2])[::step]
 
@@ -56,7 +58,7 @@ class Proportions:
         wheel: radius (m).
         clearance: height of the floor (m).
         belt: height of the belt line, as a part of the height.
-        lean: of the sides above the belt line, as a part of the half width.
+        lean: how far the sides lean in above the belt line, as a part of the half width.
         rounding: depth of the plan's corners at front and rear, as parts of the length.
         ends: width of the very front and rear, as parts of the width.
         bow: stations by which screens bulge forward in plan.
@@ -66,7 +68,7 @@ class Proportions:
         barrel: part of the width by which both ends are narrower.
         tail: rise of the floor at the rear (m).
         tyre: width of a wheel, as a part of the car's.
-        bed: of a pick-up.
+        bed: open bed of a pick-up, None for other cars.
         spread: stations of the sections, without those at the wheel arches."""
 
     kind: str
@@ -92,7 +94,7 @@ class Proportions:
     spread: Float64[np.ndarray, " n"] = field(default_factory=lambda: spread_stations(13))
 
     def half_width(self, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Half the width at stations s.
+        """Half the width (m) at stations s, 0 at the front and 1 at the rear.
 
         The flanks are nearly parallel, the corners at both ends superelliptic."""
         front = _narrow_corner(s, self.rounding[0], self.ends[0])
@@ -104,13 +106,15 @@ class Proportions:
 def _narrow_corner(
     distance: Float64[np.ndarray, " n"], depth: float, end_width: float
 ) -> Float64[np.ndarray, " n"]:
-    """Width at distances from an end of a car, as parts of its width. depth: of the corner."""
+    """Width at stations counted from one end of a car, as parts of its full width.
+
+    depth: station at which the corner ends and the width is full; end_width: width at the end."""
     beyond = np.maximum(0.0, 1 - distance / depth)
     return end_width + (1 - end_width) * (1 - beyond**2.6) ** (1 / 2.6)
 
 
 def loft_parts(shape: Proportions) -> Mesh:
-    """Body and wheels of a car, x forward, wheels on z = 0."""
+    """Mesh of body and wheels of a car, x forward, wheels on z = 0."""
     arch_reach = shape.wheel * ARCH_FACTOR / shape.length
     arches = [
         axle / shape.length + arch_reach * share for axle in shape.axles for share in _ARCH_STATIONS
@@ -118,6 +122,7 @@ def loft_parts(shape: Proportions) -> Mesh:
     stations = np.clip(np.concatenate([shape.spread, arches]), 0, 1)
     stations = np.unique(np.round(stations, 4))
     left = _make_half_sections(shape, stations[::-1])
+    # mirrored and in reverse, without the two points in the middle, to close each ring
     right = left[:, -2:0:-1] * [1.0, -1.0, 1.0]
     parts = [loft(np.concatenate([left, right], axis=1))]
     breadth = shape.tyre * shape.width
@@ -132,7 +137,10 @@ def loft_parts(shape: Proportions) -> Mesh:
 def _make_half_sections(
     shape: Proportions, s: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 13 3"]:
-    """Left halves of the sections at stations s, from floor to roof."""
+    """Left halves of the cross-sections at stations s.
+
+    The result is (section, 13 points, x y z) in m, points from the middle of the floor round the
+    flank to the middle of the roof."""
     half_width = shape.half_width(s)
     roof = _find_roof(shape, s)
     floor = shape.clearance + np.interp(s, [0, 0.1, 0.85, 1], [0.06, 0, 0, shape.tail])
@@ -173,7 +181,7 @@ def _make_half_sections(
 
 
 def _find_roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 5"]:
-    """Heights of the roof at stations s, at `_ROOF_SHARES` across."""
+    """Heights (m) of the roof: one row per station s, one column per place of `_ROOF_SHARES`."""
     across = np.array(_ROOF_SHARES)
     bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
     offsets = np.linspace(-1, 1, shape.samples) * shape.soft
@@ -185,7 +193,7 @@ def _find_roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.n
 
 
 def _find_arches(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Heights of the wheel arches at stations s, 0 between them."""
+    """Heights (m) of the upper edge of the wheel arches at stations s, 0 between the arches."""
     radius = ARCH_FACTOR * shape.wheel
     distance = np.abs(s[:, None] * shape.length - np.array(shape.axles)).min(axis=1)
     rise = np.sqrt(np.maximum(radius**2 - distance**2, 0))

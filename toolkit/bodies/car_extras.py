@@ -8,6 +8,7 @@ from toolkit.bodies.mesh_parts import NOTHING, mound, plank
 from toolkit.bodies.wheels import make_wheel
 from toolkit.mesh import Mesh, box, ellipsoid, flip_sides, loft, merge, place, tube
 
+# kinds of loads that a car's name may end in
 CARRIED = ("taxi", "light_bar", "roof_box", "rack", "rails", "spare_wheel", "hard_top", "load")
 NO_MIRROR_SHARE = 0.3
 SINGLE_MIRROR_SHARE = 0.02
@@ -18,9 +19,10 @@ _RACK_STATIONS = (-0.4, 0.0, 0.4)  # of cross bars, as parts of the rack's lengt
 
 
 def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
-    """Draw wing mirrors that stick out 8 to 25 cm.
+    """Draw the wing mirrors of a car, which stick out 8 to 25 cm.
 
-    3 cars of 10 have no mirrors, 1 of 50 has one."""
+    3 cars in 10 have no mirrors, 1 in 50 has one."""
+    # a chance below the first limit means no mirrors, above the last limit only the left one
     chance = rng.random()
     if chance < NO_MIRROR_SHARE:
         return NOTHING
@@ -45,7 +47,9 @@ def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
 
 
 def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
-    """Draw a load on a car's roof or bed, mostly none, and its kind."""
+    """Draw a load on a car's roof or bed, or no load; return its kind and mesh.
+
+    The kind is one of `CARRIED`, or "" with an empty mesh."""
     chance = rng.random()
     if shape.bed is not None:
         return _draw_bed_load(shape, shape.bed, rng)
@@ -91,7 +95,7 @@ def _make_rails(front: float, rear: float, y: float, z: float) -> Mesh:
 
 
 def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
-    """Draw a load on a pick-up's bed, a hard top over it, or nothing."""
+    """Draw a load on a pick-up's bed, a hard top over it, or nothing; return kind and mesh."""
     front = shape.length * (0.5 - bed.start)
     rear = shape.length * (0.5 - bed.end)
     middle = (front + rear) / 2
@@ -120,7 +124,9 @@ def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
 
 
 def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
-    """Draw a roof box on two bars, on a roof of a width at height z."""
+    """Draw a roof box on two bars.
+
+    x: middle of the roof; roof_width: its width; z: its height (all m)."""
     length = rng.uniform(1.3, 2.2)
     width = rng.uniform(0.5, 0.85)
     height = rng.uniform(0.26, 0.42)
@@ -138,7 +144,10 @@ def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
 
 
 def _draw_rack(x: float, length: float, roof_width: float, z: float, rng: Rng) -> Mesh:
-    """Draw cross bars and, mostly, a ladder on them. z: height of the roof (m)."""
+    """Draw cross bars and, mostly, a ladder on them.
+
+    x: middle of the roof; length: length of the rack; roof_width: width of the roof;
+    z: its height (all m)."""
     height = float(rng.uniform(0.05, 0.14))
     bar = (0.05, 0.9 * roof_width, 0.04)
     foot = (0.04, 0.04, height + 0.05)

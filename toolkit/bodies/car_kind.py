@@ -8,13 +8,13 @@ from toolkit.mesh import Span
 
 @dataclass(frozen=True)
 class CarKind:
-    """Kind of car; ranges are from .. to.
+    """Kind of car; ranges hold the lowest and the highest value.
 
     Attributes:
         name: such as `estate`.
-        share: of all cars.
+        share: share of the kind among all cars, before the shares are made to add up to 1.
         length: range (m).
-        width: at the shortest and the longest (m).
+        width: mean width of the shortest and of the longest car (m).
         height: range (m).
         profile: distance from the front and height of the top, as parts of length and height.
         wheel: range of the radius (m).

@@ -90,7 +90,9 @@ def draw_proportions(rng: Rng) -> Proportions:
 
 
 def _draw_axles(kind: CarKind, length: float, wheel: float, rng: Rng) -> tuple[float, float]:
-    """Draw distances of the axles from the front (m). wheel: radius (m)."""
+    """Draw the distances of front and rear axle from the front of a car (m).
+
+    length: length of the car (m); wheel: radius of its wheels (m)."""
     front_overhang = float(wheel + rng.uniform(0.32, 0.6) * min(1.0, length / 4.3))
     max_rear = 1.0 if kind.name in ("van", "pickup") else 0.75
     rear_overhang = float(wheel + rng.uniform(0.22, max_rear) * length / 4.6)
@@ -101,7 +103,9 @@ def _draw_axles(kind: CarKind, length: float, wheel: float, rng: Rng) -> tuple[f
 
 
 def _draw_profile(kind: CarKind, rng: Rng) -> Float64[np.ndarray, "k 2"]:
-    """Draw a side profile of a kind, its top at 1, with a little of another kind's mixed in."""
+    """Draw a side profile of a kind, with a little of another kind's mixed in.
+
+    Rows are stations from 0 (front) to 1 (rear) and heights of the top, the highest of them 1."""
     profile = _jitter_corners(kind.profile, rng)
     other_kind = CAR_KINDS[int(rng.integers(len(CAR_KINDS)))]
     other_profile = _jitter_corners(other_kind.profile, rng)
@@ -116,7 +120,9 @@ def _draw_profile(kind: CarKind, rng: Rng) -> Float64[np.ndarray, "k 2"]:
 
 
 def _jitter_corners(profile: Profile, rng: Rng) -> Float64[np.ndarray, "k 2"]:
-    """Move the corners of a profile at random, the ends and the top less."""
+    """Return a profile with its corners moved at random, the ends and the top less.
+
+    Rows are station and height, sorted by station."""
     corners = np.array(profile)
     corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
     rises = np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04)
@@ -131,7 +137,9 @@ def loft_car(shape: Proportions) -> Mesh:
 
 
 def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
-    """Build a car of a lower body, a cabin with slanted screens, and plain wheels or none."""
+    """Build a car from a lower body, a cabin with slanted screens, and wheels or none.
+
+    shape: gives its size and the places of cabin and axles; x forward, wheels on z = 0."""
     half_width = shape.width / 2
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
@@ -151,7 +159,9 @@ def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
 
 
 def _list_lower_levels(shape: Proportions, floor: float, chamfer: float) -> list[_Level]:
-    """Levels of the lower body, its edges chamfered (m)."""
+    """Levels of the lower body from floor to belt line.
+
+    floor: height of its floor (m); chamfer: breadth of its slanted edges (m)."""
     half_width = shape.width / 2
     belt = shape.belt * shape.height
     return [
@@ -180,7 +190,7 @@ def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
 
 
 def _loft_levels(levels: list[_Level], length: float) -> Mesh:
-    """Loft upwards through rectangles. length: of the car (m)."""
+    """Mesh that is lofted upwards through rectangles. length: length of the car (m)."""
     rings = []
     for z, front, rear, y in levels:
         front_x = length * front

@@ -15,7 +15,7 @@ CAR_PROFILES: dict[str, Profile] = {
     style: tuple(map(tuple, corners)) for style, corners in CAR_SHAPES["profiles"].items()
 }
 CAR_NAMES = tuple(CAR_SHAPES["catalogue"])
-FRONT_OVERHANG_SHARE = 0.44  # of both overhangs
+FRONT_OVERHANG_SHARE = 0.44  # share of the front overhang in both overhangs
 PICKUP_FRONT_OVERHANG_SHARE = 0.4
 
 
@@ -52,7 +52,7 @@ class _CatalogueRow:
 
     @classmethod
     def parse(cls, values: Sequence[Any]) -> Self:
-        """Row of the table."""
+        """Make a row from the values of `cars.toml`; a twelfth value stands for roof rails."""
         return cls(*(*values[:11], len(values) > 11))
 
 

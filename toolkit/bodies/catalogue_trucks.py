@@ -54,12 +54,14 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
 
 
 def _join(parts: list[Mesh], mirror: Mesh) -> tuple[Mesh, Mesh]:
-    """Mesh of a vehicle, and of its mirrors on both sides."""
+    """Merge a vehicle's parts, and make its mirrors on both sides from the left one."""
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
 def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
-    """Forward-control cab at the front of a truck."""
+    """Mesh of a cab without bonnet at the front of a truck.
+
+    size: length of the truck, width and height of the cab; cab_length: m."""
     front = size.length / 2
     width = size.width
     height = size.height
@@ -74,13 +76,16 @@ def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
 
 
 def _make_cab_mirror(size: VehicleSize) -> Mesh:
-    """Left wing mirror of a cab."""
+    """Mesh of the left wing mirror of a cab."""
     middle = (size.length / 2 - 0.15, size.width / 2 + 0.12, size.height * 0.72)
     return box((0.12, 0.16, 0.42), middle)
 
 
 def _make_box(truck_length: float, length: float, width: float, top: float) -> Mesh:
-    """Box at the rear of a truck, with the frame and the rear guard."""
+    """Mesh of the box at the rear of a truck, with the truck's frame and rear guard.
+
+    truck_length: length of the truck; length, width: size of the box; top: height of its roof (all
+    m)."""
     rear = -truck_length / 2
     sections = [ShellSection(rear, width, 0.95, top), ShellSection(rear + length, width, 0.95, top)]
     guard = box((0.12, width * 0.95, 0.14), (rear + 0.1, 0, 0.5))
@@ -89,7 +94,9 @@ def _make_box(truck_length: float, length: float, width: float, top: float) -> M
 
 
 def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
-    """Open tipper bed with a heap in it, and the frame."""
+    """Mesh of an open tipper bed with a heap in it, and of the truck's frame.
+
+    truck_length: length of the truck; length: length of the bed (both m)."""
     rear = -truck_length / 2
     middle = rear + length / 2
     walls = [box((length, 0.08, 1.35), (middle, y, 1.75)) for y in (-1.2, 1.2)]
@@ -101,7 +108,7 @@ def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
 
 
 def _make_bus(size: VehicleSize) -> Mesh:
-    """City bus: window band set 4 cm in, roof units, rounded ends."""
+    """Mesh of a city bus with roof units and rounded ends; windows are set in by 2 cm."""
     front = size.length / 2
     rear = -front
     width = size.width
@@ -128,7 +135,7 @@ def _make_bus(size: VehicleSize) -> Mesh:
 
 
 def _make_bus_mirror(size: VehicleSize) -> Mesh:
-    """Left wing mirror of a bus, on an arm ahead of it."""
+    """Mesh of the left wing mirror of a bus, on an arm ahead of it."""
     front = size.length / 2
     side = size.width / 2
     path = [

@@ -18,22 +18,22 @@ from toolkit.bodies.trailers import TRAILERS, draw_trailer
 from toolkit.mesh import merge
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE, label_index
 
-BLOCK_CAR_SHARE = 0.25  # of the cars
-TOWING_SHARE = 0.1  # of the heavy vehicles: cars with a trailer
+BLOCK_CAR_SHARE = 0.25  # share of cars that are built of blocks
+TOWING_SHARE = 0.1  # share of heavy vehicles that are cars with a trailer
 HEAVY_SHARES = (0.55, 0.17, 0.28)  # trucks, articulated trucks and buses of the others
 
 
 def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
-    """Draw a body of a class (`LABELS`); its name gives class and kind.
+    """Draw a body of a class; its name gives class and kind, such as "vehicle/estate".
 
-    evenly: see `draw_person`."""
+    label: number or name of the class (`LABELS`); evenly: see `draw_person`."""
     label = label_index(label)
     drawn = _draw_mesh(label, rng, evenly)
     return make_boxed_body(f"{LABELS[label]}/{drawn.kind}", label, drawn.mesh, drawn.outside)
 
 
 def _draw_mesh(label: int, rng: Rng, evenly: bool) -> DrawnMesh:
-    """Draw the mesh of a class."""
+    """Draw a mesh of a class, by the class number. evenly: see `draw_person`."""
     if label == VEHICLE:
         return _draw_car(rng)
     if label == HEAVY:
@@ -55,7 +55,7 @@ def _draw_car(rng: Rng) -> DrawnMesh:
 
 
 def _draw_towing_car(rng: Rng) -> DrawnMesh:
-    """Draw a car with a trailer."""
+    """Draw a car with a trailer, straight behind it."""
     shape = draw_proportions(rng)
     trailer_kind, trailer = draw_trailer(shape, rng)
     mesh = merge([loft_car(shape), trailer])

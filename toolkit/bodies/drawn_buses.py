@@ -48,7 +48,7 @@ def draw_bus(rng: Rng) -> DrawnMesh:
 
 
 def _draw_length(is_bendy: bool, rng: Rng) -> float:
-    """Draw a length (m)."""
+    """Draw the length (m) of a bus. is_bendy: True for a bendy bus."""
     if is_bendy:
         return float(rng.uniform(16.5, 18.5))
     short = rng.uniform(6.2, 9.0)
@@ -59,7 +59,9 @@ def _draw_length(is_bendy: bool, rng: Rng) -> float:
 def _draw_sections(
     length: float, width: float, height: float, bottom: float, rng: Rng
 ) -> list[ShellSection]:
-    """Draw the sections of a body, from the rear to the front."""
+    """Draw the sections of a bus's body, from the rear to the front.
+
+    bottom: height of its lower edge; all lengths in m."""
     front = length / 2
     rear = -front
     roof_radius = float(rng.uniform(0.04, 0.3))
@@ -75,7 +77,9 @@ def _draw_sections(
 
 
 def _make_bellows(length: float, width: float, height: float, bottom: float) -> list[ShellSection]:
-    """Sections of the narrower and lower bellows of a bendy bus."""
+    """Sections of the bellows of a bendy bus, narrower and lower than its body.
+
+    bottom: height of the body's lower edge; all lengths in m."""
     joint = -0.05 * length
     return [
         ShellSection(joint - 0.7, width, bottom, height),
@@ -86,7 +90,9 @@ def _make_bellows(length: float, width: float, height: float, bottom: float) -> 
 
 
 def _draw_mirror(front: float, width: float, z: float, rng: Rng) -> Mesh:
-    """Draw the left wing mirror at a height. front: x of the bus's front end (m)."""
+    """Draw the left wing mirror of a bus.
+
+    front: x of the bus's front end; width: its width; z: height of the mirror's middle (all m)."""
     mirror_height = float(rng.uniform(0.25, 0.45))
     overhang = float(rng.uniform(0.12, 0.28))
     x = front + float(rng.uniform(-0.3, -0.1))

@@ -21,7 +21,8 @@ WALKER_LIMIT = 0.27
 STREET_LIMITS = (0.0, WHEELCHAIR_LIMIT, CHILD_LIMIT, PRAM_LIMIT, WALKER_LIMIT, 1.0)
 EVEN_LIMITS = (0.0, 0.13, 0.35, 0.62, 0.7, 1.0)
 
-_BURDENS = {  # a draw up to the limit has this
+# burden of a person whose random number is below the limit, and above the limit before
+_BURDENS = {
     0.08: people.backpack,
     0.2: people.bag,
     0.25: people.umbrella,
@@ -89,15 +90,17 @@ def _draw_adult(height: float, rng: Rng) -> Mesh:
 
 
 def draw_pose(rng: Rng, stout: float) -> Figure:
-    """Draw a pose without a step: arms at the sides, or one hand at an ear."""
+    """Draw a figure without a step: arms at the sides, or one hand at an ear.
+
+    stout: see `Figure`."""
     figure = Figure(stout=stout)
     return hold(figure, *AT_AN_EAR) if rng.random() < PHONING_SHARE else figure
 
 
 def _draw_walking(rng: Rng, stout: float | None = None, lean: float | None = None) -> Figure:
-    """Draw a person in mid-stride, or without a step.
+    """Draw the figure of a person in mid-stride, or without a step.
 
-    stout, lean: of the figure, drawn if None."""
+    stout, lean: see `striding`; None to draw them."""
     stout = float(rng.uniform(0.85, 1.2)) if stout is None else float(stout)
     if rng.random() < 0.2:
         return draw_pose(rng, stout)
@@ -118,7 +121,7 @@ def _mirror_figure(figure: Figure) -> Figure:
 
 
 def _mirror_pair(joints: Pair) -> Pair:
-    """Left and right joint exchanged."""
+    """Mirror a left and a right joint: each becomes the other side's."""
     (x, y, z), (right_x, right_y, right_z) = joints
     return (right_x, -right_y, right_z), (x, -y, z)
 

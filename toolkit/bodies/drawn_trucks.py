@@ -10,7 +10,7 @@ from toolkit.bodies.shells import ShellSection, loft_shell
 from toolkit.bodies.wheels import make_axles
 from toolkit.mesh import Mesh, box, flip_sides, merge, tube
 
-SUPERSTRUCTURES = {  # kind of load: share
+SUPERSTRUCTURES = {  # share of trucks with each kind of load; shares add up to 1
     "box": 0.32,
     "curtain": 0.12,
     "flatbed": 0.16,
@@ -22,7 +22,7 @@ SUPERSTRUCTURES = {  # kind of load: share
 }
 CONTAINER_WIDTH_M = 2.44
 MAX_TRUCK_HEIGHT_M = 4.0
-SHELL_RADIUS_M = 0.06  # of the rounded edges of cabs and boxes
+SHELL_RADIUS_M = 0.06  # radius of the rounded edges of cabs and boxes
 
 
 class _LoadSpace(NamedTuple):
@@ -91,7 +91,9 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
 def _draw_cab(
     front: float, width: float, height: float, length: float, rng: Rng
 ) -> tuple[Mesh, Mesh]:
-    """Draw a cab, and its wing mirrors. front: x of its front end (m)."""
+    """Draw the meshes of a cab and of its wing mirrors.
+
+    front: x of its front end; width, height, length: its size without a bonnet (all m)."""
     bottom = float(rng.uniform(0.3, 0.6))
     rake = float(rng.uniform(0.04, 0.35))
     bonnet = float(rng.uniform(0.8, 1.3)) if rng.random() < 0.12 else 0.0
@@ -123,7 +125,7 @@ def _draw_cab(
 
 
 def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
-    """Draw the load of a truck, and its kind."""
+    """Draw the load of a truck, and return its kind (a key of `SUPERSTRUCTURES`) and mesh."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     deck = plank((space.length, space.width, 0.14), space.middle, 0.0, space.floor - 0.02)
     highest = space.cab_height + rng.uniform(-0.2, 1.0)
@@ -142,7 +144,7 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
 
 
 def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
-    """Box, curtain-sider or container up to a height."""
+    """Mesh of a box, curtain-sider or container. top: height of its roof (m)."""
     width = min(space.width, CONTAINER_WIDTH_M) if is_container else space.width
     sections = [
         ShellSection(space.rear, width, space.floor, top),
@@ -152,7 +154,9 @@ def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
 
 
 def _make_refuse_body(space: _LoadSpace, top: float) -> Mesh:
-    """Body of a refuse truck, with its tail lower and narrower."""
+    """Mesh of the body of a refuse truck, lower and narrower at its tail.
+
+    top: height of its roof (m)."""
     floor = space.floor
     sections = [
         ShellSection(space.rear, 0.9 * space.width, floor - 0.2, floor + 1.2),
@@ -172,7 +176,7 @@ def _draw_tank(space: _LoadSpace, rng: Rng) -> Mesh:
 
 
 def _make_mixer(space: _LoadSpace) -> Mesh:
-    """Drum of a concrete mixer, sloping down to the front."""
+    """Mesh of the drum of a concrete mixer, sloping down to the front."""
     axis = [
         (space.rear, 0.0, space.floor + 1.5),
         (space.middle, 0.0, space.floor + 1.25),
@@ -207,7 +211,9 @@ def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
 
 
 def _draw_chassis(length: float, width: float, floor: float, rng: Rng) -> list[Mesh]:
-    """Draw frame, rear guard and wheels of a rigid truck."""
+    """Draw frame, rear guard and wheels of a rigid truck.
+
+    length, width: size of the truck; floor: height of its load's floor (all m)."""
     usual_radius = 0.36 + 0.03 * (length - 5.2)
     wheel_radius = float(np.clip(usual_radius + rng.uniform(-0.03, 0.03), 0.34, 0.53))
     rear_axle = -length / 2 + float(rng.uniform(0.9, 0.28 * length))

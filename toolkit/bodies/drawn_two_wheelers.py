@@ -137,15 +137,17 @@ def draw_scooter(rng: Rng) -> DrawnMesh:
 
 
 def _choose_stream(rng: Rng, share: float, size: float) -> Rng:
-    """Generator of a rider.
+    """Choose the generator of a rider's random numbers.
 
-    A share of the riders has another generator, from a number of the two-wheeler, so that all other
-    bodies of a seed stay as they were before riders varied."""
+    A share of the riders has another generator, seeded by `size`, a number of the two-wheeler, so
+    that all other bodies of a seed stay as they were before riders varied."""
     return np.random.default_rng(round(size * 1e9)) if rng.random() < share else rng
 
 
 def _draw_passenger(driver: Mesh, distance: float, rng: Rng) -> list[Mesh]:
-    """Draw a passenger, sometimes: the driver again, farther back (m) and higher."""
+    """Draw a passenger or, mostly, none: an empty list.
+
+    A passenger is the driver's mesh again, smaller and higher. distance: m farther back."""
     if rng.random() > PASSENGER_SHARE:
         return []
     offset = [-distance - 0.05, 0.0, 0.08]

@@ -8,7 +8,7 @@ from toolkit.mesh import Mesh, Vector, ellipsoid, loft, merge, scale_mesh, tube
 
 Pair = tuple[Vector, Vector]  # left and right
 
-# elbows and hands of people
+# elbows and hands of people, in the units of a `Figure`
 PUSHING: tuple[Pair, Pair] = (
     ((0.02, 0.14, 0.65), (0.02, -0.14, 0.65)),
     ((0.20, 0.12, 0.58), (0.20, -0.12, 0.58)),
@@ -17,7 +17,7 @@ AT_AN_EAR: tuple[Pair, Pair] = (
     ((0.08, 0.13, 0.66), (0.10, -0.12, 0.68)),
     ((0.16, 0.05, 0.80), (0.08, -0.07, 0.80)),
 )
-# sections of the trunk: station from hip to neck, radii along x and y
+# sections of the trunk: place from hip (0) to neck (1), radii along x and y
 _TRUNK_SECTIONS = (
     (0.0, 0.075, 0.098),
     (0.25, 0.072, 0.092),
@@ -29,7 +29,7 @@ _TRUNK_SECTIONS = (
 
 @dataclass(frozen=True)
 class Figure:
-    """Joints of a person 1 unit tall facing +x, y left.
+    """Joints (x, y, z) of a person 1 unit tall, facing +x, y left, soles near z = 0.
 
     Attributes:
         hip: middle of the hips.
@@ -50,19 +50,20 @@ class Figure:
 
 
 def pair(x: float, y: float, z: float) -> Pair:
-    """Return a point on the left and its mirror image."""
+    """Return a point on the left and its mirror image on the right (y negative)."""
     return (x, y, z), (x, -y, z)
 
 
 def hold(figure: Figure, elbows: Pair, hands: Pair) -> Figure:
-    """Move the arms of a figure."""
+    """Return the figure with other elbows and hands, left and right."""
     return replace(figure, elbows=elbows, hands=hands)
 
 
 def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float = 1.0) -> Figure:
     """Figure in mid-stride.
 
-    step: between the ankles; swing: movement of the hands; both parts of the height."""
+    step: distance between the ankles, as a part of the height; swing: how far the hands move, as
+    a part of the step; lean: x of the neck in front of the hips; stout: see `Figure`."""
     sink = 0.18 * step**2
     return Figure(
         hip=(0.0, 0.0, 0.52 - sink),
@@ -76,7 +77,7 @@ def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float =
 
 
 def person(figure: Figure, height: float) -> Mesh:
-    """Mesh of a figure `height` metres tall, soles near z = 0."""
+    """Mesh of a figure that is `height` metres tall when standing, soles near z = 0."""
     head = offset_point(figure.neck, 0.012, 0.0, 0.105)
     parts = [ellipsoid(head, (0.055, 0.045, 0.066), 5, 8), tube([figure.neck, head], 0.032, 6)]
     parts.append(_make_trunk(figure))
@@ -86,7 +87,7 @@ def person(figure: Figure, height: float) -> Mesh:
 
 
 def _make_trunk(figure: Figure) -> Mesh:
-    """Chest and belly."""
+    """Mesh of chest and belly, between hip and neck."""
     hip = np.array(offset_point(figure.hip, 0.0, 0.0, -0.03))
     spine = np.array(figure.neck) - hip
     rings = [
@@ -97,7 +98,9 @@ def _make_trunk(figure: Figure) -> Mesh:
 
 
 def _make_limbs(figure: Figure, side: int, sign: int) -> list[Mesh]:
-    """Leg, arm, foot and hand of one side. side: 0 for the left; sign: 1 for the left."""
+    """Meshes of leg, arm, foot and hand of one side.
+
+    side: index of the side in pairs, 0 for left and 1 for right; sign: 1 for left, -1 for right."""
     stout = figure.stout
     ankle = figure.ankles[side]
     hand = figure.hands[side]
@@ -121,5 +124,5 @@ def unit_circle() -> np.ndarray:
 
 
 def offset_point(point: Vector, x: float, y: float, z: float) -> Vector:
-    """Point moved by x, y and z."""
+    """Return the point moved by x, y and z."""
     return point[0] + x, point[1] + y, point[2] + z

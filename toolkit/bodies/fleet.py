@@ -17,10 +17,10 @@ from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
 HELD_OUT = CAR_NAMES[-5:]  # cars that no shipped detector has been trained on
 FLEETS = ("catalogue", "own", "even", "meshes", "both")
-LARGEST_DRAW = 60  # that a draw of bodies is enough for; in longer traffic they come again
+LARGEST_DRAW = 60  # frames that a draw of bodies is enough for; in longer traffic they come again
 
-# How many are spawned of each class: at first, and per frame (30 objects, each seen in four
-# frames), some to spare.
+# For each class the number of objects spawned at first, and per frame (30 objects, each seen in
+# four frames), some to spare.
 _SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
 
 
@@ -44,8 +44,8 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 class Fleet:
     """Bodies of traffic: fixed ones, drawn ones, or both."""
 
-    fixed: tuple[Body, ...] = ()
-    # classes drawn for each spawned object, half and half with the fixed ones of a class
+    fixed: tuple[Body, ...] = ()  # the same in every recording
+    # class numbers for which bodies are drawn; a class with fixed bodies too has half of each
     drawn: tuple[int, ...] = ()
     mirrors: bool = (
         False  # count wing mirrors into the boxes of drawn bodies, which end at the body otherwise
@@ -60,8 +60,10 @@ class Fleet:
         return tuple(body.name for body in self.fixed) + (possible_names() if self.drawn else ())
 
     def bodies(self, frames: int, rng: Rng) -> tuple[Body, ...]:
-        """Bodies for `frames` frames of traffic; drawn ones suffice for `LARGEST_DRAW`, each used
-        once."""
+        """Bodies for `frames` frames of traffic, class after class.
+
+        Enough are drawn to use each once, but for no more than `LARGEST_DRAW` frames. A class that
+        is half fixed repeats its fixed bodies to make up the other half."""
         if not self.drawn:
             return self.fixed
         bodies: list[Body] = []
@@ -131,6 +133,7 @@ def fleet_named(
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
+    # Bodies of the catalogue by class, made once.
     with_mirrors = ((VEHICLE, cars()), (HEAVY, trucks()))
     without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
     bodies = [

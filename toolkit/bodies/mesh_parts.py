@@ -23,7 +23,9 @@ class DrawnMesh(NamedTuple):
 
 
 def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
-    """Stretch a mesh to a length, width and height (m). It is on z = 0, about x = y = 0."""
+    """Stretch a mesh to a size, and put it on z = 0 with its middle at x = y = 0.
+
+    size: length, width, height (m)."""
     low = mesh.vertices.min(axis=0)
     high = mesh.vertices.max(axis=0)
     middle = (low + high) / 2
@@ -33,12 +35,16 @@ def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
 
 
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
-    """Cuboid on height z, about x and y."""
+    """Cuboid with its foot at height z and its middle at x, y (m).
+
+    size: length, width, height (m), along x, y, z."""
     return box(size, (x, y, z + size[2] / 2))
 
 
 def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
-    """Heap of a size on height z, about x and y = 0."""
+    """Heap, a dome with its flat foot at height z and its middle at x and y = 0 (m).
+
+    size: length, width, height (m)."""
     length, width, height = size
     dome = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
     return Mesh(np.maximum(dome.vertices, [-np.inf, -np.inf, z]), dome.triangles)

@@ -33,13 +33,13 @@ from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 from toolkit.runtime.reading import name_errors, read_plain
 from toolkit.runtime.text_values import parse_toml
 
-_POINTS = 30_000
-_CELLS = 32
+_POINTS = 30_000  # number of points that are spread over a mesh to measure it
+_CELLS = 32  # cells along an axis in which outlines are judged
 _COARSE = 16  # cells along an axis in which symmetry is judged
-# share of the surface without a counterpart: up to, from
+# limits of the share of the surface without a counterpart: symmetric below, not symmetric above
 SYMMETRIC = 0.06
 ASKEW = 0.12
-BACKWARDS = -0.18  # `Shape.ahead` of no car: a pick-up has -0.14
+BACKWARDS = -0.18  # no car has as low a `Shape.ahead`: a pick-up has -0.14
 
 
 class Shape(NamedTuple):
@@ -55,7 +55,9 @@ class Shape(NamedTuple):
 
 
 def measure_shape(mesh: Mesh) -> Shape:
-    """Measure a mesh that stands with z up and x forward. Raises ValueError for a flat one."""
+    """Measure a mesh (m) under the assumption that z is up and x forward.
+
+    Raises ValueError for a flat one."""
     low = mesh.vertices.min(axis=0)
     size = np.ptp(mesh.vertices, axis=0)
     if not (size > 0).all():
@@ -64,10 +66,12 @@ def measure_shape(mesh: Mesh) -> Shape:
     unit = np.clip((points - low) / size, 0, 1 - 1e-9)
     cells = (unit * _CELLS).astype(np.int64)
     fills = np.array([_fill_outline(np.delete(cells, axis, axis=1)).mean() for axis in range(3)])
+    # points in the lowest 4 % of the height touch the ground
     ground = points[unit[:, 2] < 0.04]
     length, width = np.ptp(ground[:, :2], axis=0).tolist()
     middle = unit[(np.abs(unit[:, 0] - 0.5) < 0.1) & (np.abs(unit[:, 1] - 0.5) < 0.25), 2]
     clearance = float(middle.min() * size[2]) if len(middle) else float(size[2])
+    # highest point in each of 24 slices along the length; the last 8 are the front third
     along = (unit[:, 0] * 24).astype(np.int64)
     tops = np.array([unit[along == k, 2].max(initial=0.0) for k in range(24)])
     ahead = float(tops[:8].mean() - tops[-8:].mean())
@@ -75,7 +79,7 @@ def measure_shape(mesh: Mesh) -> Shape:
 
 
 def is_clearly(shape: Shape, label: int) -> bool:
-    """Return whether the shape alone clearly shows a class of `LABELS`."""
+    """Return True if a shape clearly shows a class of `LABELS` without further hints."""
     if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # a walking person is not symmetric
         return False
     shows_class = {
@@ -101,7 +105,7 @@ def _is_clearly_heavy(shape: Shape) -> bool:
 
 
 def _has_vehicle_body(shape: Shape) -> bool:
-    """Return whether a shape fills its box and has wheels at the corners, as vehicles do."""
+    """Return True if a shape fills its box and has wheels at the corners, as vehicles do."""
     length, width = shape.size[:2].tolist()
     fills_box = shape.fills[0] > 0.72 and shape.fills[1] > 0.55 and shape.fills[2] > 0.76
     has_wide_stance = shape.stance[0] > 0.4 * length and shape.stance[1] > 0.45 * width
@@ -123,7 +127,7 @@ def _is_clearly_pedestrian(shape: Shape) -> bool:
 
 
 def find_wrong_stand(shape: Shape, label: int) -> str | None:
-    """Describe how a mesh stands wrongly; None if it seems right."""
+    """Describe in words how a mesh of a class is turned wrongly; None if it seems right."""
     asymmetry = shape.asymmetry
     if label == PEDESTRIAN:
         return "lies on the ground" if shape.size[2] < 0.7 * shape.size[:2].max() else None
@@ -137,7 +141,9 @@ def find_wrong_stand(shape: Shape, label: int) -> str | None:
 
 
 def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
-    """Points spread evenly over the triangles, the same each time, and the corners."""
+    """Points spread evenly over the triangles of a mesh, then all of its vertices.
+
+    They are the same each time. Raises ValueError for a mesh without surface."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not areas.sum() > 0:
@@ -147,6 +153,7 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
         np.cumsum(areas), (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
     ).clip(max=len(a) - 1)
     u, v = rng.random((2, _POINTS, 1))
+    # reflect points of the parallelogram into the triangle
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     return np.concatenate(
         [a[triangle] + u * (b - a)[triangle] + v * (c - a)[triangle], mesh.vertices]
@@ -154,9 +161,10 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
 
 
 def mirror_span(mesh: Mesh) -> Span | None:
-    """Range of y (m) of a vehicle's body without wing mirrors; None where none sticks out by 3 cm
-    or more. A mirror sticks out within 30 cm of the outermost point, above the wheels, in the front
-    six tenths."""
+    """Range of y (m) of a vehicle's body without wing mirrors, right and left end.
+
+    None if no mirror sticks out by 3 cm or more. A mirror sticks out within 30 cm of the outermost
+    point, above the wheels, in the front six tenths. mesh: m, x forward, y left, z up."""
     points = surface_points(mesh)
     low = mesh.vertices.min(axis=0)
     size = np.ptp(mesh.vertices, axis=0)
@@ -175,7 +183,9 @@ def mirror_span(mesh: Mesh) -> Span | None:
 
 
 def _fill_outline(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
-    """Outline of occupied cells and everything they enclose."""
+    """Grid of the cells that are occupied or enclosed by occupied ones in both directions.
+
+    cells: column and row of each occupied cell, from 0 to `_CELLS` - 1."""
     grid = np.zeros((_CELLS, _CELLS), bool)
     grid[tuple(cells.T)] = True
     inside = np.ones_like(grid)
@@ -186,6 +196,8 @@ def _fill_outline(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
 
 
 def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    # Share of the points without another point near their mirror image, for mirrors across x, y, z.
+    # unit: points with each coordinate from 0 to 1 over the mesh. The grid has an empty border.
     grid = np.zeros((_COARSE + 2,) * 3, bool)
     cells = (unit * _COARSE).astype(np.int64)
     grid[tuple(cells.T + 1)] = True
@@ -203,6 +215,7 @@ def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
 
 
 TABLE = "meshes.toml"
+# unit vector of each axis name, such as "x" and "-y"
 _AXES = {
     sign + axis: (1 if not sign else -1) * np.eye(3)[i]
     for i, axis in enumerate("xyz")
@@ -212,29 +225,31 @@ _AXES = {
 
 @dataclass(frozen=True)
 class MeshEntry:
-    """Entry of the table for a file; None for what it does not say."""
+    """Entry of the table `meshes.toml` for a file; None for what it does not give."""
 
-    label: int | None = None
-    up: str | None = None  # axis of the file
-    forward: str | None = None
-    scale: float | None = None  # metres
+    label: int | None = None  # class number
+    up: str | None = None  # axis of the file that points up, such as "-y"
+    forward: str | None = None  # axis of the file that points forward
+    scale: float | None = None  # metres of one unit of the file
 
     @property
     def has_frame(self) -> bool:
-        """True if the entry says how the mesh stands."""
+        """True if the entry gives the file's axis for up or forward."""
         return self.up is not None or self.forward is not None
 
     @property
     def turn(self) -> Float64[np.ndarray, "3 3"]:
-        """Rotation from the file's axes to x forward, y left, z up."""
+        """Rotation (3, 3) from the file's axes to x forward, y left, z up."""
         forward = _AXES[self.forward or "x"]
         up = _AXES[self.up or "z"]
         return np.stack([forward, np.cross(up, forward), up])
 
 
 def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
-    """Read `meshes.toml` in a folder, by file; empty if there is none. Raises ValueError, naming
-    the table and the entry, for damaged TOML and impossible entries."""
+    """Read `meshes.toml` in a folder; return its entries by file, relative to the folder.
+
+    The result is empty without a table. Raises ValueError, naming the table and the entry, for
+    damaged TOML and impossible entries."""
     path = folder / TABLE
     if not lexists(path):
         return {}
@@ -257,6 +272,7 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
 
 
 def _entry(row: dict[str, Any], where: str) -> MeshEntry:
+    # Check one row of the table and return it as an entry. where: table and number, for errors.
     keys = {"file", "label", "up", "forward", "scale"}
     if not set(row) <= keys:
         raise ValueError(
@@ -297,6 +313,7 @@ PLAUSIBLE |= {
     PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
     HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
 }
+# typical length, width, height (m), to choose between several possible units
 _TYPICAL = {
     VEHICLE: (4.5, 1.85, 1.55),
     CYCLIST: (1.75, 0.6, 1.7),
@@ -305,6 +322,7 @@ _TYPICAL = {
 }
 _FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
 _Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
+# rotations to x forward, y left, z up from other axes, by the words "... forward" in errors
 _TURNS = {
     "y up and z": _Y_UP_Z_FORWARD,
     "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
@@ -314,7 +332,10 @@ _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0
 
 
 class TakenMesh(NamedTuple):
-    """Mesh file, the body it became, and how it was taken, in words."""
+    """Mesh file that was read.
+
+    file: its path below the folder; body: the body it became; how: words on class, size and axes
+    and why they were chosen."""
 
     file: str
     body: Body
@@ -322,7 +343,7 @@ class TakenMesh(NamedTuple):
 
 
 def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh, ...]:
-    """Load the mesh files in `folder` and below, and say how each was taken.
+    """Load the mesh files in a folder and below it as bodies, in order of their paths.
 
     mirrors: count visible wing mirrors into the ground truth boxes of vehicles. Raises
     FileNotFoundError for a missing folder; ValueError, naming the file, for a mesh that is damaged,
@@ -349,7 +370,15 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
 
 
 def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = False) -> TakenMesh:
-    """Load one file. called: path whose folders and name give its class and name."""
+    """Load one mesh file as a body.
+
+    Args:
+        path: the file.
+        called: its path below the folder, which gives the body's name and may give its class.
+        entry: what the table gives for it.
+        mirrors: True to count visible wing mirrors into the box of a vehicle.
+
+    Raises ValueError, naming the file, as `take_meshes`."""
     mesh = scale_mesh(_read(path), entry.scale or 1.0)
     named_label = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named_label is None else (named_label,)
@@ -357,6 +386,7 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
     turns = (
         [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
     )
+    # the first turn that gives one clear class and no doubt is taken
     doubts = []
     for turn in turns:
         turned = Mesh(mesh.vertices @ turn.T, mesh.triangles)
@@ -399,6 +429,8 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
 
 
 def _body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
+    # Body of a mesh in its final frame. If mirrors stick out and do not count, the box is of the
+    # rest.
     body = make_body(name, label, *mesh)
     may_stick_out = not mirrors and label in (VEHICLE, HEAVY)
     span = (
@@ -417,7 +449,7 @@ def _body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
 def _how(
     body: Body, shape: Shape, entry: MeshEntry, named_label: int | None, turn: np.ndarray
 ) -> str:
-    """Describe class, size and frame of a body, and their sources."""
+    """Describe class, size and axes of a body in words, and why they were chosen."""
     class_source = "by its shape" if named_label is None else "by its folder or name"
     class_source = class_source if entry.label is None else f"as {TABLE} says"
     axes = {tuple(axis): name for name, axis in _AXES.items()}
@@ -438,7 +470,9 @@ def _how(
 
 
 def _read(path: Path) -> Mesh:
-    """Vertices in use and triangles of a file."""
+    """Mesh of a file, in its units and axes, with only the vertices that triangles use.
+
+    Raises ValueError, naming the file, for a damaged mesh."""
     import trimesh
 
     try:
@@ -466,7 +500,9 @@ def _read(path: Path) -> Mesh:
 
 
 def _find_label(called: Path) -> int | None:
-    """Class named by a folder of the path or the start of the file's name."""
+    """Class number by the name of a folder in the path or the start of the file's name.
+
+    Inner folders come first; None if nothing begins with the name of a class."""
     parts = (part.lower() for part in (*reversed(called.parent.parts), called.stem))
     return next(
         (label for part in parts for label, name in enumerate(LABELS) if part.startswith(name)),
@@ -475,13 +511,17 @@ def _find_label(called: Path) -> int | None:
 
 
 def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
+    # True if length, width and height (m) are within `PLAUSIBLE` for a class.
     return all(
         low <= extent <= high for extent, (low, high) in zip(size, PLAUSIBLE[label], strict=True)
     )
 
 
 def _remedy(mesh: Mesh, named_label: int | None) -> str:
-    """Describe units or orientation that would make it plausible, if any."""
+    """Words on the unit or axes that would make a mesh plausible, "" if nothing does.
+
+    mesh: as in the file; named_label: class number, None if unknown."""
+    # smaller is better: first no change of scale, then the largest deviation from typical sizes
     best = (np.inf, np.inf)
     remedy = ""
     for (unit, scale), (axes, turn) in product(

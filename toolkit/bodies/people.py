@@ -12,13 +12,15 @@ from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, place, scale_mesh, s
 
 
 def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
-    """Skirt or coat from the waist down to `hem` (part of the height)."""
+    """Mesh of a skirt or coat from the waist down to a hem.
+
+    height: of the person (m); hem: height of the hem, as a part of it; stout: see `Figure`."""
     waist = [(0.0, 0.0, 0.58 * height), (0.0, 0.0, hem * height)]
     return tube(waist, [0.095 * stout * height, (0.10 + 0.06 * stout) * height], 10)
 
 
 def umbrella(height: float) -> Mesh:
-    """Open umbrella held in the right hand over the head."""
+    """Mesh of an open umbrella held over the head in the right hand. height: the person's (m)."""
     x = 0.12 * height
     y = -0.10 * height
     top = 1.2 * height
@@ -30,7 +32,9 @@ def umbrella(height: float) -> Mesh:
 
 
 def pushchair(height: float) -> Mesh:
-    """Pushchair with a child, 0.75 m ahead of the person pushing."""
+    """Mesh of a pushchair with a child, about 0.9 m ahead of the person pushing.
+
+    height: as for other burdens; the pushchair does not depend on it."""
     wheels = [make_wheel(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
     seat = place(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
     bars = [
@@ -41,23 +45,23 @@ def pushchair(height: float) -> Mesh:
 
 
 def trolley(height: float) -> Mesh:
-    """Suitcase on wheels, drawn behind."""
+    """Mesh of a suitcase on wheels, pulled behind; it does not depend on the height."""
     handle = tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], 0.012, 5)
     return merge([box((0.26, 0.42, 0.58), (-0.55, -0.30, 0.34)), handle])
 
 
 def bag(height: float) -> Mesh:
-    """Carrier bag in the left hand."""
+    """Mesh of a carrier bag in the left hand. height: height of the person (m)."""
     return ellipsoid((0.03 * height, 0.17 * height, 0.31 * height), (0.16, 0.08, 0.20), 3, 8)
 
 
 def backpack(height: float) -> Mesh:
-    """Rucksack."""
+    """Mesh of a rucksack on the back. height: height of the person (m)."""
     return ellipsoid((-0.105 * height, 0.0, 0.71 * height), (0.12, 0.16, 0.25), 5, 8)
 
 
 def hat(height: float) -> Mesh:
-    """Hat with a brim, level with the crown of the head."""
+    """Mesh of a hat with a brim, level with the crown of the head. height: the person's (m)."""
     x = 0.022 * height
     z = 0.965 * height
     axis = [(x, 0, z), (x, 0, z + 0.02), (x, 0, z + 0.03), (x, 0, z + 0.10)]
@@ -65,7 +69,7 @@ def hat(height: float) -> Mesh:
 
 
 def stick(height: float) -> Mesh:
-    """Walking stick in the right hand."""
+    """Mesh of a walking stick in the right hand. height: height of the person (m)."""
     return tube([(0.20, -0.17 * height, 0.0), (0.10, -0.155 * height, 0.50 * height)], 0.015, 5)
 
 
@@ -94,7 +98,7 @@ def pedestrians() -> dict[str, Mesh]:
 
 
 def _list_pedestrians() -> dict[str, _Pedestrian]:
-    """People of the catalogue by name."""
+    """Describe the people of the catalogue by name."""
     telephoning = hold(Figure(), *AT_AN_EAR)
     pushing = hold(striding(0.22), *PUSHING)
     elbows = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68))

@@ -33,14 +33,17 @@ class ShellSection(NamedTuple):
 
 
 def loft_shell(sections: Sequence[ShellSection], corner: float, points: int = 3) -> Mesh:
-    """Loft through sections from the rear to the front.
+    """Loft a closed mesh through sections in order from the rear to the front.
 
-    corner: radius of their corners (m), of which each has `points` points."""
+    corner: radius of the sections' round corners (m); points: number of points on each corner."""
     return loft(np.stack([_round_section(section, corner, points) for section in sections]))
 
 
 def _round_section(section: ShellSection, radius: float, points: int) -> Float64[np.ndarray, "p 3"]:
-    """Ring of a section with round corners, counter-clockwise seen from the front."""
+    """Ring of a section's points (x, y, z), counter-clockwise seen from the front.
+
+    radius: radius of its round corners (m); points: number of points on each corner."""
+    # y, low and high are of the middles of the four corners' circles
     y = section.width / 2 - radius
     low = section.bottom + radius
     high = section.top - radius
@@ -50,5 +53,6 @@ def _round_section(section: ShellSection, radius: float, points: int) -> Float64
         turn = k * np.pi / 2 + quarter
         arc_y = middle_y + radius * np.cos(turn)
         arc_z = middle_z + radius * np.sin(turn)
+        # 0 * turn + x repeats x for every point of the arc
         arcs.append(np.column_stack([0 * turn + section.x, arc_y, arc_z]))
     return np.concatenate(arcs)

@@ -16,7 +16,9 @@ TRAILERS = {  # kind: ranges of length and width (m)
 
 
 def draw_trailer(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
-    """Draw the trailer of a car with its drawbar, and its kind."""
+    """Draw a trailer with its drawbar, and return its kind (a key of `TRAILERS`) and mesh.
+
+    shape: the car in front, whose middle is at x = 0. The trailer is behind it, wheels on z = 0."""
     kind = list(TRAILERS)[int(rng.integers(3))]
     lengths, widths = TRAILERS[kind]
     length = float(rng.uniform(*lengths))
@@ -39,7 +41,9 @@ def draw_trailer(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
 def _draw_open_trailer(
     front: float, length: float, width: float, floor: float, rng: Rng
 ) -> list[Mesh]:
-    """Draw an open trailer behind x = `front`, sometimes with a heap."""
+    """Draw the parts of an open trailer behind x = `front`, sometimes with a heap on it.
+
+    floor: height of its floor (m); other lengths in m too."""
     middle = front - length / 2
     wall_height = float(rng.uniform(0.3, 0.6))
     side_wall = (length, 0.05, wall_height)
@@ -56,13 +60,16 @@ def _draw_open_trailer(
 
 
 def _draw_box(kind: str, front: float, length: float, width: float, floor: float, rng: Rng) -> Mesh:
-    """Draw a box trailer or a caravan, whose ends slope, behind x = `front`."""
+    """Draw the body of a box trailer or a caravan, with sloping ends, behind x = `front`.
+
+    floor: height of its floor (m); other lengths in m too."""
     if kind == "box_trailer":
         top = float(rng.uniform(1.3, 2.3))
         slope = 0.02
     else:
         top = float(rng.uniform(2.3, 2.65))
         slope = float(rng.uniform(0.06, 0.16))
+    # y as a part of the width, and z (m)
     corners = [[-0.5, floor], [0.5, floor], [0.5, top], [-0.5, top]]
     full_ring = np.array(corners) * [width, 1.0]
     rings = [
@@ -75,13 +82,15 @@ def _draw_box(kind: str, front: float, length: float, width: float, floor: float
 
 
 def _place_ring(ring: Float64[np.ndarray, "4 2"], x: float) -> Float64[np.ndarray, "4 3"]:
-    """Ring (y, z) at an x."""
+    """Points (x, y, z) of a ring of y, z at one x (m)."""
     return np.column_stack([np.full(4, x), ring[:, 0], ring[:, 1]])
 
 
 def _shrink_ring(
     ring: Float64[np.ndarray, "4 2"], x: float, slope: float
 ) -> Float64[np.ndarray, "4 3"]:
-    """Ring (y, z) at an end of a trailer, narrower and lower than in its middle."""
+    """Points (x, y, z) of a ring at an end of a trailer, narrower and lower than in its middle.
+
+    ring: y, z in the middle (m); slope: share by which heights above 0.4 m shrink."""
     z = ring[:, 1] - slope * (ring[:, 1] - 0.4)
     return np.column_stack([np.full(4, x), ring[:, 0] * 0.96, z])

@@ -66,10 +66,16 @@ def rider(
     stout: float = 1.0,
     foot_rest: Span | None = None,
 ) -> Mesh:
-    """Person on a saddle, hands at `grip` and its mirror image.
+    """Mesh of a person on a saddle, hands at `grip` and its mirror image.
 
-    height: of the person; saddle: height of the saddle at x = -0.2 (m); upright: sine of the back's
-    slope; foot_rest: x and z of the foot rests (m), None for pedals, one up and one down."""
+    Args:
+        height: height of the person when standing (m).
+        saddle: height of the saddle at x = -0.2 (m).
+        grip: x, y, z of the left hand (m).
+        upright: sine of the back's slope, 1 for an upright back.
+        stout: breadth of trunk and limbs relative to an average adult.
+        foot_rest: x and z of the foot rests (m), None for pedals, one up and one down."""
+    # a figure's joints are in parts of its height
     hip = (-0.2 / height, 0.0, saddle / height + 0.045)
     neck_x = hip[0] + BACK_LENGTH * math.sqrt(1 - upright**2) + 0.03
     neck = (neck_x, 0.0, hip[2] + BACK_LENGTH * upright)
@@ -84,14 +90,17 @@ def rider(
 
 
 def _find_ankle(foot_rest: Span, y: float, height: float) -> Vector:
-    """Ankle of a figure whose foot is on a rest at x and z. y: m to the left."""
+    """Ankle of a figure whose foot is on a rest, as parts of the figure's height.
+
+    foot_rest: x and z of the rest (m); y: m to the left; height: height of the figure (m)."""
     return (foot_rest[0] - 0.02) / height, y / height, foot_rest[1] / height + 0.035
 
 
 def _find_knee(hip: Vector, ankle: Vector) -> Vector:
-    """Knee in front of the line from hip to ankle.
+    """Knee in front of the line from hip to ankle, all as parts of the figure's height.
 
     Thigh and shin are each a quarter of the height."""
+    # half the leg's length and `bend` are the sides of a right triangle on thigh or shin
     hip_point = np.array(hip)
     ankle_point = np.array(ankle)
     leg = ankle_point - hip_point
@@ -102,7 +111,7 @@ def _find_knee(hip: Vector, ankle: Vector) -> Vector:
 
 
 def bicycle(radius: float) -> Mesh:
-    """Bicycle whose wheels have this radius (m)."""
+    """Mesh of a bicycle whose wheels have this radius (m), x forward, wheels on z = 0."""
     rear_hub = (-0.52, 0.0, radius)
     front_hub = (0.52, 0.0, radius)
     crank = (-0.08, 0.0, 0.29)
@@ -125,7 +134,10 @@ def bicycle(radius: float) -> Mesh:
 
 
 def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
-    """Ring of a wheel, open between the spokes, on z = 0."""
+    """Mesh of a tyre on z = 0, with nothing inside the ring.
+
+    x: place of its middle; radius: its outer radius; thickness: radius of the tyre (all m)."""
+    # + 0 * turn gives ring_y the shape (around the axle, around the tyre) of the others
     turn = np.arange(21) * 2 * np.pi / 20  # around the axle
     roll = np.arange(5) * 2 * np.pi / 5  # around the tyre
     distance = radius - thickness * (1 - np.cos(roll))
@@ -136,7 +148,9 @@ def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
 
 
 def motorcycle(fairing: bool = False) -> Mesh:
-    """Motorcycle, bare or with a fairing and a top case."""
+    """Mesh of a motorcycle, x forward, wheels on z = 0.
+
+    fairing: True for one with a fairing and a top case."""
     rear_wheel = make_wheel(-0.70, 0.0, 0.31, 0.16)
     front_wheel = make_wheel(0.74, 0.0, 0.30, 0.12)
     engine = ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22))
@@ -155,7 +169,7 @@ def motorcycle(fairing: bool = False) -> Mesh:
 
 
 def scooter() -> Mesh:
-    """Motor scooter with mirrors on its handlebar."""
+    """Mesh of a motor scooter with mirrors on its handlebar, x forward, wheels on z = 0."""
     rear_wheel = make_wheel(-0.58, 0.0, 0.24, 0.13)
     front_wheel = make_wheel(0.60, 0.0, 0.24, 0.11)
     seat = ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19))

@@ -14,15 +14,18 @@ _RADII = (0.86, 1.0, 1.0, 0.86)
 
 
 def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 12) -> Mesh:
-    """Make a wheel with its axle along y, on z = 0."""
+    """Make a wheel on z = 0 with its axle along y.
+
+    x, y: its middle (m); radius, breadth: m; sides: number of sides of its outline."""
     axis = np.column_stack([np.full(4, x), np.array(_ACROSS) * breadth + y, np.full(4, radius)])
     return stand(tube(axis, np.array(_RADII) * radius, sides))
 
 
 def make_axles(axles: Iterable[float], width: float, radius: float, sides: int = 14) -> list[Mesh]:
-    """Make wheels 0.3 m broad on both sides of a vehicle.
+    """Make the left and right wheels of a vehicle, each 0.3 m broad, all left ones first.
 
-    axles: x of each. width: over the wheels."""
+    axles: x of each axle (m); width: from the outer side of the left wheels to the right ones'
+    (m); radius: m; sides: number of sides of a wheel's outline."""
     y = width / 2 - AXLE_WHEEL_WIDTH_M / 2
     wheels = [make_wheel(x, y, radius, AXLE_WHEEL_WIDTH_M, sides) for x in axles]
     return wheels + [flip_sides(wheel) for wheel in wheels]

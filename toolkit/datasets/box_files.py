@@ -21,6 +21,7 @@ from toolkit.runtime.text_values import replace_infinite
 from toolkit.runtime.writing import write_text
 
 _VERSION = 1
+# keys of a box in the file, in the order of the columns of a box (m)
 _SIZES = ("x", "y", "z", "length", "width", "height")
 _FORM = f'{{"coview": "boxes", "version": {_VERSION}, "samples": [{{"name", "objects": [...]}}]}}'
 
@@ -33,9 +34,16 @@ def boxes_record(
     counts: Sequence[int] | np.ndarray | None = None,
     stamps_s: Mapping[str, float] | None = None,
 ) -> str:
-    """Return one frame's entry of the file as text, which thousands of frames can wait as.
+    """Return one frame's entry of the file as JSON text, for `write_boxes`.
 
-    stamps_s: times of the sensors' clouds by name (`SensorCloud.stamp_s`)."""
+    Text takes little memory while thousands of frames wait to be written.
+
+    Args:
+        name: name of the frame.
+        time: its time (s).
+        boxes: its labels, which get their ids, or its detections, which get their scores.
+        counts: number of points on each box, None to leave it out.
+        stamps_s: time of each sensor's cloud by its name (`SensorCloud.stamp_s`)."""
     objects = []
     for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
         row = {
@@ -59,9 +67,10 @@ def boxes_record(
 
 
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
-    """Write a file of frame entries (`boxes_record`), whole or not at all.
+    """Write a file of frame entries, whole or not at all.
 
-    more: further fields of the file."""
+    entries: texts of `boxes_record`; more: further fields of the file."""
+    # the entries' text is put between "[" and "]" of the file's, since it is JSON already
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
     head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
     rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in entries)
@@ -69,7 +78,9 @@ def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> Non
 
 
 def read_entries(path: str | Path) -> dict[str, Unchecked]:
-    """Entries of a file by the names of their frames. Raises ValueError, which names the file."""
+    """Read a file of boxes; return its entries, not yet parsed, by the names of their frames.
+
+    Raises ValueError, which names the file."""
     with name_damage(path, "file of boxes"):
         content = load_json(path)
         if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != (
@@ -106,7 +117,10 @@ def _describe_form(content: Unchecked) -> str:
 
 
 def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) -> FrameLabels:
-    """The labels of one entry."""
+    """Parse one entry of a file of boxes as the labels of a frame.
+
+    path: the file, for errors; frame_entry: from `read_entries`; problems: kinds and numbers of
+    labels left out are added to it."""
     with name_damage(path, "file of boxes"):
         sample = f"sample {str(entry(frame_entry, 'name'))[:60]!r}"
         if "objects" not in frame_entry:
@@ -128,6 +142,6 @@ def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) 
 
 
 def _parse_object(row: Unchecked) -> tuple[list[float], str, int]:
-    """Box with its yaw in degrees, label and number of points of one object."""
+    """Box (yaw in degrees), class name and number of points of one object, -1 points if unknown."""
     box = [as_number(entry(row, key), key) for key in (*_SIZES, "yaw_deg")]
     return box, str(entry(row, "label")), int(as_number(row.get("points", -1), "points"))

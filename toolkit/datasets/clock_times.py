@@ -20,6 +20,7 @@ from toolkit.arrays import Float64, Int64
 
 _WHOLE = re.compile(r"\d{9,19}")
 _DECIMAL = re.compile(r"\d{9,10}\.\d+")
+# seconds and their fraction, and maybe a sensor's name
 _PARTED = re.compile(r"(\d{9,10})_(\d{3}|\d{6}|\d{9})(?:_[A-Za-z].*)?")
 _TICKS_PER_SECOND = (1, 10**3, 10**6, 10**9)
 EARLIEST_S = 1e8  # since 1970
@@ -31,7 +32,7 @@ MAX_PERIOD_S = 0.2  # of a sensor that always measures; slower recordings are sa
 UNPAIRED = "frames that lack the cloud of some sensor at their time"
 BY_ORDER = "frames put together by the order of their clouds, whose names are no times"
 
-# number of the cloud of each sensor in a frame, in order of the given times
+# clouds of one frame: name of each sensor and index of its cloud in its times
 Group = dict[str, int]
 
 
@@ -89,9 +90,9 @@ def parse_time(value: object, name: str) -> float | None:
 
 
 def parse_microseconds(ticks: float) -> float:
-    """Return seconds of a time in a format that has microseconds.
+    """Return the seconds of a time from a format that states microseconds.
 
-    Numbers too large for microseconds are nanoseconds.
+    Numbers too large for microseconds since 1970 count as nanoseconds.
 
     >>> parse_microseconds(500000), parse_microseconds(1700000000250000000)
     (0.5, 1700000000.25)"""
@@ -121,6 +122,7 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
     if not order:
         return []
     periods = {sensor: _find_period(times_s[sensor][rows]) for sensor, rows in order.items()}
+    # Sensors are matched one after the other with the groups so far, the fastest sensor's first.
     reference = min(order, key=lambda sensor: periods[sensor])
     period = periods[reference]
     groups: list[Group] = [{reference: int(row)} for row in order[reference]]
@@ -143,12 +145,14 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
 
 
 def _sort_group(group: Group, sensors: list[str]) -> Group:
-    """A group in the order of the sensors."""
+    """Return the group with its sensors in the order of the list."""
     return {sensor: group[sensor] for sensor in sensors if sensor in group}
 
 
 def _find_period(times: Float64[np.ndarray, " n"]) -> float:
-    """Median time between two clouds of a sensor, at most `MAX_PERIOD_S`."""
+    """Median time (s) between successive clouds of a sensor, at most `MAX_PERIOD_S`.
+
+    times: s, rising. The result is `MAX_PERIOD_S` for fewer than two different times."""
     steps = np.diff(times)
     steps = steps[steps > 0]
     return min(float(np.median(steps)), MAX_PERIOD_S) if len(steps) else MAX_PERIOD_S
@@ -157,9 +161,11 @@ def _find_period(times: Float64[np.ndarray, " n"]) -> float:
 def _find_partners(
     times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"], period: float
 ) -> Int64[np.ndarray, " n"]:
-    """Number of the group that each cloud belongs to, -1 without one.
+    """Index of the group that each cloud of a sensor belongs to, -1 for none.
 
-    A group gets at most one cloud. Times ascend."""
+    A group gets at most one cloud, the closest. times: times of the clouds (s, rising);
+    centres: times of the groups (s, rising); period: time between two clouds of the fastest sensor
+    (s)."""
     lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
     nearest = _find_nearest(times - lag, centres)
     distances = np.abs(times - lag - centres[nearest])
@@ -177,7 +183,9 @@ def _find_partners(
 def _find_nearest(
     times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"]
 ) -> Int64[np.ndarray, " n"]:
-    """Number of the centre nearest to each time; the earlier of two."""
+    """Index of the centre nearest to each time; the earlier one if two are equally near.
+
+    centres: s, rising."""
     after = np.clip(np.searchsorted(centres, times), 1, max(1, len(centres) - 1))
     before = after - 1
     if len(centres) == 1:
@@ -186,7 +194,10 @@ def _find_nearest(
 
 
 def _find_lag(differences: Float64[np.ndarray, " n"], period: float) -> float:
-    """Lag (s) that a sensor's clouds usually have, at most half a period."""
+    """Lag (s) that a sensor's clouds usually have, at most half a period either way.
+
+    differences: from the nearest group's time to each cloud's (s); those above a period do not
+    count. The mean is taken on a circle of one period, as a full period more changes nothing."""
     near = differences[np.abs(differences) <= period]
     if not len(near):
         return 0.0

@@ -31,11 +31,12 @@ MAX_CHECKED_ROWS = 1000  # rows of a .bin file whose columns are compared with o
 
 
 def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointCloud":
-    """Return one float64 cloud in the poses' common frame.
+    """Read clouds from files and fuse them in the common frame of their poses, as float64.
 
     Sensor k recorded paths[k] at the pose poses[k]. Normals turn with their pose. Attributes that
-    all files have stay; a warning names the others, see `fuse`. Raises FileNotFoundError, and
-    ValueError for a file without points or an invalid pose."""
+    all files have stay; a warning names the others, see `fuse`. Points that are not finite, or at
+    0 0 0, are left out. Raises FileNotFoundError, and ValueError for a file without points or an
+    invalid pose."""
     from toolkit.clouds import from_attributes, fuse
 
     if len(paths) != len(poses):
@@ -68,9 +69,10 @@ def crop_area(
     floor: float = 0.0,
     remedy: str = "",
 ) -> "PointCloud":
-    """Crop by `toolkit.clouds.crop`.
+    """Crop a cloud as `toolkit.clouds.crop` does, but raise ValueError if no point remains.
 
-    If no point remains, raises ValueError with the positions of the points and `remedy`."""
+    area: xmin, ymin, xmax, ymax (m); height, floor: see `crop`; remedy: words that end the error,
+    after the extent of the points."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)
@@ -87,18 +89,18 @@ def crop_area(
 
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
-    """Finite points of one file, as they are stored."""
+    """Read the points of one file that are finite, as they are stored."""
     return _drop_infinite(read_recorded(path))["positions"]
 
 
 def _drop_infinite(recorded: Attributes) -> Attributes:
-    """Drop points whose coordinates are not finite."""
+    """Return attributes without the points whose coordinates are not finite."""
     finite = np.isfinite(recorded["positions"]).all(axis=1)
     return {name: column[finite] for name, column in recorded.items()}
 
 
 def read_recorded(path: str | Path) -> Attributes:
-    """Attributes of one file by name, including `positions` (float64).
+    """Read the attributes of one file's points by name, including `positions` (n, 3; float64).
 
     Points that are not finite are kept. Raises FileNotFoundError, and ValueError for a file that
     holds no points."""
@@ -195,7 +197,9 @@ def _read_feather(path: Path) -> Attributes:
 
 
 def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
-    """Return True if rows of 4 numbers look like rows of 5 whose fifth, a ring, is whole."""
+    """Return True if numbers read as rows of 4 look like rows of 5, whose fifth, a ring, is whole.
+
+    rows: as read, x y z intensity if they are really 4 wide."""
     if rows.size % 5 or not len(rows):
         return False
     fifth = rows.reshape(-1, 5)[:MAX_CHECKED_ROWS, 4]

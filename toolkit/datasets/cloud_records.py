@@ -43,7 +43,7 @@ def read_cloud(
     stamp_s: float | None = None,
     middles: Middles | None = None,
 ) -> SensorCloud:
-    """Read the cloud of a file, as `build_cloud`.
+    """Read the cloud of one sensor from a file; for the arguments see `build_cloud`.
 
     Raises FileNotFoundError, and ValueError for a file without readable points."""
     attributes = read_recorded(path)
@@ -62,11 +62,21 @@ def build_cloud(
     stamp_s: float | None = None,
     middles: Middles | None = None,
 ) -> SensorCloud:
-    """Build a cloud of `positions` and other columns.
+    """Build a sensor's cloud from recorded columns, without points that cannot be used.
 
     Points kilometres from their origin, such as in UTM without their sensor's pose, are counted
-    from the middle of the sensor's first cloud, which moves into the pose. middles: middles of the
-    recording's sensors. Raises ValueError for points that are too far apart to be metres."""
+    from the middle of the sensor's first cloud, which moves into the pose.
+
+    Args:
+        attributes: columns by name: `positions` (n, 3; m) and maybe intensity, ring and time.
+        name: name of the sensor.
+        world_SE3_sensor: its pose.
+        problems: kinds and numbers of points left out are added to it.
+        frame: frame of the positions.
+        stamp_s: time of the cloud (s), None if unknown.
+        middles: middles of the recording's sensors; None for one cloud only.
+
+    Raises ValueError for points that are too far apart to be metres."""
     recorded = np.asarray(attributes["positions"], np.float64)
     check_extent(recorded)
     is_returned = np.ones(len(recorded), bool)
@@ -101,7 +111,9 @@ def build_cloud(
 def _mark_sound(
     recorded: Float64[np.ndarray, "n 3"], is_returned: Mask, problems: Problems
 ) -> Mask:
-    """Mark the points to keep, and count the others in `problems`."""
+    """Mask of the points to keep; the others are counted in `problems`.
+
+    recorded: m; is_returned: mask of the points that are no placeholder for no return."""
     with np.errstate(invalid="ignore"):
         is_sound = (np.abs(recorded) <= MAX_POINT_DISTANCE_M).all(axis=1)  # NaN is not
     is_kept = is_sound & is_returned
@@ -123,7 +135,10 @@ class _PointColumns(NamedTuple):
     is_kept: Mask
 
     def _list(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
-        """Yield columns with these names; if `wide`, also the first column of a matrix."""
+        """Yield the columns that have one of these names, for the kept points, in the names' order.
+
+        Columns of another length are left out, and matrices too, unless `wide`: then their first
+        column counts."""
         count = len(self.is_kept)
         for name in names:
             if name not in self.attributes:
@@ -170,9 +185,10 @@ def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
 
 
 def one_cloud(sample: Frame) -> SensorCloud:
-    """Merge all clouds of a frame in its world frame.
+    """Merge all clouds of a frame into one in its world frame, named "lidar".
 
-    Intensities are kept if all clouds have them."""
+    Intensities are kept if all clouds have them, the time if it is the same for all. Its pose is
+    the pose of the first cloud's sensor."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
     is_complete = len(intensities) == len(sample.clouds) and len(intensities) > 0
     pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)

@@ -12,6 +12,7 @@ _MAX_SPREAD_M = 5000.0  # from the middle to half of a sensor's points; beyond a
 
 def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
     """Raise ValueError for numbers that are no positions, or too far apart to be in metres."""
+    # at most a thousand points, evenly taken
     sample = points[:: len(points) // 1000 + 1]
     finite = sample[np.isfinite(sample).all(axis=1)]
     if len(sample) and not np.isfinite(points).all(axis=1).any():
@@ -44,7 +45,9 @@ def check_extent(points: Float64[np.ndarray, "n 3"]) -> None:
 
 
 def describe_rounding(points: Float64[np.ndarray, "n 3"]) -> str | None:
-    """Words on coordinates that lost centimetres before they were read; None if they did not."""
+    """Describe in words how coordinates were rounded before they were read; None if they were not.
+
+    points: m, as stored. Coordinates far from 0 that fit float32 have lost centimetres."""
     sample = points[:: len(points) // 1000 + 1]
     sample = sample[np.isfinite(sample).all(axis=1)]
     farthest = np.median(np.abs(sample), axis=0).max() if len(sample) else 0.0

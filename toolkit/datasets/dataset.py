@@ -132,7 +132,9 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     def open_dataset(
         self, name: str, *, axes: int | None = None, kinds: str = "fiu"
     ) -> h5py.Dataset:
-        """Dataset of the file, such as a channel's, checked on first use."""
+        """Return a dataset of the file by its path; it is checked on first use and then kept.
+
+        axes: required number of axes, None for any; kinds: NumPy kinds that its type may have."""
         file, checked = self._file()
         if name not in checked:
             checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
@@ -154,6 +156,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return self._open[1:]
 
     def _frame(self, k: int) -> Frame:
+        # Frame of number k, from 0: images, objects and time, in the site's frame.
         file, _ = self._file()
         try:
             names = dict.fromkeys(channel.name for channel in self.channels)

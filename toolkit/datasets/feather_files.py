@@ -13,7 +13,7 @@ _BATCH = 3  # kind of an Arrow message
 
 
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
-    """Columns of a feather file by name.
+    """Read the columns of a feather file by name; float16 columns become float32.
 
     Raises ImportError without pyarrow, ValueError for a damaged file."""
     try:
@@ -55,14 +55,16 @@ def read_table(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _batch_size(message: bytes, body: Any) -> int:
-    """Bytes that a batch of an Arrow file declares to unpack to (its Message.fbs, a flat
-    buffer)."""
+    """Number of bytes that a message of an Arrow file declares to unpack to, 0 if it has no data.
+
+    message: its header, a flat buffer as Arrow's Message.fbs describes it; body: its data."""
 
     def number(kind: str, position: int) -> int:
+        # Little-endian number of a `struct` kind at a position of the message.
         return int(struct.unpack_from(f"<{kind}", message, position)[0])
 
     def field(table: int, field_index: int) -> int:
-        """Position of a table's field, 0 if the table lacks it."""
+        """Position of a table's field in the message, 0 if the table lacks it."""
         fields = table - number("i", table)
         offset = (
             number("H", fields + 4 + 2 * field_index)
@@ -72,6 +74,7 @@ def _batch_size(message: bytes, body: Any) -> int:
         return table + offset if offset else 0
 
     def follow_offset(position: int) -> int:
+        # Position to which the offset at a position points.
         return position + number("I", position)
 
     root = number("I", 0)

@@ -3,14 +3,16 @@
 import re
 from pathlib import Path
 
+# a run of digits that is not a part of the decimals of a number
 _WHOLE_NUMBER = re.compile(r"(?<![0-9])(?<![0-9]\.)([0-9]{1,300})")
 MACOS_FOLDER = "__MACOSX"
 BAG_ENDINGS = (".bag", ".mcap", ".db3")
+# endings of cloud files; among several files of one name the first ending counts
 ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
 
 
 def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:
-    """Files and folders in a folder in `natural_order`.
+    """List the files and folders in a folder in `natural_order`, by glob pattern.
 
     Hidden ones are left out, and files that macOS adds to archives (`._NAME`)."""
     found = folder.rglob(pattern) if recursive else folder.glob(pattern)
@@ -40,10 +42,10 @@ def _path_order(file: Path) -> tuple[tuple[str | int, ...], ...]:
 
 
 def _is_hidden(parts: tuple[str, ...]) -> bool:
-    """True for paths that begin with a dot, or that macOS adds to archives."""
+    """True if a part of a path begins with a dot, or is a folder that macOS adds to archives."""
     return any(part.startswith(".") or part == MACOS_FOLDER for part in parts)
 
 
 def list_bags(folder: Path) -> list[Path]:
-    """Files of ROS bags in a folder, by name."""
+    """List the files of ROS bags directly in a folder, in natural order."""
     return [file for file in list_files(folder) if file.suffix.lower() in BAG_ENDINGS]

@@ -39,9 +39,9 @@ class FrameLabels(NamedTuple):
     """Labels of one frame as `toolkit.frame.Frame` holds them.
 
     Attributes:
-        objects: the objects.
-        categories: their names.
-        counts: the data set's counts of points on them, None without any.
+        objects: labels of our classes.
+        categories: name of each one's class as the data set has it.
+        counts: the data set's number of points on each, None if one is unknown.
         others: objects of other classes.
     """
 
@@ -58,10 +58,14 @@ def make_labels(
     problems: Problems,
     counts: Sequence[int] | Int64[np.ndarray, " n"] | None = None,
 ) -> FrameLabels:
-    """Turn label rows, world frame, into objects.
+    """Turn labels as a data set gives them into objects of our classes and others.
 
-    Rows that are left out are added to `problems`. ids: track ids of any kind; row numbers if None.
-    counts: the data set's counts of points, below 0 if nobody counted."""
+    Args:
+        boxes: box of each label, world frame, in m and rad.
+        categories: name of its class in the data set.
+        ids: its track id of any kind; None for row numbers.
+        problems: kinds and numbers of labels left out are added to it.
+        counts: the data set's number of points on it, below 0 if unknown."""
     boxes = np.asarray(boxes, np.float64).reshape(-1, 7)
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
@@ -92,7 +96,7 @@ def make_labels(
 
 
 def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mask:
-    """Mark boxes that an object may have, and count the others by their first problem."""
+    """Mask of the boxes that an object may have; the others are counted by their first problem."""
     is_sized = (boxes[:, 3:6] >= MIN_BOX_SIDE_M).all(axis=1)
     is_small = (boxes[:, 3:6] <= MAX_BOX_SIDE_M).all(axis=1)
     is_near = (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M).all(axis=1)
@@ -111,7 +115,9 @@ def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mas
 def _find_doubled(
     boxes: Float64[np.ndarray, "n 7"], categories: Sequence[str], rows: Int64[np.ndarray, " m"]
 ) -> Int64[np.ndarray, " k"]:
-    """Rows that repeat the box and category of an earlier one."""
+    """Rows that repeat the box and category of an earlier row.
+
+    rows: row numbers of the boxes to compare, in order."""
     category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
     compared = np.column_stack([boxes, category_numbers])
     by_x = rows[np.argsort(boxes[rows, 0], kind="stable")]
@@ -126,30 +132,33 @@ def _find_doubled(
 
 
 def _known_counts(counts: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"] | None:
-    """Counts of points, None if one is unknown."""
+    """Return counts of points, or None if one of them is unknown (below 0)."""
     return None if (counts < 0).any() else counts
 
 
 def list_rows(objects: Objects, names: Mapping[str, str]) -> list[tuple[list[float], str, int]]:
-    """Box, name and track of each object to write."""
+    """Box, class name and track id of each object, for a file.
+
+    names: name in the file for each of `LABELS`."""
     rows = zip(objects.boxes.tolist(), objects.labels.tolist(), objects.ids.tolist(), strict=True)
     return [(box, names[LABELS[label]], track) for box, label, track in rows]
 
 
 def no_labels() -> FrameLabels:
-    """Return the labels of a frame without any."""
+    """Return the labels of a frame that has no objects."""
     return make_labels(np.zeros((0, 7)), [], None, {})
 
 
 def count_full_turns(yaws: Shaped[np.ndarray, " n"], problems: Problems) -> None:
-    """Add to the problems the number of yaws that no file in radians has."""
+    """Count in `problems` the yaws beyond a full turn, which are probably degrees."""
     add_problem(problems, FULL_TURNS, int((np.abs(yaws) > FULL_TURN_RAD).sum()))
 
 
 def track_number(name: object) -> int:
-    """Track id as a number.
+    """Track id as a whole number.
 
-    An integer stays itself, also as text; any other text becomes a number."""
+    An integer stays itself, also as text; any other text becomes a number of 63 bits by its hash,
+    the same in every run."""
     if type(name) is int and abs(name) < MAX_TRACK:
         return name
     text = str(name).strip()

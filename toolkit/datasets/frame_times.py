@@ -9,7 +9,7 @@ from toolkit.frame import Frame, SensorCloud
 
 
 def clock_time(frame: Frame, number: int) -> float:
-    """Return the time (s) to write of a frame, `number` tenths for a frame without one.
+    """Return the time (s) to write for a frame, `number` tenths of a second if unknown.
 
     Raises ValueError for a time that is not since 1970, which no layout with clock times holds."""
     time = frame.time if np.isfinite(frame.time) else 0.1 * number
@@ -22,20 +22,20 @@ def clock_time(frame: Frame, number: int) -> float:
 
 
 def cloud_time(cloud: SensorCloud, frame_time_s: float) -> float:
-    """Return the time (s) to write of a cloud, its frame's if it lacks one."""
+    """Return the time (s) to write for a cloud: the time of its frame if unknown."""
     return frame_time_s if cloud.stamp_s is None else cloud.stamp_s
 
 
 def frame_time(clouds: Sequence[SensorCloud]) -> float:
-    """Return the time (s) of a frame's first cloud, NaN if it is not known."""
+    """Return the time (s) of the first cloud as the time of its frame, NaN if unknown."""
     first = clouds[0].stamp_s if clouds else None
     return np.nan if first is None else first
 
 
 def finite_time(value: Unchecked, name: str) -> float | None:
-    """Return a time of a file (s), None if it is missing or empty.
+    """Return a time (s) that a file states, None if it is missing, empty, NaN or infinite.
 
-    Raises ValueError for anything but a number."""
+    name: what errors call it. Raises ValueError for anything but a number."""
     if value is None or value == "":
         return None
     seconds = as_number(value, name)

@@ -31,7 +31,9 @@ def open_file(path: str | Path) -> h5py.File:
 
 
 def object_rows(file: h5py.File, name: str) -> np.ndarray:
-    """Published object rows of a frame, unchecked. Raises ValueError if they cannot be read."""
+    """Read the published object rows of a frame, with their values unchecked.
+
+    name: dataset of the frame, such as "objects/0". Raises ValueError if they cannot be read."""
     rows = hdf5.find_array(file, name, kinds="fiub")
     if rows is None:
         raise ValueError(f"{name} is missing: every frame needs its objects, no rows for none")

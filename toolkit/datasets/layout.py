@@ -17,9 +17,10 @@ class Layout:
 
     Attributes:
         name: its name.
-        module: module with its functions.
-        reader: function from a path to a recording.
-        writer: function that writes frames at a path, None for a layout that is only read.
+        module: name of the module with its functions.
+        reader: name of the function that makes a recording from a path.
+        writer: name of the function that writes frames at a path, None for a layout that is only
+            read.
         file: True if it writes one file instead of a folder.
     """
 
@@ -31,13 +32,14 @@ class Layout:
 
     @property
     def open(self) -> Callable[..., Recording]:
-        """The reader."""
+        """Function that makes a recording from a path."""
         return getattr(import_module(self.module), self.reader)
 
     @property
     def write(self) -> Callable[[Iterable[Frame], Path], int]:
-        """The writer, which returns the number of frames; a folder appears whole.
+        """Function that writes frames at a path and returns their number.
 
+        A folder appears only when it is complete.
         Raises ValueError for a read-only layout."""
         if self.writer is None:
             raise ValueError(f"layout {self.name} is only read: write another, such as folder")

@@ -51,7 +51,7 @@ class Listing(DisplayedRecording):
 
     @cached_property
     def strays(self) -> tuple[str, ...]:
-        """Samples that labels name and the recording lacks."""
+        """Names, times or tokens that labels refer to and that have no cloud, each once."""
         names = set(self.names if self.known is None else self.known)
         return tuple(name for name in dict.fromkeys(self.labelled) if name not in names)
 

@@ -23,14 +23,14 @@ MAX_SAMPLE_POINTS = 1000  # points that a middle or an origin is found from
 
 
 def translation(position: Float64[np.ndarray, "3"]) -> Pose:
-    """Return the pose at a place (m) that does not turn."""
+    """Return the pose (4, 4) that moves by x, y, z (m) and does not turn."""
     pose = np.eye(4)
     pose[:3, 3] = position
     return pose
 
 
 def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
-    """Return the median of points to the metre, zeros unless most points are far from the origin.
+    """Return the median of points, rounded to a metre; zeros unless most are far from the origin.
 
     Points that are not finite or all 0, which some drivers write for no return, do not count."""
     sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]
@@ -54,7 +54,10 @@ class Middles:
     )
 
     def find(self, sensor: str, middle: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
-        """Return a sensor's middle (m); `middle` is its cloud's that is being read."""
+        """Return the middle (x, y, z in m) from which a sensor's clouds are counted.
+
+        middle: middle of its cloud that is being read, used if no first cloud is known. The result
+        is kept for the sensor's next clouds."""
         if sensor not in self._by_sensor:
             file = self.files.get(sensor)
             first = middle if file is None else find_far_middle(read_recorded(file)["positions"])
@@ -75,7 +78,10 @@ def find_origin(frame: Frame) -> Float64[np.ndarray, "3"]:
 
 
 def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
-    """Return a frame whose world frame begins at `origin` (m) of what was its world frame."""
+    """Return a frame with its world frame moved to a new origin.
+
+    origin: x, y, z of the new origin in the old world frame (m). Boxes, poses, points and the
+    labelled region are counted from it, and `map_SE3_world` makes up for it."""
     if not origin.any():
         return frame
     old_SE3_new = translation(origin)
@@ -105,7 +111,9 @@ def near_frames(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def warn_of_origin(frame: Frame, layout: str) -> None:
-    """Warn of an origin that was subtracted and that the layout cannot store."""
+    """Warn if a frame has an origin far from the map's, which a layout cannot store.
+
+    layout: its name, for the warning."""
     position = frame.map_SE3_world[:3, 3]
     if np.abs(position).max() > NEAR_ORIGIN_M:
         numbers = " ".join(f"{value:.3f}" for value in position)
@@ -114,6 +122,7 @@ def warn_of_origin(frame: Frame, layout: str) -> None:
 
 
 def _rebase_cloud(cloud: SensorCloud, new_SE3_old: Pose) -> SensorCloud:
+    # Cloud of a frame whose world frame is replaced by another one.
     placed = new_SE3_old @ cloud.world_SE3_sensor
     if cloud.frame == "sensor":
         return replace(cloud, world_SE3_sensor=placed)

@@ -63,13 +63,13 @@ def parse_point_times(
 
 
 def _find_unit(name: str) -> float | None:
-    """Seconds of the unit at the end of a name."""
+    """Seconds in the unit at the end of a column's name, such as 1e-9 for _ns; None without one."""
     parsed = COLUMN.fullmatch(name)
     return UNITS_S[parsed[1]] if parsed is not None and parsed[1] else None
 
 
 def _epoch_unit(time: float) -> float | None:
-    """Seconds of the unit in which a number is a time since 1970."""
+    """Seconds in the unit in which a number is a time since 1970; None for no such unit."""
     return next(
         (unit for unit in UNITS_S.values() if EPOCH_S[0] <= time * unit <= EPOCH_S[1]), None
     )

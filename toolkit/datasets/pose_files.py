@@ -25,8 +25,9 @@ NAME_COLUMNS = ("name", "sensor", "sensor_name", "frame", "file", "id")
 
 
 def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
-    """Poses of a file by name. Unnamed poses are called 0, 1, 2, ...
+    """Read the poses (4, 4) of a file by name; unnamed poses are called 0, 1, 2, ...
 
+    inverted: True if the file gives world → sensor; the result is always world_SE3_sensor.
     Raises ValueError that names a bad pose."""
     path = Path(path)
     if not path.exists() or path.is_dir():
@@ -48,7 +49,10 @@ def read_poses(path: str | Path, *, inverted: bool = False) -> dict[str, Pose]:
 def load_poses(
     paths: Sequence[str | Path], files: Sequence[str | Path], *, inverted: bool = False
 ) -> list[Pose]:
-    """Load the pose of each cloud file from one pose file for all clouds, or from one file each."""
+    """Load the pose of each cloud file, in their order.
+
+    paths: the cloud files; files: one pose file for all clouds, or one for each; inverted: see
+    `read_poses`. Raises ValueError if there is not one pose for each cloud."""
     if len(files) == 1:
         return match_poses(paths, read_poses(files[0], inverted=inverted))
     poses_by_file = [list(read_poses(file, inverted=inverted).values()) for file in files]
@@ -61,9 +65,10 @@ def load_poses(
 
 
 def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[Pose]:
-    """Pose of each cloud, matched by file name with or without its ending or folder.
+    """Return the pose of each cloud file, matched by file name with or without ending or folder.
 
-    Poses without names are matched in order."""
+    Poses without names, called 0, 1, 2, ..., are matched in order. Raises ValueError if neither
+    fits."""
     stems = [Path(path).stem.removesuffix(".pcd") for path in paths]
     for names in (
         stems,
@@ -82,7 +87,9 @@ def match_poses(paths: Sequence[str | Path], poses: Mapping[str, Pose]) -> list[
 
 
 def parse_pose(numbers: object, name: str = "pose") -> Pose:
-    """Parse a pose of 16, 12 or 7 numbers, nested or flat."""
+    """Parse a pose (4, 4) of 16, 12 or 7 numbers, nested or flat, see `POSE_FORMS`.
+
+    name: what errors call it."""
     try:
         flat = np.array(numbers, np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -118,9 +125,10 @@ def _check_order(numbers: Float64[np.ndarray, "7"]) -> None:
 
 
 def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
-    """Return True if a quaternion keeps a sensor upright only with w last.
+    """Return True if four numbers keep a sensor upright only when read as x y z w.
 
-    With w first it turns the sensor half round or over."""
+    Read as w x y z they turn the sensor upside down or half round."""
+    # upright_first and upright_last: z of the sensor's z axis, positive for an upright sensor
     q = quaternion.tolist()
     if q[0] == q[1] == 0.0:
         return q[3] != 0.0
@@ -132,7 +140,9 @@ def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
 def quaternion_pose(
     quaternion: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]
 ) -> Pose:
-    """Pose from a unit quaternion w x y z and a translation (m)."""
+    """Return the pose of a unit quaternion w x y z and a translation (m).
+
+    Raises ValueError for a length more than 1 % from 1."""
     norm = float(np.linalg.norm(quaternion))
     if not 0.99 < norm < 1.01:
         raise ValueError(
@@ -148,6 +158,7 @@ def quaternion_pose(
 
 
 def _poses_of_json(content: object) -> dict[str, object]:
+    # Numbers of each pose by name, from a pose, a list of poses or an object of poses.
     if isinstance(content, dict):
         if not content:
             raise ValueError("it is empty")
@@ -166,7 +177,9 @@ def _poses_of_json(content: object) -> dict[str, object]:
 
 
 def _poses_of_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, object]:
-    """Poses of rows under the names of their columns, by their name or number."""
+    """Return the poses of a table's rows by the name in the row, or by the row's number.
+
+    columns: names of the columns; rows: cells of each row."""
     position_columns = next((names for names in PLACE_COLUMNS if set(names) <= set(columns)), None)
     if position_columns is None or len(set(columns)) < len(columns):
         rule = "one each of qw, qx, qy, qz, and tx, ty, tz or x, y, z in metres"
@@ -186,6 +199,7 @@ def _poses_of_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> di
 
 
 def _poses_of_text(text: str) -> Mapping[str, object]:
+    # Numbers of each pose by name; one more cell than a pose has numbers is its name.
     rows = [list(filter(None, row)) for row in split_rows(text)]
     if not rows:
         raise ValueError("it is empty")

@@ -21,6 +21,6 @@ UNTIMED = "clouds whose points have times of an unknown unit, which were left ou
 
 
 def add_problem(problems: Problems, kind: str, number: int) -> None:
-    """Add to the count of a kind of problem."""
+    """Add a number to the count of a kind of problem; `problems` changes, but not for 0."""
     if number:
         problems[kind] = problems.get(kind, 0) + number

@@ -39,6 +39,7 @@ MAX_EXTENT_M = 500.0  # half of a length, width or height
 MAX_YAW_DEG = 1e6
 
 MAP_FROM_CARLA = np.diag([1.0, -1.0, 1.0, 1.0])  # equal to its inverse; a mirror, so not an SE3
+# turns axes X forward, Y right, Z up of a published camera into x right, y down, z forward
 _OPENCV_FROM_PUBLISHED = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 
 
@@ -47,17 +48,20 @@ class InvalidObjects(ValueError):
 
 
 def extrinsic(site_SE3_sensor: Pose, map_SE3_site: Pose) -> Pose:
-    """Published extrinsic (CARLA world → forward-first camera) of a camera's pose in the site
-    frame."""
+    """Published extrinsic (4, 4) of a camera: CARLA world → camera with X forward, Y right, Z up.
+
+    site_SE3_sensor: pose of the camera (x right, y down, z forward) in the site; map_SE3_site:
+    pose of the site in the map, whose y is minus CARLA's."""
     return invert(MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED)
 
 
 def parse_extrinsic(
     published: Float[np.ndarray, "rows columns"], map_SE3_site: Pose, name: str = "extrinsic"
 ) -> Pose:
-    """Pose site_SE3_sensor behind a published extrinsic.
+    """Pose site_SE3_sensor (x right, y down, z forward) of a camera with this published extrinsic.
 
-    Raises ValueError unless it is a rigid motion."""
+    It undoes `extrinsic`. name: what errors call the matrix. Raises ValueError unless it is
+    a rigid motion."""
     matrix = np.asarray(published, np.float64)
     if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
         raise ValueError(
@@ -72,7 +76,7 @@ def parse_extrinsic(
 
 
 def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
-    """Published, forward-first intrinsic matrix of a camera."""
+    """Published intrinsic matrix of a camera, [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]."""
     focal = camera.intrinsic[0, 0]
     cu = camera.intrinsic[0, 2]
     cv = camera.intrinsic[1, 2]
@@ -82,8 +86,9 @@ def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
 def parse_intrinsic(
     published: Float[np.ndarray, "rows columns"], height: int, width: int, name: str = "intrinsic"
 ) -> DepthCamera:
-    """Camera, of every second pixel, behind a published intrinsic matrix and image size.
+    """Camera with this published intrinsic matrix and image size, that measures every second pixel.
 
+    height, width: pixels of the full image; name: what errors call the matrix.
     Raises ValueError unless the matrix is a forward-first one with one focal length."""
     matrix = np.asarray(published, np.float64)
     form = "[[cu, f, 0], [cv, 0, -f], [1, 0, 0]]"
@@ -124,9 +129,10 @@ def parse_rows(
     ids: np.ndarray | None = None,
     name: str = "objects",
 ) -> Objects:
-    """Return published rows as objects of the site frame.
+    """Turn published rows into objects of the site frame.
 
-    They have no pitch and roll, and yaw in -pi..pi. Raises ValueError if the rows have another
+    Pitch and roll are lost, yaw is in -pi..pi. ids: track id of each row, None for row numbers;
+    name: what errors call the table. Raises ValueError if the rows have another
     width, and InvalidObjects for a row that is no object, see `wrong_rows`."""
     if np.asarray(rows).dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
@@ -189,7 +195,9 @@ def expand_image(depth: ImageRanges, camera: DepthCamera) -> Float32[np.ndarray,
 
 
 def measure_images(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> list[ImageRanges]:
-    """Measured pixels of published depth images and the steps between them, 0 without a return."""
+    """Take the measured pixels out of published depth images (m, 0 for no return).
+
+    images: each full image, and the step from one measured pixel to the next."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
     # NaN is none either
@@ -203,4 +211,5 @@ def round_measurement(measurement: ImageRanges) -> ImageRanges:
 
 
 def _turn(map_SE3_site: np.ndarray) -> float:
+    # Yaw (rad) of the site's frame in the map.
     return float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))

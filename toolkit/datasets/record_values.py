@@ -36,8 +36,8 @@ def name_damage(
 ) -> Iterator[None]:
     """Turn damage found in the block into one ValueError that names the file.
 
-    Overflowing numbers give no warnings. kinds: errors that show damage; an OSError passes
-    unchanged."""
+    Overflowing numbers give no warnings. what: what the file should be, such as "calibration";
+    kinds: errors that show damage; an OSError passes unchanged."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -67,7 +67,9 @@ def entry(record: Unchecked, *keys: str) -> Unchecked:
 
 
 def as_number(value: Unchecked, name: str = "entry") -> float:
-    """Return a number, also if it is written as a string."""
+    """Return a value as a number, also if it is written as a string; ValueError for others.
+
+    name: what errors call it."""
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
@@ -87,19 +89,21 @@ def numbers(values: Unchecked, count: int, name: str = "entry") -> Float64[np.nd
 
 
 def xyz(record: Unchecked, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
-    """Numbers of an entry {x: .., y: .., z: ..}."""
+    """Return the three numbers of an entry such as {x: .., y: .., z: ..}.
+
+    name: key of the entry in the record; axes: its keys, in the order of the result."""
     return np.array([as_number(entry(record, name, axis), f"{name}.{axis}") for axis in axes])
 
 
 def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
-    """A list, or ValueError."""
+    """Return a value if it is a list, or raise ValueError. name: what errors call it."""
     if not isinstance(content, list):
         raise ValueError(f"{name} must be a list, got {str(content)[:40]!r}")
     return content
 
 
 def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
-    """Pose of a 3×3 rotation and a translation.
+    """Return the pose of a 3×3 rotation and a translation (m), nested or flat.
 
     A rotation that is slightly off is replaced by the nearest true one (SVD)."""
     matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
@@ -117,7 +121,9 @@ def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Po
 
 
 def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
-    """Pose of 16 or 12 numbers by rows, as `rigid`."""
+    """Return the pose of 16 or 12 numbers, a 4×4 or 3×4 matrix row after row, nested or flat.
+
+    A rotation that is slightly off is mended as in `rigid`."""
     flat = np.asarray(values, dtype=object).ravel()
     matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
     placed = rigid(matrix[:3, :3], matrix[:3, 3], name)

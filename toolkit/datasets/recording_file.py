@@ -19,7 +19,7 @@ from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 
 RECORDING_SCHEMA = 1
-_GZIP_LEVEL = 1
+_GZIP_LEVEL = 1  # the fastest
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,9 @@ class Header:
 
     @property
     def images(self) -> tuple[str, ...]:
-        """Dataset of each sensor's measurements. The cameras of one common size share `dslices`."""
+        """Name of the dataset with each sensor's measurements, in the order of `sensors`.
+
+        Cameras share `dslices` if all have one size; any other sensor has a dataset for itself."""
         pinholes = self.pinholes
         shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
         return tuple(
@@ -58,14 +60,18 @@ class Header:
 
 @dataclass(frozen=True)
 class Scene:
-    """One frame to be recorded. bodies: (n,) body of each object, an index into `Header.bodies`."""
+    """One frame to be recorded.
+
+    bodies: for each object of the frame, the index of its body in `Header.bodies`."""
 
     frame: Frame
     bodies: Int64[np.ndarray, " n"]
 
 
 def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
-    """Bytes of a complete file of `scenes`, made in memory, so that all or no bytes are written."""
+    """Return the bytes of a complete HDF5 file of scenes.
+
+    They are made in memory, so that whoever writes them can write all or none."""
     objects = [len(scene.frame.objects) for scene in scenes]
     images = header.images
     pinholes = header.pinholes
@@ -97,8 +103,10 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
 
 
 def join(header: Header, shards: Sequence[Path], out: Path) -> None:
-    """Write the frames of all shards, in order, as one file. Compressed images are copied as they
-    are."""
+    """Write the frames of several files made by `encode`, in order, as one file.
+
+    header: header of the new file; shards: the files; out: path of the new file. Compressed images
+    are copied without unpacking."""
     lengths = []
     objects = []
     for shard in shards:
@@ -133,6 +141,8 @@ def join(header: Header, shards: Sequence[Path], out: Path) -> None:
 
 
 def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
+    # Make all groups and datasets of a file, filled but for what belongs to its frames and objects.
+    # frames, objects: their numbers.
     coview_group = file.create_group("coview")
     coview_group.attrs.update(
         schema=RECORDING_SCHEMA,
@@ -180,6 +190,7 @@ def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
 
 
 def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
+    # Compressed float32 dataset with one image, the last two axes, per chunk.
     chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
     packed = {
         "compression": "gzip",
@@ -191,4 +202,5 @@ def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.D
 
 
 def _add(group: h5py.Group, name: str, content: np.ndarray | str) -> None:
+    # without times, so that equal recordings have equal bytes
     group.create_dataset(name, data=content, track_times=False)

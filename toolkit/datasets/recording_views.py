@@ -21,8 +21,9 @@ from toolkit.sensors.track_velocities import velocities
 def read(
     path: str | Path, layout: str | None = None, *, classes: Sequence[str | int] | None = None
 ) -> Iterator[Frame]:
-    """Yield the frames of a recording with only their objects of `classes`.
+    """Open a recording and yield its frames with only their objects of some classes.
 
+    layout: see `open_recording`; classes: names or numbers, None for all.
     Raises the errors of `open_recording`."""
     return filter_classes(open_recording(path, layout), classes)
 
@@ -40,7 +41,7 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
 
 @dataclass(frozen=True)
 class Part(RecordingView):
-    """Part of a recording's frames: the first `frames`, None for all, of every `every`-th.
+    """Part of a recording: every `every`-th frame, and the first `frames` of these, None for all.
 
     Raises ValueError for numbers below 1, and for a recording without frames."""
 
@@ -77,8 +78,9 @@ class Reads:
     frames: int | None = None
 
     def count(self, recording: Frames) -> int:
-        """Number of frames to read. Raises ValueError if it is 0, and for a `frames` that is not
-        whole."""
+        """Return the number of frames to read from a recording.
+
+        Raises ValueError if it is 0, and for a `frames` that is not whole."""
         total = min(len(recording), len(recording) if self.frames is None else self.frames)
         if total < 1 or isinstance(self.frames, float):
             raise ValueError(
@@ -87,7 +89,9 @@ class Reads:
         return total
 
     def profile(self) -> ErrorProfile:
-        """Return the error profile. Raises ValueError."""
+        """Return the error profile.
+
+        Raises ValueError for an unknown name, and for a profile that needs a seed without one."""
         errors = find_profile(self.errors)
         check_drawn(errors, self.noise_seed)
         return errors
@@ -95,7 +99,9 @@ class Reads:
 
 @dataclass(frozen=True)
 class ReadRecording(RecordingView):
-    """A recording with its sensors' errors, without limit on frames."""
+    """View of a recording whose frames have their sensors' errors.
+
+    `reads.frames` does not limit its length."""
 
     reads: Reads = Reads()
 
@@ -133,7 +139,10 @@ def read_frame(
 
 
 def block_seed(seed: int, block: int) -> int:
-    """Seed of the errors of one block of frames, as if all sensors were mounted again."""
+    """Return the seed of the sensor errors of one block of frames, from the recording's seed.
+
+    block: number of the block. Other blocks have other errors, as if all sensors were mounted
+    again."""
     return int(np.random.default_rng([seed, block]).integers(2**31))
 
 

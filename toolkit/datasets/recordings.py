@@ -51,7 +51,7 @@ LAYOUTS = {
 
 @cache
 def load_plugins() -> dict[str, Layout]:
-    """Layouts that other packages bring, by name."""
+    """Return the layouts that other installed packages bring, by name."""
     return {point.name: point.load() for point in entry_points(group=GROUP)}
 
 
@@ -106,6 +106,7 @@ def guess_layout(path: str | Path) -> str:
 
 
 def _head(path: Path) -> bytes:
+    # First 200 bytes of a file.
     with path.open("rb") as file:
         return file.read(200)
 

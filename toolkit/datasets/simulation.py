@@ -141,7 +141,7 @@ class Job:
 
     @property
     def mix(self) -> Mix:
-        """Shares of the traffic."""
+        """Numbers of moving and parked objects and strays in the traffic."""
         return Mix(strays=self.strays)
 
     @property
@@ -150,16 +150,18 @@ class Job:
         return -(-self.frames // FRAMES_PER_BLOCK)
 
     def block_frames(self, block: int) -> range:
-        """Frames of a block."""
+        """Return the indices of a block's frames in the recording."""
         return range(block * FRAMES_PER_BLOCK, min((block + 1) * FRAMES_PER_BLOCK, self.frames))
 
     def count(self, blocks: Iterable[int]) -> int:
-        """Number of frames in these blocks."""
+        """Return the number of frames in blocks with these numbers."""
         return sum(len(self.block_frames(block)) for block in blocks)
 
     @cached_property
     def plan(self) -> dict[str, object]:
-        """Plan values that two runs with equal bytes share, to be compared and shown to people."""
+        """Values that decide the bytes of the file, by the words that people are shown.
+
+        Two runs with equal plans make equal files."""
         sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
         site = f"{self.site.name} {_digest(format_site(self.site))}"
         plan: dict[str, object] = {"site": site, "frames": int(self.frames), "seed": int(self.seed)}
@@ -175,11 +177,13 @@ class Job:
         return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
-        """Build the static parts, once per process; return the function that makes the scenes of a
-        block."""
+        """Build the static parts, once per process; return a function that makes a block's scenes.
+
+        threads: threads of ray casting; the returned function takes the number of a block."""
         from toolkit.rendering.renderer import Renderer
 
         empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
+        # number in the file's list of bodies; `numbers` has it for each of the renderer's bodies
         number_of = {name: number for number, name in enumerate(self.fleet.names)}
 
         def scenes(block: int) -> Iterator[Scene]:
@@ -199,7 +203,7 @@ class Job:
             snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
             for index, snapshot in zip(frames, snapshots, strict=True):
                 seen = snapshot.objects
-                # other blocks, other tracks
+                # track ids differ from block to block
                 objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)
                 measurements = renderer.render(snapshot).measurements
                 time = block * FRAMES_PER_BLOCK * self.interval + snapshot.time
@@ -211,12 +215,12 @@ class Job:
         return scenes
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
-        """Encode these scenes as a shard."""
+        """Return the bytes of a shard, a complete file of these scenes."""
         return encode(self.header, scenes)
 
 
 def describe_fleet(fleet: Fleet) -> str:
-    """Describe a fleet for plans: equal for fleets of the same bodies."""
+    """Describe a fleet in words for plans; the words are equal for fleets of the same bodies."""
     bodies = sha256()
     for body in fleet.fixed:
         truth = "" if body.truth is None else f" {body.truth}"
@@ -248,12 +252,14 @@ def _check_same(out: Path, plan: Plan) -> None:
 
 
 def _digest(text: str) -> str:
+    # First 12 hexadecimal digits of a text's SHA-256, enough to tell plans apart.
     return sha256(text.encode()).hexdigest()[:12]
 
 
 class RandomRecording(NamedTuple):
-    """Frames of a random site. empty: each sensor's measurement without traffic, (rows, columns)
-    m."""
+    """Frames of a random site.
+
+    empty: each sensor's image (rows, columns; m, 0 for no return) of the site without traffic."""
 
     site: Site
     frames: tuple[Frame, ...]
@@ -270,9 +276,9 @@ def random_recording(
 ) -> RandomRecording:
     """Simulate a random junction with random sensors, noise-free, and random traffic.
 
-    number: number of the recording under this seed; fleet: by default all bodies are drawn; if a
-    fleet draws no bodies, each body is stretched a little; sites: files to take in turn instead of
-    drawing junctions. Raises the errors of the sites and of SUMO."""
+    number: number of the recording under this seed; frames: number of frames; fleet: by default
+    all bodies are drawn; if a fleet draws no bodies, each body is stretched a little; sites: files
+    to take in turn instead of drawing junctions. Raises the errors of the sites and of SUMO."""
     rng = np.random.default_rng([seed, number])
     site = load_site(sites[number % len(sites)]) if sites else random_site(rng)
     return record_randomly(site, rng, frames, fleet=fleet)
@@ -281,8 +287,10 @@ def random_recording(
 def record_randomly(
     site: Site, rng: Rng, frames: int, *, fleet: Fleet | None = None
 ) -> RandomRecording:
-    """Simulate a site as `random_recording` does, with random sensors on its mounts and random
-    traffic."""
+    """Simulate a site with random sensors on its mounts and random traffic, noise-free.
+
+    rng: all random numbers come from it; frames: number of frames; fleet: see
+    `random_recording`."""
     from toolkit.rendering.renderer import Renderer
 
     sensors = random_sensors(

@@ -14,7 +14,8 @@ from toolkit.sensors.models import DepthCamera, find_model_class, make_model
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-OWN_IMAGES = {"depth": "depth", "range": "ranges"}  # group of coview/ by a sensor's measurement
+# group in coview/ of images that are not in `dslices`, by what a sensor measures
+OWN_IMAGES = {"depth": "depth", "range": "ranges"}
 
 
 class StoredChannel(NamedTuple):
@@ -30,7 +31,10 @@ class StoredChannel(NamedTuple):
 
 
 def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
-    """Sensors of a file and their measurements, in the order of a frame's measurements."""
+    """List the sensors of a file and where their images are, in the order of a frame.
+
+    cameras: names of the groups in cameras/, in the order of `dslices`; site: places published
+    extrinsics."""
     stored: list[StoredChannel] = []
     has_images = hdf5.contains(file, "dslices")
     if has_images:
@@ -58,7 +62,7 @@ def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[
 
 
 def _depth_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> list[StoredChannel]:
-    """Cameras whose images are in `dslices`."""
+    """List the cameras whose images are in `dslices`, in its order."""
     depth = hdf5.dataset(file, "dslices", kinds="fiub")
     if depth.ndim != 4 or depth.dtype.kind != "f":
         raise ValueError(
@@ -78,7 +82,7 @@ def _depth_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> list
 
 
 def _own_channel(file: h5py.File, name: str) -> StoredChannel:
-    """Sensor with a separate dataset of images."""
+    """Return a sensor with a separate dataset of images. name: path of the dataset."""
     images = hdf5.dataset(file, name, axes=3)
     sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
     if images.shape[1:] != sensor.model.shape:
@@ -104,9 +108,10 @@ def _sensor_order(file: h5py.File) -> list[str]:
 
 
 def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
-    """Camera of a group, and its stride.
+    """Return the camera of a group in cameras/, and the step between its measured pixels.
 
-    It is the stored sensor only if the published matrices agree."""
+    It is the sensor in the group's attributes only if that agrees with the published matrices,
+    else a camera made from these. shape: rows and columns of its full image."""
     name = group.name.lstrip("/")
     intrinsic = hdf5.find_array(group, "intrinsic")
     extrinsic = hdf5.find_array(group, "extrinsic")
@@ -141,6 +146,7 @@ def _is_equal(expected: np.ndarray, matrix: np.ndarray) -> bool:
 
 
 def _own_sensor(attributes: Mapping[str, object], node_name: str) -> Sensor:
+    # Sensor that the attributes of a group or dataset describe.
     missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
     if missing:
         raise ValueError(f"{node_name} has no attribute {missing[0]}: write the file again")

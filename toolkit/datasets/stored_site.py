@@ -19,7 +19,11 @@ class UnknownSite(ValueError):
 
 
 def find_stored_site(file: h5py.File, cameras: Sequence[str]) -> Site:
-    """Site of a file: the stored one, else the built-in one around most cameras or objects."""
+    """Return the site of a file: the stored one, else a built-in one.
+
+    A built-in site is taken if more than half of the cameras, or of the objects in some frames,
+    are in its area or within 15 m of it. Raises UnknownSite for none. cameras: names of groups in
+    cameras/."""
     if hdf5.contains(file, "coview/site"):
         try:
             return parse(parse_json(hdf5.text(file, "coview/site")))

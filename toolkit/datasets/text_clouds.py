@@ -23,8 +23,9 @@ _COMMENT = "#|//"
 
 
 def read_text_columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a text file: by the names above its rows, else x, y and z first.
+    """Read the columns of a text file by name, as float64.
 
+    Names are in a line or comment above the rows; without names the first three are x, y, z.
     Other columns are read if they are named and purely numeric."""
     text = reading.read_text(path)
     rows = _drop_count(split_rows(text.replace('"', "") if '"' in text else text))
@@ -67,7 +68,7 @@ def read_text_columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def _find_columns(path: Path, names: list[str]) -> dict[str, int]:
-    """Columns of x, y and z by their names."""
+    """Return the numbers of the columns with x, y and z, by the names that these have."""
     repeated = {name for name in names if name and names.count(name) > 1}
     if repeated:
         raise ValueError(
@@ -87,12 +88,14 @@ def _has_numbers(row: Sequence[str], columns: Sequence[int]) -> bool:
 
 
 def _drop_count(rows: list[list[str]]) -> list[list[str]]:
-    """Rows without a first row that holds their number, as in PTS files and CloudCompare's text."""
+    """Return rows without a first row that holds how many follow.
+
+    PTS files and CloudCompare's text have such a row."""
     return rows[1:] if rows and rows[0] == [str(len(rows) - 1)] else rows
 
 
 def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
-    """Rows without names, without a first one that numbers the columns.
+    """Return rows, if columns have no names, without a first row that numbers the columns.
 
     Raises ValueError if the first column numbers the rows, so that x would be their number."""
     width = len(rows[0])
@@ -119,19 +122,21 @@ def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
 
 
 def split_rows(text: str) -> list[list[str]]:
-    """The cells of each line that has any, without comments."""
+    """Return the cells of each line that has any, without comments.
+
+    Cells are separated by ; or, in a line without one, by a comma, and by blanks in both."""
     lines = (re.split(_COMMENT, line)[0].strip() for line in text.splitlines())
     return [re.split(rf"\s*{';' if ';' in line else ','}\s*|\s+", line) for line in lines if line]
 
 
 def _line_at(text: str, number: int) -> str:
-    """Line of a text by its number among those that hold more than a comment."""
+    """Return a line of a text by its number, from 0, among the lines with more than a comment."""
     lines = (re.split(_COMMENT, line)[0].strip() for line in io.StringIO(text, newline=None))
     return next(islice((line for line in lines if line), number, None))
 
 
 def _split_header(line: str) -> list[str]:
-    """Names of the columns in a line, without quotes."""
+    """Return the names of columns in a line, without quotes and blanks around them."""
     joined = re.sub(r"\s+(?=[(\[])", "", line.strip())  # a unit belongs to the name before it
     separator = next((mark for mark in (";", ",", "\t") if mark in joined), None)
     if separator is None:
@@ -141,9 +146,10 @@ def _split_header(line: str) -> list[str]:
 
 
 def _header_in_comments(text: str, width: int) -> list[str]:
-    """Names in the last comment above the rows, [] if they do not fit.
+    """Return the names of columns in the last comment above the rows, [] if they do not fit.
 
-    They fit if they are as many as cells and include coordinates."""
+    They fit if they are as many as a row's cells and include coordinates. width: number of these
+    cells."""
     comments = _first_comments(text)
     names = _split_header(comments[-1]) if comments else []
     try:
@@ -154,7 +160,7 @@ def _header_in_comments(text: str, width: int) -> list[str]:
 
 
 def _first_comments(text: str) -> list[str]:
-    """Comments above the first row of a text."""
+    """Return the comments above the first row of a text, without their marks."""
     comments = []
     for line in io.StringIO(text, newline=None):
         marked = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)

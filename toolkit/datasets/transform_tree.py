@@ -36,7 +36,7 @@ class TransformLink(NamedTuple):
         parent_SE3_child: pose, None if it is malformed.
         stamp_ns: its time stamp.
         recorded_ns: time of its recording.
-        is_static: whether it holds always.
+        is_static: True if it is of /tf_static and holds at all times.
     """
 
     child: str
@@ -48,9 +48,9 @@ class TransformLink(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Pose of a frame in its root.
+    """Pose of a frame in its root, the frame at the top of its chain of parents.
 
-    gap_s: time (s) to the farthest transform that was used in place of a missing one."""
+    gap_s: largest time (s) between the asked time and a transform used for it, along the chain."""
 
     root: str
     root_SE3_frame: Pose
@@ -59,7 +59,9 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrameHistory:
-    """Transforms of one frame, by time (ns)."""
+    """Transforms of one frame to its parents, by rising time.
+
+    times_ns: time of each transform; parents: name of its parent; poses: parent_SE3_frame."""
 
     times_ns: Int64[np.ndarray, " n"]
     parents: tuple[str, ...]
@@ -67,7 +69,7 @@ class FrameHistory:
 
     @staticmethod
     def from_links(by_time: Mapping[int, TransformLink]) -> "FrameHistory":
-        """Sort the transforms of one frame by time."""
+        """Make the history of one frame from its transforms by time (ns), in any order."""
         times = sorted(by_time)
         links = [by_time[time] for time in times]
         poses = np.stack(
@@ -76,12 +78,14 @@ class FrameHistory:
         return FrameHistory(np.array(times, np.int64), tuple(link.parent for link in links), poses)
 
     def last_before(self, time_ns: int) -> tuple[str, Pose]:
-        """Parent and pose of the last transform up to a time, or of the first if all are later."""
+        """Return parent and pose of the last transform up to a time (ns).
+
+        If all are later, it is the first one."""
         row = max(0, int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1)
         return self.parents[row], self.poses[row]
 
     def interpolate(self, time_ns: int) -> tuple[str, Pose, float]:
-        """Parent, pose and gap at a time.
+        """Return parent, pose and gap at a time (ns).
 
         The gap is the distance (s) to the nearest transform if there is no transform of this
         time."""
@@ -147,7 +151,7 @@ class TransformTree:
         )
 
     def knows(self, frame: str) -> bool:
-        """True for a frame that some transform mentions."""
+        """Return True for the name of a frame that some transform has as child or parent."""
         histories = (*self.static.values(), *self.moving.values())
         return (
             frame in self.static
@@ -156,8 +160,10 @@ class TransformTree:
         )
 
     def find(self, frame: str, stamp_ns: int, recorded_ns: int) -> Placed:
-        """Pose of a frame in its root for a message with this stamp that was recorded at this time.
+        """Return the pose of a frame in its root for one message.
 
+        stamp_ns: stamp of the message, for moving frames; recorded_ns: time of its recording, for
+        static ones.
         Raises ValueError if the transforms run in a circle."""
         placed = np.eye(4)
         gap = 0.0
@@ -174,7 +180,9 @@ class TransformTree:
 
 
 def between(a: Pose, b: Pose, share: float) -> Pose:
-    """Pose at a share of the path from a to b: along the line, and turning evenly."""
+    """Return the pose at a share of the way from a to b: on a straight line, turning evenly.
+
+    share: 0 for a, 1 for b."""
     from scipy.spatial.transform import Rotation, Slerp
 
     pose = np.eye(4)
@@ -188,7 +196,7 @@ def between(a: Pose, b: Pose, share: float) -> Pose:
 def parse_link_pose(
     wxyz: Float64[np.ndarray, "4"], position: Float64[np.ndarray, "3"]
 ) -> Pose | None:
-    """Pose of a transform, None if it is malformed."""
+    """Return the pose of a transform's quaternion w x y z and position (m), None if malformed."""
     if not (np.isfinite(wxyz).all() and np.isfinite(position).all()):
         return None
     try:

@@ -25,28 +25,36 @@ from toolkit.traffic.snapshots import Snapshot
 
 RaycastingScene = o3d.t.geometry.RaycastingScene
 _Bodies = Sequence[Body]
-# a body's scene, and what turns the world into its frame
+# an object to cast: its body's ray casting scene in the body's frame, and body_SE3_world (4, 4),
+# sheared if the ground slopes
 Mover = tuple[RaycastingScene, np.ndarray]
 _Image = Float32[np.ndarray, "_ _"]
 Hits = Int32[np.ndarray, "_ _"]
-GRAZE = 1e-3  # m before the end of a line, at which it meets the surface that the end is on
+GRAZE = 1e-3  # m; hits this close to the end of a line are of the surface that the end is on
 
 
 class Footprints(NamedTuple):
-    """Ground that bodies cover, and how high they reach."""
+    """Ground that the n objects of a moment cover, and how high they reach (m, world frame)."""
 
-    # corners of the convex footprints, world frame, object after object
+    # x, y corners of the convex footprints, object after object
     points: Float64[np.ndarray, "k 2"]
-    first: Int64[np.ndarray, " _"]  # (n + 1,) where those of each begin
-    low: Float64[np.ndarray, " n"]  # z (m)
-    high: Float64[np.ndarray, " n"]
-    # around them: x y of the middle, half length and width, cos and sin of yaw
+    # (n + 1,) rows in `points`: object i has the corners first[i] to first[i + 1] - 1
+    first: Int64[np.ndarray, " _"]
+    low: Float64[np.ndarray, " n"]  # z of each object's lowest point
+    high: Float64[np.ndarray, " n"]  # z of its highest point
+    # rectangle around each footprint along its heading: x and y of the middle, half length, half
+    # width, cos and sin of yaw
     rectangles: Float64[np.ndarray, "n 6"]
 
 
 class Moment:
-    """Moving objects of a frame in one scene: a body and a box each. threads: of Open3D, 0 for all
-    cores; slope: of the ground, with which bodies are sheared (`geometry.level_motion`)."""
+    """Moving objects of one frame in one ray casting scene, world frame.
+
+    Args:
+        bodies: mesh of each object, in the frame of its box.
+        boxes: box of each object (x, y, z, length, width, height in m, yaw in rad).
+        threads: threads of Open3D, 0 for all cores.
+        slope: slope of the ground; meshes are sheared with it, so that they stay upright."""
 
     def __init__(
         self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL
@@ -58,6 +66,7 @@ class Moment:
         self._place()
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
+            # row vectors: @ turn rotates by yaw
             on_road = body.vertices.astype(np.float64)
             on_road[:, :2] = on_road[:, :2] @ turn
             on_road[:, 2] += on_road[:, :2] @ self._slope
@@ -65,7 +74,8 @@ class Moment:
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
         sizes = [len(body_triangles) for body_triangles in triangles]
-        # -1 for no triangle
+        # row of the object of each triangle, by the triangle's number plus 1; entry 0 is -1, for
+        # no triangle
         self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])
         self._scene = None
         if sum(sizes):
@@ -77,15 +87,20 @@ class Moment:
     def met(
         self, lines: Float32[np.ndarray, "n 6"]
     ) -> tuple[Int32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """First object that each line (start, direction; world frame) meets, -1 for none, and the
-        length. The length is in directions, infinite for a line that meets none."""
+        """Find the first object that each line meets, and how far away.
+
+        lines: start and direction (x, y, z each; world frame). The first result is the object's
+        row, -1 for none; the second is the distance as a multiple of the line's direction (m for
+        unit directions), infinite for none."""
         if self._scene is None or not len(lines):
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         cast = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
-        after = cast["primitive_ids"].numpy() + np.uint32(1)  # 0 for no triangle
+        # Open3D reports no triangle as the largest uint32; plus 1 it wraps round to 0
+        after = cast["primitive_ids"].numpy() + np.uint32(1)
         return self._object.take(after), cast["t_hit"].numpy()
 
     def _place(self) -> None:
+        # Set `ground` and `_turns` (n, 2, 2): by yaw, to multiply row vectors from the right.
         bodies = self.bodies
         yaw = self.boxes[:, 6]
         self._turns = np.stack(
@@ -100,10 +115,12 @@ class Moment:
         reach = np.array(
             [(b.vertices[:, 2].min(), b.vertices[:, 2].max()) for b in bodies], np.float64
         ).reshape(-1, 2)
-        if self._slope.any():  # by no more than the ground rises below the footprint
+        # a sheared body reaches lower and higher by the ground's fall and rise below its footprint
+        if self._slope.any():
             rises = [(p - box[:2]) @ self._slope for p, box in zip(points, self.boxes, strict=True)]
             reach += np.array([(rise.min(), rise.max()) for rise in rises]).reshape(-1, 2)
         low, high = (reach + self.boxes[:, 2:3]).T
+        # lowest and highest x and y of each outline in its body's frame: (n, 2 ends, 2 axes)
         ends = np.array([(o.min(axis=0), o.max(axis=0)) for o in outlines]).reshape(-1, 2, 2)
         middle = np.einsum("ni,nij->nj", ends.mean(axis=1), self._turns) + self.boxes[:, :2]
         around = np.column_stack([middle, np.ptp(ends, axis=1) / 2, self._turns[:, 0]])
@@ -113,7 +130,12 @@ class Moment:
 
 
 def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> RaycastingScene:
-    """Build Open3D's scene of a mesh; threads: 0 for all cores."""
+    """Build Open3D's ray casting scene of one mesh.
+
+    Args:
+        vertices: (v, 3) m; hits are found in the same frame.
+        triangles: (t, 3) rows of `vertices`.
+        threads: threads of Open3D, 0 for all cores."""
     scene = RaycastingScene(threads)
     arrays = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.uint32)
     scene.add_triangles(*map(o3d.core.Tensor.from_numpy, arrays))
@@ -122,20 +144,25 @@ def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> Ra
 
 @lru_cache(maxsize=4096)
 def _footprint(body: Body) -> Float64[np.ndarray, "k 2"]:
+    # x, y corners of the convex hull of a body seen from above, body frame, the first not repeated.
     hull = shapely.convex_hull(shapely.MultiPoint(body.vertices[:, :2].astype(np.float64)))
     return np.array(hull.exterior.coords[:-1])
 
 
 class SightLines:
-    """Lines from one place to many others through a mesh. threads: of Open3D, 0 for all cores."""
+    """Lines of sight from one place to many others, which a static mesh may block.
+
+    scenery: the mesh, world frame; threads: threads of Open3D, 0 for all cores."""
 
     def __init__(self, scenery: Mesh, threads: int = 0) -> None:
         self._threads = threads
         self._scene = build_scene(*scenery, threads)
 
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Mask:
-        """Mask of ends in sight of the start, further off than `NEAR`, with nothing between there
-        and `GRAZE`."""
+        """Mask of the ends (world frame, m) that are in sight of the start.
+
+        An end nearer than `NEAR` is never in sight. Surfaces nearer than `NEAR`, or within `GRAZE`
+        of the end, block nothing."""
         way = ends - start
         length = np.linalg.norm(way, axis=1)
         far = length > NEAR
@@ -147,14 +174,17 @@ class SightLines:
         return far & (free > length - NEAR - GRAZE)
 
 
-@lru_cache(maxsize=400)  # of a drawn fleet every object has a body of its own
+@lru_cache(maxsize=400)  # in a drawn fleet each object has another body, so memory needs a limit
 def _body_scene(body: Body, threads: int) -> RaycastingScene:
+    # Ray casting scene of one body in its frame, kept for the next frames.
     return build_scene(body.vertices, body.triangles, threads)
 
 
 class Rendered(NamedTuple):
-    """Images of measurements (m, 0 for no return) and hits (row of the object, -1 for none), per
-    sensor."""
+    """Noise-free images of one moment, one per sensor in the renderer's order.
+
+    measurements: (rows, columns) m, 0 for no return. hits: (rows, columns) row of the object in
+    the snapshot that the ray meets, -1 for the static scene or nothing."""
 
     measurements: tuple[_Image, ...]
     hits: tuple[Hits, ...]
@@ -163,9 +193,13 @@ class Rendered(NamedTuple):
 class Renderer:
     """Cast the rays of sensors at a site.
 
-    bodies: counted by `Snapshot.bodies`; scenery: mesh of the static scene, made from the site by
-    default; threads: of Open3D, 0 for all cores. `background` holds each sensor's measurement of
-    the empty site; no rays are kept, so thousands of sensors fit. Pickles as its arguments."""
+    `background` holds each sensor's image of the empty site (m, 0 for no return). No rays are
+    kept, so thousands of sensors fit. Pickles as its arguments: unpickling casts again.
+
+    Args:
+        bodies: meshes of moving objects; `Snapshot.bodies` holds rows of this sequence.
+        scenery: mesh of the static scene (world frame); None to build it from the site.
+        threads: threads of Open3D, 0 for all cores."""
 
     def __init__(
         self,
@@ -189,7 +223,7 @@ class Renderer:
         return Renderer, (self._site, self.bodies, self.sensors, self._scenery, self._threads)
 
     def looking(self, sensors: Sequence[Sensor]) -> "Renderer":
-        """Renderer of other sensors at the same site."""
+        """Renderer of other sensors; shares the static scene and casts their backgrounds."""
         renderer = self._with(sensors=tuple(sensors))
         renderer.background = tuple(
             self._cast_all(self._still, sensor) for sensor in renderer.sensors
@@ -197,19 +231,21 @@ class Renderer:
         return renderer
 
     def of(self, bodies: Sequence[Body]) -> "Renderer":
-        """Renderer of other bodies at the same site."""
+        """Renderer of other bodies; shares the static scene, sensors and backgrounds."""
         renderer = self._with(bodies=tuple(bodies))
         renderer._measure_bodies()
         return renderer
 
     def _with(self, **changes: object) -> "Renderer":
+        # Copy of the renderer with some attributes replaced, without building scenes again.
         renderer = object.__new__(Renderer)
         renderer.__dict__.update(self.__dict__, **changes)
         return renderer
 
     def render(self, snapshot: Snapshot) -> Rendered:
-        """Render measurements and hits of all sensors. Raises ValueError where a box is not the box
-        of its body."""
+        """Render measurements and hits of all sensors for one snapshot.
+
+        Raises ValueError if the size of a box differs from the size of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         boxes = snapshot.objects.boxes
         world_corners = self.outer_corners(snapshot.bodies, boxes)
@@ -223,9 +259,16 @@ class Renderer:
     def outer_corners(
         self, body_rows: Int64[np.ndarray, " n"], boxes: BoxRows
     ) -> Float64[np.ndarray, "n 8 3"]:
-        """Corners of boxes around all of the bodies' meshes, mirrors included; world frame, sheared
-        with the slope."""
+        """Corners (m, world frame) of boxes that hold the whole mesh of each object.
+
+        A labelled box may leave out mirrors or a load; these boxes do not. Corners are sheared
+        with the slope of the ground.
+
+        Args:
+            body_rows: row of each object's body in `bodies`.
+            boxes: labelled box of each object."""
         outer_boxes = boxes.copy()
+        # objects whose mesh is larger than the labelled box; the others keep that box
         rows = np.flatnonzero(self._sticking_out[body_rows])
         middle = self._bounds[body_rows[rows], :3]
         yaw = boxes[rows, 6]
@@ -239,32 +282,38 @@ class Renderer:
         return outer
 
     def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Pose:
-        """Motion of the world into the frame of the body in a box, the slope of the ground taken
-        out."""
+        """Matrix that takes world points into the frame of the body in a box.
+
+        On sloping ground it also removes the shear of the body, so it is no rigid motion."""
         x, y, z, *_, yaw = box.tolist()
         upright = invert(pose(x, y, z, yaw=yaw))
         return upright if self._slope == LEVEL else upright @ level_motion(self._slope, (x, y))
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """Length in directions of each line (start, direction; body frame) to the body, infinite
-        for none."""
+        """Distance along each line to a body, as a multiple of the line's direction.
+
+        body: its row in `bodies`; lines: start and direction (x, y, z each; body frame). Infinite
+        for a line that misses."""
         return self._lengths(_body_scene(self.bodies[body], self._threads), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
-        """Length in directions of each line (start, direction; world frame) to the static scene,
-        infinite for none."""
+        """Distance along each line to the static scene, as a multiple of the line's direction.
+
+        lines: start and direction (x, y, z each; world frame). Infinite for a line that misses."""
         return self._lengths(self._still, lines)
 
     def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Mask:
-        """Mask of ways (start, and from there to the end; world frame) that the static scene
-        blocks."""
+        """Mask of the ways that the static scene blocks.
+
+        ways: start, and vector from start to end (x, y, z each; m, world frame)."""
         return self._still.test_occlusions(
             o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads
         ).numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
-        """Scene of everything that moves in a snapshot. Raises ValueError where a box is not the
-        box of its body."""
+        """Scene of everything that moves in a snapshot.
+
+        Raises ValueError if the size of a box differs from the size of its body."""
         self._check(snapshot.objects.boxes, snapshot.bodies)
         bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
         return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
@@ -272,6 +321,8 @@ class Renderer:
     def _render(
         self, index: int, movers: list[Mover], world_corners: np.ndarray
     ) -> tuple[_Image, Hits]:
+        # Image and hits of sensor `index`: its background, over which each mover is cast, but only
+        # in the window of pixels around its box. world_corners: (n, 8, 3) m, see `outer_corners`.
         sensor = self.sensors[index]
         still = self.background[index]
         depth = still.copy()
@@ -289,14 +340,18 @@ class Renderer:
         return depth, hits
 
     def _cast_all(self, scene: RaycastingScene, sensor: Sensor) -> np.ndarray:
+        # Image of a whole scene (world frame), 0 for no return.
         depth = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
         return np.where(depth < sensor.model.max_range, depth, np.float32(0))
 
     def _cast(
         self, scene: RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
     ) -> _Image:
-        """Measurement along each homogeneous ray (rows, columns, 4), infinite where it meets
-        nothing beyond `NEAR`."""
+        """Measurement (m) along each ray, infinite if it meets nothing beyond `NEAR`.
+
+        rays: (rows, columns, 4) ray in the sensor's frame, then a 1; scene_SE3_sensor: (4, 4), may
+        hold a shear."""
+        # maps (ray, 1) to the start of its line, `NEAR` along the ray, and its direction
         start_and_direction = np.zeros((4, 6), np.float32)
         start_and_direction[:3, 3:] = scene_SE3_sensor[:3, :3].T
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
@@ -307,14 +362,17 @@ class Renderer:
     def _lengths(
         self, scene: RaycastingScene, lines: Float32[np.ndarray, "*n 6"]
     ) -> Float32[np.ndarray, "*n"]:
+        # Distance along each line (start, direction) as a multiple of the direction, else infinite.
         return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
 
     def _measure_bodies(self) -> None:
+        # By row of `bodies`: size of the labelled box, and middle and size of the whole mesh's box.
         self._sizes = np.array([body.size for body in self.bodies]).reshape(-1, 3)
         self._bounds = np.array([body.bounds for body in self.bodies]).reshape(-1, 6)
         self._sticking_out = np.array([body.truth is not None for body in self.bodies], bool)
 
     def _check(self, boxes: np.ndarray, body_rows: np.ndarray) -> None:
+        # Raise ValueError if length, width or height of a box is 2 cm off its body's.
         misfit = np.abs(boxes[:, 3:6] - self._sizes[body_rows]).max(axis=1, initial=0) > 0.02
         if misfit.any():
             row = int(np.flatnonzero(misfit)[0])
@@ -330,5 +388,6 @@ class Renderer:
 
 @lru_cache(maxsize=64)
 def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
+    # Rays (x, y, z in the sensor's frame) with a 1 after each, for one product with a matrix.
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)

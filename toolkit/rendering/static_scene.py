@@ -14,9 +14,9 @@ from toolkit.mesh import Mesh, extrude, merge, place, triangulate
 from toolkit.sites.site import Site, Solid
 
 CELL = 1.5  # m, edge of the ground's cells within `FINE` of the area; beyond, they grow until `FAR`
-FINE = 15.0
-FAR = 150.0
-MAX_SKIN_M2 = 2e6  # of buildings and plants
+FINE = 15.0  # m from the area
+FAR = 150.0  # m from the area
+MAX_SKIN_M2 = 2e6  # limit of the area to draw on buildings and plants, which bounds the triangles
 WINDOW_STOREY_M = 3.0  # from window to window upwards
 WINDOW_BAY_M = 2.6  # from window to window along a wall
 WINDOW_HEIGHT_M = 1.4
@@ -34,9 +34,10 @@ _CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # of a cell, counter-clockwise
 
 
 def build_scenery(site: Site) -> Mesh:
-    """Build the mesh of everything static at a site.
+    """Build the mesh of everything static at a site (m, site frame).
 
     Raises ValueError for solids of endless size."""
+    # one generator for all solids: what a solid draws depends on the solids before it
     rng = np.random.default_rng(sum(site.name.encode()))
     skin = sum(_measure_skin(solid) for solid in site.solids)
     if not skin <= MAX_SKIN_M2:
@@ -56,7 +57,7 @@ def build_scenery(site: Site) -> Mesh:
 
 
 def _draw_solid(solid: Solid, rng: Rng) -> Mesh:
-    """Draw a solid by its kind; plain ones are prisms."""
+    """Draw one solid as its kind looks; a kind without a special look is a prism."""
     if solid.kind == "building":
         return _make_building(solid)
     if solid.kind == "hedge":
@@ -76,7 +77,7 @@ def _shear(mesh: Mesh, solid: Solid, site: Site) -> Mesh:
 
 
 def _make_banks(pond: Solid, site: Site) -> Mesh:
-    """Skin from the ground around a pond down to its water."""
+    """Walls of a pond's edge, from the ground down to its water."""
     edge = _outline(pond.footprint, CELL)
     water = pond.top + site.plane(edge - pond.footprint.mean(axis=0))
     rings = [np.column_stack([edge, z]) for z in (site.ground(edge), water)]
@@ -84,7 +85,7 @@ def _make_banks(pond: Solid, site: Site) -> Mesh:
 
 
 def ground(site: Site) -> Mesh:
-    """Ground up to `FAR` beyond the area, open at ponds."""
+    """Mesh of the ground up to `FAR` beyond the site's area, with holes at ponds."""
     shapes = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
     ponds = shapely.union_all(shapes)
     shapely.prepare(ponds)
@@ -92,6 +93,7 @@ def ground(site: Site) -> Mesh:
     low, high = np.split(np.array(ponds.bounds), 2)  # NaN without ponds
     upper_right = cells[:, 1]
     lower_left = cells[:, 3]
+    # only cells that meet the box around all ponds; comparisons with NaN choose none
     near = np.flatnonzero(((lower_left <= high) & (upper_right >= low)).all(axis=1))
     squares = shapely.polygons(cells[near])
     is_wet = shapely.intersects(ponds, squares)
@@ -105,9 +107,10 @@ def ground(site: Site) -> Mesh:
 
 
 def _make_cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
-    """Corners of squares in and about the area.
+    """Corners (x, y) of the ground's cells in and about an area.
 
-    Lower right, upper right, upper left, lower left."""
+    area: xmin, ymin, xmax, ymax (m). Each cell is a rectangle, its corners in the order lower
+    right, upper right, upper left, lower left (counter-clockwise)."""
     x = _make_lines(area[0], area[2])
     y = _make_lines(area[1], area[3])
     x0, y0 = np.meshgrid(x[:-1], y[:-1])
@@ -116,7 +119,9 @@ def _make_cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
 
 
 def _make_lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
-    """Borders of cells along one axis of an area from `low` to `high` (m)."""
+    """Rising coordinates of the cells' borders along one axis of an area from `low` to `high` (m).
+
+    Cells grow by a fifth from one to the next beyond `FINE`."""
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
     inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
@@ -124,7 +129,9 @@ def _make_lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
 
 
 def _measure_skin(solid: Solid) -> float:
-    """Skin of a solid (m²) as it counts, 0 if drawn as a plain prism."""
+    """Skin of a solid (m²) as `MAX_SKIN_M2` counts it, 0 for a plain prism.
+
+    A plant's counts four times."""
     if solid.kind not in SKINNED_KINDS:
         return 0.0
     outline = shapely.Polygon(solid.footprint)
@@ -133,7 +140,7 @@ def _measure_skin(solid: Solid) -> float:
 
 
 def _make_building(solid: Solid) -> Mesh:
-    """Walls with windows, and a flat roof."""
+    """Mesh of a building: walls with windows, and a flat roof."""
     corners = _outline(solid.footprint, np.inf)
     next_corners = np.roll(corners, -1, axis=0)
     walls = [
@@ -145,20 +152,26 @@ def _make_building(solid: Solid) -> Mesh:
 
 
 def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) -> Mesh:
-    """Wall from start to end with windows that fit."""
+    """Mesh of a wall from start to end with as many windows as fit, each set in by `RECESS`.
+
+    start, end: x, y (m), the building on the left of the way between them; base, top: z (m)."""
     length = float(np.hypot(*(end - start)))
     bays = int(length // WINDOW_BAY_M)
     storeys = max(int((top - base - FIRST_FLOOR_M) // WINDOW_STOREY_M), 0)
     middles = (np.arange(bays) + 0.5) * length / max(bays, 1)
     sills = base + FIRST_FLOOR_M + WINDOW_STOREY_M * np.arange(storeys) + SILL_M
     half_window = WINDOW_WIDTH_M / 2
+    # borders of the wall's grid along it (m from start) and upwards (z): every second column and
+    # row, from the second on, holds windows
     x = np.sort(np.concatenate([[0, length], middles - half_window, middles + half_window]))
     z = np.sort(np.concatenate([[base, top], sills, sills + WINDOW_HEIGHT_M]))
     ahead = (end - start) / max(length, 1e-9)
     inwards = np.array([-ahead[1], ahead[0]]) * RECESS
 
     def corners(i: np.ndarray, j: np.ndarray, depth: float) -> np.ndarray:
-        """Corners of cells of the wall: column i, row j. depth: 1 for panes, 0 for the wall."""
+        """Corners (cells, 4, 3) of the wall's cells in columns i and rows j of its grid.
+
+        depth: how far inwards, as a multiple of `RECESS`: 1 for panes, 0 for the wall."""
         points = []
         for di, dj in _CORNERS:
             xy = start + x[i + di][..., None] * ahead + depth * inwards
@@ -172,7 +185,7 @@ def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) ->
     wall = corners(i[~is_pane], j[~is_pane], 0.0)
     frames = corners(i[is_pane], j[is_pane], 0.0)
     panes = corners(i[is_pane], j[is_pane], 1.0)
-    reveals = []
+    reveals = []  # the four sides of each recess, between frame and pane
     for k in range(4):
         m = (k + 1) % 4
         reveals.append(np.stack([frames[:, k], frames[:, m], panes[:, m], panes[:, k]], axis=1))
@@ -180,9 +193,9 @@ def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) ->
 
 
 def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
-    """Draw a prism with a bumpy skin, narrower at the top.
+    """Draw a hedge: a prism with bumpy sides, a tenth narrower at the top.
 
-    It passes its footprint by the roughness at most."""
+    It passes its footprint by `ROUGHNESS` at most."""
     outline = _outline(solid.footprint, 0.4)
     middle = outline.mean(axis=0)
     levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))
@@ -190,6 +203,7 @@ def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
     for level, share in zip(levels, np.linspace(1.0, 0.9, len(levels)), strict=True):
         bumps = rng.uniform(-ROUGHNESS, ROUGHNESS, outline.shape)
         ring = middle + (outline - middle) * share + bumps
+        # the lowest ring keeps its height, but draws too
         drops = rng.uniform(-ROUGHNESS, 0, len(ring)) * (level > solid.base)
         rings.append(np.column_stack([ring, level + drops]))
     top = np.concatenate([rings[-1], [[*middle, solid.top]]])
@@ -200,7 +214,7 @@ def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
 
 
 def _draw_bush(solid: Solid, rng: Rng) -> Mesh:
-    """Draw a dense core, and sprays of leaves over it."""
+    """Draw a bush: a dense core like a hedge, and sprays of leaves over it."""
     middle = solid.footprint.mean(axis=0)
     offsets = solid.footprint - middle
     core_top = solid.base + 0.8 * (solid.top - solid.base)
@@ -210,7 +224,9 @@ def _draw_bush(solid: Solid, rng: Rng) -> Mesh:
 
 
 def _draw_crown(solid: Solid, rng: Rng) -> Mesh:
-    """Draw sprays of leaves, most near the outline."""
+    """Draw the crown of a tree or bush: loose triangles as sprays of leaves, most near the outline.
+
+    Gaps between them let rays through."""
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
     count = max(12, round(LEAVES_PER_M2 * (polygon.length * height + polygon.area)))
@@ -228,7 +244,9 @@ def _draw_crown(solid: Solid, rng: Rng) -> Mesh:
 
 
 def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.ndarray, "m 2"]:
-    """Corners of a footprint counter-clockwise, at most `spacing` apart."""
+    """Points of a footprint's outline (x, y; m), counter-clockwise, the first not repeated.
+
+    spacing: largest distance (m) between neighbours, infinite for the corners only."""
     ring = shapely.geometry.polygon.orient(shapely.Polygon(footprint)).exterior
     if np.isfinite(spacing):
         ring = shapely.segmentize(ring, spacing)
@@ -236,13 +254,15 @@ def _outline(footprint: Float[np.ndarray, "k 2"], spacing: float) -> Float64[np.
 
 
 def _make_strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
-    """Skin between closed rings of equally many points, without ends."""
+    """Mesh between successive closed rings, open at both ends.
+
+    rings: (ring, point, x y z), p points each; the last point of a ring joins the first."""
     ahead = np.roll(rings, -1, axis=1)
     corners = np.stack([rings[:-1], ahead[:-1], ahead[1:], rings[1:]], axis=2)
     return _make_quadrilaterals(corners.reshape(-1, 4, 3))
 
 
 def _make_quadrilaterals(corners: Float64[np.ndarray, "q 4 3"]) -> Mesh:
-    """Mesh of quadrilaterals, each of two triangles."""
+    """Mesh of quadrilaterals, two triangles each; corners are not shared between them."""
     first = np.arange(0, 4 * len(corners), 4)[:, None]
     return Mesh(corners.reshape(-1, 3), np.concatenate([first + _HALVES[0], first + _HALVES[1]]))

@@ -23,94 +23,109 @@ from toolkit.points import Crop
 from toolkit.rendering.renderer import Footprints, Moment, Renderer
 from toolkit.sensors.sensor import NEAR
 
-STRIP_WIDTH = float(np.deg2rad(0.4))  # rad between columns; twice that between the rays of one
-COARSE = float(np.deg2rad(1.0))  # the same for objects that are not scored
-# fewest and most columns of an object, and rays of a column
+# rad between columns of objects to look at finely; rays in a column are about twice as far apart
+STRIP_WIDTH = float(np.deg2rad(0.4))
+COARSE = float(np.deg2rad(1.0))  # the same for other objects, which are not scored
+# fewest and most columns of an object, fewest and most rays of a column
 COLUMNS = (6, 48)
 ROWS = (5, 20)
-HALVINGS = 3  # of what lies between two rays, to find an edge
+HALVINGS = 3  # bisections of the interval between two rays, to find an edge
 EDGE = 1e-3  # m by which rectangles are widened
-RAYS_AT_ONCE = 400_000  # rays, for which memory is needed
+RAYS_AT_ONCE = 400_000  # rays cast together, which limits memory
 OVERLAP_SLACK = 1e-3  # rad, and m, within which objects are taken to overlap
-PAIRS_AT_ONCE = 1_000_000  # of objects, seen from all of some viewpoints
-# what a strip shows: not in the crop; in it and within the radius; in it beyond
+PAIRS_AT_ONCE = 1_000_000  # pairs of objects compared together, which limits memory
+# what a strip shows: object points outside the crop; in the crop and within the radius; in the crop
+# and beyond the radius (see `Counted`)
 OUTSIDE = 1
 WITHIN = 2
 BEYOND = 3
 
-Eyes = Float64[np.ndarray, "V 3"]  # viewpoints
-# by window, azimuth and elevation of rays
+Eyes = Float64[np.ndarray, "V 3"]  # viewpoints x, y, z (m, world frame)
+# kind of view of each ray, 0 if it misses its object; arguments: row of the ray's sector, azimuth
+# and elevation (rad)
 Shows = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Strips(NamedTuple):
-    """Upright strips of the visible parts of objects."""
+    """Upright strips of the visible parts of objects, one per row."""
 
-    viewpoint: Int32[np.ndarray, " n"]  # numbers of both
-    item: Int32[np.ndarray, " n"]
-    # < right: azimuth (rad, world, counter-clockwise, left from -2 pi on)
+    viewpoint: Int32[np.ndarray, " n"]  # row of the viewpoint
+    item: Int32[np.ndarray, " n"]  # row of the object in its moment
+    # azimuths of its sides (rad, world frame, counter-clockwise from +x), left < right; left is -2
+    # pi or more, and neither is wrapped
     left: Float32[np.ndarray, " n"]
     right: Float32[np.ndarray, " n"]
-    bottom: Float32[np.ndarray, " n"]  # < top: elevation (rad)
+    # elevations of its ends (rad above the horizon), bottom < top
+    bottom: Float32[np.ndarray, " n"]
     top: Float32[np.ndarray, " n"]
     shows: Int32[np.ndarray, " n"]  # `OUTSIDE`, `WITHIN` or `BEYOND`
 
     def take(self, rows: Int64[np.ndarray, " m"]) -> "Strips":
-        """Choose some strips."""
+        """Choose strips by row."""
         return Strips(*(column.take(rows) for column in self))
 
 
 class Counted(NamedTuple):
-    """Points that count: those in the crop, far beyond the radius (m, seen from above) from the
-    viewpoint."""
+    """Limits by which points of objects count.
+
+    Points outside `crop` do not count; the others are far if more than `radius` (m, seen from
+    above) from the viewpoint."""
 
     crop: Crop
     radius: float
 
 
 class Sectors(NamedTuple):
-    """Sectors around objects, of pairs of viewpoint and object."""
+    """Sectors of azimuth that objects fill, one row per pair of viewpoint and object."""
 
-    viewpoint: Int64[np.ndarray, " p"]
-    item: Int64[np.ndarray, " p"]
-    start: Float64[np.ndarray, " p"]  # azimuth of the first column (rad)
-    width: Float64[np.ndarray, " p"]  # of a column (rad)
-    columns: Int64[np.ndarray, " p"]  # their number
-    step: Float64[np.ndarray, " p"]  # between the rays of a column (rad, about)
+    viewpoint: Int64[np.ndarray, " p"]  # row of the viewpoint
+    item: Int64[np.ndarray, " p"]  # row of the object in its moment
+    start: Float64[np.ndarray, " p"]  # azimuth at which the first column begins (rad)
+    width: Float64[np.ndarray, " p"]  # width of one column (rad)
+    columns: Int64[np.ndarray, " p"]  # number of columns
+    step: Float64[np.ndarray, " p"]  # about how far apart the rays of a column are (rad)
 
     def take(self, pairs: Int64[np.ndarray, " q"]) -> "Sectors":
-        """Sectors of some pairs."""
+        """Choose sectors by row."""
         return Sectors(*(column.take(pairs) for column in self))
 
 
 class _Columns(NamedTuple):
-    """Columns of rays."""
+    """Columns of rays, sector after sector.
 
-    window: Int64[np.ndarray, " c"]
-    azimuth: Float64[np.ndarray, " c"]  # of its middle
-    low: Float64[np.ndarray, " c"]  # lowest elevation
+    Ray k of a column, k from 1 to `rows`, has the elevation low + k * step."""
+
+    window: Int64[np.ndarray, " c"]  # row of its sector
+    azimuth: Float64[np.ndarray, " c"]  # azimuth of its middle (rad)
+    low: Float64[np.ndarray, " c"]  # elevation one step below its lowest ray (rad)
     step: Float64[np.ndarray, " c"]  # between its rays (rad)
     rows: Int64[np.ndarray, " c"]  # number of rays
 
     def take(self, part: slice) -> "_Columns":
-        """Some successive columns."""
+        """Choose successive columns."""
         return _Columns(*(column[part] for column in self))
 
 
 def cast_strips(
     renderer: Renderer, moment: Moment, viewpoints: Eyes, counted: Counted, windows: Sectors
 ) -> Strips:
-    """Cast the strips of some sectors of a moment. renderer: of the static scene; windows: see
-    `find_sectors`."""
+    """Cast rays in sectors and return the visible strips of their objects.
+
+    Args:
+        renderer: gives the static scene, which hides objects.
+        moment: objects, which also hide each other.
+        windows: sectors to cast, as from `find_sectors`; strips follow their order."""
     columns = _columns(moment.ground, viewpoints, windows)
     item = windows.item.astype(np.int32)
     start = viewpoints[windows.viewpoint].astype(np.float32)
 
     def shows(window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-        """Kind of view of each ray on its object, 0 for none."""
+        """Kind of view of each ray on its object: `OUTSIDE`, `WITHIN`, `BEYOND`, 0 if not seen.
+
+        window: row in `windows` of each ray's sector, whose object counts as seen."""
         lines = np.empty((len(window), 6), np.float32)
         lines[:, :3] = start.take(window, axis=0)
-        flat = np.cos(elevation)
+        flat = np.cos(elevation)  # horizontal part of the unit direction
         np.multiply(flat, np.cos(azimuth), out=lines[:, 3])
         np.multiply(flat, np.sin(azimuth), out=lines[:, 4])
         np.sin(elevation, out=lines[:, 5])
@@ -126,12 +141,14 @@ def cast_strips(
             length * flat.take(on_object) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN)
         )
         kinds[~counted.crop.holds(points)] = OUTSIDE
+        # from here on ways from `NEAR` in front of the viewpoint to the point on the object
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
         lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
         kinds[renderer.still_hides(lines)] = 0
         kinds_seen[on_object] = kinds
         return kinds_seen
 
+    # parts of whole columns with about `RAYS_AT_ONCE` rays each
     ends = np.cumsum(columns.rows)
     cuts = np.searchsorted(
         ends, np.arange(RAYS_AT_ONCE, ends[-1] if len(ends) else 0, RAYS_AT_ONCE)
@@ -141,7 +158,7 @@ def cast_strips(
 
 
 def concatenate_strips(parts: list[Strips]) -> Strips:
-    """Put strips one after the other."""
+    """Join parts one after the other, or return strips of length 0 if there are no parts."""
     if not parts:
         return Strips(
             *(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32))
@@ -150,13 +167,17 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
 
 
 def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
-    """Sector of each object, viewpoint after viewpoint."""
+    """Sector of each object seen from each viewpoint, object after object within a viewpoint.
+
+    fine: mask of the objects to cut into columns of `STRIP_WIDTH`; others get `COARSE` ones."""
     if not len(ground.low) or not len(viewpoints):
         integers = np.zeros(0, np.int64)
         numbers = np.zeros(0)
         return Sectors(integers, integers, numbers, numbers, integers, numbers)
     begin = ground.first[:-1]
     sizes = np.diff(ground.first)
+    # middle of each footprint's corners, (viewpoint, object, x y) counted from the viewpoint;
+    # below, (viewpoint, corner) for `offset`, `ahead` and `angle`
     middle = (
         np.add.reduceat(ground.points, begin, axis=0) / sizes[:, None] - viewpoints[:, None, :2]
     )
@@ -165,16 +186,18 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     ahead = np.repeat(middle, sizes, axis=1)
     cross = ahead[..., 0] * offset[..., 1] - ahead[..., 1] * offset[..., 0]
     angle = np.arctan2(cross, (ahead * offset).sum(axis=2))
+    # angles of the two tangents to each footprint, from the direction to its middle
     first, last = (
         reduction.reduceat(angle, begin, axis=1) for reduction in (np.minimum, np.maximum)
     )
-    around = last - first >= np.pi  # from above or within the object
+    around = last - first >= np.pi  # the viewpoint is above or within the object
     first = np.where(around, -np.pi, first)
     last = np.where(around, np.pi, last)
     grid = np.broadcast_to(np.where(fine, STRIP_WIDTH, COARSE), first.shape)
     down = (ground.low + ground.high) / 2 - viewpoints[:, 2:]
     across = np.linalg.norm(middle, axis=2)
-    # a degree of azimuth is less of an arc
+    # looking down steeply, a degree of azimuth is a shorter arc: fewer columns, but at least a
+    # tenth
     flat = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)
     columns = np.clip(np.ceil((last - first) * flat / grid), *COLUMNS).astype(np.int64)
     start = np.arctan2(middle[..., 1], middle[..., 0]) + first
@@ -184,7 +207,9 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
 
 
 def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _Columns:
-    """Columns of the upright prisms on the footprints' rectangles."""
+    """Columns of rays that cover each sector's object from bottom to top.
+
+    An object counts as an upright prism on its footprint's rectangle."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
     # distances at which each column's ray enters and leaves its rectangle, seen from above
@@ -198,12 +223,16 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     sin = sin[window]
     near = np.zeros(len(window))
     far = np.full(len(window), np.inf)
+    # for each axis of the rectangle: place of the viewpoint and direction of the ray along it, and
+    # half the rectangle's side
     axes = (
         (along, ahead * cos + left * sin, half_length),
         (aside, left * cos - ahead * sin, half_width),
     )
     for start, direction, half_side in axes:
         direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
+        # distances along the ray between the rectangle's two sides: middle - reach to middle +
+        # reach
         middle = -start[window] / direction
         reach = half_side[window] / np.abs(direction)
         near = np.maximum(near, middle - reach)
@@ -212,26 +241,32 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     far = np.maximum(far, near) + EDGE
     eye = viewpoints[windows.viewpoint, 2]
     below, above = ((height[windows.item] - eye)[window] for height in (ground.low, ground.high))
+    # a bottom below the eye is seen lowest at its near end, one above the eye at its far end
     low = np.arctan2(below, np.where(below < 0, near, far))
     high = np.arctan2(above, np.where(above < 0, far, near))
     rows = np.clip(np.ceil((high - low) / windows.step[window]), *ROWS).astype(np.int64)
-    # of a step: how near an edge is found, so that one at the end of a column lies in the middle
+    # Bisection narrows an edge down to this share of a step. Columns begin half a share lower, so
+    # that the object's very bottom and top are in the middle of such a last interval.
     edge_share = 0.5**HALVINGS
     step = (high - low) / (rows + 1 - edge_share)
     return _Columns(window, azimuth, low - step * edge_share / 2, step, rows)
 
 
 def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
+    # Strips of some columns: cast their rays, find the edges between rays that show different
+    # things by bisection, and pair each edge with the next above.
     window = columns.window
     azimuth = columns.azimuth.astype(np.float32)
     rows = columns.rows
-    first = np.cumsum(rows + 1) - (rows + 1)  # of each column: below its first ray nothing is seen
+    # `seen` has an entry for each ray and, at `first`, one below each column, which stays 0:
+    # nothing is seen below and above a column
+    first = np.cumsum(rows + 1) - (rows + 1)
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
     column = np.repeat(np.arange(len(window)), rows)  # column of each ray
     height = counting(rows) + 1
     elevation = (columns.low.take(column) + height * columns.step.take(column)).astype(np.float32)
     seen[first.take(column) + height] = shows(window.take(column), azimuth.take(column), elevation)
-    edge = np.flatnonzero(seen[1:] != seen[:-1])  # between this ray and the next above
+    edge = np.flatnonzero(seen[1:] != seen[:-1])  # entry below each edge; the next one is above it
     below = seen[edge]
     above = seen[edge + 1]
     column = np.searchsorted(first, edge, side="right") - 1
@@ -242,7 +277,7 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
         middle = low + step
         low = np.where(shows(window[column], azimuth[column], middle) == below, middle, low)
     edge_elevation = low + step / 2
-    starts = np.flatnonzero(above)  # the next edge ends what begins here
+    starts = np.flatnonzero(above)  # edges at which something begins; the next edge ends it
     column = column[starts]
     window, half = window[column], windows.width[window[column]] / 2
     left, right = (columns.azimuth[column] + side for side in (-half, half))
@@ -257,22 +292,23 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
 
 
 def counting(lengths: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
-    """Count 0, 1, 2 ... up to each length, one after the other."""
+    """Count 0, 1, 2 ... below each length, one length after the other: [2, 3] gives 0 1 0 1 2."""
     return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
 
 
 class _Last(NamedTuple):
-    """Frame before: its objects (body, box, and whether it is looked at finely), `may_hide` and
-    strips."""
+    """Frame before: its objects, what may hide them, and its strips."""
 
-    objects: list[tuple[Body, bytes, bool]]
-    hiders: Bool[np.ndarray, "V n n"]
+    objects: list[tuple[Body, bytes, bool]]  # body, bytes of its box, True if looked at finely
+    hiders: Bool[np.ndarray, "V n n"]  # as from `may_hide`
     strips: Strips
 
 
 class SuccessiveStrips:
-    """Strips of successive frames from the same viewpoints; earlier frames make a difference to the
-    time alone."""
+    """Strips of successive frames from the same viewpoints.
+
+    Strips of the frame before are used again if nothing about them changed. That saves time and
+    changes no result."""
 
     def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
         self._renderer = renderer
@@ -283,7 +319,9 @@ class SuccessiveStrips:
         )
 
     def of(self, moment: Moment, fine: Mask) -> Strips:
-        """Strips of a frame; fine: as of `find_sectors`."""
+        """Strips of the next frame, by viewpoint, then object.
+
+        fine: mask of the objects to cut into narrow columns, as in `find_sectors`."""
         boxes = [box.tobytes() for box in moment.boxes]
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
@@ -291,12 +329,15 @@ class SuccessiveStrips:
         is_kept = np.zeros(hiders.shape[:2], np.bool_)
         last = self._last
         rows = {key: row for row, key in enumerate(last.objects)}
+        # row of each object in the frame before, -1 for a new one; then only the rows of `standing`
         before = np.array([rows.get(key, -1) for key in objects], np.int64)
         standing = np.flatnonzero(before >= 0)
         is_new = before < 0
         before = before[standing]
+        # row in this frame of each object of the frame before, -1 if it is gone
         now = np.full(len(rows), -1, np.int32)
         now[before] = standing
+        # (viewpoint, standing object): a new object may hide it, a gone one may have hidden it
         newly = hiders[:, standing][:, :, is_new].any(axis=2)
         formerly = last.hiders[:, before][:, :, now < 0].any(axis=2)
         is_kept[:, standing] = ~(newly | formerly) & ~find_touching(moment.ground)[standing]
@@ -311,17 +352,20 @@ class SuccessiveStrips:
             strips = concatenate_strips([kept_strips, strips])
             pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item
             strips = strips.take(np.argsort(pair, kind="stable"))
-        # one in the other: which of them is which cannot be said
+        # equal bodies in equal boxes cannot be told apart, so the next frame starts afresh
         has_twins = len(set(objects)) < len(objects)
         self._last = self._none if has_twins else _Last(objects, hiders, strips)
         return strips
 
 
 def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.ndarray, "V n n"]:
-    """Mask (viewpoint, object, other): the other may hide the object. sectors: of all pairs of
-    viewpoint and object."""
+    """Mask (viewpoint, object, other): True if the other may hide the object from there.
+
+    It is generous: footprints count as circles. sectors: all pairs of viewpoint and object, in
+    the order of `find_sectors`."""
     shape = len(viewpoints), len(ground.low)
     may = np.zeros((*shape, shape[1]), np.bool_)
+    # below, entries (viewpoint, object) with None on the second axis are of the other
     half = (sectors.width * sectors.columns / 2).reshape(shape)
     middle = sectors.start.reshape(shape) + half
     radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])
@@ -336,6 +380,7 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
         below, above = (height - viewpoints[block, 2:] for height in (ground.low, ground.high))
         low = np.arctan2(below, np.where(below < 0, near, far))
         high = np.arctan2(above, np.where(above < 0, far, near))
+        # difference of azimuths, wrapped to 0..pi
         apart = np.abs((middle[block, :, None] - middle[block, None] + np.pi) % (2 * np.pi) - np.pi)
         may[block] = apart <= half[block, :, None] + half[block, None] + OVERLAP_SLACK
         may[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
@@ -346,12 +391,14 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
 
 
 def find_touching(ground: Footprints) -> Mask:
-    """Mask of objects whose footprint's rectangle meets another one."""
+    """Mask of objects whose footprint's rectangle meets the rectangle of another."""
     half = ground.rectangles[:, 2:4]
     cos = ground.rectangles[:, 4]
     sin = ground.rectangles[:, 5]
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     offset = ground.rectangles[None, :, :2] - ground.rectangles[:, None, :2]
+    # separating axes: (object i, axis a of i, object j); both rectangles' half extents along the
+    # axis
     reach = half[:, :, None] + np.einsum(
         "iajb,jb->iaj", np.abs(np.einsum("iac,jbc->iajb", axes, axes)), half
     )

@@ -13,8 +13,9 @@ from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
 
 @dataclass(frozen=True)
 class ErrorProfile:
-    """Error terms under a name, in the order they act. Raises ValueError for a term that is no
-    `ErrorTerm`."""
+    """Error terms under a name, in the order in which they act.
+
+    Raises ValueError for an empty name and for a term that is no `ErrorTerm`."""
 
     name: str
     terms: tuple[ErrorTerm, ...]
@@ -32,7 +33,7 @@ class ErrorProfile:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all terms and their numbers, whatever the name."""
+        """Hexadecimal SHA-256 of all terms and their numbers, whatever the profile's name."""
         described = []
         for term in self.terms:
             numbers = {
@@ -43,27 +44,30 @@ class ErrorProfile:
 
     @property
     def modules(self) -> list[str]:
-        """Modules that define the terms."""
+        """Sorted names of the Python modules that define the terms."""
         return sorted({type(term).__module__ for term in self.terms})
 
     @property
     def needs_velocities(self) -> bool:
-        """True if a term depends on the speed of objects."""
+        """True if a term depends on the velocity of objects."""
         return any(term.needs_velocities for term in self.terms)
 
     @property
     def origin(self) -> dict[str, str]:
-        """Name and digest, for results."""
+        """Name and digest of the profile, to be kept with results."""
         return {"profile": self.name, "digest": self.digest}
 
     def read(self, truth: TrueImage, *, seed: int, sensor: int, frame: int) -> Reading:
-        """Apply all terms to a true image.
+        """Apply all terms to a true image, and return what the sensor reports.
 
-        seed: seed of the recording's errors; sensor, frame: their numbers."""
+        seed: seed of the recording's errors; sensor, frame: their numbers in the recording. Random
+        numbers depend on all three."""
         reading = Reading.of(truth)
         before = Counter[str]()
         for term in self.terms:
             kind = type(term).__qualname__
+            # depends on the class and how many terms of it came before, so that other terms do not
+            # change it
             stream = zlib.crc32(f"{kind} {before[kind]}".encode())
             before[kind] += 1
             reading = term.apply(reading, Draws(seed, sensor, frame, stream))

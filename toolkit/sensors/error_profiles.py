@@ -68,7 +68,9 @@ PROFILES = {
 
 
 def find_profile(errors: ErrorProfile | str) -> ErrorProfile:
-    """Find a profile by name; return a profile itself. Raises ValueError that lists all."""
+    """Find a profile by name; a profile is returned as it is.
+
+    Raises ValueError that lists all names for an unknown one."""
     if isinstance(errors, str) and errors not in PROFILES:
         raise ValueError(
             f"unknown error profile {errors!r}: choose among {', '.join(PROFILES)}, or make your "
@@ -78,12 +80,12 @@ def find_profile(errors: ErrorProfile | str) -> ErrorProfile:
 
 
 def only_own_noise(errors: ErrorProfile) -> bool:
-    """True if a profile adds nothing to the noise of the sensor models."""
+    """True if a profile has the noise of the sensor models and nothing else."""
     return errors.terms == PAPER_ERRORS.terms
 
 
 def check_drawn(errors: ErrorProfile, seed: int | None) -> None:
-    """Raise ValueError if errors would be drawn without a seed."""
+    """Raise ValueError if seed is None, unless the profile has only the sensor models' noise."""
     if seed is None and not only_own_noise(errors):
         raise ValueError(
             f"errors {errors.name!r} are drawn from a seed, got noise_seed None: give one"

@@ -10,13 +10,16 @@ from toolkit.objects import HEAVY, VEHICLE
 from toolkit.sensors.readings import Draws, Reading, TrueImage
 from toolkit.sensors.sensor import NEAR, Measure, angle
 
+# rows down and columns right from a pixel to each of its four neighbours
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+# extinction per metre (natural logarithm of power) for an attenuation of 1 dB/km
 PER_METRE_OF_DB_PER_KM = np.log(10) / 10 / 1000
-MAX_SAME_M = 1.0  # from the true measurement, of one that shows the same object
+# a measurement this close to the true one is of the same object, so it moves with the object
+MAX_SAME_M = 1.0
 
 
 class _Term:
-    """Numbers of a term, none negative."""
+    """Base of the error terms: fields are numbers from 0 on, checked when made."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
@@ -41,13 +44,13 @@ class _Term:
                 )
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Apply the error; a term without strength returns the reading itself."""
+        """Return the reading with this error, or the reading itself if all strengths are 0."""
         if not any(getattr(self, name) for name in self._strengths):
             return reading
         return self._change(reading, draws)
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Return the reading with this error."""
+        """Return the reading with this error; only called if a strength is not 0."""
         raise NotImplementedError
 
 
@@ -69,6 +72,7 @@ class ClockOffset(_Term):
                 "and times"
             )
         late_s = draws.of_sensor().standard_normal() * self.offset
+        # a row of zeros last, for the owner -1 of pixels without object
         displacement = np.append(truth.velocities * late_s, np.zeros((1, 3)), axis=0)[truth.owners]
         is_same = reading.valid & (np.abs(reading.measurement - truth.measurement) < MAX_SAME_M)
         shift = np.where(is_same[..., None], displacement, 0).astype(np.float32)
@@ -88,6 +92,7 @@ class DropOut(_Term):
     steepness: float = 2.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        # probability that each pixel keeps its return
         chance = np.full(reading.measurement.shape, 1.0 - self.share)
         truth = reading.truth
         if self.half_range:
@@ -118,6 +123,7 @@ class BlindSector(_Term):
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         columns = reading.measurement.shape[1]
+        # columns from `first` on, and again from 0 on past the last one
         first = int(draws.of_sensor().integers(columns))
         blind = (np.arange(columns) - first) % columns < round(self.share * columns)
         return reading.without(np.broadcast_to(blind, reading.measurement.shape))
@@ -145,9 +151,15 @@ def chance_of_return(
     steepness: float,
     reflectivity: float | Float[np.ndarray, "*n"] = 1.0,
 ) -> Float64[np.ndarray, "*n"]:
-    """Probability that surfaces return.
+    """Probability (0 to 1) that a surface returns, by range, incidence and reflectivity.
 
-    ranges: in metres; cosines: cosines of incidence; reflectivity: relative to other surfaces."""
+    Args:
+        ranges: distance of each surface (m).
+        cosines: cosine of the angle between ray and surface normal, 1 at right angles.
+        half_range: range (m) at which half of the surfaces at right angles return.
+        steepness: how fast the probability falls around `half_range`; infinity would be a step.
+        reflectivity: share of light that surfaces reflect, relative to others, 1 for all."""
+    # received power falls with the square of the range; `lacking` is 1 at a probability of one half
     power = np.asarray(reflectivity) * cosines * half_range**2
     lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
     return 1 / (1 + lacking**steepness)
@@ -160,8 +172,9 @@ class MixedPixels(_Term):
     All distances between the two are equally likely. The other surface is a neighbour's, drawn from
     four; a neighbour without return mixes nothing.
 
-    share: share of the pixels next to an edge; gap: smallest difference at an edge (m); reach:
-    largest difference that mixes (m): c/2 times the pulse of a lidar, some 1.5 m."""
+    share: share of the pixels next to an edge; gap: smallest difference between neighbours that
+    is an edge (m); reach: largest difference that mixes (m). For a lidar it is c/2 times the
+    length of the pulse (s), some 1.5 m."""
 
     share: float = 0.0
     gap: float = 0.3
@@ -173,6 +186,7 @@ class MixedPixels(_Term):
         side = rng.integers(len(_NEIGHBOURS), size=image.shape)
         is_drawn = rng.random(image.shape) < self.share
         weight = rng.random(image.shape, np.float32)
+        # a border of one pixel without return, hence + 1 in the indices below
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
         rows, columns = image.shape
         down, right = np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
@@ -196,6 +210,8 @@ class Calibration(_Term):
     translation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        # rotation and translation about and along x, y, z of the sensor; / sqrt(3) gives the length
+        # of each vector a root mean square of 1
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
         error = np.eye(4)
         error[:3, :3] = make_rotation(turn * self.rotation)
@@ -220,6 +236,8 @@ class PoleSway(_Term):
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         position = reading.truth.sensor.position
+        # three shares from 0 to 1: heading of the sway and phase as shares of a full turn, and the
+        # period between 2/3 and 4/3 of `period`
         towards, phase, longer = draws.of_pole(position).random(3)
         period = self.period * (1 + (2 * longer - 1) / 3)
         theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
@@ -227,12 +245,13 @@ class PoleSway(_Term):
         swayed = reading.pose.copy()
         sway_axis = np.array([-ahead[1], ahead[0], 0.0])
         swayed[:3, :3] = make_rotation(theta * sway_axis) @ reading.pose[:3, :3]
+        # a beam that is clamped at its foot and bent at its tip moves by 2/3 of tip angle · height
         swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
         return replace(reading, pose=swayed)
 
 
 def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation about a vector by its length (rad)."""
+    """Rotation matrix (3, 3) about a vector's direction, by its length (rad)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(vector).as_matrix()
@@ -240,10 +259,10 @@ def make_rotation(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"
 
 @dataclass(frozen=True)
 class OwnNoise(_Term):
-    """Noise of the sensor's model, as in a dataset."""
+    """Noise that the sensor's model states, with the same random numbers as in a dataset."""
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Add the model's noise."""
+        """Add the model's noise to the measurement."""
         model = reading.truth.sensor.model
         return reading.measuring(model.noisy(reading.measurement, draws.own_noise()))
 
@@ -252,8 +271,9 @@ class OwnNoise(_Term):
 class RangeNoise(_Term):
     """Normal noise, sigma = constant + proportional · z + quadratic · z² (m).
 
-    No return comes from behind a sensor. measures: limits it to sensors that measure "depth" or
-    "range"."""
+    z: measurement without this noise (m). A noisy measurement below 0 becomes 0, no return.
+    measures: "depth" or "range" adds the noise only to sensors that measure this; None adds it to
+    all."""
 
     _strengths = ("constant", "proportional", "quadratic")
     constant: float = 0.0
@@ -280,9 +300,10 @@ class RangeNoise(_Term):
 
 
 def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> RangeNoise:
-    """Noise of a stereo camera.
+    """Noise of a stereo camera, which grows with the square of the depth.
 
-    baseline: metres; focal: pixels; disparity: standard deviation of the disparity (pixels)."""
+    baseline: distance between the two cameras (m); focal: focal length (pixels); disparity:
+    standard deviation of the disparity (pixels)."""
     if not (baseline > 0 and focal > 0):
         raise ValueError(
             f"baseline and focal length must be above 0, got {baseline} m and {focal} pixels"
@@ -291,19 +312,20 @@ def stereo_noise(*, baseline: float, focal: float, disparity: float = 0.1) -> Ra
 
 
 def time_of_flight_noise(*, at_10_m: float = 0.02, ambient: float = 0.5) -> RangeNoise:
-    """Noise of a time-of-flight camera.
+    """Noise of a time-of-flight camera; sensors of every kind get it.
 
-    at_10_m: standard deviation at 10 m (m); ambient: its share due to ambient light and
-    electronics."""
+    at_10_m: standard deviation at 10 m (m); ambient: share, from 0 to 1, that is due to ambient
+    light and electronics. This share grows with the square of the measurement, the rest in
+    proportion."""
     if not 0 <= ambient <= 1:
         raise ValueError(f"ambient must be a share from 0 to 1, got {ambient}")
     return RangeNoise(proportional=at_10_m * (1 - ambient) / 10, quadratic=at_10_m * ambient / 100)
 
 
 def lidar_noise(*, constant: float = 0.02, proportional: float = 0.0005) -> RangeNoise:
-    """Noise of a lidar in addition to its model's.
+    """Noise of a lidar, in addition to the noise of its model.
 
-    constant: metres; proportional: per metre of range."""
+    constant: standard deviation at range 0 (m); proportional: by which it grows (m per m)."""
     return RangeNoise(constant=constant, proportional=proportional, measures="range")
 
 
@@ -332,6 +354,7 @@ class Glass(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        # three draws for every pixel in this order, so that results stay the same
         rng = draws.of_frame()
         shape = reading.measurement.shape
         is_pane = rng.random(shape) < self.share
@@ -347,11 +370,12 @@ class Glass(_Term):
         return reading.measuring(measurement).without(is_glass & ~returns)
 
     def band(self, truth: TrueImage) -> ImageMask:
-        """Mask of pixels on the window band of a vehicle."""
+        """Mask of the pixels on the window band of a vehicle, heavy ones excluded."""
         owners = truth.owners.ravel()
         pixels = np.flatnonzero(owners >= 0)
         pixels = pixels[truth.objects.labels[owners[pixels]] == VEHICLE]
         boxes = truth.objects.boxes[owners[pixels]]
+        # as a share of the vehicle's height, 0 at the foot and 1 at the top
         height = (truth.points[pixels, 2] - boxes[:, 2]) / boxes[:, 5] + 0.5
         band = np.zeros(owners.size, np.bool_)
         band[pixels] = (height > self.lower) & (height < self.upper)
@@ -391,6 +415,7 @@ class Paint(_Term):
         painted = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
         is_dark = (draws.of_objects(truth.objects.ids) < self.share) & painted
         reflectivity = np.where(painted, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
+        # 1 last, for the owner -1 of pixels without object
         pixel_reflectivity = np.append(reflectivity, 1.0)[truth.owners]
         law = truth.ranges, truth.cosines, self.half_range, self.steepness
         chance = chance_of_return(*law, pixel_reflectivity) / chance_of_return(*law)
@@ -398,7 +423,9 @@ class Paint(_Term):
 
 
 def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Distance (m) that each ray travels through its box."""
+    """Distance (m) that each ray goes on from its point to the far side of its object's box.
+
+    pixels: flat numbers of pixels (row after row) whose owner is an object."""
     boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -412,7 +439,9 @@ def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[n
 def _turn_into_boxes(
     vectors: Float64[np.ndarray, "n 3"], boxes: Float64[np.ndarray, "n 7"]
 ) -> Float64[np.ndarray, "n 3"]:
-    """Return vectors along the length, width and height of their boxes."""
+    """Turn world vectors into the axes of their boxes: along length, width and height.
+
+    Row i of the result belongs to box i. Boxes hold their yaw (rad) in column 6."""
     cos = np.cos(boxes[:, 6])
     sin = np.sin(boxes[:, 6])
     x, y, z = vectors.T
@@ -421,10 +450,12 @@ def _turn_into_boxes(
 
 @dataclass(frozen=True)
 class Weather(_Term):
-    """Rain, fog or snow.
+    """Rain, fog or snow: returns are lost on the way, and drops in the air return.
 
-    extinction: per metre; share: share of rays into the open that return from the air, below 1;
-    reach: distance (m) by which the rate of such returns falls to 1/e."""
+    Args:
+        extinction: coefficient (1/m); light falls by exp(-extinction) per metre, there and back.
+        share: share of rays into the open that return from the air, below 1.
+        reach: distance (m) over which the rate of such returns falls to 1/e."""
 
     _strengths = ("extinction", "share")
     _positive = ("reach",)
@@ -442,6 +473,7 @@ class Weather(_Term):
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         rng = draws.of_frame()
         truth = reading.truth
+        # two draws for every pixel, even if only one is used
         survives = rng.random(reading.measurement.shape)
         met = rng.random(reading.measurement.shape)
         ranges = np.where(
@@ -451,7 +483,8 @@ class Weather(_Term):
         reading = reading.without(reading.valid & (survives >= arrives))
         if not self.share:
             return reading
-        # exp(-(r - NEAR) / reach) at the first drop; none below 0
+        # exp(-(r - NEAR) / reach) for the range r of the first drop on each ray; a ray with a value
+        # of 0 or less meets none
         left = 1 + np.log1p(-met) / -np.log1p(-self.share)
         drop = NEAR - self.reach * np.log(np.maximum(left, 1e-12))
         from_air = (left > 0) & (drop < ranges) & (drop < truth.sensor.model.max_range)
@@ -460,17 +493,19 @@ class Weather(_Term):
 
 
 def rain(rate: float) -> Weather:
-    """Rain of some mm/h: 2.5 is light, 10 heavy.
+    """Rain of `rate` mm/h: 2.5 is light, 10 heavy.
 
     For each mm/h, 0.3 % of the rays into the open return from a drop."""
+    # attenuation in dB/km is 1.076 * rate**0.67
     extinction = PER_METRE_OF_DB_PER_KM * 1.076 * _check_rate(rate) ** 0.67
     return Weather(extinction, 1 - np.exp(-0.003 * rate), 8.0)
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
-    """Snow of some mm/h of water: 1 is light, 4 heavy.
+    """Snow of `rate` mm/h of water: 1 is light, 4 heavy. wet: wet snow instead of dry.
 
     For each mm/h, 4 % of the rays into the open return from a flake."""
+    # (factor, power): attenuation in dB/km is factor * rate**power; 905 is the wavelength (nm)
     dry_law = (5.42e-5 * 905 + 5.496, 1.38)
     wet_law = (1.02e-4 * 905 + 3.786, 0.72)
     factor, power = wet_law if wet else dry_law
@@ -479,16 +514,17 @@ def snow(rate: float, *, wet: bool = False) -> Weather:
 
 
 def fog(visibility: float) -> Weather:
-    """Fog of a visibility (m).
+    """Fog with a visibility in metres.
 
     A share 1 - exp(-5 m / visibility) of the rays into the open return from it, most near by."""
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
+    # visibility is the distance at which contrast falls to 2 %: 3.912 = -log(0.02)
     return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)
 
 
 def _check_rate(rate: float) -> float:
-    """Return a rate, or raise ValueError."""
+    """Return a rate (mm/h); ValueError if it is negative, infinite or NaN."""
     if not 0 <= rate < np.inf:
         raise ValueError(f"a rate must be a number of mm/h from 0 on, got {rate}")
     return rate

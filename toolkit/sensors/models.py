@@ -49,14 +49,15 @@ Model = TypeVar("Model", bound=type)
 
 
 class _Noisy:
-    sigma: float
+    # Noise of the models with one standard deviation, or with a `deviation` of their class.
+    sigma: float  # standard deviation (m)
 
     def deviation(self, measurement: Float[np.ndarray, "*shape"]) -> Deviation:
-        """`sigma`, whatever the measurement."""
+        """Standard deviation of the noise (m): `sigma`, whatever the measurement."""
         return np.float32(self.sigma)
 
     def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
-        """Add normal noise of the `deviation`; no return stays none."""
+        """Add normal noise with the standard deviation `deviation`; no return becomes 0."""
         return shared.with_noise(measurement, cast(SensorModel, self), rng)
 
 
@@ -103,7 +104,7 @@ class DepthCamera(_Noisy):
 
     @property
     def horizontal_fov(self) -> float:
-        """`fov`."""
+        """Width of the field of view (rad): `fov`."""
         return self.fov
 
     @property
@@ -113,18 +114,22 @@ class DepthCamera(_Noisy):
 
     @property
     def intrinsic(self) -> Float64[np.ndarray, "3 3"]:
-        """K in pixels of the full image, principal point `centre`. f = (width / 2) / tan(fov / 2),
-        both ways."""
+        """Camera matrix K in pixels of the full image: [[f, 0, u], [0, f, v], [0, 0, 1]].
+
+        f = (width / 2) / tan(fov / 2) for both axes; u, v: `centre`, or the middle of the image."""
         focal = self.width / 2 / np.tan(self.fov / 2)
         u, v = self.centre or (self.width / 2, self.height / 2)
         return np.array([[focal, 0.0, u], [0.0, focal, v], [0.0, 0.0, 1.0]])
 
     def rays(self) -> ImageVectors:
-        """Ray per pixel: ((u - cu) / f, (v - cv) / f, 1)."""
+        """Ray of each measured pixel u, v, sensor frame: ((u - cu) / f, (v - cv) / f, 1).
+
+        cu, cv: principal point. Read-only and shared by equal cameras."""
         return _camera_rays(self)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Mask of points inside the image and nearer than the range."""
+        """Mask of points (m, sensor frame) inside the image and at a depth below `max_range`."""
+        # u / z comparisons multiplied by z, so that nothing is divided by 0
         x, y, z = np.moveaxis(points, -1, 0)
         (focal, _, u), (_, _, v), _ = self.intrinsic
         in_columns = (-u * z <= focal * x) & (focal * x <= (self.width - u) * z)
@@ -132,7 +137,11 @@ class DepthCamera(_Noisy):
         return in_columns & in_rows & (z > 0) & (z < self.max_range)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles around the visible part of each box."""
+        """Rectangles of pixels (row, top, bottom, left, right) around the visible part of each box.
+
+        See `SensorModel.windows`."""
+        # Corners behind the plane z = NEAR do not project. The box is cut there: points are its
+        # corners, and for each pair of them the point at z = NEAR on the way, else one of the two.
         start = sensor_corners[:, _PAIRS[:, 0]]
         end = sensor_corners[:, _PAIRS[:, 1]]
         rise = end[..., 2:] - start[..., 2:]
@@ -145,6 +154,7 @@ class DepthCamera(_Noisy):
         focal = self.intrinsic[0, 0]
         centre = self.intrinsic[:2, 2]
         pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / self.stride
+        # 1e9 leaves points behind the plane out of the minimum and maximum
         first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
         last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
         near = sensor_corners[..., 2].min(axis=1) < self.max_range
@@ -155,6 +165,7 @@ class DepthCamera(_Noisy):
 
 @lru_cache(maxsize=64)
 def _camera_rays(camera: DepthCamera) -> np.ndarray:
+    # Rays of a camera, see `DepthCamera.rays`; read-only, because equal cameras share them.
     (focal, _, cu), (_, _, cv), _ = camera.intrinsic
     u, v = np.arange(0, camera.width, camera.stride), np.arange(0, camera.height, camera.stride)
     x, y = np.meshgrid((u - cu) / focal, (v - cv) / focal)
@@ -162,29 +173,33 @@ def _camera_rays(camera: DepthCamera) -> np.ndarray:
 
 
 class AngleGrid(NamedTuple):
-    """Rows of rays at some elevations, top first, and columns evenly spaced over `width` about
-    `heading` (rad)."""
+    """Directions of a lidar's rays: rows of equal elevation, columns of equal azimuth.
 
-    elevations: tuple[float, ...]
-    columns: int
-    width: float
-    heading: float = 0.0
+    Columns are evenly spaced from the right to the left, each in the middle of its share of
+    `width`."""
+
+    elevations: tuple[float, ...]  # elevation of each row (rad above the horizon), top first
+    columns: int  # number of columns
+    width: float  # angle that all columns cover (rad)
+    heading: float = 0.0  # azimuth of the middle of the columns (rad from +x to the left)
 
 
 @lru_cache(maxsize=64)
 def unit_rays(grid: AngleGrid) -> ImageVectors:
-    """Unit ray per row and column."""
+    """Unit ray (x forward, y left, z up) of each row and column; read-only, since it is cached."""
     elevation = np.array(grid.elevations)[:, None]
     azimuth = (
         grid.heading
         + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
     )
-    flat = np.cos(elevation)
+    flat = np.cos(elevation)  # horizontal part of each ray
+    # + 0 * azimuth gives z the shape (rows, columns) of x and y
     x, y, z = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth
     return shared.freeze(np.stack([x, y, z], axis=-1))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    # Half of the angle (rad) that a sphere fills, 2 pi if the sensor is inside the sphere.
     return np.where(
         distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi
     )
@@ -198,15 +213,19 @@ class _Lidar(_Noisy):
 
     @property
     def _grid(self) -> AngleGrid:
+        # Directions of the rays, in the sensor's frame.
         raise NotImplementedError
 
     @property
     def body_SE3_sensor(self) -> Pose:
-        """The body looks along the heading."""
+        """Pose of the sensor's frame in its body's frame.
+
+        The body's x axis points along the heading of the rays."""
         return pose(yaw=-self._grid.heading) if self._grid.heading else np.eye(4)
 
     @property
     def shape(self) -> tuple[int, int]:
+        # Rows and columns of an image.
         return len(self._grid.elevations), self._grid.columns
 
     @property
@@ -224,7 +243,7 @@ class _Lidar(_Noisy):
         return unit_rays(self._grid)
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Mask of points inside the rows, columns and range."""
+        """Mask of points (m, sensor frame) inside the rows, the columns and the range."""
         x, y, z = np.moveaxis(self._ahead(points), -1, 0)
         across = np.hypot(x, y)
         grid = self._grid
@@ -237,12 +256,15 @@ class _Lidar(_Noisy):
         )
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles around the sphere through the corners of each box, at up to three turns of the
-        azimuth."""
+        """Rectangles of pixels (row, top, bottom, left, right) around a sphere on each box.
+
+        The sphere goes through the corners of the box. A box across the seam of the columns has
+        several rectangles. See `SensorModel.windows`."""
         middle, radius, distance = shared.bounding_spheres(self._ahead(sensor_corners))
         elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
         half = _half_angle(radius, distance)
         azimuth = np.arctan2(middle[:, 1], middle[:, 0])
+        # negative, so that they rise from row to row, as searchsorted needs
         falling = -np.array(self._grid.elevations)
         top = np.searchsorted(falling, -(elevation + half) - 1e-6)
         bottom = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")
@@ -252,6 +274,8 @@ class _Lidar(_Noisy):
             np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi)
             / per_column
         )
+        # the same azimuths one full turn to either side: what ends beyond the seam begins again
+        # there
         turns = []
         for turn in (-2 * np.pi, 0.0, 2 * np.pi):
             column = (azimuth + turn) / per_column + (columns - 1) / 2
@@ -262,6 +286,7 @@ class _Lidar(_Noisy):
         return shared.clip_windows(np.concatenate(turns), self.shape)
 
     def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        # Points in axes with x along the heading, y left, z up, from sensor axes.
         return points @ self.body_SE3_sensor[:3, :3].T if self._grid.heading else points
 
 
@@ -386,8 +411,10 @@ class RowLidar(_Lidar):
 
 
 def register_sensor_model(model: Model) -> Model:
-    """Register a model for files and `--model`; returns the class. Raises ValueError if the
-    class is no `SensorModel` of fields with defaults, or its name is taken."""
+    """Register a class of sensors for files and `--model`, and return it; a class decorator.
+
+    Raises ValueError if the class is no frozen dataclass that fits `SensorModel`, if a field has
+    no default or a name of `TAKEN`, or if another model has the name of the class."""
     name = model.__name__
     parameters = getattr(model, "__dataclass_params__", None)
     if not is_dataclass(model) or parameters is None or not (parameters.frozen and parameters.eq):
@@ -419,13 +446,16 @@ def register_sensor_model(model: Model) -> Model:
 
 
 def find_model(name: str) -> SensorModel:
-    """Find a model by name, such as "solid-state-lidar", with default parameters. Raises ValueError
-    that lists all."""
+    """Return a sensor model with default parameters by name, such as "solid-state-lidar".
+
+    Raises ValueError that lists all names for an unknown one."""
     return find_model_class(name)()
 
 
 def find_model_class(name: str) -> type[Any]:
-    """Find a model's class. Raises ValueError that lists all."""
+    """Return the class of a sensor model by its name, written as SpinningLidar or spinning-lidar.
+
+    Raises ValueError that lists all names for an unknown one."""
     if name_in_words(str(name)) not in MODELS:
         raise ValueError(
             f"unknown sensor model {str(name)[:60]!r}: choose among {', '.join(class_names())}"
@@ -434,13 +464,15 @@ def find_model_class(name: str) -> type[Any]:
 
 
 def class_names() -> list[str]:
-    """Names of all models, as files write them."""
+    """Names of the classes of all registered models, as files write them."""
     return [model.__name__ for model in MODELS.values()]
 
 
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
-    """Make a model of a name and some of its fields, as files hold them: angles in rad, lists for
-    tuples. Raises ValueError for an unknown name or field, and for a value that the model
+    """Make a sensor model from its name and the values of some of its fields.
+
+    values: by name of the field; angles in rad, lists for tuples; other fields keep their
+    defaults. Raises ValueError for an unknown name or field, and for a value that the model
     refuses."""
     model = find_model_class(name)
     field_names = [entry.name for entry in fields(model)]
@@ -458,7 +490,9 @@ def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
 
 
 def name_in_words(name: str) -> str:
-    """SolidStateLidar as solid-state-lidar."""
+    """Name of a class in lower case words: SolidStateLidar becomes solid-state-lidar.
+
+    A name that is already in words stays as it is."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).replace("_", "-").lower()
 
 

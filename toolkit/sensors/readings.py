@@ -16,14 +16,21 @@ from toolkit.boxes import points_in_boxes
 from toolkit.objects import Objects
 from toolkit.sensors.sensor import Sensor, is_return
 
-_SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)  # what a stream of numbers is drawn for
-SKIN_M = 0.05  # by which a box is larger than its object, so that it holds surface points
-FOOT_MARGIN_M = 0.05  # above the foot of a box, below which points are of the ground
+# what a stream of random numbers is drawn for: part of its seed
+_SENSOR, _FRAME, _OBJECT, _POLE = range(1, 5)
+SKIN_M = 0.05  # boxes are enlarged by it on each side, so that they hold their object's surface
+FOOT_MARGIN_M = 0.05  # points lower than this above the foot of a box are of the ground
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Random numbers of one error term of one sensor in one frame, identified by four numbers."""
+    """Random numbers of one error term of one sensor in one frame, identified by four numbers.
+
+    Attributes:
+        seed: seed of the recording's errors.
+        sensor: number of the sensor.
+        frame: number of the frame.
+        term: number of the term's stream."""
 
     seed: int
     sensor: int
@@ -31,24 +38,28 @@ class Draws:
     term: int
 
     def own_noise(self) -> Rng:
-        """Generator of the noise of the sensor's model, which other errors do not change."""
+        """Generator of the noise of the sensor's model in this frame, the same for all terms."""
         return np.random.default_rng([self.seed, self.frame, self.sensor])
 
     def of_frame(self) -> Rng:
-        """Generator for this sensor in this frame."""
+        """Generator for this term, sensor and frame."""
         return np.random.default_rng([self.seed, _FRAME, self.frame, self.sensor, self.term])
 
     def of_sensor(self) -> Rng:
-        """Generator for this sensor, the same in every frame."""
+        """Generator for this term and sensor, the same in every frame."""
         return np.random.default_rng([self.seed, _SENSOR, self.sensor, self.term])
 
     def of_pole(self, position: Float64[np.ndarray, "3"]) -> Rng:
-        """Generator for all sensors over one point of the ground (cm), the same in every frame."""
+        """Generator for the pole at a sensor's position, the same in every frame.
+
+        position: x, y, z (m, world frame). All sensors over the same centimetre of ground share
+        it."""
+        # whole centimetres as 32 bits without sign: seeds must not be negative
         x, y = (int(np.rint(metres * 100)) & 0xFFFFFFFF for metres in position[:2].tolist())
         return np.random.default_rng([self.seed, _POLE, x, y, self.term])
 
     def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Number in [0, 1) for each track id."""
+        """Number in [0, 1) for each track id, the same for all sensors and frames."""
         words = [self.seed, _OBJECT, self.term]
         drawn = [
             np.random.default_rng([*words, int(track) & 0xFFFFFFFFFFFFFFFF]).random()
@@ -63,10 +74,10 @@ class TrueImage:
 
     Attributes:
         sensor: the sensor, at its true pose.
-        measurement: its image.
+        measurement: its image (rows, columns; m), no return as in `sensor.is_return`.
         objects: objects of the frame.
         time: time of the frame (s).
-        velocities: velocities of the objects (m/s), None if unknown.
+        velocities: velocities of the objects (m/s, world frame), None if unknown.
     """
 
     sensor: Sensor
@@ -77,12 +88,14 @@ class TrueImage:
 
     @cached_property
     def valid(self) -> ImageMask:
-        """Mask of pixels that return anything."""
+        """Mask of pixels that have a return."""
         return is_return(self.measurement, self.sensor.model.max_range)
 
     @cached_property
     def ray_lengths(self) -> ImageRanges:
-        """Range (m) per measured metre: 1 for models that measure ranges."""
+        """Range per measured metre of each pixel: 1 for models that measure ranges.
+
+        A camera measures depth, which is shorter than the range off the middle of the image."""
         return np.linalg.norm(self.sensor.model.rays(), axis=2).astype(np.float32)
 
     @cached_property
@@ -98,10 +111,14 @@ class TrueImage:
 
     @cached_property
     def owners(self) -> Int64[np.ndarray, "rows columns"]:
-        """Row of the object whose box holds each pixel's point, above its foot, else -1."""
+        """Row in `objects` of the object whose box holds each pixel's point, -1 for no object.
+
+        A point close to the foot of a box is of the ground. If boxes overlap, the first one
+        counts."""
         owners = np.full(self.measurement.size, -1, np.int64)
         if len(self.objects):
             boxes = self.objects.boxes.copy()
+            # raise the bottom of each box by the margin, and its other sides outwards by the skin
             boxes[:, 2] += (FOOT_MARGIN_M + SKIN_M) / 2
             boxes[:, 3:5] += 2 * SKIN_M
             boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN_M - FOOT_MARGIN_M, 1e-3)
@@ -152,25 +169,31 @@ class Reading:
 
     @property
     def valid(self) -> ImageMask:
-        """Mask of pixels that return anything now."""
+        """Mask of pixels that have a return in this reading."""
         return is_return(self.measurement, self.truth.sensor.model.max_range)
 
     def without(self, lost: ImageMask) -> "Reading":
-        """Remove the returns of some pixels."""
+        """Return the reading with 0, no return, at the pixels of a mask."""
         if not lost.any():
             return self
         return self.measuring(np.where(lost, np.float32(0), self.measurement))
 
     def measuring(self, measurement: ImageRanges) -> "Reading":
-        """Replace the image."""
+        """Return the reading with another image."""
         return replace(self, measurement=measurement)
 
 
 def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
-    """Step from each point to its nearer neighbour."""
+    """Step (rows, columns, 3) from each point towards its nearer neighbour along one axis.
+
+    points: (rows, columns, 3) m; valid: (rows, columns) mask of the points that count. axis: 0 for
+    neighbours in the column, 1 in the row. A step backwards is reversed, so that all have the same
+    sense; it is 0 without a valid neighbour."""
     step = np.diff(points, axis=axis)
     both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
     length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
+    # padding by one pixel at the end and at the start: step i is ahead of point i, behind point i +
+    # 1
     widths = [[side, (0, 0)] if axis == 0 else [(0, 0), side] for side in ((0, 1), (1, 0))]
     after, before = (np.pad(length, width, constant_values=np.inf) for width in widths)
     step = np.where(both[..., None], step, 0)
@@ -186,7 +209,9 @@ class ErrorTerm(Protocol):
 
     @property
     def needs_velocities(self) -> bool:
-        """True if it depends on the speed of objects."""
+        """True if it depends on the velocities of objects."""
 
     def apply(self, reading: Reading, draws: Draws) -> Reading:
-        """Apply the error."""
+        """Return the reading with this error.
+
+        draws: random numbers of this term, sensor and frame."""

@@ -88,17 +88,18 @@ class SensorModel(Protocol):
         same."""
 
     def noisy(self, measurement: Float[np.ndarray, "rows columns"], rng: Rng) -> ImageRanges:
-        """Add noise; no return stays none. See `with_noise`."""
+        """Add noise to an image; no return becomes 0. See `with_noise`."""
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Mask of points in its field of view and range."""
+        """Mask of points (m, sensor frame) in its field of view and range."""
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
-        """Rectangles of pixels (row, top, bottom, left, right) around boxes, given by corners in
-        the sensor frame.
+        """Rectangles of pixels around boxes: columns row, top, bottom, left, right.
 
-        No ray outside its rectangles meets a box. A box may come more than once, as across the seam
-        of a spinning lidar, or not at all. See `clip_windows`."""
+        sensor_corners: corners of each box (m, sensor frame). row: row of the box in it; top to
+        bottom and left to right are ranges of image rows and columns, the ends excluded. Rays
+        outside a box's rectangles do not meet it. A box may come more than once, as across the
+        seam of a spinning lidar, or not at all. See `clip_windows`."""
 
 
 def is_return(
@@ -109,7 +110,9 @@ def is_return(
 
 
 def with_noise(measurement: np.ndarray, model: SensorModel, rng: Rng) -> np.ndarray:
-    """Add normal noise; no return stays none."""
+    """Add normal noise to an image, with the standard deviations of a model.
+
+    A number is drawn for every pixel. Pixels without return are 0 in the result."""
     clean = np.asarray(measurement, np.float32)
     valid = is_return(clean, model.max_range)
     noise = rng.standard_normal(clean.shape, dtype=np.float32) * model.deviation(
@@ -121,7 +124,9 @@ def with_noise(measurement: np.ndarray, model: SensorModel, rng: Rng) -> np.ndar
 def nearest(
     model: SensorModel, sensor_corners: Float64[np.ndarray, "n 8 3"]
 ) -> Float64[np.ndarray, " n"]:
-    """Lower bound of the measurement (m) of each box."""
+    """Lower bound of the measurement (m) of each box; may be negative.
+
+    sensor_corners: corners of each box (m, sensor frame). The bound is 1 mm low, for rounding."""
     if model.measures == "depth":
         return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
     _, radius, distance = bounding_spheres(sensor_corners)
@@ -131,7 +136,9 @@ def nearest(
 def bounding_spheres(
     corners: Float64[np.ndarray, "n 8 3"],
 ) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Middle, radius and distance of the sphere through the corners of each box."""
+    """Middle (x, y, z), radius and distance of the sphere through the corners of each box.
+
+    The distance is from the origin to the middle; all in m, in the frame of the corners."""
     middle = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1, initial=0)
     return middle, radius, np.linalg.norm(middle, axis=1)
@@ -140,7 +147,9 @@ def bounding_spheres(
 def clip_windows(
     bounds: Float64[np.ndarray, "m 5"], shape: tuple[int, int]
 ) -> Int64[np.ndarray, "k 5"]:
-    """Cut rectangles of pixels to an image; drop those outside."""
+    """Cut rectangles of pixels to an image; leave out those outside.
+
+    bounds: row of the box, top, bottom, left, right (ends excluded); shape: rows and columns."""
     low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
     inside = (low < high).all(axis=1)
     return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[
@@ -149,25 +158,26 @@ def clip_windows(
 
 
 def freeze(rays: np.ndarray) -> np.ndarray:
-    """Return rays as read-only float32."""
+    """Return a float32 copy of rays that cannot be written to, as caches share it."""
     rays = rays.astype(np.float32)
     rays.setflags(write=False)
     return rays
 
 
 def angle(default: float | tuple[float, ...]) -> Any:
-    """Declare angle fields: radians here, degrees in files."""
+    """Declare a dataclass field as an angle: radians here, degrees in files."""
     return field(default=default, metadata={"unit": "rad"})
 
 
 def find_angles(model: Any) -> dict[str, bool]:
-    """Fields of a model or its class, True for those declared by `angle`."""
+    """Names of all fields of a model or its class, each with True if declared by `angle`."""
     return {entry.name: entry.metadata.get("unit") == "rad" for entry in fields(model)}
 
 
 def check_numbers(model: Any) -> None:
-    """Raise ValueError for a field that is no number: whole if its default is, else real and not
-    NaN."""
+    """Raise ValueError if a field with a numeric default holds no fitting number.
+
+    It must be a whole number if its default is one, otherwise a real number, not NaN."""
     for entry in fields(model):
         value = getattr(model, entry.name)
         default = entry.default
@@ -177,6 +187,7 @@ def check_numbers(model: Any) -> None:
         fits = isinstance(value, int | np.integer) or (
             not is_whole and isinstance(value, float | np.floating)
         )
+        # value != value holds for NaN only
         if isinstance(value, bool) or not fits or value != value:
             word = "whole number" if is_whole else "number"
             raise ValueError(
@@ -185,7 +196,7 @@ def check_numbers(model: Any) -> None:
 
 
 def check_rays(rows: float, columns: float) -> None:
-    """Raise ValueError without a row and a column, and for more rays than can be followed."""
+    """Raise ValueError for less than one row or column, and for more than `MAX_RAYS` rays."""
     if min(rows, columns) < 1:
         raise ValueError(
             f"rows and columns of a sensor must be at least 1, got {rows!s:.20} and {columns!s:.20}"
@@ -198,7 +209,7 @@ def check_rays(rows: float, columns: float) -> None:
 
 
 def check_noise(sigma: float, max_range: float) -> None:
-    """Raise ValueError for impossible noise or range."""
+    """Raise ValueError unless sigma (m) is finite and not negative, and max_range (m) above 0."""
     if not 0 <= sigma < np.inf or not max_range > 0:
         raise ValueError(
             f"need finite sigma >= 0 and max_range > 0, got sigma {sigma} and max_range {max_range}"
@@ -207,7 +218,9 @@ def check_noise(sigma: float, max_range: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Sensor model at a pose, world_SE3_sensor, in a site's frame.
+    """Sensor model at a pose in a site's frame.
+
+    pose: world_SE3_sensor (4, 4); it is copied and made read-only.
 
     float32 points are good to 1 mm within 10 km. Raises ValueError if the pose is no rigid
     motion."""
@@ -257,7 +270,7 @@ class Sensor:
 
 
 def tabulate_sensors(sensors: Sequence[Sensor]) -> Table:
-    """Columns of a table of sensors: name, model and position (m)."""
+    """Columns of a table of sensors: name, class of the model, and x, y, z of the position (m)."""
     x, y, z = np.array([sensor.position for sensor in sensors]).reshape(-1, 3).T
     models = [type(sensor.model).__name__ for sensor in sensors]
     return {"name": [sensor.name for sensor in sensors], "model": models, "x": x, "y": y, "z": z}

@@ -7,18 +7,23 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.objects import Objects
 
-MOST_APART = 0.5  # s between frames from which velocities are known
+MOST_APART = 0.5  # s; frames farther apart give no velocities
 
 
 def velocities(
     objects: Objects, time: float, around: Sequence[tuple[Objects, float]]
 ) -> Float64[np.ndarray, "n 3"]:
-    """Velocity (m/s, world frame) of each object of a frame, from its track in the frames before
-    and after.
+    """Velocity (m/s, world frame) of each object of a frame, from its track in neighbouring frames.
 
-    It is their mean, 0 for a track in neither. time: time of the frame (s); around: objects and
-    time of its neighbours. Raises ValueError without neighbours and for one farther off than
-    `MOST_APART`."""
+    It is the mean of the velocities towards each neighbour, 0 for a track in no neighbour.
+
+    Args:
+        objects: objects of the frame; equal ids in two frames are one track.
+        time: time of the frame (s).
+        around: objects and time (s) of each neighbouring frame.
+
+    Raises ValueError without neighbours, and for one at the same time or more than `MOST_APART`
+    away."""
     gaps = [abs(neighbour_time - time) for _, neighbour_time in around]
     if not gaps or not all(0 < gap <= MOST_APART for gap in gaps):
         intervals = ", ".join(f"{gap:g} s" for gap in gaps) or "nothing"

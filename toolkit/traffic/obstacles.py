@@ -7,6 +7,7 @@ from toolkit.arrays import Bool, Float64, Mask
 from toolkit.boxes import footprints
 from toolkit.sites.site import Site
 
+# boxes (x, y, z, length, width, height in m, yaw in rad), z counted from the plane of the ground
 LevelBoxes = Float64[np.ndarray, "n 7"]
 GAP = 0.1  # m left between bodies
 STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
@@ -20,8 +21,8 @@ class Obstacles:
     on the ground.
 
     Attributes:
-        bases: lower ends of the solids (m).
-        tree: their footprints."""
+        bases: height of the lower end of each solid (m).
+        tree: search tree of their footprints, in the same order."""
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
@@ -36,9 +37,9 @@ class Obstacles:
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
 
     def hit(self, boxes: LevelBoxes) -> Mask:
-        """Mask of boxes that touch an obstacle.
+        """Mask of boxes that touch an obstacle, or come within half of `GAP` of it.
 
-        They pass under one that begins above them, such as a tree's crown."""
+        A box may be under a solid that begins above its top, such as a tree's crown."""
         rows, obstacles = self.tree.query(outline_boxes(boxes), predicate="intersects")
         box_tops = boxes[rows, 2] + boxes[rows, 5] / 2
         is_hit = np.zeros(len(boxes), bool)
@@ -47,10 +48,11 @@ class Obstacles:
 
 
 def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask, int]:
-    """Separate boxes; return them, a mask of kept rows and the number of changes.
+    """Move boxes apart from each other and from obstacles.
 
     Earlier rows have precedence. A row in the way steps aside by up to 1 m across its heading, or
-    is dropped."""
+    is dropped. Returns all boxes with their new places, a mask of the rows to keep, and the number
+    of rows that were moved or dropped."""
     is_kept = np.ones(len(boxes), bool)
     rows_in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(rows_in_the_way):
@@ -58,13 +60,14 @@ def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask,
     settled = boxes.copy()
     shapes = outline_boxes(boxes)
     for row in rows_in_the_way:
-        is_kept[row] = False  # so that the kept rows are the other ones
+        is_kept[row] = False  # so that the row is not compared with itself below
         yaw = boxes[row, 6]
         places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
         places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(yaw), np.cos(yaw)])
         place_shapes = outline_boxes(places)
         touches = shapely.intersects(place_shapes[:, None], shapes[is_kept][None])
         is_free = ~obstacles.hit(places) & ~touches.any(axis=1)
+        # first free place; without a free one it is place 0, and the row is dropped
         first = np.argmax(is_free)
         is_kept[row] = is_free[first]
         settled[row] = places[first]
@@ -74,7 +77,9 @@ def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask,
 
 
 def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
-    """Mask of pairs of boxes closer than `GAP`, above the diagonal."""
+    """Mask (n, n) of pairs of boxes closer than `GAP`, seen from above.
+
+    Only entries above the diagonal are set: the row is the earlier box, the column the later."""
     radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
     offsets = boxes[:, None, :2] - boxes[None, :, :2]
     square_distances = np.square(offsets).sum(-1)
@@ -87,7 +92,7 @@ def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
 
 
 def outline_boxes(boxes: LevelBoxes) -> np.ndarray:
-    """Footprints of boxes, with half of `GAP` on each side."""
+    """Footprint of each box as a polygon, wider by half of `GAP` on each side."""
     widened = boxes.copy()
     widened[:, 3:5] += GAP
     return shapely.polygons(footprints(widened))

@@ -10,22 +10,23 @@ from toolkit.sites.site import Site
 from toolkit.traffic.obstacles import LevelBoxes, Obstacles
 from toolkit.traffic.supply import Supply
 
-STAY = 20.0  # frames, mean
-ROOM = (5.8, 2.4, 2.0)  # m, length, width and height a bay must offer
-OCCUPIED = (0.3, 0.9)  # share of the bays, from .. to
-JITTER = (0.1, 0.1, np.radians(1.0))  # m, m, rad; how far off the middle of the bay
+STAY = 20.0  # mean number of frames that a vehicle stays
+ROOM = (5.8, 2.4, 2.0)  # length, width and height (m) that must be free in a bay
+OCCUPIED = (0.3, 0.9)  # lowest and highest share of the bays that are taken
+# standard deviations of x (m), y (m) and yaw (rad) from the middle of the bay
+JITTER = (0.1, 0.1, np.radians(1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Parked:
-    """Parked vehicles, and the bays of the site.
+    """Parked vehicles, and the bays of the site that can be used.
 
     Attributes:
-        bays: x, y, yaw of each bay.
-        places: bay of each vehicle.
-        bodies: its body.
+        bays: x, y (m), yaw (rad) of each bay, site frame.
+        places: row in `bays` for each vehicle.
+        bodies: row of its body in the supply.
         ids: its id.
-        poses: its x, y, yaw."""
+        poses: its x, y (m), yaw (rad), site frame."""
 
     bays: Float64[np.ndarray, "m 3"]
     places: Int64[np.ndarray, " n"]
@@ -35,8 +36,12 @@ class Parked:
 
     @staticmethod
     def draw(site: Site, obstacles: Obstacles, supply: Supply, *, max_parked: int) -> "Parked":
-        """Park vehicles in a random share of the free bays, `max_parked` at most."""
+        """Park vehicles in a random share of the bays, `max_parked` at most.
+
+        Bays without `ROOM` between the obstacles are left out. supply: gives bodies, ids and
+        random numbers."""
         x, y, yaw = site.parking.T
+        # boxes of the room that bays must offer: z of the middle, length, width, height
         size_columns = np.full((len(x), 4), (ROOM[2] / 2, *ROOM))
         rooms = np.column_stack([x, y, size_columns, yaw])
         bays = site.parking[~obstacles.hit(rooms)]
@@ -49,17 +54,20 @@ class Parked:
     def later(self, supply: Supply) -> "Parked":
         """Parked vehicles a frame later.
 
-        Each has left with probability 1 / `STAY`, and another is in a free bay."""
+        Each has left with probability 1 / `STAY`; for each that left, another is in some free
+        bay."""
         is_gone = supply.rng.random(len(self.ids)) < 1 / STAY
         return self._replace_vehicles(is_gone, supply)
 
     def boxes(self, supply: Supply) -> LevelBoxes:
-        """Boxes on level ground, (n, 7)."""
+        """Box of each vehicle, on level ground; `supply` gives the sizes."""
         sizes = supply.sizes[self.bodies]
         return np.column_stack([self.poses[:, :2], sizes[:, 2] / 2, sizes, self.poses[:, 2]])
 
     def _replace_vehicles(self, is_gone: np.ndarray, supply: Supply) -> "Parked":
-        """Put other vehicles in free bays in place of those that left."""
+        """Return the vehicles with new ones, in random free bays, for those that left.
+
+        is_gone: mask of the vehicles that left; their rows become the new vehicles'."""
         if not is_gone.any():
             return self
         rng = supply.rng

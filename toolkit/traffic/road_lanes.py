@@ -14,15 +14,15 @@ SPACING = 2.0  # m between the places of a lane
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """Lane of the network.
+    """Lane of SUMO's network.
 
     Attributes:
-        name: its id.
-        edge: id of its edge.
-        length: m, by the network.
-        shape: (k, 2) middle line (m).
-        forbidden: SUMO classes that may not use it.
-        following: lanes that it leads to, U-turns only if there is nothing else."""
+        name: its id in SUMO.
+        edge: id of its edge, a stretch of road with one or more lanes.
+        length: length (m) that the network states; its drawn line may be longer or shorter.
+        shape: x, y of the points of its middle line (m).
+        forbidden: SUMO vehicle classes, such as "passenger", that may not use it.
+        following: names of lanes that it leads to, U-turns only if there is nothing else."""
 
     name: str
     edge: str
@@ -32,7 +32,7 @@ class Lane:
     following: tuple[str, ...]
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
-        """Points of the middle line, `offset` (m) from its start."""
+        """Points x, y of the middle line at offsets (m) from its start, by the lane's `length`."""
         steps = np.hypot(*np.diff(self.shape, axis=0).T)
         distances = np.concatenate([[0.0], np.cumsum(steps)])
         drawn_offset = offset * distances[-1] / self.length
@@ -43,13 +43,13 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places on lanes.
+    """Places on lanes at which something can start, one per row.
 
     Attributes:
-        lanes: names of their lanes.
-        lengths: of these lanes (m).
-        offsets: from the lane's start (m).
-        points: x, y."""
+        lanes: name of the lane of each place.
+        lengths: length of that lane (m).
+        offsets: distance of the place from the lane's start (m).
+        points: its x, y (m)."""
 
     lanes: tuple[str, ...]
     lengths: Float64[np.ndarray, " n"]
@@ -72,8 +72,8 @@ class Roads:
     def places(self, area: Float64[np.ndarray, "4"], reach: float, vehicle_class: str) -> Places:
         """Places within `reach` (m) of the area to start a vehicle or pedestrian of a SUMO class.
 
-        Outside the area they are headed for it. Pedestrians start on lanes without cars and walk
-        either way."""
+        Outside the area, lanes must lead towards it. Pedestrians start on lanes without cars and
+        walk either way. area: xmin, ymin, xmax, ymax (m)."""
         walks = vehicle_class == "pedestrian"
         names = []
         offsets = [np.zeros(0)]
@@ -98,14 +98,15 @@ class Roads:
     def route(
         self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator
     ) -> list[str]:
-        """Draw the edges of a drive from lane `start` on.
+        """Draw a drive and return the ids of its edges, the edge of lane `start` first.
 
-        It is at least `distance` (m) long, or ends with the road."""
+        After that edge it is at least `distance` (m) long, or ends with the road. vehicle_class:
+        SUMO class, for which all its lanes are open."""
         lane = self.lanes[start]
         edges = [self.lanes[start].edge]
         driven = 0.0
         while driven < distance:
-            # at a lane's end its neighbours may go on
+            # if the lane leads nowhere, take the first neighbour on its edge that goes on
             choices = self._list_onward(lane, vehicle_class)
             for neighbour in self._neighbours[lane.edge]:
                 choices = choices or self._list_onward(neighbour, vehicle_class)
@@ -117,11 +118,12 @@ class Roads:
         return edges
 
     def _list_onward(self, lane: Lane, vehicle_class: str) -> list[str]:
-        """Lanes after a lane that are open to a SUMO class."""
+        """Names of the lanes after a lane that are open to a SUMO class."""
         return [name for name in lane.following if vehicle_class not in self.lanes[name].forbidden]
 
     @cached_property
     def _neighbours(self) -> Mapping[str, Sequence[Lane]]:
+        # Lanes of each edge, by the edge's id.
         edges: dict[str, list[Lane]] = {}
         for lane in self.lanes.values():
             edges.setdefault(lane.edge, []).append(lane)
@@ -131,9 +133,11 @@ class Roads:
 def _read_lane(sumo: ModuleType, name: str) -> Lane:
     """Read a lane of the network that SUMO runs."""
     links = sumo.lane.getLinks(name)
-    onward = [link[0] for link in links if link[6] != "t"]  # without U-turns
+    # a link holds the next lane at 0 and its direction at 6, "t" for a U-turn
+    onward = [link[0] for link in links if link[6] != "t"]
     if not onward:
         onward = [link[0] for link in links]
+    # in order and without repeats; names with ":" are lanes within junctions
     following = dict.fromkeys(lane for lane in onward if not lane.startswith(":"))
     shape = np.array(sumo.lane.getShape(name), np.float64)
     edge = sumo.lane.getEdgeID(name)
@@ -145,6 +149,6 @@ def _read_lane(sumo: ModuleType, name: str) -> Lane:
 def distance_to_area(
     points: Float[np.ndarray, "*n 2"], area: Float64[np.ndarray, "4"]
 ) -> Float64[np.ndarray, "*n"]:
-    """Distance (m) from points to a rectangle, 0 inside."""
+    """Distance (m) from points x, y to a rectangle (xmin, ymin, xmax, ymax), 0 inside."""
     beyond = points - np.clip(points, area[:2], area[2:])
     return np.hypot(beyond[..., 0], beyond[..., 1])

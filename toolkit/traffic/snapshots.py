@@ -32,7 +32,8 @@ MOST_OBJECTS = 30
 # m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
 MARGIN = 10.0
 WARM_UP = 15.0  # s before the first frame
-# times `INTERVAL` more before frames closer together: at first all stand in the queues they fill
+# If frames are closer together than `STEP`, this many snapshots `INTERVAL` apart are taken and not
+# given out first: at the start everything still waits in queues, until objects have come and gone.
 COMING_AND_GOING = 8
 
 
@@ -43,8 +44,8 @@ class Snapshot:
     Attributes:
         objects: all that touch the area or the `MARGIN` around it, so some centres are outside the
             area.
-        bodies: row of each object in the bodies given to `simulate`.
-        time: s since the first frame.
+        bodies: for each object, the row of its body among the bodies given to `simulate`.
+        time: seconds since the first frame.
         repaired: number of objects moved aside or taken out because bodies overlapped."""
 
     objects: Objects
@@ -55,13 +56,13 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Mix:
-    """Shares of moving and parked objects. Raises ValueError for impossible numbers.
+    """Numbers of moving and parked objects and strays. Raises ValueError for impossible ones.
 
     Attributes:
-        most: objects at a time.
-        parked: vehicles among them that park; None for a fifth at most.
-        stay: frames until all parked vehicles are in other bays, for independent blocks; None if
-            each leaves at random.
+        most: largest number of objects at a time.
+        parked: largest number of parked vehicles among them; None for a fifth.
+        stay: periods of `INTERVAL`, or frames if these are farther apart, until all parked
+            vehicles are replaced, for independent blocks; None if each leaves at random.
         strays: share of the objects that are anywhere, whatever their class, see
             `toolkit.traffic.strays`."""
 
@@ -123,7 +124,7 @@ def simulate(
 
 
 def sumo_step(interval: float) -> float:
-    """Step of SUMO (s) for an interval of frames.
+    """Step of SUMO (s) for frames `interval` seconds apart: `STEP`, or `FINE_STEP` below it.
 
     Raises ValueError unless the interval is a whole number of steps."""
     step = STEP if interval >= STEP else FINE_STEP
@@ -145,7 +146,10 @@ def _run(
     interval: float,
     step: float,
 ) -> Generator[Snapshot, None, None]:
-    """Yield snapshots while SUMO runs. interval: between frames (s); step: SUMO's (s)."""
+    """Yield the snapshots of `simulate` while SUMO runs.
+
+    interval: time between frames (s); step: time step of SUMO (s)."""
+    # all draw from the supply's one generator: the order of draws decides the results
     parked = Parked.draw(site, obstacles, supply, max_parked=mix.most_parked)
     parked_count = len(parked.ids)
     if mix.stay is not None:
@@ -177,7 +181,10 @@ def _run(
 
 
 def _ends_period(index: int, interval: float) -> bool:
-    """True for the last frame of an `INTERVAL`, by which parking and life are counted."""
+    """True if frame `index` is the last one of a period of `INTERVAL`.
+
+    Parking and the life of objects are counted in such periods. interval: time between frames (s);
+    with `STEP` or more, each frame ends a period."""
     passed = int(index * interval / INTERVAL + 1e-6)
     passed_next = int((index + 1) * interval / INTERVAL + 1e-6)
     return interval >= STEP or passed_next > passed
@@ -195,16 +202,19 @@ def _take_snapshot(
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed.
 
-    counts: count the frame among those that the objects are seen in."""
+    time: seconds since the first frame; counts: True to count this frame for the life of the
+    objects."""
     moving_ids, moving_bodies, moving_poses = spawner.state()
     ids = np.concatenate([parked.ids, moving_ids, strays.ids])
     bodies = np.concatenate([parked.bodies, moving_bodies, strays.bodies])
     poses = np.concatenate([parked.poses, moving_poses, strays.at(time)])
     sizes = spawner.supply.sizes[bodies]
+    # wrapped to -pi..pi
     yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
     boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
     boxes, is_kept, repaired = separate(boxes, obstacles)
     spawner.remove(ids[~is_kept])
+    # the area with its margin; kept objects that touch it are in the snapshot
     near = shapely.box(*(site.area + MARGIN * np.array([-1, -1, 1, 1])))
     kept_shapes = shapely.polygons(footprints(boxes[is_kept]))
     seen = np.flatnonzero(is_kept)[shapely.intersects(kept_shapes, near)]

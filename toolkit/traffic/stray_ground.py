@@ -11,25 +11,26 @@ from toolkit.sites.network import unite
 from toolkit.sites.site import Site
 from toolkit.traffic.obstacles import Obstacles
 
-MAX_STRAY_GAP_M = 1.5  # air between a stray and the thing next to it
-EDGE_STEP_M = 0.5  # between the places along an edge
+MAX_STRAY_GAP_M = 1.5  # largest distance between a stray and the thing next to it
+EDGE_STEP_M = 0.5  # largest distance between places along an edge
 ROAD_SAMPLES = 8000  # places drawn in the area, of which those on the road are kept
 
 
 @dataclass(frozen=True, eq=False)
 class StrayGround:
-    """Places of strays.
+    """Places for strays.
 
     Attributes:
-        points: places on lanes and footways in the area.
-        edges: x, y on edges of things there, and their outward normals."""
+        points: x, y (m) on lanes and footways in the area.
+        edges: x, y (m) on the outline of solids and vehicles near them, and x, y of the outward
+            unit normal there."""
 
     points: Float64[np.ndarray, "n 2"]
     edges: Float64[np.ndarray, "m 4"]
 
     @staticmethod
     def draw(site: Site, obstacles: Obstacles, rng: np.random.Generator) -> "StrayGround":
-        """Draw places all over a site's road."""
+        """Draw places all over the lanes and footways of a site, with edges of obstacles nearby."""
         road = unite([*site.lanes, *site.footways])
         surface = shapely.intersection(road, shapely.box(*site.area))
         samples = rng.uniform(site.area[:2], site.area[2:], (ROAD_SAMPLES, 2))
@@ -45,7 +46,9 @@ class StrayGround:
         return StrayGround(np.zeros((0, 2)), np.zeros((0, 4)))
 
     def add_vehicles(self, boxes: np.ndarray) -> "StrayGround":
-        """Add the edges of vehicles (boxes (n, 7)), as a third of all edges."""
+        """Return the ground with the edges of vehicles too, repeated to make about a third of all.
+
+        boxes: (n, 7) box of each vehicle."""
         vehicle_edges = outward_edges(shapely.polygons(footprints(boxes)))
         repeats = max(1, len(self.edges) // max(1, 2 * len(vehicle_edges)))
         edges = np.concatenate([self.edges, np.tile(vehicle_edges, (repeats, 1))])
@@ -53,9 +56,12 @@ class StrayGround:
 
 
 def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
-    """Points along the outlines of polygons, and the outward normal at each: x y nx ny."""
+    """Points along the outlines of polygons, with the outward unit normal: x, y, nx, ny per row.
+
+    Points are the middles of pieces at most `EDGE_STEP_M` long."""
     rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), EDGE_STEP_M)
     xy, ring_rows = shapely.get_coordinates(rings, return_index=True)
+    # False from the last point of one ring to the first of the next
     is_step = ring_rows[1:] == ring_rows[:-1]
     steps = np.diff(xy, axis=0)[is_step]
     middles = ((xy[1:] + xy[:-1]) / 2)[is_step]

@@ -18,8 +18,9 @@ from toolkit.traffic.spawner import LIFE
 from toolkit.traffic.stray_ground import MAX_STRAY_GAP_M, StrayGround
 from toolkit.traffic.supply import Supply
 
-STRAY_SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}  # of the strays
-# share next to a solid or a vehicle, and next to the stray drawn before
+# share of each class among the strays
+STRAY_SHARES = {PEDESTRIAN: 0.54, CYCLIST: 0.26, VEHICLE: 0.12, HEAVY: 0.08}
+# shares of strays next to a solid or a vehicle, and next to the stray drawn before
 NEXT_TO_SHARE = 0.35
 COMPANION_SHARE = 0.3
 STANDING_SHARES = {
@@ -28,26 +29,27 @@ STANDING_SHARES = {
     VEHICLE: 1.0,
     HEAVY: 1.0,
 }  # share that does not move, of the others
-SPEEDS_M_S = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # from .. to
-MIN_STRAY_GAP_M = 0.12  # air between a stray and the thing next to it
-MAX_COMPANION_GAP_M = 0.4  # air between two companions
+SPEEDS_M_S = {PEDESTRIAN: (0.4, 1.8), CYCLIST: (1.0, 6.0)}  # lowest and highest
+MIN_STRAY_GAP_M = 0.12  # smallest distance between a stray and the thing next to it
+MAX_COMPANION_GAP_M = 0.4  # largest distance between the sides of two companions
 MAX_TRIES = 6  # places looked at before one among solids is taken
+# x, y (m) and yaw (rad), site frame
 _Poses = Float64[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, eq=False)
 class Strays:
-    """Strays of a moment.
+    """Strays of a moment, one per row of bodies, ids, poses, speeds, drawn and left.
 
     Attributes:
         ground: places for them.
         obstacles: solids that they keep clear of.
-        bodies: body of each.
+        bodies: row of its body in the supply.
         ids: its id.
-        poses: its x, y, yaw when drawn.
+        poses: its x, y (m), yaw (rad) when drawn.
         speeds: its speed (m/s).
         drawn: time when it was drawn (s).
-        left: frames to live."""
+        left: number of frames that it still lives."""
 
     ground: StrayGround
     obstacles: Obstacles
@@ -62,8 +64,10 @@ class Strays:
     def draw(
         site: Site, obstacles: Obstacles, supply: Supply, number: int, vehicles: np.ndarray
     ) -> "Strays":
-        """Draw a number of strays. vehicles: boxes (n, 7) of parked ones, with strays next to them
-        too."""
+        """Draw strays for the first frame.
+
+        number: how many; none if no ground is free. vehicles: boxes (n, 7) of parked vehicles, next
+        to which strays may be too."""
         rng = supply.rng
         ground = StrayGround.draw(site, obstacles, rng) if number else StrayGround.empty()
         if number and len(vehicles):
@@ -81,10 +85,11 @@ class Strays:
             left=no_integers,
         )
         number = number if len(ground.points) else 0
+        # lives of different length, so that not all end in the same frame
         return nobody._add(number, supply, 0.0, rng.integers(1, LIFE + 1, number))
 
     def at(self, time: float) -> _Poses:
-        """Poses at a time (s)."""
+        """Poses at a time (s since the first frame), straight on from the drawn pose."""
         distances = self.speeds * (time - self.drawn)
         x, y, yaw = self.poses.T
         return np.column_stack([x + distances * np.cos(yaw), y + distances * np.sin(yaw), yaw])
@@ -92,7 +97,7 @@ class Strays:
     def later(self, supply: Supply, time: float) -> "Strays":
         """Strays a frame later, with new ones instead of those whose life is over.
 
-        time: of that frame (s)."""
+        time: time of that frame (s since the first one)."""
         left = self.left - 1
         is_alive = left > 0
         alive = replace(
@@ -108,7 +113,9 @@ class Strays:
         return alive._add(missing, supply, time, np.full(missing, LIFE))
 
     def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
-        """Add new strays. time: now (s). left: frames that each lives."""
+        """Return the strays with `number` new ones after them.
+
+        time: time from which they move (s); left: number of frames that each new one lives."""
         rng = supply.rng
         labels = [label for label in STRAY_SHARES if (supply.labels == label).any()]
         shares = np.array([STRAY_SHARES[label] for label in labels])
@@ -131,7 +138,10 @@ class Strays:
         )
 
     def _draw_stray(self, label: int, previous: "_Stray | None", supply: Supply) -> "_Stray":
-        """Draw a stray of a class, or a companion of the previous one."""
+        """Draw a stray of a class, or a companion of another stray.
+
+        previous: that other stray, which fixes place and speed and mostly the class; None for a
+        stray without company."""
         rng = supply.rng
         if previous is not None and rng.random() < 0.8:
             label = int(supply.labels[previous.body])
@@ -150,7 +160,10 @@ class Strays:
     def _draw_place(
         self, size: np.ndarray, rng: np.random.Generator
     ) -> tuple[Float64[np.ndarray, "3"], bool]:
-        """Draw a pose, and whether it is next to a thing; clear of solids if that is easy."""
+        """Draw a pose (x, y, yaw), and True if it is next to a solid or a vehicle.
+
+        size: length, width, height (m) of the body. The pose is clear of solids if one of
+        `MAX_TRIES` draws is."""
         pose = np.zeros(3)
         is_next_to = False
         for _ in range(MAX_TRIES):
@@ -169,7 +182,7 @@ class Strays:
 
 
 class _Stray(NamedTuple):
-    """Stray that was drawn: its body, its pose (x, y, yaw) and its speed (m/s)."""
+    """Stray that was drawn: row of its body, pose (x, y in m, yaw in rad) and speed (m/s)."""
 
     body: int
     pose: Float64[np.ndarray, "3"]
@@ -179,14 +192,16 @@ class _Stray(NamedTuple):
 def _place_next_to(
     edge: np.ndarray, yaw: float, size: np.ndarray, rng: np.random.Generator
 ) -> Float64[np.ndarray, "3"]:
-    """Pose next to an edge (x, y, and its outward normal), mostly along or across it.
+    """Pose (x, y, yaw) next to an edge, mostly along or across it.
 
-    yaw: direction (rad) of the others. size: length, width, height (m)."""
+    edge: x, y and its outward unit normal nx, ny; yaw: heading (rad) for strays that are neither
+    along nor across it; size: length, width, height (m) of the body."""
     x, y, nx, ny = edge
     along_edge = np.arctan2(nx, -ny)
     if rng.random() < 0.6:
         yaw = along_edge + np.pi / 2 * rng.integers(4) + rng.normal(0, 0.1)
     turn = yaw - along_edge
+    # half of the body's extent at right angles to the edge
     half_depth = abs(np.cos(turn)) * size[1] / 2 + abs(np.sin(turn)) * size[0] / 2
     distance = half_depth + rng.uniform(MIN_STRAY_GAP_M, MAX_STRAY_GAP_M)
     return np.array([x + distance * nx, y + distance * ny, yaw])
@@ -195,9 +210,9 @@ def _place_next_to(
 def _place_companion(
     first: np.ndarray, widths: np.ndarray, rng: np.random.Generator
 ) -> Float64[np.ndarray, "3"]:
-    """Pose to the left of the stray drawn before, so that a group is in a row.
+    """Pose (x, y, yaw) to the left of the stray drawn before, so that a group is in a row.
 
-    first: pose of that stray. widths: of both (m)."""
+    first: pose of that stray; widths: widths of that body and the companion's (m)."""
     x, y, yaw = first
     across = widths.sum() / 2 + rng.uniform(MIN_STRAY_GAP_M, MAX_COMPANION_GAP_M)
     behind = rng.normal(0, 0.15)

@@ -15,6 +15,8 @@ FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` st
 LATERAL_RESOLUTION = (
     0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
 )
+# SUMO's command line options without the leading "--"; collisions change nothing, nothing
+# teleports, and what cannot depart when it is due is dropped
 _OPTIONS = {
     "lateral-resolution": LATERAL_RESOLUTION,
     "collision.action": "none",
@@ -27,11 +29,16 @@ _OPTIONS = {
 
 @contextmanager
 def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[ModuleType]:
-    """Run the libsumo module with a network (net.xml text) and vehicle types (additional-file
-    text); step: s.
+    """Start a simulation and yield the libsumo module that runs it; close it at the end.
 
-    Raises ImportError without SUMO, RuntimeError where a simulation is open in this process already
-    (libsumo knows only one), ValueError with SUMO's own words where it refuses the network."""
+    Args:
+        network: text of the network (net.xml).
+        types: text of the additional file with the vehicle types.
+        seed: seed of SUMO's random numbers.
+        step: time step (s).
+
+    Raises ImportError without SUMO, RuntimeError if a simulation is open in this process already
+    (libsumo knows only one), ValueError with SUMO's words if it refuses the network."""
     try:
         with redirect_stdout(
             io.StringIO()
@@ -83,9 +90,9 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
 
 @contextmanager
 def _stderr_into(file: Path) -> Iterator[None]:
-    """Redirect stderr to a file."""
+    """Redirect stderr of the whole process, C++ code included, to a file."""
     sys.stderr.flush()
-    stderr_copy = os.dup(2)
+    stderr_copy = os.dup(2)  # 2 is the file descriptor of stderr
     try:
         with file.open("wb") as sink:
             os.dup2(sink.fileno(), 2)

@@ -9,24 +9,31 @@ from toolkit.arrays import Int64, Rng
 from toolkit.bodies.body import Body
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 
-HEAVY_SHARE = 0.08  # of the vehicles
-# paper, Dataset
+HEAVY_SHARE = 0.08  # share of heavy vehicles among the vehicles
+# probability of each class among spawned objects, from the paper's section "Dataset"
 SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}
-# degrees; deviation of yaw from the path's
+# standard deviation of an object's yaw from the path's (degrees)
 SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}
-# m; deviation from the middle of the lane
+# standard deviation of an object's place from the middle of the lane (m)
 ASIDE = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}
 BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
-POSITIONS = 3  # lateral positions in the lane, drawn per body
+POSITIONS = 3  # number of lateral positions in the lane that are drawn for each body
 
 
 class Supply:
     """Bodies of traffic in random order of use, with SUMO's types for them and the next numbers of
     objects.
 
-    labels: class numbers; sizes: length, width, height (m); classes: SUMO's, which say what lanes
-    are open to it; once: a body that was taken does not come again before all others offered with
-    it have been taken too, so that in a large fleet every object has a body of its own."""
+    A row is the number of a body in the given bodies.
+
+    Attributes:
+        rng: generator of all random numbers of the traffic.
+        once: a body that was taken does not come again before all others offered with it have been
+            taken too, so that in a large fleet each object has a different body.
+        ids: counter that gives the id of the next object.
+        labels: class number of each body.
+        sizes: its length, width, height (m).
+        classes: its SUMO class, which decides which lanes are open to it."""
 
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
         self.rng = rng
@@ -45,8 +52,9 @@ class Supply:
         )
 
     def sumo_types(self) -> str:
-        """SUMO's additional file with a type "row-position" for each body and lateral position in
-        the lane."""
+        """Text of SUMO's additional file with a type for each body and lateral position.
+
+        A type's id is "row-position". Random numbers are drawn at each call."""
         rows = []
         for row, (label, (length, width, height)) in enumerate(
             zip(self.labels.tolist(), self.sizes, strict=True)
@@ -62,7 +70,7 @@ class Supply:
         return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
 
     def offer(self, rows: Int64[np.ndarray, " n"]) -> int:
-        """Draw one of these rows; call `take` when it is used."""
+        """Draw one of these rows of bodies; call `take` when it is used."""
         if not self.once:
             return int(self.rng.choice(rows))
         free = rows[~self._taken[rows]]
@@ -72,11 +80,11 @@ class Supply:
         return int(self.rng.choice(free))
 
     def take(self, row: int, *, is_used: bool = True) -> None:
-        """Note that a row is used. is_used: False if it was not used after all."""
+        """Note that the body of a row is used. is_used: False if it was not used after all."""
         self._taken[row] = is_used
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int) -> Int64[np.ndarray, " m"]:
-        """Draw and take `number` of these rows."""
+        """Draw `number` of these rows of bodies, with repeats if need be, and take them."""
         drawn = [] if self.once else self.rng.choice(rows, number).tolist()
         while len(drawn) < number:
             drawn.append(self.offer(rows))

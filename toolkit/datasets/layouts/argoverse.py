@@ -53,8 +53,9 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class Labels:
-    """Cuboids of one sweep, ego frame.
+    """Labelled cuboids of one sweep, in the vehicle's frame.
 
+    boxes: m and rad; categories, tracks: class and track id of each, as in the log;
     interior_points: the recording's number of points in each."""
 
     boxes: BoxRows
@@ -64,7 +65,9 @@ class Labels:
 
 
 class Checked(NamedTuple):
-    """Points of one labelled cuboid, counted here and by the recording. sweep: its time (ns)."""
+    """Number of points in one labelled cuboid, counted here and by the recording.
+
+    sweep: time of its sweep (ns); category: its class; points: our count; recorded: theirs."""
 
     sweep: int
     category: str
@@ -73,8 +76,9 @@ class Checked(NamedTuple):
 
 
 def sweep_times(log: str | Path) -> list[int]:
-    """Timestamps (ns) of a log's sweeps, in order. Raises FileNotFoundError if the folder is no
-    log."""
+    """List the times (ns) of a log's sweeps in rising order.
+
+    Raises FileNotFoundError if the folder is no log."""
     files = folders.list_files(Path(log, "sensors", "lidar"), "*.feather")
     times = sorted(int(file.stem) for file in files if file.stem.isdecimal())
     if not times:
@@ -85,7 +89,10 @@ def sweep_times(log: str | Path) -> list[int]:
 def read_labels(
     log: str | Path, time: int, problems: problem_kinds.Problems | None = None
 ) -> Labels:
-    """Cuboids labelled at one sweep's time. problems: counts boxes with more tilt than any road."""
+    """Read the cuboids that are labelled at the time of one sweep.
+
+    log: folder of the log; time: time of the sweep (ns); problems: boxes with more tilt than any
+    road are counted in it, None for no count."""
     table = read_table(Path(log, "annotations.feather"))
     table = {name: column[_stamps(table) == time] for name, column in table.items()}
     poses = _poses(table)
@@ -112,12 +119,13 @@ def check_log(log: str | Path) -> list[Checked]:
 
 
 def _poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
+    # Pose (4, 4) of each row of a table.
     rows = np.column_stack([table[name] for name in _POSE])
     return np.array([quaternion_pose(row[:4], row[4:]) for row in rows]).reshape(-1, 4, 4)
 
 
 def argoverse(path: Path) -> listing.Listing:
-    """Sweeps of a log. Raises FileNotFoundError if the folder is not a log."""
+    """Open a log, its sweeps as frames. Raises FileNotFoundError if the folder is not a log."""
     names = tuple(map(str, sweep_times(path)))
     annotations = path / "annotations.feather"
     labelled: list[str] = []
@@ -128,9 +136,9 @@ def argoverse(path: Path) -> listing.Listing:
 
 
 def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Times (ns) of a table's rows, unconverted.
+    """Return the times (ns) of a table's rows; ValueError unless they are whole numbers.
 
-    A float has lost the last digits; a text equals no number."""
+    They are not converted: a float has lost the last digits, and a text equals no number."""
     stamps = table["timestamp_ns"]
     if stamps.dtype.kind not in "iu":
         raise ValueError(
@@ -195,7 +203,7 @@ def _sample(log: Path, name: str) -> Frame:
 
 
 def _first_offset_ns(columns: Mapping[str, np.ndarray]) -> int:
-    """Time of a lidar's first point after its sweep's, 0 if the sweep has no times."""
+    """Time (ns) from a sweep's time to a lidar's first point, 0 if the points have no times."""
     offsets = columns.get("offset_ns", np.zeros(0, np.int64))
     return int(offsets.min()) if offsets.size and offsets.dtype.kind in "iu" else 0
 
@@ -243,14 +251,14 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
 
 
 def _offsets_s(cloud: SensorCloud, start_s: float) -> np.ndarray:
-    """Time of each point after its sweep's."""
+    """Time (s) from the sweep's time to each point of a cloud. start_s: the sweep's time (s)."""
     within = np.zeros(len(cloud.points)) if cloud.time is None else cloud.time
     # float64 holds no finer clock
     return within + round(frame_times.cloud_time(cloud, start_s) - start_s, 6)
 
 
 def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
-    """Columns of a sweep's points; start_s: its time."""
+    """Columns of a sweep's file with the points of all clouds. start_s: time of the sweep (s)."""
     sizes = [len(cloud.points) for cloud in sample.clouds]
     times = [_offsets_s(cloud, start_s) for cloud in sample.clouds]
     lasers = [lasers.start for lasers in LASERS.values()][: len(sizes)]
@@ -265,9 +273,9 @@ def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
 
 
 def _fit_offsets(offsets_s: Float64[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
-    """Whole nanoseconds of point times.
+    """Return times of points after their sweep's time in whole nanoseconds.
 
-    They are 0, with a warning, if a point is too far from its sweep's time for the column's
+    They are all 0, with a warning, if a point is too far from its sweep's time for the column's
     type."""
     offsets_ns = np.round(offsets_s * 1e9)
     if np.abs(offsets_ns).max(initial=0) > np.iinfo(np.int32).max:

@@ -22,7 +22,8 @@ from toolkit.datasets.transform_tree import NS_PER_S, TransformLink, TransformTr
 OTHER_CLOCKS = (
     "clouds of the time of their recording: stamps of clouds and tf are of different clocks"
 )
-MAX_CLOCK_OFFSET_S = 1.0  # that one topic's stamps are further from their recording than another's
+# largest difference between topics' median delays from stamp to recording, if clocks are the same
+MAX_CLOCK_OFFSET_S = 1.0
 
 
 @dataclass
@@ -30,11 +31,11 @@ class BagIndex:
     """Contents of a bag, without the points.
 
     Attributes:
-        stamps_ns: stamps of each topic's clouds.
+        stamps_ns: stamps of each topic's clouds, in the order of recording.
         recorded_ns: times of recording of each topic's clouds.
-        with_points: whether a topic's first readable cloud has x, y and z.
-        links: transforms of tf.
-        reason: error of the last cloud that cannot be read.
+        with_points: by topic, True if its first readable cloud has x, y and z.
+        links: transforms of tf, in the order of recording.
+        reason: error of the last cloud that cannot be read, None without such a cloud.
     """
 
     stamps_ns: dict[str, list[int]] = field(default_factory=dict)
@@ -45,7 +46,7 @@ class BagIndex:
 
 
 def index_messages(path: Path) -> BagIndex:
-    """Read stamps and transforms of a bag."""
+    """Read all stamps and transforms of a bag; the points of its clouds stay unread."""
     index = BagIndex()
     for message in read_messages(path, CLOUD, TF, OLD_TF):
         topic = message.topic
@@ -82,10 +83,10 @@ def find_other_clocks(
     clouds: Mapping[str, tuple[np.ndarray, np.ndarray]],
     moving: Mapping[str, tuple[np.ndarray, np.ndarray]],
 ) -> dict[str, str]:
-    """Topics whose clouds have the time of their recording, and why.
+    """Topics whose clouds get the time of their recording instead of their stamp, with the reason.
 
-    These are all topics if stamps are of different clocks. clouds: stamps and times of recording
-    (ns) by topic; moving: the same of moving transforms."""
+    All topics are returned if stamps are of different clocks, else none. clouds: stamps and times
+    of recording (ns) by topic; moving: the same for moving transforms."""
     offsets_s = []
     for stamps, recorded in (*clouds.values(), *moving.values()):
         is_stamped = stamps != 0
@@ -97,7 +98,10 @@ def find_other_clocks(
 
 
 def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
-    """Raise ValueError with the reason that a bag has no clouds of points."""
+    """Raise ValueError that explains why no clouds can be read from a bag.
+
+    has_clouds: True if there are clouds, but none with x, y and z; reason: error of a cloud that
+    cannot be read, None without such a cloud."""
     if reason is not None:
         with name_bag_damage(path):
             raise reason
@@ -121,6 +125,7 @@ def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
 
 
 def _parse_links(path: Path, message: BagMessage) -> list[TransformLink]:
+    # Transforms of one message of tf.
     with name_bag_damage(path):
         content = message.parse()
         links = []

@@ -31,9 +31,9 @@ class BagMessage(NamedTuple):
     Attributes:
         topic: its topic.
         kind: its message type.
-        recorded_ns: time of its recording.
+        recorded_ns: time of its recording (ns).
         data: its bytes.
-        has_seq: ROS 1, whose headers begin with a number.
+        has_seq: True for ROS 1, whose headers begin with a number.
         parser: parses the bytes.
     """
 
@@ -50,6 +50,8 @@ class BagMessage(NamedTuple):
 
     def read_stamp(self) -> int:
         """Stamp (ns) of the header that the message begins with."""
+        # after the number of ROS 1, or after the 4 bytes of CDR, whose second one gives the byte
+        # order
         if self.has_seq:
             seconds, nanoseconds = struct.unpack_from("<II", self.data, 4)
         else:
@@ -70,7 +72,7 @@ def stamp_ns(header: RosObject) -> int:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[list[RosObject]]:
-    """Open the readers of a bag's files."""
+    """Open a bag and yield the readers of its files, which close at the end."""
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError:
@@ -93,7 +95,9 @@ def open_bag(path: Path) -> Iterator[list[RosObject]]:
 
 
 def enter_bag_folder(path: Path) -> Path:
-    """Folder of the only bag in a folder without bag files, as writing makes it, else `path`."""
+    """Return the folder of the only bag in a folder without bag files, else the path itself.
+
+    Writing makes such a folder, with the bag one level below."""
     if not path.is_dir() or lexists(path / "metadata.yaml") or list_bags(path):
         return path
     folders = [folder for folder in sorted(path.iterdir()) if lexists(folder / "metadata.yaml")]
@@ -101,12 +105,12 @@ def enter_bag_folder(path: Path) -> Path:
 
 
 def _is_first_ros(path: Path) -> bool:
-    """Return whether a bag is of ROS 1: a file, since a folder named *.bag is of ROS 2."""
+    """Return True if a bag is of ROS 1: a file, since a folder named *.bag is of ROS 2."""
     return path.suffix.lower() == FIRST_ENDING and not path.is_dir()
 
 
 def _list_files(path: Path) -> list[Path]:
-    """Files of a bag, or its folder if that has metadata."""
+    """List the paths to open for a bag: its files, or only its folder if that has metadata."""
     if lexists(described := path / "metadata.yaml"):
         content = parse_yaml(read_text(plain_file(described)))
         for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
@@ -128,7 +132,9 @@ def _list_files(path: Path) -> list[Path]:
 def _make_parser(
     kind: str, readers: Iterable[RosObject], has_seq: bool
 ) -> Callable[[bytes], RosObject]:
-    """Parser of one message type, by its definition in the bag, else by ROS 2 Humble's."""
+    """Make the parser of one message type, by its definition in the bag, else by ROS 2 Humble's.
+
+    kind: the message type; has_seq: True for ROS 1."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -156,11 +162,12 @@ def _make_parser(
 
 
 def _call(parse: Callable[[bytes, str], RosObject], kind: str, data: bytes) -> RosObject:
+    # Parse with the arguments in the order that `partial` needs.
     return parse(data, kind)
 
 
 def read_messages(path: Path, *kinds: str) -> Iterator[BagMessage]:
-    """Yield the messages of some kinds, of all files together, by the time of their recording."""
+    """Yield the messages of some types from all files of a bag, by the time of their recording."""
     with open_bag(path) as readers:
         has_seq = any(map(_is_first_ros, _list_files(path)))
         with name_bag_damage(path):

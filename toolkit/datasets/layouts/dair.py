@@ -58,7 +58,7 @@ _MAX_OFFSET_M = 1000.0  # correction of the position of the infrastructure
 
 
 def dair(path: Path) -> listing.Listing:
-    """Frames of one side's folder or of the cooperative part.
+    """Open the folder of one side or of the cooperative part.
 
     Raises FileNotFoundError for any other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
@@ -81,7 +81,10 @@ def dair(path: Path) -> listing.Listing:
 def _load_side(
     path: Path, stamps: Mapping[str, float], middles: Middles, is_labelled: bool, name: str
 ) -> Frame:
-    """Frame of one side."""
+    """Load a frame of one side. path: the side's folder; stamps: times of its clouds by name (s).
+
+    is_labelled: True if the folder has any labels, so that a frame without them counts as a
+    problem."""
     problems: problem_kinds.Problems = {}
     recorded = path / "velodyne" / f"{name}.pcd"
     cloud = cloud_records.read_cloud(
@@ -103,8 +106,9 @@ def _load_side(
 
 
 def _read_place(folder: Path, name: str, problems: problem_kinds.Problems) -> Pose:
-    """Pose of a side's lidar in the map, from calib/virtuallidar_to_world or the vehicle's
-    novatel."""
+    """Read map_SE3_lidar of one frame, from calib/virtuallidar_to_world or the vehicle's novatel.
+
+    It is the identity without these files, and, counted in problems, if they cannot be read."""
     map_SE3_lidar = np.eye(4)
     for kinds in (("virtuallidar_to_world",), ("novatel_to_world", "lidar_to_novatel")):
         files = [folder / kind / f"{name}.json" for kind in kinds]
@@ -161,7 +165,7 @@ def _list_labels(root: Path, label_folders: tuple[str, ...]) -> list[str]:
 
 
 def _find_labels(root: Path, label_folders: tuple[str, ...], name: str) -> Path | None:
-    """First label file of a name, None without one."""
+    """Return the label file of a frame from the first folder that has one, else None."""
     files = (root / folder / f"{name}.json" for folder in label_folders)
     return next((file for file in files if lexists(file)), None)
 
@@ -188,7 +192,10 @@ def _load_pair(
     is_labelled: bool,
     name: str,
 ) -> Frame:
-    """Frame of both sides. stamps: times of the infrastructure's and the vehicle's clouds."""
+    """Load a frame of both sides, in the infrastructure's frame.
+
+    pairs: rows of data_info.json by name; stamps: times (s) by name of the infrastructure's and the
+    vehicle's clouds; is_labelled: True if there are any labels."""
     problems: problem_kinds.Problems = {}
     with name_damage(root / "cooperative" / "data_info.json", "list of pairs"):
         pair = pairs[name]
@@ -221,7 +228,7 @@ def _load_pair(
 
 
 def _name_pairs(rows: list[record_values.Unchecked]) -> dict[str, record_values.Unchecked]:
-    """Pairs by the infrastructure's frame, and the vehicle's too if it has several vehicles."""
+    """Rows of pairs by name: the infrastructure's frame, with the vehicle's if it has several."""
     count = Counter(_stem(row, "infrastructure") for row in rows)
     pairs = {}
     for row in rows:
@@ -237,14 +244,15 @@ def _has_clouds(pair: record_values.Unchecked, road: Path, car: Path) -> bool:
 
 
 def _stem(pair: record_values.Unchecked, side: str) -> str:
+    # Name of the cloud of one side, "infrastructure" or "vehicle", without folder and ending.
     path = f"{side}_pointcloud_path"
     return PureWindowsPath(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:
-    """Pose of a calibration file, made rigid.
+    """Read the pose of a calibration file, its rotation made a true one.
 
-    offset: added to x and y, the file's relative_error if None."""
+    offset: m, added to x and y; None for the file's relative_error, if it has one."""
     with name_damage(path, "calibration"):
         content = record_values.load_json(path)
         inner = content.get("transform", content)
@@ -254,6 +262,7 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
 
 
 def _offset(value: record_values.Unchecked) -> tuple[float, float] | None:
+    # Correction of x and y (m), None if it is missing or empty.
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
     delta = (
@@ -270,7 +279,9 @@ def _offset(value: record_values.Unchecked) -> tuple[float, float] | None:
 def read_annotations(
     path: Path | None, world_SE3_labels: Pose, problems: problem_kinds.Problems
 ) -> frame_labels.FrameLabels:
-    """Objects of a label file, in the world frame. Empty without a file."""
+    """Read the objects of a label file, turned into the world frame.
+
+    path: None for no labels; world_SE3_labels: pose of the file's frame in the world."""
     with name_damage(path or "", "list of labels"):
         labels = [] if path is None else record_values.as_list(record_values.load_json(path))
         parts = [
@@ -293,7 +304,7 @@ def read_annotations(
 
 
 def written_labels(sample: Frame) -> list[dict[str, object]]:
-    """Format a frame's objects for a label file, world frame."""
+    """Return a frame's objects as the rows of a label file, in the world frame."""
     labels: list[dict[str, object]] = []
     for (x, y, z, length, width, height, yaw), name, track in frame_labels.list_rows(
         sample.objects, frame_labels.COMMON_NAMES

@@ -64,7 +64,7 @@ _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> listing.Listing:
-    """Frames of a folder, or of one cloud file.
+    """Open a folder of clouds, or one cloud file.
 
     poses: a file of poses, None for the one in the folder; inverted: it gives world → sensor.
     Raises FileNotFoundError if there are no clouds."""
@@ -139,7 +139,7 @@ class _Loader:
     Attributes:
         names: cloud file of each sensor in each frame.
         sensors: number of sensors of the folder.
-        by_order: whether clouds were put together by their order.
+        by_order: True if clouds were put together by their order.
         poses: poses by name.
         labels: the file of labels.
         entries: labels by the names of frames.
@@ -189,7 +189,7 @@ class _Loader:
 
 
 def _find_remedy(path: Path) -> str:
-    """Remedy for a folder without clouds, by its content."""
+    """Words on what to do with a folder without clouds, judging by its content."""
     recorded = sorted(entry for kind in RECORDED for entry in path.glob(kind))
     recorded += [entry.parent for entry in sorted(path.glob("*/metadata.yaml"))]
     if recorded:
@@ -228,7 +228,9 @@ def _files(path: Path) -> list[Path]:
 
 
 def _drop_doubled(files: list[Path]) -> list[Path]:
-    """Keep one file of each name, of the first of the endings."""
+    """Keep one file of each name, with the ending that comes first in `ENDINGS`.
+
+    The result is in the natural order of names."""
     by_stem: dict[str, Path] = {}
     for file in sorted(files, key=lambda file: folders.ENDINGS.index(file.suffix.lower())):
         by_stem.setdefault(_stem(file), file)
@@ -236,12 +238,14 @@ def _drop_doubled(files: list[Path]) -> list[Path]:
 
 
 def _stem(file: Path) -> str:
-    """A cloud's name without its ending, also without .pcd.bin."""
+    """Name of a cloud file without its ending, and without both parts of .pcd.bin."""
     return file.stem.removesuffix(".pcd")
 
 
 def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]], bool]:
-    """Files of each frame by sensor, and whether their order put them together."""
+    """Files of each frame by sensor, and True if their order put them together.
+
+    clouds: files of each sensor in order."""
     by_stem: dict[str, dict[str, Path]] = {}
     for sensor, files in clouds.items():
         for file in files:
@@ -260,12 +264,12 @@ def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]]
 
 
 def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
-    """Files of each frame in the order of the frames' names."""
+    """Return the files of each frame with the frames in the natural order of their names."""
     return {stem: by_stem[stem] for stem in sorted(by_stem, key=folders.natural_order)}
 
 
 def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
-    """Files of each frame by sensor, whose names are times.
+    """Group files by the times that are their names: the files of each frame by sensor.
 
     A frame has the name of its first file."""
     times = {}
@@ -283,9 +287,9 @@ def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]
 def _written_times(
     entries: Mapping[str, record_values.Unchecked],
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
-    """Time of each frame of labels.json and of its clouds by sensor.
+    """Times (s) in labels.json by frame: the frame's, and its clouds' by sensor.
 
-    Times that are all the same are left out."""
+    Times of frames that are all the same are None."""
     times = {}
     for name, content in entries.items():
         clouds = content.get("clouds") or {}
@@ -301,6 +305,7 @@ def _written_times(
 
 
 def _pose(poses_by_name: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
+    # Pose of a cloud: by sensor and name, else by name, else by sensor; identity without poses.
     for key in (f"{sensor}/{stem}", stem, sensor):
         if key in poses_by_name:
             return poses_by_name[key]

@@ -49,8 +49,9 @@ _VERSION = 1
 
 
 def holds_clouds(path: str | Path) -> bool:
-    """Return True for an HDF5 file of recorded clouds. Raises OSError for any other kind of
-    file."""
+    """Return True for an HDF5 file of recorded clouds, False for other HDF5 files.
+
+    Raises OSError for any other kind of file."""
     with _open(path) as file:
         return str(reader.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND
 
@@ -66,7 +67,7 @@ def _open(path: str | Path) -> Iterator[h5py.File]:
 
 
 def hdf5_clouds(path: Path) -> Listing:
-    """Frames of a file of recorded clouds. Raises ValueError, in one line, for a damaged file."""
+    """Open a file of recorded clouds. Raises ValueError, in one line, for a damaged file."""
     with _open(path) as file:
         version = reader.read_node_attributes(file, "the file").get("version")
         if version != _VERSION:
@@ -113,6 +114,7 @@ def _sample(file: h5py.File, path: str, name: str) -> Frame:
 
 
 def _cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
+    # Cloud of the group at `path`. about: its name, frame and time, from the frame's `about`.
     points = reader.array(file, f"{path}/points", axes=2).astype(np.float32)
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{path}/points must be finite, 3 to a row, got shape {points.shape}")
@@ -138,6 +140,7 @@ def _cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
 
 
 def _boxes(file: h5py.File, name: str) -> np.ndarray:
+    # Boxes (n, 7) of a dataset, checked.
     boxes = reader.array(file, name, axes=2).astype(np.float64)
     if boxes.shape[1] != 7 or not np.isfinite(boxes).all() or not (boxes[:, 3:6] > 0).all():
         raise ValueError(f"{name} must be finite boxes of seven numbers with positive sizes")
@@ -145,6 +148,7 @@ def _boxes(file: h5py.File, name: str) -> np.ndarray:
 
 
 def _counts(file: h5py.File, name: str) -> np.ndarray | None:
+    # Counts of points of a dataset, None if it is missing.
     column = reader.find_array(file, name, axes=1, kinds="iu")
     return None if column is None else column.astype(np.int64)
 
@@ -200,7 +204,7 @@ def _write(group: h5py.Group, sample: Frame) -> None:
 
 
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
-    """Return the frames of a file, images or recorded clouds.
+    """Open a file of images or of recorded clouds.
 
     site, drop_invalid: see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):

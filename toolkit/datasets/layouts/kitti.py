@@ -50,7 +50,7 @@ _KITTI_KINDS = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist"
 
 
 def kitti(path: Path) -> listing.Listing:
-    """Frames of a folder. Raises FileNotFoundError if it is not one of KITTI's."""
+    """Open a folder of KITTI's. Raises FileNotFoundError for any other folder."""
     folder = next(
         (
             candidate
@@ -127,10 +127,13 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
 
 
 def _parse_values(row: list[str]) -> list[float]:
+    # The 14 numbers of a label after its type.
     return [record_values.as_number(cell) for cell in row[1:15]]
 
 
 def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
+    # Boxes in the lidar's frame from rows of 14 numbers: h w l in columns 7 to 9, x y z of the
+    # floor in 10 to 12, ry in 13. y points down, so the centre is half the height above the floor.
     height, width, length = values[:, 7:10].T
     centre = values[:, 10:13] - np.stack([0 * height, height / 2, 0 * height], axis=1)
     # ry = 0 is the camera's x: turned about y, which points down, forward is (cos ry, 0, -sin ry)
@@ -141,7 +144,11 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
 
 
 class _Calibration(NamedTuple):
-    """Poses of a calibration file, and the projection (3, 4) of camera 2."""
+    """Contents of a calibration file.
+
+    camera_SE3_lidar: pose of the lidar in the rectified camera's frame; projection: (3, 4) from
+    there to the pixels of camera 2; map_SE3_lidar: pose of the lidar in the map, the identity if
+    the file lacks it."""
 
     camera_SE3_lidar: Pose
     projection: np.ndarray
@@ -149,9 +156,7 @@ class _Calibration(NamedTuple):
 
 
 def _parse_calibration(text: str) -> _Calibration:
-    """Return camera_SE3_lidar, the projection and map_SE3_lidar.
-
-    The projection (3, 4) is camera 2's, from rectified camera to pixels."""
+    """Parse the text of a calibration file; ValueError if an entry is missing or damaged."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
     named_words = ((words[0].removesuffix(":"), words[1:]) for words in lines)
     entries = {_OTHER_NAMES.get(name, name): cells for name, cells in named_words}
@@ -172,7 +177,7 @@ def _parse_calibration(text: str) -> _Calibration:
 
 
 def _image_size(image: Path) -> tuple[int, int]:
-    """Width and height in the header of a PNG, the usual ones without a file."""
+    """Width and height (pixels) in the header of a PNG, `IMAGE_PX` without a readable file."""
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":
         return IMAGE_PX
@@ -242,9 +247,9 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
 
 
 def _camera(complete: Region) -> tuple[ImageWedge, np.ndarray]:
-    """Wedge of the labels, and its projection from the camera.
+    """Return the wedge of the labels, and the projection (3, 4) from the written camera's frame.
 
-    Without a wedge it is a camera's that faces along x."""
+    If labels are complete elsewhere, both are of a camera at the origin that faces along x."""
     if isinstance(complete, ImageWedge):
         return complete, complete.projection @ invert(_CAMERA)
     width, height = IMAGE_PX

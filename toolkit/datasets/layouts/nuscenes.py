@@ -59,7 +59,7 @@ _Row = dict[str, record_values.Unchecked]
 
 
 def nuscenes(path: Path) -> listing.Listing:
-    """Frames, by time, of a data root or its folder of tables.
+    """Open a data root or its folder of tables; frames are in order of time.
 
     Raises FileNotFoundError for any other folder."""
     folder = _find_folder(path)
@@ -90,7 +90,9 @@ def nuscenes(path: Path) -> listing.Listing:
 
 
 def _find_folder(path: Path) -> Path:
-    """Folder of tables: a path, or the first one in it."""
+    """Return the folder of tables: the path, or the first v1.0* in it, with a warning if several.
+
+    Raises FileNotFoundError for none."""
     folders = [
         candidate
         for candidate in (path, *sorted(path.glob("v1.0*")))
@@ -109,7 +111,10 @@ def _find_folder(path: Path) -> Path:
 
 
 def _group_lidars(tables: dict[str, dict[str, _Row]]) -> tuple[dict[str, list[_Row]], int]:
-    """Rows of lidars by sample, and number of rows whose sensor is unknown."""
+    """Rows of sample_data that are of lidars, by token of their sample.
+
+    The second result is the number of rows whose sensor is unknown. Raises ValueError if no row is
+    of a lidar."""
     lidars: dict[str, list[_Row]] = {}
     modalities: set[str] = set()
     unknown = 0
@@ -138,9 +143,10 @@ def _group_lidars(tables: dict[str, dict[str, _Row]]) -> tuple[dict[str, list[_R
 
 
 def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
-    """Rows of a table by token, or every row of a list, to whose tokens no row refers.
+    """Read the rows of a table by token.
 
-    Raises ValueError for rows of one token that differ."""
+    is_list: True for a table whose tokens no other refers to: all rows are kept, and repeated
+    tokens get a number. Raises ValueError for rows of one token that differ."""
     with name_damage(path, "table"):
         rows = record_values.as_list(record_values.load_json(path))
         by_token: dict[str, _Row] = {}
@@ -159,7 +165,9 @@ def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
 def _drop_sweeps(
     tables: dict[str, _Row], rows: list[_Row], stamp: record_values.Unchecked
 ) -> list[_Row]:
-    """Keep of each channel the row nearest to the sample's stamp, in the table's order."""
+    """Keep one row of each channel: the nearest to the sample's stamp, in the table's order.
+
+    rows: rows of sample_data of one sample; stamp: timestamp of the sample."""
     channels = [_sensor(tables, row, "channel") for row in rows]
     if len(set(channels)) == len(rows):
         return rows
@@ -187,7 +195,7 @@ def _load(
 
 
 def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
-    """Entry of the sensor of a row of sample_data."""
+    """Return an entry, by its key, of the sensor of a row of sample_data."""
     calibration = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
     return str(entry(tables["sensor"], str(entry(calibration, "sensor_token")), key))
 
@@ -237,12 +245,14 @@ def _sample(
 
 
 def _parse_time(value: record_values.Unchecked) -> float:
-    """Time (s) of a row in microseconds, or in another unit since 1970, judging by its size."""
+    """Return a timestamp in seconds: it is in microseconds, or nanoseconds if it is that large."""
     return parse_microseconds(as_number(value, "timestamp"))
 
 
 def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
-    """Pose in a table that a row of sample_data names."""
+    """Read the pose to which a row of sample_data refers.
+
+    name: its table, "ego_pose" (pose in the map) or "calibrated_sensor" (pose in the vehicle)."""
     with name_damage(folder / f"{name}.json", "table"):
         pose_row = entry(tables[name], str(entry(row, f"{name}_token")))
         quaternion = numbers(entry(pose_row, "rotation"), 4, "rotation")
@@ -253,7 +263,7 @@ def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> P
 
 
 def _box(row: _Row) -> np.ndarray:
-    """Box of a label without its yaw."""
+    """Box (7 numbers) of a label in the map, with a yaw of 0."""
     width, length, height = numbers(entry(row, "size"), 3, "size")
     return np.array(
         [*numbers(entry(row, "translation"), 3, "translation"), length, width, height, 0.0]
@@ -261,7 +271,7 @@ def _box(row: _Row) -> np.ndarray:
 
 
 def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of a label's box, NaN if its numbers are not finite."""
+    """Rotation matrix of a label's box in the map, NaN if its numbers are not finite."""
     quaternion = numbers(entry(row, "rotation"), 4, "rotation")
     if not np.isfinite(quaternion).all():
         return np.full((3, 3), np.nan)
@@ -269,6 +279,7 @@ def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
 
 
 def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
+    # Class name of a label, in its row or through its instance.
     if "category_name" in row:
         return str(row["category_name"])
     return str(
@@ -345,7 +356,9 @@ def _write_cloud(
     cloud: SensorCloud,
     time_s: float,
 ) -> None:
-    """Write a cloud's file, and its rows of sample_data and calibrated_sensor."""
+    """Write a cloud's file, and add its rows to sample_data and calibrated_sensor in `tables`.
+
+    channel: name of its sensor; token: token of its sample; time_s: time of the cloud (s)."""
     key = f"{token}_{channel}"
     file = f"samples/{channel}/{token}.pcd.bin"
     ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
@@ -364,7 +377,10 @@ def _write_cloud(
 
 
 def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, str]) -> list[_Row]:
-    """Rows of sample_annotation. instances: category of each track, to which new ones are added."""
+    """Rows of sample_annotation of one frame.
+
+    token: token of its sample; number: its number, from 1; instances: class of each instance so
+    far, to which the frame's are added."""
     counts = (
         count_points(sample.points(), sample.objects.boxes)
         if sample.counts is None
@@ -397,7 +413,9 @@ def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, 
 
 
 def _link(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list[_Row]]:
-    """Give each row the tokens of its neighbours in its group, and return the groups."""
+    """Set `prev` and `next` of each row to the tokens of its neighbours in its group.
+
+    The rows change. find_group: name of a row's group. Returns the rows of each group in order."""
     groups: dict[str, list[_Row]] = {}
     for row in rows:
         groups.setdefault(find_group(row), []).append(row)

@@ -50,7 +50,7 @@ _NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "h
 
 
 def openlabel(path: Path) -> listing.Listing:
-    """Frames of one label file, or of all below a folder. Raises FileNotFoundError without any."""
+    """Open one label file, or all below a folder. Raises FileNotFoundError without any."""
     files = [path] if path.is_file() else folders.list_files(path, "*.json", recursive=True)
     if not files:
         raise FileNotFoundError(f"{path} holds no OpenLABEL files (*.json)")
@@ -92,7 +92,7 @@ def openlabel(path: Path) -> listing.Listing:
 
 
 def _frames(content: Unchecked) -> dict[str, Unchecked]:
-    """Frames by key in the order of their numbers.
+    """Return the frames of a file by key, in the order of their numbers.
 
     A file of objects without frames, whose cuboids always hold, is one frame."""
     if "frames" not in content and content.get("objects"):
@@ -135,7 +135,9 @@ def _sample(
 
 
 def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
-    """Time of a stream's cloud (s), as the frame or the file's name states it."""
+    """Return the time (s) of a stream's cloud, by the frame or the file's name, None if unknown.
+
+    properties: frame_properties of the frame; stream: name of the sensor; file: its cloud."""
     described = (properties.get("streams") or {}).get(stream) or {}
     sync = (described.get("stream_properties") or {}).get("sync") or {}
     stated = parse_time(sync.get("timestamp"), f"timestamp of {stream}")
@@ -145,9 +147,11 @@ def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
 def _place_sensors(
     systems: Systems, sensors: list[str], problems: Problems
 ) -> tuple[str | None, dict[str, Pose]]:
-    """Root system of the clouds, and the sensors' poses in it.
+    """Find the root system of a frame's clouds, and the pose of each sensor in it.
 
-    The root is None if the file does not place their sensors."""
+    The root is the last in the chain of parents of the first sensor, None if the file does not
+    place the sensors. Sensors that nothing connects with it get the pose in their
+    root, and are counted in problems."""
     places = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
     roots = [root for root, _ in places.values()]
     if not roots:

@@ -44,10 +44,10 @@ class CuboidRows:
     """Cuboids of one frame in the world frame.
 
     Attributes:
-        boxes: the boxes.
-        kinds: classes as the file names them.
-        ids: ids of the objects.
-        counts: the data set's counts of points.
+        boxes: box of each cuboid (m, rad).
+        kinds: its class as the file names it.
+        ids: id of its object.
+        counts: the data set's number of points in it, -1 if unknown.
         unnamed: number of cuboids that name no coordinate system.
     """
 
@@ -66,7 +66,15 @@ class CuboidRows:
         root: str | None,
         problems: Problems,
     ) -> "CuboidRows":
-        """Parse the cuboids that the frame has or that hold in it."""
+        """Parse the cuboids of a frame, and the file's cuboids that are valid in it.
+
+        Args:
+            content: the whole file's content.
+            frame: content of the frame.
+            key: its key, a number as text.
+            systems: coordinate systems of the frame.
+            root: root system of the clouds, None if unknown.
+            problems: counts of what is left out are added to it."""
         boxes = list[np.ndarray]()
         kinds = list[str]()
         ids = list[str]()
@@ -116,7 +124,9 @@ class CuboidRows:
 def _list_object_data(
     described: Unchecked, frame: Unchecked, key: str
 ) -> Iterable[tuple[str, Unchecked]]:
-    """Yield id and object_data of a frame's objects, then of valid objects at the top level."""
+    """Yield id and object_data of the frame's objects, then of the file's objects valid in it.
+
+    described: objects at the top level of the file; key: the frame's key, a number as text."""
     for track, content in (frame.get("objects") or {}).items():
         about = content or {}
         inherited = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
@@ -133,7 +143,9 @@ def _list_object_data(
 
 
 def _place_box(systems: Systems, system: str, root: str | None) -> Pose | None:
-    """Pose in the world frame of the system that a cuboid names, None if nothing connects them."""
+    """Return the pose in the world frame of the system that a cuboid names.
+
+    It is the identity for "", and None if nothing connects the system with the clouds'."""
     if not system or (root is None and system not in systems.known):
         return np.eye(4)
     system_root, in_root = systems.find_root(system)
@@ -141,7 +153,7 @@ def _place_box(systems: Systems, system: str, root: str | None) -> Pose | None:
 
 
 def _count(cuboid: Unchecked) -> int:
-    """The set's count of points in a cuboid, -1 without one."""
+    """Return the data set's number of points in a cuboid, -1 if it gives none."""
     for number in (cuboid.get("attributes") or {}).get("num") or ():
         if number.get("name") == "num_points":
             return int(as_number(entry(number, "val"), "num_points"))
@@ -149,7 +161,10 @@ def _count(cuboid: Unchecked) -> int:
 
 
 class _ParsedBox(NamedTuple):
-    """Box of a cuboid without its yaw, its rotation, and any Euler angles (rad)."""
+    """Contents of a cuboid's `val`.
+
+    box: with a yaw of 0; rotation: matrix; angles: the largest Euler angle (rad), none with a
+    quaternion."""
 
     box: Float64[np.ndarray, "7"]
     rotation: Float64[np.ndarray, "3 3"]
@@ -157,7 +172,7 @@ class _ParsedBox(NamedTuple):
 
 
 def _parse_box(value: Unchecked) -> _ParsedBox:
-    """Parse the numbers of a cuboid."""
+    """Parse the 9 or 10 numbers of a cuboid's `val`."""
     angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
         values = numbers(value, 9, "cuboid val")

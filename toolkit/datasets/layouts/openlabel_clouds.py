@@ -19,7 +19,9 @@ CloudFiles = Mapping[str, Sequence[Path]]  # cloud files below a folder by name
 
 
 def _streams(content: Unchecked, frame: Unchecked) -> dict[str, Unchecked]:
-    """Streams that may be lidars, as the file and the frame describe them together."""
+    """Return streams by name that may be lidars, as file and frame describe them together.
+
+    The frame's words replace the file's."""
     of_frame = (frame.get("frame_properties") or {}).get("streams") or {}
     of_file = content.get("streams") or {}
     together = {}
@@ -35,7 +37,10 @@ def _streams(content: Unchecked, frame: Unchecked) -> dict[str, Unchecked]:
 def find_sensors(
     file: Path, content: Unchecked, frame: Unchecked, clouds: CloudFiles, problems: Problems
 ) -> dict[str, Path]:
-    """Cloud file of each sensor of a frame."""
+    """Find the cloud file of each sensor of a frame, by the sensor's name.
+
+    file: the label file; content: its content; clouds: files below the folder by name; problems:
+    counts of clouds that are missing or placed by a guess are added to it."""
     of_streams = _find_stream_clouds(file, content, frame, clouds)
     files = _find_clouds(file, frame, of_streams, clouds, problems)
     return _name_sensors(content, frame, files, of_streams, problems)
@@ -48,8 +53,9 @@ def _find_clouds(
     clouds: CloudFiles,
     problems: Problems,
 ) -> list[Path]:
-    """Files of a frame's clouds: as the frame names them, by its streams, else by its file's
-    name."""
+    """Find the files of a frame's clouds: as it names them, by streams, else by its file's name.
+
+    of_streams: stream of each cloud file that a uri names."""
     listed = [
         str(name)
         for name in (frame.get("frame_properties") or {}).get("point_cloud_file_names") or ()
@@ -71,7 +77,7 @@ def _find_clouds(
 def _find_stream_clouds(
     file: Path, content: Unchecked, frame: Unchecked, clouds: CloudFiles
 ) -> dict[Path, str]:
-    """Streams by the cloud files that their uri names."""
+    """Return the name of the stream of each cloud file that a stream's uri names."""
     streams: dict[Path, str] = {}
     for name, stream in _streams(content, frame).items():
         cloud = _find_cloud(str(stream.get("uri") or ""), file, clouds)
@@ -81,8 +87,10 @@ def _find_stream_clouds(
 
 
 def _find_cloud(location: str, labels: Path, clouds: CloudFiles) -> Path | None:
-    """File that a label file names; among files of one name, the one with most folders in
-    common."""
+    """Find the cloud file that a label file names, None if it is not there.
+
+    Among files of one name, it is the one with most folders in common. location: path or URL in
+    the label file, of which the last part must be the file's name; labels: the label file."""
     candidates = clouds.get(PurePosixPath(location).name) or clouds.get(
         PureWindowsPath(location).name, ()
     )
@@ -90,8 +98,10 @@ def _find_cloud(location: str, labels: Path, clouds: CloudFiles) -> Path | None:
 
 
 def _common_tail(cloud: Path, location: str, labels: Path) -> tuple[int, bool]:
-    """Fit of a file to the location in a label file: path components in common, and the folder's
-    name."""
+    """Fit of a cloud file to the location in a label file, larger for a better fit.
+
+    The first value is the number of equal parts at the paths' ends, the second True if cloud and
+    labels are in folders of one name."""
     pairs = zip(reversed(cloud.parts), reversed(PureWindowsPath(location).parts), strict=False)
     common = 0
     for name, stated_name in pairs:
@@ -108,7 +118,7 @@ def _name_sensors(
     of_streams: Mapping[Path, str],
     problems: Problems,
 ) -> dict[str, Path]:
-    """Cloud of each sensor, named by a stream or coordinate system.
+    """Return the cloud file of each sensor, with sensors named by a stream or coordinate system.
 
     The stream is the one with this file, or the one in the name of the file or its folder."""
     streams = _streams(content, frame)
@@ -135,8 +145,10 @@ def _name_sensors(
 
 
 def _list_sensors(systems: Mapping[str, Unchecked]) -> list[str]:
-    """Names of the coordinate systems that are sensors by their type, else that are nobody's
-    parent."""
+    """Return the names of the coordinate systems that are sensors.
+
+    These are the systems with "sensor" in their type, or, without such a system, those with a
+    parent and no child."""
     of_type = [
         name for name, system in systems.items() if "sensor" in str(system.get("type")).lower()
     ]

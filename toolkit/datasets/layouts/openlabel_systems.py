@@ -24,11 +24,11 @@ class Systems:
     """Coordinate systems of one frame.
 
     Attributes:
-        parents: parent of each system that has one, and the system's pose in it.
+        parents: by system, the name of its parent and parent_SE3_system.
         known: names of all systems.
         unplaced: systems whose pose in their parent nothing states.
-        unreadable: systems whose pose cannot be read, and why; it matters only to what is in
-            them."""
+        unreadable: systems whose pose cannot be read, with the reason; only boxes and clouds in
+            them fail."""
 
     parents: dict[str, tuple[str, Pose]]
     known: frozenset[str]
@@ -36,7 +36,9 @@ class Systems:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def find_root(self, name: str) -> tuple[str, Pose]:
-        """Return the root of a system, and the system's pose in it."""
+        """Return the name of a system's root, and the system's pose in the root.
+
+        Raises ValueError if a pose on the way cannot be read, or the systems run in a circle."""
         root_SE3_system = np.eye(4)
         for _ in range(MAX_SYSTEMS_DEEP):
             if name in self.unreadable:
@@ -48,7 +50,7 @@ class Systems:
         raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
 
     def list_roots(self) -> set[str]:
-        """Return the roots of all systems that can be read."""
+        """Return the names of the roots of all systems that can be read."""
         roots = set()
         for name in self.known:
             with suppress(ValueError):
@@ -57,7 +59,10 @@ class Systems:
 
 
 def parse_systems(content: Unchecked, frame: Unchecked) -> Systems:
-    """Coordinate systems of one frame, from the file and the frame together."""
+    """Parse the coordinate systems of one frame.
+
+    content: content of the file, with poses in parents; frame: content of the frame, whose
+    transforms replace these poses."""
     parents: dict[str, tuple[str, Pose]] = {}
     unplaced = set()
     unreadable = dict[str, str]()

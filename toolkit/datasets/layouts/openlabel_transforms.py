@@ -8,7 +8,9 @@ from toolkit.datasets.record_values import Unchecked, entry, numbers
 
 
 def find_transform(transform: Unchecked) -> Unchecked:
-    """Data of a frame's transform; VCD 4.3 has a matrix under another name."""
+    """Return the data of a frame's transform, for `parse_transform`.
+
+    VCD 4.3 has a matrix under another name."""
     older = transform.get("transform_src_to_dst_4x4")
     return entry(transform, "transform_src_to_dst") if older is None else older
 
@@ -33,8 +35,10 @@ def parse_transform(value: Unchecked, name: str) -> Pose:
 
 
 def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of euler_angles (rad) in the order of `sequence`, each about the axes turned so
-    far."""
+    """Return the rotation matrix of euler_angles (rad).
+
+    They turn in the order of `sequence`, each about the axes turned so far. value: the transform's
+    data; name: what errors call it."""
     from scipy.spatial.transform import Rotation
 
     angles = numbers(value["euler_angles"], 3, f"euler_angles of {name}")
@@ -53,7 +57,7 @@ def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
 
 
 def turn_by_quaternion(xyzw: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of a quaternion of any length but 0, whose rotation is NaN."""
+    """Return the rotation matrix of a quaternion x y z w of any length, NaN for length 0."""
     from scipy.spatial.transform import Rotation
 
     norm = np.linalg.norm(xyzw)

@@ -48,8 +48,9 @@ MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
 def opv2v(path: Path, *, left_handed: bool = True) -> listing.Listing:
-    """Frames of all scenarios below a folder, all agents together.
+    """Open all scenarios below a folder; a frame has the clouds of all agents at one tick.
 
+    left_handed: True if files have y to the right, as CARLA's.
     Raises FileNotFoundError without any."""
     names: dict[str, list[Path]] = {}
     # clouds of agents; a scenario's files, such as data_protocol.yaml, are above
@@ -98,7 +99,7 @@ v2xreal = partial(opv2v, left_handed=False)
 
 
 def _agent(file: Path) -> tuple[int, int | str]:
-    """Sort key: vehicles by number, roadside units, then other names."""
+    """Sort key of an agent's file: vehicles by number, then roadside units, then other names."""
     name = file.parent.name
     if not name.removeprefix("-").isdigit():
         return 2, name
@@ -108,7 +109,10 @@ def _agent(file: Path) -> tuple[int, int | str]:
 def _load(
     agents: Mapping[str, list[Path]], counts: Mapping[Path, int], mirror: np.ndarray, name: str
 ) -> Frame:
-    """Frame of all agents. counts: number of agents of each scenario."""
+    """Load a frame of all agents.
+
+    agents: YAML files of each frame's agents; counts: number of agents by folder of the scenario;
+    mirror: (4, 4), turns the files' axes into right-handed ones."""
     files = agents[name]
     problems: problem_kinds.Problems = {}
     problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < counts[files[0].parent.parent]))
@@ -168,6 +172,7 @@ def _sample(
 
 
 def _pose(value: record_values.Unchecked, mirror: np.ndarray) -> np.ndarray:
+    # Pose of lidar_pose in the right-handed map, from a matrix or x y z roll yaw pitch (degrees).
     if np.array(value, dtype=object).size == 16:
         lidar_pose = record_values.rigid_matrix(value, "lidar_pose")
     else:
@@ -179,14 +184,16 @@ def _pose(value: record_values.Unchecked, mirror: np.ndarray) -> np.ndarray:
 
 
 def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
-    """Rotation of Unreal's angles in its left-handed axes.
+    """Pose (4, 4) at the origin with Unreal's angles (degrees), in its left-handed axes.
 
     It turns by yaw about z, then pitch, which lifts x, then roll."""
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
 def _box(vehicle: record_values.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Box of a vehicle without its yaw, and its rotation."""
+    """Box (7 numbers) of a vehicle in the right-handed map with a yaw of 0, and its rotation.
+
+    The rotation is (3, 3). mirror: (4, 4), turns the file's axes into right-handed ones."""
     centre = numbers(entry(vehicle, "location"), 3, "location") + numbers(
         entry(vehicle, "center"), 3, "center"
     )

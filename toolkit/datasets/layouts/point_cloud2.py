@@ -4,11 +4,12 @@ import numpy as np
 
 from toolkit.datasets.layouts.bag_messages import RosObject
 
+# NumPy's type for each `datatype` of a field
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
 def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
-    """Parse the fields of a PointCloud2, a row per point.
+    """Parse the fields of a PointCloud2 as columns by name, a row per point, in our byte order.
 
     Raises ValueError if they do not fit its bytes."""
     order = ">" if message.is_bigendian else "<"

@@ -75,7 +75,10 @@ def rcooper(path: Path) -> Listing:
 
 
 def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], bool]:
-    """Clouds of each frame by agent, and whether their order put them together."""
+    """Cloud files of each frame by agent, and True if their order put them together.
+
+    files: cloud files of each agent in order. They are put together by time if all names are
+    times."""
     times = {agent: _list_times(agent_files) for agent, agent_files in files.items()}
     if all(np.isfinite(stamps).all() for stamps in times.values()):
         return [_take(files, group) for group in group_by_time(times)], False
@@ -88,7 +91,7 @@ def _list_times(files: Sequence[Path]) -> Float64[np.ndarray, " n"]:
 
 
 def _take(files: Mapping[str, Sequence[Path]], rows: Mapping[str, int]) -> dict[str, Path]:
-    """Clouds with these numbers by agent."""
+    """Cloud file of each agent by its index among the agent's files."""
     return {agent: files[agent][row] for agent, row in rows.items()}
 
 
@@ -135,8 +138,9 @@ def _sample(
 
 
 def merge_copies(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
-    """Merge several agents' objects into one list, and return it with its rows among all of
-    them."""
+    """Merge several agents' objects: of copies of one object, only the first agent's is kept.
+
+    Returns the objects, and their rows among the objects of all agents one after the other."""
     boxes = np.concatenate([np.zeros((0, 7)), *(objects.boxes for objects in parts)])
     labels = np.concatenate([np.zeros(0, np.int64), *(objects.labels for objects in parts)])
     ids = np.concatenate([np.zeros(0, np.int64), *(objects.ids for objects in parts)])

@@ -73,10 +73,10 @@ class Bag:
 
     Attributes:
         path: file or folder.
-        groups: number of each topic's cloud in each frame.
+        groups: for each frame, the topics of its clouds and each cloud's index in its topic.
         tree: coordinate frames.
         topics: topics of the clouds.
-        recorded: topics whose clouds have the time of their recording.
+        recorded: topics whose clouds get the time of their recording, with the reason.
         problems: problems of the whole bag, by kind; the first frame counts them.
         site: the site, None if unknown.
     """
@@ -97,8 +97,7 @@ class Bag:
         return len(self.groups)
 
     def __getitem__(self, index: int) -> Frame:
-        """Return the frame with this number, reading on from the last frame or again from the
-        beginning."""
+        """Return a frame by its index, reading on from the last one or again from the beginning."""
         if not 0 <= index < len(self):
             raise IndexError(
                 f"there is no frame {index}: {self.path} has {len(self)}, counted from 0"
@@ -115,6 +114,7 @@ class Bag:
         return {**self.__dict__, "_reading": []}
 
     def __iter__(self) -> Iterator[Frame]:
+        # frame number of each cloud, by topic and index in the topic
         group_of = {
             (topic, k): number
             for number, group in enumerate(self.groups)
@@ -173,9 +173,10 @@ class Bag:
         roots: list[str],
         problems: Problems,
     ) -> SensorCloud:
-        """A topic's cloud in the world.
+        """Build the cloud of one message at its pose in the world.
 
-        roots: roots of the frame's clouds before it, and afterwards of this one too."""
+        cloud: the parsed message; attributes: its columns; roots: root frames of the clouds before
+        it in this frame, to which its root is added; problems: counts are added to it."""
         frame = clean_frame(cloud.header.frame_id)
         stamp = stamp_ns(cloud.header)
         measured = (
@@ -207,7 +208,7 @@ class Bag:
 
 
 def rosbag(path: Path) -> Bag:
-    """Frames of a bag.
+    """Open a bag: its frames, without labels.
 
     Raises FileNotFoundError, and ValueError for a bag that is damaged or has no PointCloud2."""
     path = enter_bag_folder(path)

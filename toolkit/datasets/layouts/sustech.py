@@ -39,7 +39,7 @@ _NAMES = frame_labels.COMMON_NAMES | {"cyclist": "Bicycle"}
 
 
 def sustech(path: Path) -> Listing:
-    """Frames of a scene's folder. Raises FileNotFoundError if it is not a scene."""
+    """Open the folder of a scene. Raises FileNotFoundError if it is not a scene."""
     clouds = [file for file in folders.list_files(path / "lidar") if file.suffix.lower() in ENDINGS]
     files: dict[str, Path] = {}
     for file in sorted(clouds, key=lambda file: ENDINGS.index(file.suffix.lower())):
@@ -83,7 +83,7 @@ def _sample(
 
 
 def _rotate(turns: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3 3"]:
-    """Rotations by angles (rad) about x, then the turned y, then the turned z.
+    """Rotation matrices of angles (rad) about x, then the turned y, then the turned z.
 
     They are NaN for angles that are not finite."""
     from scipy.spatial.transform import Rotation
