@@ -45,6 +45,6 @@ def write_plan(planned: content.Planned, out: Path) -> list[Path]:
 def format_json(plan: content.Plan) -> str:
     """Format a plan as JSON text, the same for the same plan.
 
-    Infinite numbers and NaN, which JSON lacks, are replaced (`replace_infinite`)."""
+    Infinite numbers and NaN, which JSON lacks, become null."""
     values = replace_infinite(plan.as_dict())
     return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
