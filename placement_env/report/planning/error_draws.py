@@ -21,8 +21,8 @@ def by_draw(
     """Judge a set at each error profile in several draws of the sensors' errors.
 
     Each draw is as one mounting: its errors are the same in all frames. Each row holds the AP of
-    all draws, their mean and their 10 % quantile. Profiles with only the noise of the sensors'
-    models have no row, nor have frames that cannot be drawn again, as of a recording.
+    all draws, their mean and their 10 % quantile. A profile has no row if it has only the noise of
+    the sensors' models, or if its measurements cannot be drawn again (other than `Renders`).
 
     judge: judge, of which the first `MAX_DRAW_FRAMES` frames are used; run: reports the draws."""
     frames = min(judge.frames, MAX_DRAW_FRAMES)

@@ -61,7 +61,7 @@ class Findings:
 def check_stages(findings: Findings, judged: content.Judgement) -> None:
     """Raise ValueError if prediction, comparison and judgement of the answer exclude each other.
 
-    They exclude each other if their AP differ by more than their sizes allow (`check_agreement`).
+    They exclude each other if their intervals have no AP in common (`check_agreement`).
     The prediction is for the shipped network without sensor errors and for plain cases, so it is
     compared only if the question is the same. A set that was not judged in the comparison has no
     figure there.
