@@ -39,8 +39,8 @@ def build_scene_moment(
 ) -> content.SceneMoment:
     """Return frame k with its thinned clouds, objects and detections.
 
-    Hits are at the detector's first IoU threshold. points: most points of each cloud; seed: each
-    cloud is drawn from this number, the frame and the candidate."""
+    Hits are at the detector's threshold `iou`. points: most points of each cloud; seed: each cloud
+    is drawn from this number, the frame and the candidate."""
     outcome = detected.outcomes([members], [k])[members][0]
     truth = outcome.truth[detected.ious.index(detected.iou)]
     objects = detected.renders.objects(k)

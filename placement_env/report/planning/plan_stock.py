@@ -253,7 +253,7 @@ def _read_mounted(
         prices = tuple(priced_model.price for priced_model, _ in models)
     sensor_models = tuple(priced_model.model for priced_model, _ in models)
     axes = Axes(np.zeros(0), np.zeros(0), np.zeros(0), sensor_models, prices)
-    # gives poles and prices to `from_poses`, which takes the poses from the sensors
+    # pool without sensors, from which `from_poses` takes poles and prices
     empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
     poses = np.column_stack([heights, headings, tilts])
     with name_errors("stock"):

@@ -354,7 +354,7 @@ def describe_origins(site: Site) -> str:
     if site.road_origin == "drawn":
         return "Everything at the site is drawn at random, the road too: there is no such place."
     drawn_counts = count_things(site)["drawn"]
-    drawn_counts.pop("pole", None)  # poles may be built, so they hide nothing by mistake
+    drawn_counts.pop("pole", None)
     if not drawn_counts:
         return (
             "Nothing at the site is marked as drawn; files from before there were marks have none."
