@@ -170,8 +170,8 @@ def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> lis
     """Random feasible set: an affordable candidate on each mount, required mounts first.
 
     Mounts come in random order. If mounts carry several, further sensors join with a chance of
-    `EXTRA_SENSOR_CHANCE`
-    each. The same generator state draws the same set, so the order of draws must stay.
+    `EXTRA_SENSOR_CHANCE` each. The same state of the generator draws the same set, so the order of
+    draws must stay.
 
     budget: largest number of sensors."""
     candidates = objective.candidates
