@@ -83,7 +83,7 @@ def decision_section(plan: content.Plan, site: Site, ground: GroundGrid | None) 
 def _draw_plan_view(
     plan: content.Plan, chosen_option: content.PlanOption, site: Site, ground: GroundGrid | None
 ) -> PageDrawing:
-    # a plan that was renamed may name poles that the site lacks; these are not drawn
+    # only poles that the site has can be drawn
     mounts = {mount.name for mount in site.mounts}
     poles = [name for name in _poles(plan) if name in mounts]
     free_poles = [name for name in plan.poles_unused if name in mounts]
