@@ -186,7 +186,7 @@ def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
 class _Cells(NamedTuple):
     """Cells of a map with their legend.
 
-    colours: red, green, blue and alpha from 0 to 1, of which alpha is not used; shown: True for
+    colours: red, green, blue and alpha (not used) from 0 to 1; shown: True for
     cells to draw, others are transparent; legend: colours and names."""
 
     colours: Float64[np.ndarray, "ny nx 4"]

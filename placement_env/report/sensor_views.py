@@ -53,7 +53,7 @@ def _draw_view(
     moment: SceneMoment | None,
     index: int,
 ) -> str:
-    # background: distances (m) at the empty site; index: of the sensor's cloud in the moment
+    # background: distances (m) at the empty site; index: number of the cloud in the moment
     rows, columns = background.shape
     height = max(VIEW_INCHES * rows / columns, MIN_VIEW_INCHES)
     with canvas.house_style():

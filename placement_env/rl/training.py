@@ -192,7 +192,7 @@ def train_policy(
     Args:
         make_env: Function that makes an environment.
         out: Folder of the policy, made if missing.
-        steps: Steps to be done in all, with those of earlier calls; None for no limit.
+        steps: Steps to be done in all, earlier calls included; None for no limit.
         seconds: Time of this call, None for no limit.
         seed: Seed of all rounds.
         learning: Settings of the training.
@@ -282,7 +282,7 @@ def rollout(
     counts as an evaluation, and its set competes. The result has the sensors of the best set if the
     environment is coview's.
 
-    policy: model with `predict`; seed: of the reset and of the drawn actions; options: of the
+    policy: model with `predict`; seed: for the reset and the drawn actions; options: for the
     reset. Raises ValueError for fewer than one episode.
     """
     import torch
@@ -348,7 +348,7 @@ def _model(
     """Untrained model, and the settings that two trainings must share to be the same.
 
     The settings are kept with the policy and compared when training resumes. make_env: function
-    that makes an environment, called for each of `Learning.envs`; seed: of the first weights."""
+    that makes an environment, called for each of `Learning.envs`; seed: for the first weights."""
     try:
         from sb3_contrib import MaskablePPO
         from stable_baselines3 import PPO

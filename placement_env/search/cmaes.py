@@ -261,12 +261,12 @@ def build_pose_scorer(
     It returns a score for each set, None for a set that may not be built. All sensors of a call are
     measured together.
 
-    weights: of costs in the reward; live: panoramas to measure from, None to cast rays.
+    weights: costs in the reward; live: panoramas to measure from, None to cast rays.
     """
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # the sensors of all sets become the candidates; each set owns a run of them
+        # the sensors of all sets become the candidates; each set has a run of them
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:

@@ -28,8 +28,8 @@ def describe_sensors(
 
     Directions are compass bearings at a site, otherwise headings from +x.
 
-    names: of the candidates; moved: the same sensors in new poses, empty if they stay; site: None
-    if there is none.
+    names: names of the candidates; moved: the same sensors in new poses, empty if they stay; site:
+    None for sensors without one.
     """
     if not moved:
         return list(names)

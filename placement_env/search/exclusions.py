@@ -106,7 +106,7 @@ def explain_kept(
     send; currency: "" for prices of one ordinary pole.
     """
     candidates = objective.candidates
-    min_price = 0.0  # of one sensor on each of these poles
+    min_price = 0.0  # one sensor on each such pole
     reasons = list[str]()
 
     def cost(amount: float) -> str:

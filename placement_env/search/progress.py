@@ -188,7 +188,7 @@ class Progress:
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
-        # makes the best feasible one of these sets the incumbent, and reports it if it is new
+        # makes the best feasible set the incumbent, and reports it if it is new
         candidates = np.flatnonzero(rewards > self.reward)
         previous = self.reward
         if candidates.size:

@@ -222,7 +222,7 @@ def _count_found(row: content.ClassAP) -> str:
 
 
 def _describe_blind(plan: content.Plan) -> Fact | None:
-    # lanes that no sensor sees, with the streets that have most of them
+    # lanes that no sensor sees, with the streets that have most
     if plan.ground is None:
         return None
     streets = list(plan.blind_streets.items())

@@ -82,7 +82,7 @@ class Scene:
     Attributes:
         html: The whole page.
         layers: Parts that readers may hide.
-        frames: Nodes of each frame, of which one frame is shown at a time."""
+        frames: Nodes of each frame; one frame is shown at a time."""
 
     html: str
     layers: tuple[Layer, ...]
@@ -95,7 +95,7 @@ def build_scene(
     """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`.
 
     site: site with the chosen sensors; ground: ground that they see, None to draw none; moments:
-    frames of traffic, the first of which is shown at first."""
+    frames of traffic; the scene opens with the first."""
     with scene.viser_server() as server:
         api = server.scene
         add_site(api, site, {sensor.pole for sensor in plan.sensors})

@@ -32,7 +32,7 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 def _row(
     name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]
 ) -> content.BreakdownRow:
-    # points: of the group's objects, whose mean the row states; None without objects
+    # points: counts on the group's objects, whose mean the row states; None without objects
     return content.BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
 
 
@@ -83,7 +83,7 @@ def _tally_classes(
 def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge the middle of the area and the quarters around it, named by the compass.
 
-    The middle is a circle of `CENTRE_SHARE` of the area's shorter side. seed: of the bootstrap."""
+    The middle is a circle of `CENTRE_SHARE` of the area's shorter side. seed: for the bootstrap."""
     xmin, ymin, xmax, ymax = site.area
     middle = np.array([xmin + xmax, ymin + ymax]) / 2
     radius = CENTRE_SHARE * min(xmax - xmin, ymax - ymin)
@@ -105,7 +105,7 @@ def by_range(
 ) -> tuple[content.BreakdownRow, ...]:
     """Judge by horizontal distance to the nearest sensor of the set.
 
-    Groups end at `RANGE_ENDS_M`; the last has no end. seed: of the bootstrap."""
+    Groups end at `RANGE_ENDS_M`; the last has no end. seed: for the bootstrap."""
     positions = np.array([sensor.position[:2] for sensor in sensors])
     edges = pairwise((0.0, *RANGE_ENDS_M))
     names = [f"{start:g} to {end:g} m" for start, end in edges]
@@ -122,7 +122,7 @@ def by_range(
 def by_approach(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge by the approach whose lane is nearest to each object, parked ones separately.
 
-    Approaches without objects are left out. seed: of the bootstrap."""
+    Approaches without objects are left out. seed: for the bootstrap."""
     approaches = find_approaches(site)
     rows = by_group(scored, approaches.names, approaches.locate, seed)
     return tuple(row for row in rows if row.judged is not None)

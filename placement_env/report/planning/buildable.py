@@ -31,7 +31,7 @@ def narrow_question(question: Question, run: Run) -> Question:
     The poses stay as names in the question's stock (`Stock.only`). A pool that is small enough
     comes back as the same question.
 
-    run: run of the search traffic, of which some frames are looked at."""
+    run: run of the search traffic; some of its frames are looked at."""
     narrowed_poses = narrow_pool(question.search_setting, run)
     if narrowed_poses is None:
         return question

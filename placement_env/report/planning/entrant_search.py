@@ -92,7 +92,7 @@ def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
 
     Entrants are the sensor sets that the detector later compares. Unless the cases are plain, with
     one IoU threshold and without failures and levels of traffic, searches run a second time for
-    intact sets in undivided traffic, because the best of them may be best in the worst case.
+    intact sets in undivided traffic, because their best may be best in the worst case.
 
     prepared: buildable candidates and their objectives (`prepare_search`)."""
     max_count = find_max_sensors(question, prepared.objectives[0].candidates)

@@ -306,7 +306,7 @@ class Judge:
     ) -> _Figures:
         """Return the figures of one set in some frames, with resamples of their blocks.
 
-        outcomes: of all frames; frames: indices of the frames to use; ious: thresholds to average
+        outcomes: in all frames; frames: indices of the frames to use; ious: thresholds to average
         over."""
         draws = intervals.draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return _draw_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
@@ -316,7 +316,7 @@ class Judge:
     ) -> list[list[Tally]]:
         """Tally the outcomes of one set in some frames, in a list per IoU of one per class.
 
-        outcomes: of all frames; frames: indices of the frames to tally; ious: thresholds, which the
+        outcomes: in all frames; frames: indices of the frames to tally; ious: thresholds, which the
         detector must be matched at."""
         frame_outcomes = [outcomes[k] for k in frames.tolist()]
         tallies = []

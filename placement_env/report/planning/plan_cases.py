@@ -46,7 +46,7 @@ def read_cases(question: JsonObject) -> Cases:
 def read_classes(question: JsonObject, cases: Cases) -> Classes:
     """Read the classes that count, with their weights and IoU thresholds.
 
-    A class has its own threshold only if it differs from the threshold that the cases give it.
+    A class has a threshold only if it differs from the one that the cases give it.
     Raises ValueError for a wrong member.
 
     question: `question` of a plan.json; cases: its cases, already read."""

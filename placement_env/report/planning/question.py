@@ -231,7 +231,7 @@ class Question:
     def judge_setting(self, candidates: Candidates) -> Setting:
         """Return the setting of the judges, who score by the detector with all cases and errors.
 
-        candidates: those of the stock that may be built."""
+        candidates: sensors of the stock that may be built."""
         return replace(self.setting, candidates=candidates, fidelity="detector")
 
     def part(self, name: str) -> Run:

@@ -407,7 +407,7 @@ def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tupl
     """List questions that the plan cannot answer.
 
     final: result of the chosen set on the final traffic; levels: its results by level of traffic,
-    of which those with too few objects are named."""
+    and levels with too few objects are named."""
     lines = [
         "How the detector does on real measurements of this place.",
         "Whether a set that no search looked at would do better: nothing is proven optimal.",

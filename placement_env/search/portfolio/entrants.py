@@ -119,7 +119,7 @@ def at_other_ious(
     """Same objective at other IoU thresholds, by the name of its search; empty without a surrogate.
 
     The objectives are for intact sets in undivided traffic. Thresholds without a surrogate are left
-    out, and the objective's own thresholds too. preparation: for an objective that does not know
+    out, and the objective's thresholds too. preparation: for an objective that does not know
     its preparation.
     """
     source = objective.preparation or preparation
@@ -280,8 +280,8 @@ def _searches(
     Each is called without arguments. The list depends on what the objective knows (visibility,
     prices, a surrogate) and on installed solvers. With many sizes, each search has less effort.
 
-    seed: of all searches; checkpoint: has a part for each swap search; others: objectives to search
-    by swap, by name.
+    seed: for all searches; checkpoint: has a part for each swap search; others: objectives to
+    search by swap, by name.
     """
     share = min(1.0, FULL_EFFORT_SIZES / len(effort.sizes))
     max_sets = effort.evaluations

@@ -175,7 +175,7 @@ class CasesEvaluator:
         profiles.
         """
         rows, owners = self.cases.expand(sets)
-        # levels without one of these frames are left out; undivided traffic is one part
+        # levels without any of the frames are left out; undivided traffic is one part
         level_frames = [frames[np.isin(frames, level)] for level in self.levels]
         parts = [part for part in level_frames if len(part)] or [frames]
         by_profile: list[list[Evaluated]] = []
@@ -387,7 +387,7 @@ class TimedEvaluator:
 
         New frames are evaluated a few at a time, whose results the evaluator keeps; then all of
         them together. Frames of earlier calls cost no new time. `Evaluated.frames` is the number of
-        frames used, None if all of them were. progress: called with the number of frames done.
+        frames used, None for all. progress: called with the number of frames done.
         """
         while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
             next_frames = frames[self.done : self.done + self.at_once]

@@ -186,9 +186,9 @@ def _find_entrants(
     """Search for the sets to race.
 
     Unless the cases are plain (one IoU threshold, no failures, undivided traffic), intact sets in
-    all traffic are searched for too, because the best of them may be the best in the worst case.
+    all traffic are searched for too, because their best may be the best in the worst case.
 
-    seed: of all searches; checkpoint: keeps the progress of both rounds of searches."""
+    seed: for all searches; checkpoint: keeps the progress of both rounds of searches."""
     others = at_other_ious(objective)
     entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     preparation = objective.preparation
