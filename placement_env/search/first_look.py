@@ -114,7 +114,7 @@ def _choose_poses(
     The best `MAX_POLES` mounts take part, with their best `MIN_POSES_ON_POLE` poses before all
     other poses.
 
-    score: one for each pose, -inf for one that may not be built; required: mounts that must carry a
+    score: one for each pose, -inf if it may not be built; required: mounts that must carry a
     sensor, which always take part."""
     best = np.full(len(pool.mounts), -math.inf)
     np.maximum.at(best, pool.mount, score)
