@@ -146,7 +146,7 @@ class SB3VecEnv(VecEnv):
             self._rotations[rows] = rotations(self._rng, int(rows.sum()))
 
     def _as_seen(self, observations: np.ndarray) -> np.ndarray:
-        # observations with each episode's junction rotated; a copy, as the task keeps the original
+        # observations with each episode's junction rotated, as a copy
         if not self._augment:
             return observations
         seen = observations.copy()

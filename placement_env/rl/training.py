@@ -234,7 +234,7 @@ def train_policy(
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
         number = model.num_timesteps // per_round  # seeds every generator and environment
-        # `>> 1` leaves 31 bits, because libraries take seeds below 2**31
+        # `>> 1` leaves 31 of 32 bits: a seed that fits a signed number
         model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
         model.set_env(model.get_env(), force_reset=True)  # type: ignore[arg-type]
         model.learn(per_round, callback=callback, reset_num_timesteps=False)

@@ -29,7 +29,7 @@ class Climb:
 
     Attributes:
         start: Number of the start, from 0.
-        before: Best reward of the search until it began.
+        before: Best reward of the search until it began, -inf at the first start.
         places: A candidate's index or `EMPTY_PLACE` each, as many as the budget of sensors.
         waiting: Indices of the places that are still to be changed.
         reward: Reward of the current set.

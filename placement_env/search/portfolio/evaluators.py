@@ -385,9 +385,9 @@ class TimedEvaluator:
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
         """Evaluate the sets on as many frames as time allows, at least `least`.
 
-        New frames are evaluated a few at a time, whose results the evaluator keeps; then all of
-        them together. Frames of earlier calls cost no new time. `Evaluated.frames` is the number of
-        frames used, None for all. progress: called with the number of frames done.
+        New frames are evaluated a few at a time, with looks at the clock between; then all of them
+        together. Frames done in earlier calls are not evaluated singly again. `Evaluated.frames` is
+        the number of frames used, None for all. progress: called with the number of frames done.
         """
         while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
             next_frames = frames[self.done : self.done + self.at_once]
