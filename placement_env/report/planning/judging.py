@@ -34,7 +34,7 @@ _Figures = Float64[np.ndarray, "*cases figures"]
 class SetJudgement(NamedTuple):
     """Judgement of a set, intact and in the requested cases.
 
-    Fields have the names of `PlanOption`, so that they can replace them; cases that were not
+    Fields have the names of `PlanOption`, so that they can be passed to it; cases that were not
     requested are None.
 
     Attributes:
@@ -184,7 +184,7 @@ class Judge:
 
         stage: function that returns a progress callback, or None, for the name of a stage; it is
         called for every kind of case except levels."""
-        # each further kind of case replaces the draws, in the order of `SetJudgement.counted`
+        # the last kind of case that was requested gives the draws, as in `SetJudgement.counted`
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)

@@ -70,7 +70,7 @@ def build_evaluator(
 ) -> "CasesEvaluator":
     """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting.
 
-    Fast fidelities know no sensor errors, so all error profiles share one evaluator. seed: for the
+    Fidelities other than the detector have one evaluator for all error profiles. seed: for the
     resamples.
     """
     cases = preparation.setting.cases
@@ -170,7 +170,9 @@ class CasesEvaluator:
     def at_profiles(self, sets: Sets, frames: Frames, progress: Report | None = None) -> AtProfiles:
         """AP, kbit and resampled AP of the sets at each error profile.
 
-        They are reduced over IoU thresholds, levels of traffic, failures and drawings of the site.
+        AP is reduced over IoU thresholds, levels of traffic and failures; kbit is for intact sets.
+        Both are means over drawings of the site.
+
         frames: frame numbers; progress: called with the number of frames done, as a mean over the
         profiles.
         """
