@@ -38,11 +38,15 @@ def interval_bars(
     hatched: bool = False,
     right: float = 1.7,
 ) -> str:
-    """Draw a bar of AP for each row, with its interval and number of vehicles.
+    """Draw a bar of AP for each row, with its interval and number of vehicles, as SVG.
 
-    alt: text for screen readers, if not the title; labels: texts right of the bars, if not the
-    usual ones; hatched: hatch all bars but the first, whose AP is an upright line; right: inches
-    kept free for labels."""
+    Args:
+        rows: Name and result of each bar, None without vehicles.
+        title: Heading of the chart.
+        alt: Text for screen readers, "" for the title.
+        labels: Text right of each bar, empty for AP and number of vehicles.
+        hatched: True to hatch all bars but the first, whose AP is an upright line.
+        right: Inches kept free for labels."""
     names = [name for name, _ in rows]
     judgements = [judgement for _, judgement in rows]
     with canvas.house_style():
@@ -67,6 +71,7 @@ def interval_bars(
                 linewidth=1.0,
                 zorder=2,
             )
+            # white below the dark line, which would not show on the bar
             axes.plot(
                 interval, [row, row], color="white", linewidth=3.4, zorder=3, solid_capstyle="butt"
             )
@@ -80,7 +85,9 @@ def interval_bars(
 
 
 def draw_history(result: Result, out: str | Path) -> None:
-    """Write a picture of the best reward over the number of sets that a search scored."""
+    """Write a picture of the best reward over the number of sets that a search scored.
+
+    out: path, whose suffix gives the format."""
     with canvas.house_style():
         figure, axes = curve_axes(f"{result.method}: best reward so far", 0)
         axes.step(
@@ -91,7 +98,7 @@ def draw_history(result: Result, out: str | Path) -> None:
 
 
 def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
-    """Draw the AP of the fusion schemes at each IoU, and the data they send."""
+    """Draw the AP of the fusion schemes at each IoU as SVG, with the kbit per sensor they send."""
     rows = [
         (f"{figures.scheme}, IoU {iou_text(figures.iou)}", figures.judged) for figures in schemes
     ]
@@ -105,7 +112,7 @@ def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
 
 
 def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureCase]) -> str:
-    """Draw the AP that remains after failures, next to the intact set's."""
+    """Draw the AP that remains after each failure, below the intact set's, as SVG."""
     rows: list[tuple[str, content.Judgement | None]] = [("all work", intact)]
     rows += [(f"without {set_label(case.failed)}", case.judged) for case in failures]
     return interval_bars(
@@ -114,7 +121,10 @@ def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureC
 
 
 def link_chart(links: Sequence[PoleLoad]) -> str:
-    """Draw the Mbit/s of each link against its capacity."""
+    """Draw the Mbit/s of each link against its capacity, as SVG.
+
+    A bar is the mean, a line goes to the load that the link must carry. Capacities far beyond all
+    loads are only written."""
     too_narrow: PlotStyle = {
         "facecolor": "white",
         "edgecolor": OUTCOME["missed"].colour,
@@ -128,7 +138,7 @@ def link_chart(links: Sequence[PoleLoad]) -> str:
         poles = [link.pole for link in links]
         figure, axes = row_axes("Load of the links", subtitle, poles, right=2.3)
         loads = [max(link.mbit_s, link.load_mbit_s) for link in links]
-        max_shown = 4 * max(loads, default=0.0)
+        max_shown = 4 * max(loads, default=0.0)  # larger capacities would shrink all bars
         capacities = [link.capacity_mbit_s for link in links if link.capacity_mbit_s <= max_shown]
         low, high = canvas.pad_limits([*loads, *capacities])
         for row, link in enumerate(links):
@@ -154,7 +164,9 @@ def link_chart(links: Sequence[PoleLoad]) -> str:
 
 
 def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
-    """Draw the AP after each sensor built, over the money spent."""
+    """Draw the AP after each sensor built, over the money spent, as SVG.
+
+    currency: "" for prices of one ordinary pole."""
     with canvas.house_style():
         judgements = [step.judged for step in order]
         figure = canvas.blank_figure(canvas.CHART_INCHES, HEAD_INCHES + 2.9 + 0.2 * len(order))
@@ -205,9 +217,11 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
 def front_chart(
     options: Sequence[content.PlanOption], chosen_set: content.PlanOption, currency: str
 ) -> str:
-    """Draw AP over kbit per sensor and over price, with the chosen set marked.
+    """Draw AP over kbit per sensor and over price as SVG, with the chosen set marked.
 
-    Judged sets have intervals; sets with a predicted AP are hollow."""
+    Judged sets have intervals; sets with only a predicted AP are hollow.
+
+    options: sets to draw, with or without the chosen one; currency: "" for ordinary poles."""
     from matplotlib.lines import Line2D
 
     dot: PlotStyle = {"marker": "o", "markersize": 6, "markeredgecolor": BAR, "linestyle": "none"}
@@ -228,6 +242,7 @@ def front_chart(
         )
         kbits = [sensor_set.kbit_per_sensor for sensor_set in all_sets]
         prices = [sensor_set.price for sensor_set in all_sets]
+        # left edge as a share of the figure, axis label and values of each panel
         panels = ((0.09, "kbit per sensor and frame", kbits), (0.57, price_label(currency), prices))
         for left, label, values in panels:
             axes = figure.add_axes((left, 0.24, 0.4, 0.58))
@@ -253,7 +268,7 @@ def front_chart(
 
 
 def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
-    """Draw Shapley values of sensors and interactions of pairs.
+    """Draw Shapley values of sensors and interactions of pairs, as SVG.
 
     An interaction above 0 means that two sensors add more together than apart."""
     with canvas.house_style():
@@ -299,13 +314,14 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
 
 
 def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
+    # a square of cells, one for each pair, coloured by interaction; names: short labels
     if not worth:
         return
     pairs = np.full((len(worth), len(worth)), np.nan)
     for row, first in enumerate(worth):
         for column, second in enumerate(worth):
             pairs[row, column] = first.synergy.get(second.sensor, np.nan)
-    max_interaction = float(np.abs(np.nan_to_num(pairs)).max()) or 1.0
+    max_interaction = float(np.abs(np.nan_to_num(pairs)).max()) or 1.0  # 0 has no colour scale
     axes.imshow(
         pairs,
         cmap="PuOr_r",
@@ -331,7 +347,9 @@ def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Seque
 def row_axes(
     title: str, subtitle: str, names: Sequence[str], *, right: float = 1.7
 ) -> "tuple[Figure, Axes]":
-    """Return a figure with a row for each name. right: inches kept free right of the rows."""
+    """Return a figure and its axes, with a row for each name from the top, row 0 first.
+
+    names: labels left of the rows, shortened; right: inches kept free right of the rows."""
     names = [canvas.shorten(name, MAX_NAME_LETTERS) for name in names]
     rows = max(len(names), 1)
     left = 0.35 + 0.066 * max(map(len, names), default=0)
@@ -342,7 +360,7 @@ def row_axes(
         (left / canvas.CHART_INCHES, FOOT_INCHES / height, width, ROW_INCHES * rows / height)
     )
     axes.set(ylim=(rows - 0.5, -0.5))
-    axes.set_yticks(range(len(names)), [""] * len(names))
+    axes.set_yticks(range(len(names)), [""] * len(names))  # names follow as literal labels
     axes.set_yticklabels(names)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x")
@@ -351,6 +369,7 @@ def row_axes(
 
 
 def _write_beside(axes: "Axes", row: int, text: str) -> None:
+    # right of the axes, at the height of the row
     placement: PlotStyle = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (8, 0),
@@ -360,12 +379,14 @@ def _write_beside(axes: "Axes", row: int, text: str) -> None:
 
 
 def ap_label(judged: content.Judgement) -> str:
-    """Return the AP and its number of vehicles."""
+    """Return a label with the AP and its number of vehicles."""
     return f"{judged.format_ap()}, N = {judged.vehicles}"
 
 
 def describe_sample(judgements: Sequence[content.Judgement | None]) -> str:
-    """Describe the largest number of vehicles and frames behind figures."""
+    """Describe the largest number of vehicles and frames behind figures, for a subtitle.
+
+    judgements: results in the chart, None for those without vehicles."""
     judged_sets = [judgement for judgement in judgements if judgement is not None]
     if not judged_sets:
         return "no vehicles were judged"
@@ -380,7 +401,7 @@ def describe_sample(judgements: Sequence[content.Judgement | None]) -> str:
 
 
 def price_label(currency: str) -> str:
-    """Return the axis label of prices."""
+    """Return the axis label of prices. currency: "" for prices of one ordinary pole."""
     return f"price ({canvas.shorten(currency, 12)})" if currency else "price (ordinary poles)"
 
 

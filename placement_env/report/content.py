@@ -32,15 +32,15 @@ TEXTS: dict[str, Any] = read_own_table(__file__, "texts.toml")
 
 @dataclass(frozen=True)
 class Judgement:
-    """The detector's result for one sensor set.
+    """The detector's result for one sensor set, on some frames and in some cases.
 
     Attributes:
         ap: Average precision, combined over the classes that count.
         low: Lower end of the AP's interval, a bootstrap over blocks of frames; NaN for few blocks.
         high: Upper end of the interval, NaN like `low`.
         recall: Share of the vehicles that are detected, combined like the AP.
-        precision: Share of the detections that hit; None without detections.
-        vehicles: Number of objects to detect.
+        precision: Share of the detections that hit; None without detections or objects.
+        vehicles: Number of objects to detect; one that stays counts in every frame.
         frames: Number of frames they are in.
         kind: "vehicle", or "object" if several classes count."""
 
@@ -60,8 +60,7 @@ class Judgement:
 
     @property
     def known(self) -> bool:
-        """Return whether there are enough frames for an interval, so that the AP can be
-        compared."""
+        """Return True if there are enough frames for an interval, so that AP can be compared."""
         return not math.isnan(self.low)
 
     def format_ap(self) -> str:
@@ -74,7 +73,7 @@ class Judgement:
 
 
 def overlap(first: Judgement, second: Judgement) -> bool:
-    """Return whether the intervals of two AP overlap. Both must be `known`."""
+    """Return True if the intervals of two AP overlap. Both must be `known`."""
     return not (first.low > second.high or second.low > first.high)
 
 
@@ -124,7 +123,8 @@ class PlanOption:
 class BreakdownRow:
     """Result of the chosen set for one zone, range, approach, level or error profile.
 
-    judged: None without vehicles."""
+    name: name of that part or condition; judged: None without vehicles; mean_points: mean number
+    of the set's points on a vehicle, None without vehicles."""
 
     name: str
     judged: Judgement | None
@@ -144,7 +144,13 @@ class DrawingResult:
 
 @dataclass(frozen=True)
 class ClassSeen:
-    """Coverage of one class."""
+    """Coverage of one class.
+
+    Attributes:
+        label: Name of the class.
+        objects: Number of its road users; one that stays counts in every frame.
+        least_points: Points from which a road user counts as covered.
+        share: Share of the road users that are covered, None without any."""
 
     label: str
     objects: int
@@ -197,7 +203,10 @@ class DrawnErrors:
 
 @dataclass(frozen=True)
 class SensorWorth:
-    """Shapley value of one sensor, in AP, and its interaction with each other sensor."""
+    """Shapley value of one sensor, in AP, and its interaction with each other sensor.
+
+    sensor: its name; synergy: AP that the pair adds together beyond the sum of both, by the other
+    sensor's name; negative if they see the same."""
 
     sensor: str
     shapley: float
@@ -206,7 +215,7 @@ class SensorWorth:
 
 @dataclass(frozen=True)
 class FailureCase:
-    """Result after these sensors fail."""
+    """Result of the remaining sensors after some fail. failed: names of the failed ones."""
 
     failed: tuple[str, ...]
     judged: Judgement
@@ -214,7 +223,7 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class BuildStep:
-    """Next sensor to build, with the money spent and the result so far."""
+    """Next sensor to build, with the price and the result of all sensors built so far."""
 
     sensor: str
     price: float
@@ -327,7 +336,11 @@ class Plan(Displayed):
         return share if isinstance(share, float) else LINK_SHARE
 
     def format_drawn_ap(self, ap: float, drawn: DrawnErrors) -> str:
-        """AP over draws of errors, with as many decimals as the objects of a draw support."""
+        """AP over draws of errors, with as many decimals as the objects of a draw support.
+
+        A draw has only some of the frames, so its number of objects is estimated from all frames.
+
+        ap: AP to format, such as `drawn.mean`."""
         judged = self.chosen.counted if self.chosen else None
         objects = judged.vehicles * drawn.frames // judged.frames if judged and judged.frames else 0
         return format_share(ap, objects)
@@ -337,6 +350,7 @@ class Plan(Displayed):
         return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
 
     def _list_sensors(self) -> Table:
+        # columns by name, a row for each planned sensor
         table: dict[str, list[Any]] = {}
         for name in ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit"):
             table[name] = [getattr(sensor, name) for sensor in self.sensors]
@@ -344,6 +358,7 @@ class Plan(Displayed):
         return table
 
     def _list_options(self) -> Table:
+        # columns by name, a row for each compared set; figures of sets not judged are None
         table: dict[str, list[Any]] = {}
         for name in ("poles", "price", "kbit", "predicted"):
             table[name] = [getattr(option, name) for option in self.considered]
@@ -354,7 +369,7 @@ class Plan(Displayed):
         return table
 
     def as_dict(self) -> dict[str, object]:
-        """Return the values for plan.json."""
+        """Return the values for plan.json, without the logo; numbers may still be infinite."""
         head = {key: text for key, text in self.head.items() if key != "logo"}
         return {"coview_plan": PLAN_VERSION, **asdict(self), "head": head}
 
@@ -364,7 +379,7 @@ class SceneMoment:
     """One frame for pictures.
 
     Attributes:
-        clouds: Points of each sensor.
+        clouds: Points of each sensor in the site's frame (m), thinned.
         truth: Road users of the frame.
         detections: Detections of the frame.
         truth_hit: Whether each road user is detected.
@@ -405,7 +420,10 @@ class Planned(Displayed):
 
 
 def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
-    """Return a value with all its texts changed."""
+    """Return a value with all its texts changed, and keys of mappings too.
+
+    Mappings, tuples, lists and dataclasses are entered and built again; any other value comes back
+    as it is."""
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):
@@ -429,6 +447,7 @@ def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
     names: new names by old names; an old name is replaced only as a whole word."""
     if not names:
         return plan
+    # the longest names first, so that none is taken for a part of another; "-" belongs to names
     longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
     words = re.compile(rf"(?<![\w-])(?:{longest_first})(?!\w)")
     renamed: Plan = replace_texts(

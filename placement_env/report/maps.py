@@ -27,7 +27,7 @@ HEADING_SHARE = 0.05  # length of a heading's stroke, as a share of the map's ex
 
 
 def draw_planned(planned: Planned, out: str | Path) -> None:
-    """Write the plan view of a plan as a picture."""
+    """Write the plan view of a plan as a picture, in the format of the path's suffix."""
     with canvas.house_style():
         canvas.write_figure(
             _plan_sheet(planned.site, planned.site.sensors, planned.ground).figure, out
@@ -35,8 +35,11 @@ def draw_planned(planned: Planned, out: str | Path) -> None:
 
 
 def draw_pool(candidates: Candidates, out: str | Path) -> None:
-    """Draw the mounts of candidates, with a stroke for each direction a sensor can face."""
+    """Write a picture of the candidates' mounts, with a stroke for each direction of a sensor.
+
+    out: path, whose suffix gives the format."""
     x, y, _ = np.array([mount.position for mount in candidates.mounts]).reshape(-1, 3).T
+    # factors: mount, height, heading, tilt, model; pairs of mount and heading that occur
     mount_headings = np.unique(candidates.factors[:, [0, 2]], axis=0)
     headings = candidates.axes.headings[mount_headings[:, 1]]
     stroke = HEADING_SHARE * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
@@ -67,10 +70,12 @@ def plan_view(
     poles_unused: Sequence[str] = (),
     ground: GroundGrid | None = None,
 ) -> str:
-    """Draw the site with the chosen sensors, the poles, and the ground each sensor sees.
+    """Draw the site with the chosen sensors, the poles, and the ground each sensor sees, as SVG.
 
-    poles, poles_unused: names of mounts. Without `ground`, fields of view up to the first building
-    are drawn. Raises ValueError for an unknown pole, and for a ground of other sensors."""
+    poles: names of mounts with a sensor; poles_unused: names of other mounts; ground: ground that
+    these sensors see, None to draw fields of view up to the first building.
+
+    Raises ValueError for an unknown pole, and for a ground of other sensors."""
     with canvas.house_style():
         sheet = _plan_sheet(site, sensors, ground, poles, poles_unused)
         return canvas.svg_text(sheet.figure, "Plan view of the chosen sensors")
@@ -83,6 +88,7 @@ def _plan_sheet(
     poles: Sequence[str] = (),
     poles_unused: Sequence[str] = (),
 ) -> map_sheet.MapSheet:
+    # the arguments are those of `plan_view`
     used_places = _places(site, poles)
     unused_places = _places(site, poles_unused)
     entries = pole_marks.pole_entries(used=len(used_places), unused=len(unused_places))
@@ -121,10 +127,12 @@ def _plan_sheet(
 
 
 def coverage_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
-    """Map the number of sensors that see each place, up to 3.
+    """Map the number of sensors that see each place, up to 3, as SVG.
+
+    The legend has the share of open ground of each number.
 
     Raises ValueError for a ground of other sensors."""
-    views = np.minimum(ground.views, 3)
+    views = np.minimum(ground.views, 3)  # index into `names` and the colours
     has_open_ground = ground.open_ground.any()
     names = ("no sensor", "1 sensor", "2 sensors", "3 or more")
     legend = []
@@ -138,12 +146,15 @@ def coverage_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> s
 
 
 def density_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
-    """Map the points per m² of ground, of all sensors in a frame.
+    """Map the points per m² of ground, of all sensors in a frame, as SVG.
+
+    Density is averaged over squares of `SMOOTHING_SIDE_M`.
 
     Raises ValueError for a ground of other sensors."""
     density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     from matplotlib.colors import to_hex
 
+    # lowest density (points per m²) of each colour
     colours = palette.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
     names = ["under 1", *palette.point_names()[1:]]
     legend = [(to_hex(colour), f"{name} /m²") for colour, name in zip(colours, names, strict=True)]
@@ -155,7 +166,9 @@ def density_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> st
 
 
 def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
-    """Map the open ground that no sensor sees, by kind.
+    """Map the open ground that no sensor sees as SVG, by kind: lanes, footways and the rest.
+
+    The legend has the area of each kind.
 
     Raises ValueError for a ground of other sensors."""
     is_blind = ground.open_ground & (ground.views == 0)
@@ -171,7 +184,10 @@ def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
 
 
 class _Cells(NamedTuple):
-    """Colour of each cell, which cells are shown, and the legend's colours and names."""
+    """Cells of a map with their legend.
+
+    colours: red, green, blue and alpha (not used) from 0 to 1; shown: True for
+    cells to draw, others are transparent; legend: colours and names."""
 
     colours: Float64[np.ndarray, "ny nx 4"]
     shown: Bool[np.ndarray, "ny nx"]
@@ -187,6 +203,8 @@ def _cell_map(
     alt: str,
     note: str = "",
 ) -> str:
+    # SVG text of a map; title: after the site's name; alt: for screen readers; note: ends the
+    # subtitle
     from matplotlib.patches import Patch
 
     _check(ground, sensors)
@@ -198,6 +216,7 @@ def _cell_map(
     ]
     entries = [*patches, *sensor_marks.sensor_entries(sensors)]
     title = canvas.shorten(f"{site.name}: {title}", 70)
+    # alpha is 1 for cells to draw
     image = np.concatenate([cells.colours[..., :3], cells.shown[..., None]], axis=-1)
     image = (
         (image * 255)
@@ -239,12 +258,17 @@ def _cell_map(
 def smooth(
     values: Float64[np.ndarray, "ny nx"], counted: Bool[np.ndarray, "ny nx"], cell: float
 ) -> Float64[np.ndarray, "ny nx"]:
-    """Average the counted cells in a square around each cell; 0 without any.
+    """Return the mean of the counted cells in a square around each cell; 0 if it has none.
 
-    The square has sides of `SMOOTHING_SIDE_M`."""
+    The square has sides of about `SMOOTHING_SIDE_M`, an odd number of cells; beyond the grid there
+    are no cells.
+
+    values: figure of each cell; counted: True for cells that take part; cell: side of a cell (m).
+    """
     reach = max(0, round((SMOOTHING_SIDE_M / cell - 1) / 2))
 
     def box_sums(grid: np.ndarray) -> np.ndarray:
+        # sum over the square around each cell, from four corners of the sums over all cells before
         sums = np.pad(grid.astype(np.float64), reach)
         sums = np.pad(sums.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         side = 2 * reach + 1
@@ -255,6 +279,7 @@ def smooth(
 
 
 def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
+    # x and y (m) of the feet of mounts, in the order of their names
     mounts = {mount.name: mount.position[:2] for mount in site.mounts}
     missing = [name for name in names if name not in mounts]
     if missing:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MAX_VIEWS = 8  # pictures of a report
 VIEW_INCHES = 4.8  # width of a picture without its margins
 MIN_VIEW_INCHES = 1.0  # height of a picture without its title
-MAX_OFF_RAY = 0.02  # between a point's direction and the nearest ray, a chord of the unit sphere
+MAX_OFF_RAY = 0.02  # from a point's direction to the nearest ray, as a chord of the unit sphere
 NEAR_M = 3.0  # distance that is drawn lightest
 FAR_M = 100.0  # distance that is drawn darkest
 TITLE_INCHES = 0.3
@@ -31,10 +31,13 @@ TITLE_INCHES = 0.3
 def draw_sensor_views(
     site: Site, sensors: Sequence[Sensor], moments: Sequence[SceneMoment]
 ) -> list[str]:
-    """Draw what each sensor sees at the empty site, and its points on vehicles, as SVG.
+    """Draw what each sensor sees at the empty site, and its points on vehicles, as SVG texts.
 
-    sensors: the sensors of the moments' clouds, in order. The vehicles are those of the first
-    moment: points on detected vehicles are green, points on others red."""
+    There is one picture for each of the first `MAX_VIEWS` sensors. The vehicles are those of the
+    first moment: points on detected vehicles are green, points on others that count red.
+
+    site: site without vehicles; sensors: the sensors of the moments' clouds, in order; moments:
+    frames of traffic, empty for pictures without vehicles."""
     drawn_sensors = sensors[:MAX_VIEWS]
     backgrounds = Renderer(site, (), drawn_sensors).background
     moment = moments[0] if moments else None
@@ -50,6 +53,7 @@ def _draw_view(
     moment: SceneMoment | None,
     index: int,
 ) -> str:
+    # background: distances (m) at the empty site; index: number of the cloud in the moment
     rows, columns = background.shape
     height = max(VIEW_INCHES * rows / columns, MIN_VIEW_INCHES)
     with canvas.house_style():
@@ -67,6 +71,7 @@ def _draw_view(
         )
         if moment is not None:
             _mark_points(axes, sensor, moment, index)
+        # the left of the picture is the sensor's left; pixels have their centres at whole numbers
         sides = (columns - 0.5, -0.5) if _starts_right(sensor) else (-0.5, columns - 0.5)
         axes.set(xlim=sides, ylim=(rows - 0.5, -0.5))
         figure.text(
@@ -81,7 +86,9 @@ def _draw_view(
 
 
 def _starts_right(sensor: Sensor) -> bool:
-    """Return whether the first columns of the image show the sensor's right, as lidars' do."""
+    """Return True if the first columns of the image show the sensor's right, as lidars' do.
+
+    The middle row decides; y of the body frame points left."""
     rays = sensor.model.rays()
     middle = rays[rays.shape[0] // 2] @ sensor.model.body_SE3_sensor[:3, :3].T
     quarter = max(len(middle) // 4, 1)
@@ -89,7 +96,10 @@ def _starts_right(sensor: Sensor) -> bool:
 
 
 def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
-    """Return the lightness of each pixel: light near, dark far, white without a return."""
+    """Return the lightness of each pixel from 0 to 1: light near, dark far, white without a return.
+
+    It falls with the logarithm of the distance. background: distances (m), 0 or not finite without
+    a return."""
     measured = np.asarray(background, np.float64)
     has_return = np.isfinite(measured) & (measured > 0)
     distance = np.clip(np.where(has_return, measured, NEAR_M), NEAR_M, FAR_M)
@@ -98,6 +108,7 @@ def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray,
 
 
 def _mark_points(axes: "Axes", sensor: Sensor, moment: SceneMoment, index: int) -> None:
+    # draws the points on vehicles at the pixels whose rays are nearest to them
     cloud = moment.clouds[index]
     if not len(cloud):
         return

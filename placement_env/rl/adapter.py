@@ -27,9 +27,10 @@ HEADING_FEATURE = STATIC.index("cos heading")  # sine comes next
 
 
 def as_sb3(vector: gym.vector.VectorEnv[Any, Any, Any], *, augment: bool = False) -> "SB3VecEnv":
-    """Adapt a vector environment of `gymnasium.make_vec("coview/...")`.
+    """Adapt a vector environment of `gymnasium.make_vec("coview/...")` for Stable-Baselines3.
 
-    Raises ValueError for any other.
+    augment: agents see each junction rotated and mirrored at random. Raises ValueError for any
+    other vector environment.
     """
     native = vector.unwrapped
     if not isinstance(native, PlacementVectorEnv):
@@ -45,8 +46,16 @@ def vectorize(
 ) -> VecEnv:
     """Vector environment that steps n episodes of an environment and others like it together.
 
-    Coview's environments share their scenarios. Raises ValueError for `augment`, see `SB3VecEnv`,
-    with any other environment.
+    Coview's environments share their scenarios and are stepped as one; all others are stepped one
+    by one.
+
+    Args:
+        first: First environment, which decides on the kind.
+        make_env: Function that makes the others.
+        n: Number of environments.
+        augment: True to rotate and mirror junctions at random (`SB3VecEnv`).
+
+    Raises ValueError for `augment` with any other environment than coview's.
     """
     # neither wrapped nor inherited from
     is_native = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)
@@ -57,13 +66,12 @@ def vectorize(
             f"only junctions of our own environments can be augmented, got {first}: leave augment "
             "out"
         )
-    further = [lambda: Monitor(make_env())] * (n - 1)
+    further = [lambda: Monitor(make_env())] * (n - 1)  # each call makes a new environment
     return DummyVecEnv([lambda: Monitor(first), *further])
 
 
 class SB3VecEnv(VecEnv):
-    """Native vector environment for Stable-Baselines3, in which an ended episode restarts within
-    the step.
+    """Native vector environment for Stable-Baselines3; ended episodes restart within the step.
 
     Infos are empty until an episode ends; then they hold its return `r` and length `l` (`episode`),
     its final set (`subset`), `TimeLimit.truncated` and `terminal_observation`. augment: agents see
@@ -81,11 +89,15 @@ class SB3VecEnv(VecEnv):
         self._rotations = np.zeros((self.num_envs, 2, 2), np.float32)
 
     def reset(self) -> np.ndarray:
-        """Start all episodes, with the seeds of `seed` and the options of `set_options`."""
+        """Start all episodes and return their observations, one row each.
+
+        Seeds are from `seed`, options from `set_options`; both are used up. The first seed also
+        seeds the rotations of `augment`."""
         seeds = list(self._seeds)
         options = list(self._options)
         self._rng = np.random.default_rng(seeds[0])
         observations, _ = self.vector.reset(seed=seeds, options=options[0])
+        # one reset takes one set of options: rows with others are reset once more
         for row in range(self.num_envs):
             if options[row] == options[0]:
                 continue
@@ -104,7 +116,10 @@ class SB3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Info]]:
-        """Take the actions and return observations, rewards, ends and infos."""
+        """Take the kept actions; return observations, rewards, ends and infos, a row per episode.
+
+        The observation of an ended episode is the first of the next one; its last is in the info.
+        """
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         observations = self._as_seen(observations)
         self._returns += rewards
@@ -124,15 +139,18 @@ class SB3VecEnv(VecEnv):
         return observations, rewards, ended, infos
 
     def _start(self, rows: np.ndarray) -> None:
+        # rows: True for episodes that begin; each draws a new rotation if junctions are augmented
         self._returns[rows] = 0.0
         self._lengths[rows] = 0
         if self._augment:
             self._rotations[rows] = rotations(self._rng, int(rows.sum()))
 
     def _as_seen(self, observations: np.ndarray) -> np.ndarray:
+        # observations with each episode's junction rotated, as a copy
         if not self._augment:
             return observations
         seen = observations.copy()
+        # a view of `seen` with the axes episode, feature, slot
         features = seen[:, : -len(GLOBAL)].reshape(self.num_envs, -1, self.vector.task.state.slots)
         for first in (X_FEATURE, HEADING_FEATURE):
             features[:, first : first + 2] = self._rotations @ features[:, first : first + 2]
@@ -173,7 +191,7 @@ class SB3VecEnv(VecEnv):
 
 
 def rotations(rng: Rng, n: int) -> Float32[np.ndarray, "n 2 2"]:
-    """Draw rotations of the plane by multiples of 90°, half of them mirrored."""
+    """Draw n rotations of the plane by multiples of 90°, about half of them mirrored."""
     cosine, sine = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[rng.integers(0, 4, n)].T
     side = rng.choice([-1, 1], n)
     return np.array([[cosine, -sine * side], [sine, cosine * side]], np.float32).transpose(2, 0, 1)

@@ -17,10 +17,11 @@ FEATURES = len(STATIC) + len(DYNAMIC)
 
 
 class CandidateNetwork(nn.Module):
-    """Judge candidates by their features, the global features, and pooled outputs of the first
-    layer.
+    """Judge candidates by their features, the global features, and pooled outputs of a first layer.
 
-    The outputs are pooled by mean and maximum.
+    The first layer treats each candidate separately; its outputs are pooled over all candidates by
+    mean and maximum. slots: number of candidates of an observation, so actions are to place one of
+    them or to stop; width: units of each layer.
     """
 
     def __init__(self, slots: int, width: int) -> None:
@@ -39,10 +40,14 @@ class CandidateNetwork(nn.Module):
             nn.init.zeros_(parameter)  # at first all actions are equally likely
 
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits (n, slots + 1) and value features (n, width) of observations (n, size)."""
+        """Logits (n, slots + 1) and value features (n, width) of observations (n, size).
+
+        The last logit is for stopping. An observation holds one row of slots for each of `FEATURES`
+        features, then the global features."""
         distinct_rows, row_numbers = distinct(observations)
         slot_features = distinct_rows[:, : -len(GLOBAL)]
         global_features = distinct_rows[:, -len(GLOBAL) :]
+        # axes: row, slot, feature
         slot_features = slot_features.reshape(len(distinct_rows), FEATURES, -1).transpose(1, 2)
         hidden = torch.relu(self.of_each(slot_features) + self.of_whole(global_features)[:, None])
         pooled = self.pooled(torch.cat([hidden.mean(1), hidden.max(1).values], 1))
@@ -51,18 +56,19 @@ class CandidateNetwork(nn.Module):
         return logits[row_numbers], torch.relu(self.value(pooled))[row_numbers]
 
     def forward_actor(self, observations: Tensor) -> Tensor:
-        """Logits only."""
+        """Logits (n, slots + 1) only."""
         return self(observations)[0]
 
     def forward_critic(self, observations: Tensor) -> Tensor:
-        """Value features only."""
+        """Value features (n, width) only."""
         return self(observations)[1]
 
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Distinct rows (n, k) in order, and the number of each row.
+    """Distinct rows of (n, k) in the order of their first appearance, and the index of each row.
 
-    All episodes of a junction start with the same observation.
+    All episodes of a junction start with the same observation, so many rows are equal and are
+    computed once: `distinct_rows[indices]` are the rows again.
     """
     row_of_bytes: dict[bytes, int] = {}
     numbers = [row_of_bytes.setdefault(row.tobytes(), len(row_of_bytes)) for row in rows.numpy()]
@@ -71,7 +77,7 @@ def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class CandidatePolicy(MaskableActorCriticPolicy):
-    """sb3-contrib's policy with a `CandidateNetwork` as wide as `net_arch` begins."""
+    """sb3-contrib's policy with a `CandidateNetwork`, whose width is the first of `net_arch`."""
 
     def _build(self, lr_schedule: Schedule) -> None:
         self.mlp_extractor = CandidateNetwork(int(self.action_space.n) - 1, self.net_arch[0])  # type: ignore

@@ -28,8 +28,8 @@ from toolkit.sensors.sensor import Sensor
 if TYPE_CHECKING:
     from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-Watch = Callable[[list[Info]], None]
-Rounds = list[list[Any]]  # [steps, state of a search] each
+Watch = Callable[[list[Info]], None]  # called with the infos of each step, one per environment
+Rounds = list[list[Any]]  # [steps done, state of a search] each, the earliest first
 POLICY_FILE = "policy.pt"
 DEFAULT_STEPS = 50_000  # that `search` trains without a limit
 POLICY_EPISODES = 20  # episodes of the trained policy in a search
@@ -94,20 +94,31 @@ def search(
     """Best set that MaskablePPO meets while training on this objective, or in episodes after that.
 
     Every step counts as an evaluation; without a limit `DEFAULT_STEPS` are trained. Then the policy
-    plays `POLICY_EPISODES` episodes. checkpoint: keeps the policy, and the best set up to each
-    round.
+    plays `POLICY_EPISODES` episodes, which no limit stops.
+
+    Args:
+        objective: Objective to maximise.
+        budget: Largest number of sensors.
+        seed: Seed of training and episodes.
+        seconds: Time limit of the training, None for none.
+        evaluations: Most steps to train, None for no limit.
+        learning: Settings of the training.
+        checkpoint: Keeps the policy, and the best set up to each round.
+
+    Raises ValueError if poles must carry a sensor.
     """
     _check_poles(objective)
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
     limits = Limits(seconds, evaluations)
     best = 0.0
-    chosen = np.zeros(len(objective.candidates), np.bool_)
+    chosen = np.zeros(len(objective.candidates), np.bool_)  # the best set, of reward `best`
 
     def make_env() -> SensorSelectEnv:
         return SensorSelectEnv(objective=objective, budget=budget)
 
     def watch(infos: list[Info]) -> None:
         nonlocal best, chosen
+        # the return of an episode is the reward of its final set
         limits.count += len(infos)
         for info in infos:
             if "episode" in info and info["episode"]["r"] > best:
@@ -124,6 +135,7 @@ def search(
             chosen = objective.row(restored["chosen"])
 
         def note(done: int, _: float) -> None:
+            # adds the state after a round; the kept policy may be of an earlier one
             state = {
                 "limits": limits.state(),
                 "best": best,
@@ -153,7 +165,7 @@ def search(
 
 
 def _build_result(objective: Objective, best: Score, limits: Limits, note: str) -> Result:
-    """Return the result for the best set. note: on what the policy reaches."""
+    """Return the result of `search` for the best set. note: sentence on what the policy reaches."""
     certificate = Certificate("none", best.reward, note=note)
     origin = objective.describe_origin(best.subset)
     history = limits.history(best.reward)
@@ -174,10 +186,22 @@ def train_policy(
     """Train until `steps` environment steps are done in all, or `seconds` in this call, in whole
     rounds.
 
-    `out/policy.pt` is kept; called again with the folder, training resumes. progress: called with
-    the steps done and the mean return of the last 100 episodes, NaN before the first; watch: called
-    with the infos of each step. Raises ValueError without a limit and if `out` holds another
-    training, ImportError without the libraries.
+    `out/policy.pt` is kept; called again with the folder, training resumes. At least one limit is
+    needed.
+
+    Args:
+        make_env: Function that makes an environment.
+        out: Folder of the policy, made if missing.
+        steps: Steps to be done in all, earlier calls included; None for no limit.
+        seconds: Time of this call, None for no limit.
+        seed: Seed of all rounds.
+        learning: Settings of the training.
+        progress: Called after each round with the steps done and the mean return of the last 100
+            episodes, NaN before the first.
+        watch: Called with the infos of each step.
+
+    Raises ValueError without a limit and if `out` holds another training, ImportError without the
+    libraries.
     """
     from models.weight_files import read_checkpoint, save_atomically
 
@@ -192,6 +216,7 @@ def train_policy(
         model.num_timesteps = state["steps"]
 
     def callback(local: Info, _: object) -> bool:
+        # Stable-Baselines3 calls it with its local variables; False would end the training
         if watch is not None:
             watch(local["infos"])
         return True
@@ -209,6 +234,7 @@ def train_policy(
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
         number = model.num_timesteps // per_round  # seeds every generator and environment
+        # `>> 1` leaves 31 of 32 bits: a seed that fits a signed number
         model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
         model.set_env(model.get_env(), force_reset=True)  # type: ignore[arg-type]
         model.learn(per_round, callback=callback, reset_num_timesteps=False)
@@ -223,9 +249,12 @@ def train_policy(
 
 
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
-    """State of a search up to the round of the kept policy; later rounds are dropped.
+    """State of a search after the round of the kept policy, None to begin from the start.
 
-    Without such a round the policy is removed.
+    Later rounds are dropped from `rounds`, which changes. Without a state for the policy's round,
+    all rounds and the policy are removed, because one is of no use without the other.
+
+    folder: folder of `POLICY_FILE`; rounds: steps done and state after each round.
     """
     from models.weight_files import read_checkpoint
 
@@ -249,7 +278,12 @@ def rollout(
 ) -> Result:
     """Best set that a policy meets in some episodes from the same reset.
 
-    The first episode takes the likeliest actions.
+    The first episode takes the likeliest actions, the others draw them from the policy. Every step
+    counts as an evaluation, and its set competes. The result has the sensors of the best set if the
+    environment is coview's.
+
+    policy: model with `predict`; seed: for the reset and the drawn actions; options: for the
+    reset. Raises ValueError for fewer than one episode.
     """
     import torch
 
@@ -289,6 +323,7 @@ def rollout(
 
 
 def _score(info: Info) -> Score:
+    # score of the set after a step, from its info; `subset` holds booleans or indices
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
     members = np.flatnonzero(subset) if subset.dtype == bool else subset
@@ -300,7 +335,7 @@ def _score(info: Info) -> Score:
 
 
 def _has_masks(env: AnyEnv) -> bool:
-    """True if the environment has action masks that MaskablePPO takes."""
+    """True if the environment has action masks of a kind that MaskablePPO takes."""
     is_discrete = isinstance(
         env.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete | gym.spaces.MultiBinary
     )
@@ -310,7 +345,10 @@ def _has_masks(env: AnyEnv) -> bool:
 def _model(
     make_env: Callable[[], AnyEnv], learning: Learning, seed: int
 ) -> "tuple[OnPolicyAlgorithm, Mapping[str, object]]":
-    """Untrained model, and the settings that two trainings must share to be the same."""
+    """Untrained model, and the settings that two trainings must share to be the same.
+
+    The settings are kept with the policy and compared when training resumes. make_env: function
+    that makes an environment, called for each of `Learning.envs`; seed: for the first weights."""
     try:
         from sb3_contrib import MaskablePPO
         from stable_baselines3 import PPO

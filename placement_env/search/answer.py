@@ -58,13 +58,16 @@ CURVE_COLUMNS = (
 
 
 def check_georeference(site: Site) -> None:
-    """Check the site's georeference before hours of search. Raises the errors of
-    `longitude_latitude`."""
+    """Raise the errors of `longitude_latitude` for a site with an unusable georeference.
+
+    An answer is written in longitude and latitude, so this is checked before hours of search."""
     longitude_latitude(site, np.zeros((1, 2)))
 
 
 def answer_files(order: SearchOrder) -> tuple[str, ...]:
-    """Names of the files that the answer to an order may have. A curve has one site per set."""
+    """Names of the files that the answer to an order may have.
+
+    A curve has one site per set: per number of sensors, or per amount if money is limited."""
     if not order.curve:
         return ANSWER_FILES
     max_sites = order.budget if math.isinf(order.setting.most_price) else MAX_AMOUNTS
@@ -74,7 +77,8 @@ def answer_files(order: SearchOrder) -> tuple[str, ...]:
 def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
     """Write all of an answer's files into a folder, or none. Return a line that names them.
 
-    Raises ValueError if no sensor is to be built, or the objective has no site.
+    order: the order that is answered, which decides between a curve and one set. Raises ValueError
+    if no sensor is to be built, or the objective has no site.
     """
     if not answer.met or answer.objective.site is None:
         raise ValueError(
@@ -121,8 +125,10 @@ def kbit_per_frame(
 ) -> Float64[np.ndarray, "sensors frames"]:
     """kbit that each sensor of a set sends per frame of the objective's traffic.
 
-    moved: new poses of the sensors. If the scheme sends boxes, a sensor is assumed to send one for
-    each object that it sees with `LEAST` points.
+    If the scheme sends boxes, a sensor is assumed to send one for each object that it sees with
+    `LEAST` points. Raises ValueError for an objective without a site.
+
+    members: indices of the candidates; moved: the sensors in new poses, in place of the members'.
     """
     preparation = objective.preparation
     if preparation is None:
@@ -142,10 +148,10 @@ def kbit_per_frame(
 
 
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
-    """Table with one line per set; `money` is empty if the curve is over numbers of sensors.
+    """Table of a budget curve as text of a CSV file, with one line per set.
 
-    If there are several error profiles, `CURVE_COLUMNS` are followed by AP, low and high of
-    each."""
+    `money` is empty if the curve is over numbers of sensors. If there are several error profiles,
+    `CURVE_COLUMNS` are followed by AP, low and high of each."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     header = list(CURVE_COLUMNS)
@@ -175,6 +181,7 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
 
 
 def _figure_cell(figure: float) -> str:
+    # NaN, such as an interval on too few frames, is an empty cell
     return "" if math.isnan(figure) else f"{figure:.6f}"
 
 
@@ -185,10 +192,12 @@ def _site_file(n: int) -> str:
 def draw_curve(
     points: Sequence[CurvePoint], out: Path | str, *, judge: str, currency: str = ""
 ) -> None:
-    """Write the picture of a budget curve as PNG or SVG, by suffix. judge: fidelity that measured
-    the AP.
+    """Write the picture of a budget curve as PNG or SVG, by suffix.
 
-    The line goes through the sets that pay; other sets are hollow, and crosses show predictions.
+    AP is over the price, or over the number of sensors if no point has an amount of money. The line
+    goes through the sets that pay; other sets are hollow, and crosses show predictions.
+
+    judge: name of the fidelity that measured the AP; currency: "" for ordinary poles.
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator

@@ -46,7 +46,9 @@ class Answer:
 
 
 def report_result(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
-    """Return the figures of one search for JSON, and its lines of text."""
+    """Return the figures of one search as JSON values, and its lines of text.
+
+    The figures may still have infinite numbers and NaN, which JSON lacks."""
     best = result.best
     assessment = result.assessment
     sensors = describe_sensors(list_names(objective, best.subset), result.sensors, objective.site)
@@ -80,7 +82,7 @@ def report_result(objective: Objective, result: Result) -> tuple[Summary, list[s
 def report_curve(
     order: SearchOrder, objective: Objective, points: tuple[CurvePoint, ...]
 ) -> Answer:
-    """Return the points of a budget curve as an answer."""
+    """Return the points of a budget curve as an answer; without points it is not met."""
     point_names = [set_names(objective.candidates, point.subset) for point in points]
     rows = []
     for point, names in zip(points, point_names, strict=True):
@@ -126,7 +128,9 @@ def list_names(objective: Objective, subset: Iterable[int]) -> list[str]:
 
 
 def state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None) -> Summary:
-    """Error profiles of the detections, empty without detection. by_errors: AP at each profile."""
+    """Error profiles of the detections for JSON, empty if the detector scores nothing.
+
+    by_errors: AP at each profile by its name, added if there are several."""
     if not order.detects:
         return {}
     errors: Summary = {"errors": order.setting.cases.errors_origin}

@@ -31,7 +31,9 @@ KeptState = dict[str, Any]  # values of JSON, and arrays
 class Checkpoint:
     """State of one stage of a search.
 
-    folder: None to keep nothing; depends_on: question and code; every: seconds between two states.
+    folder: folder of all stages, None to keep nothing; depends_on: digest of question and code, as
+    a state is valid only for the same ones; part: name of the stage; every: seconds between two
+    states.
     """
 
     def __init__(
@@ -47,16 +49,19 @@ class Checkpoint:
         self._part = part
         self.every = every
         self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"
-        self._saved = time.monotonic()
+        self._saved = time.monotonic()  # time of the last state
 
     @cached_property
     def _key(self) -> bytes:
+        # signs states of this stage: what they depend on, and the folder's secret
         return make_key(self._depends_on.hex(), self._part) + read_secret(
             self._path.with_name(f"secret{STATE_SUFFIX}")
         )
 
     def part(self, name: str) -> "Checkpoint":
-        """Checkpoint of a stage within this one."""
+        """Checkpoint of a stage within this one, in the same folder.
+
+        name: distinguishes the stages of this one."""
         return Checkpoint(
             self.folder, depends_on=self._depends_on, part=f"{self._part}.{name}", every=self.every
         )
@@ -66,11 +71,12 @@ class Checkpoint:
         return None if self.folder is None else self.folder / f"{self._part}.{name}{STATE_SUFFIX}"
 
     def load(self) -> KeptState | None:
-        """Last saved state; None if no valid state exists."""
+        """Last saved state; None if no valid state exists. Its arrays may be changed."""
         if self.folder is None or not self._path.exists():
             return None
         if not (arrays := decode_arrays(self._key, self._path.read_bytes())):
             return None
+        # the first array is JSON: names of the other arrays, and all other values
         names, values = json.loads(arrays[0].tobytes())
         return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
 
@@ -85,7 +91,9 @@ class Checkpoint:
         self._saved = time.monotonic()
 
     def offer(self, state: Callable[[], KeptState]) -> None:
-        """Save what `state` returns, unless one was saved just before."""
+        """Save what `state` returns, unless one was saved in the last `every` seconds.
+
+        `state` is called only if it is saved."""
         if self.folder is not None and time.monotonic() - self._saved >= self.every:
             self.save(state())
 
@@ -94,7 +102,10 @@ NOWHERE = Checkpoint(None)
 
 
 def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder:
-    """Folder of an unfinished search, with its question as JSON values."""
+    """Folder of an unfinished search, with its question as JSON values.
+
+    The folder need not exist. The question takes a round through JSON, so that it equals what the
+    folder holds: tuples become lists, for example."""
     return ShardFolder(folder, json.loads(json.dumps(replace_infinite(dict(question)))))
 
 
@@ -104,8 +115,9 @@ def open_checkpoint(
 ) -> Iterator[Checkpoint]:
     """Yield the checkpoint of a search in a separate folder, removed when the block ends normally.
 
-    code: module of the search. Raises FileExistsError if the folder holds an unfinished search with
-    another question and may not be overwritten, or if another process is working in it.
+    question: everything that the answer depends on; code: name of the module of the search, whose
+    changed source makes old states void. Raises FileExistsError if the folder holds an unfinished
+    search with another question and may not be overwritten, or if another process is working in it.
     """
     shards = find_unfinished(folder, question)
     with shards.lock():

@@ -50,8 +50,9 @@ def search(
 ) -> Result:
     """Greedy's set with turned, tilted and lifted sensors.
 
-    `Result.best` names the candidates that the sensors come from. The limits hold for the moved
-    sets, seconds for both stages; checkpoint: see `improve`. If no sensor pays, that is the answer.
+    `Result.best` names the candidates that the sensors come from. The limit of scored sets holds
+    for the moved sets, seconds for greedy and moving together; checkpoint: keeps the costs of all
+    steps. If no sensor pays, the empty set is the answer.
     Poses seen in panoramas are scored by rays in the end; the answer is the start if that is
     better. Raises ValueError for an objective without a site, and for several IoU thresholds,
     failures or levels of traffic.
@@ -94,7 +95,10 @@ def search(
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
-    """Better one of a result and its start, scored exactly."""
+    """Better one of a result and its start, both scored by `score_poses`.
+
+    score_poses: exact scorer, by rays; start: sensors before they were moved. A moved set that may
+    not be built by the exact score is worse."""
     before, after = score_poses([start.sensors, result.sensors])
     if after is None or (before is not None and before.reward >= after.reward):
         result = replace(result, sensors=start.sensors)
@@ -113,8 +117,9 @@ def improve(
 ) -> Result:
     """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    start: sensors on separate mounts; checkpoint: keeps the costs of all steps. Without a limit
-    `DEFAULT_VECTORS` are scored. The answer is never worse than the start, which is scored first.
+    score_poses: scorer of sets of sensors in any poses; start: sensors on separate mounts;
+    checkpoint: keeps the costs of all steps. Without a limit `DEFAULT_VECTORS` are scored. The
+    answer is never worse than the start, which is scored first.
     When the search has settled, it restarts at the best with twice the population.
     `Result.best.subset` only counts the sensors. Raises ValueError without a sensor, if two share a
     mount or if the start may not be built, and ImportError without `cma`.
@@ -132,7 +137,7 @@ def improve(
         "randn": lambda *shape: rng.standard_normal(shape),
         "verbose": -9,
     }
-    size = 4 + int(3 * np.log(len(climb.vector)))
+    size = 4 + int(3 * np.log(len(climb.vector)))  # usual population for this many dimensions
     while climb.continues:
         options = {**coding.options(), **generator_options, "popsize": size}
         strategy = cma.CMAEvolutionStrategy(climb.vector, INITIAL_SPREAD, options)
@@ -150,7 +155,7 @@ def improve(
 
 
 def _check_start(start: Candidates) -> None:
-    """Raise ValueError without a sensor, or if two share a mount."""
+    """Raise ValueError without a sensor, or if a mount has more sensors than places."""
     mount_counts = np.bincount(start.mount, minlength=len(start.mounts))
     if not len(start) or (mount_counts > start.places).any():
         mounts = np.unique(start.mount).size
@@ -205,6 +210,7 @@ class _Climb:
         """Score the vectors that the strategy asks for, and keep the best.
 
         strategy: a `cma.CMAEvolutionStrategy`."""
+        # asked even if costs are saved: the strategy must draw the same random numbers
         vectors = strategy.ask()
         sets = [self._coding.decode(vector) for vector in vectors]
         if self._saved_costs:
@@ -250,13 +256,17 @@ class _Climb:
 def build_pose_scorer(
     preparation: Preparation, weights: Weights = NO_COSTS, *, live: TrafficView | None = None
 ) -> PoseScorer:
-    """Scorer of sets by the preparation's fidelity, None for sets that do not fit.
+    """Function that scores sets of sensors in any poses by the preparation's fidelity.
 
-    live: panoramas, None for rays.
+    It returns a score for each set, None for a set that may not be built. All sensors of a call are
+    measured together.
+
+    weights: costs in the reward; live: panoramas to measure from, None to cast rays.
     """
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
+        # the sensors of all sets become the candidates; each set has a run of them
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:
@@ -271,7 +281,7 @@ def build_pose_scorer(
         objective = Objective.from_view(preparation, candidates, seen, weights)
         owner = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
         subsets = owner == np.arange(len(sets))[:, None]
-        objective.scores(subsets)
+        objective.scores(subsets)  # all sets in one batch; `score` below finds them kept
         rows = zip(subsets, objective.feasible(subsets), strict=True)
         return [
             objective.score(np.flatnonzero(row).tolist()) if fits else None for row, fits in rows
@@ -281,7 +291,10 @@ def build_pose_scorer(
 
 
 def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
-    """Any sensors as numbered candidates on the mounts with the nearest feet, seen from above."""
+    """Any sensors as numbered candidates on the mounts with the nearest feet, seen from above.
+
+    Their number precedes their name, because names of candidates must differ. pool: has the mounts.
+    """
     feet = np.array([mount.position[:2] for mount in pool.mounts])
     spots = np.array([sensor.position[:2] for sensor in sensors])
     mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
@@ -298,7 +311,16 @@ def angles(sensor: Sensor) -> tuple[float, float, float]:
 
 
 class Coding:
-    """Conversion of sets of sensors to vectors and back. Each sensor keeps its model and mount."""
+    """Conversion of sets of sensors to vectors and back. Each sensor keeps its model and mount.
+
+    A vector has three numbers for each sensor: lift, 0 to 1 in the range of heights of its mount;
+    turn, in half turns from its first heading; tilt, 0 to 1 in `TILT_RANGE_RAD`.
+
+    Attributes:
+        start: Sensors before they are moved.
+        feet: Foot of each mount (m), with the columns x, y, z.
+        heights: Lowest and highest place of a sensor above the foot of each mount (m).
+    """
 
     def __init__(self, start: Candidates) -> None:
         self.start = start
@@ -306,7 +328,7 @@ class Coding:
         self.heights = np.array([[mount.min_height, mount.max_height] for mount in start.mounts])
 
     def encode(self) -> Float64[np.ndarray, " n"]:
-        """Vector of the start."""
+        """Vector of the start, with values outside the ranges moved to their ends."""
         foot_height = self.feet[self.start.mount][:, 2]
         low, high = self.heights[self.start.mount].T
         poses = np.array([angles(sensor) for sensor in self.start.sensors])
@@ -321,7 +343,7 @@ class Coding:
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
-        """Sensors of a vector."""
+        """Sensors in the poses of a vector, in the order of the start."""
         sensors = []
         rows = vector.reshape(len(self.start), -1)
         for n, sensor in enumerate(self.start.sensors):
@@ -336,6 +358,7 @@ class Coding:
 
     def options(self) -> dict[str, object]:
         """Bounds as `cma` takes them. All values except the headings are bounded."""
+        # lift, turn and tilt of each sensor: lower bounds, then upper ones
         return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 
 

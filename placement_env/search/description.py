@@ -24,9 +24,12 @@ MIN_LEVEL_OBJECTS = 100  # a level of traffic with fewer objects gets a warning
 def describe_sensors(
     names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None
 ) -> list[str]:
-    """Names of sensors, with any new positions (m) and directions (degrees).
+    """Lines with the names of sensors, and any new positions (m) and directions (degrees).
 
     Directions are compass bearings at a site, otherwise headings from +x.
+
+    names: names of the candidates; moved: the same sensors in new poses, empty if they stay; site:
+    None for sensors without one.
     """
     if not moved:
         return list(names)
@@ -49,7 +52,9 @@ def describe_sensors(
 
 
 def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
-    """Describe each sensor of a set: its name, model, height and direction."""
+    """Lines on each sensor of a set: its name, model, height above the mount's foot, direction.
+
+    subset: indices of the candidates."""
     candidates = objective.candidates
     site = objective.site
     sensors = [candidates.sensors[c] for c in subset]
@@ -72,14 +77,17 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
 def describe_estimate(
     figure: Assessment | CurvePoint | Contender | ProfileAP, fidelity: str, objects: int
 ) -> str:
-    """AP or coverage of a set with its interval, in as many decimals as the objects support."""
+    """AP or coverage of a set with its interval, in as many decimals as the objects support.
+
+    figure: has `ap`, `low` and `high`; fidelity: name of what measured it; objects: their number.
+    """
     interval = describe_interval(figure.low, figure.high, figure_digits(objects))
     name = "coverage" if fidelity == "coverage" else "AP"
     return f"{name} {format_share(figure.ap, objects)} ({interval})"
 
 
 def describe_score(score: Score) -> str:
-    """Figures of a set in one line."""
+    """Figures of a set in one line: AP or coverage, also by class if several, recall and costs."""
     by_class = (
         ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items())
         if len(score.class_ap) > 1
@@ -97,7 +105,7 @@ def describe_score(score: Score) -> str:
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
-    """Lines on the assessment of the answer and of each search's answer."""
+    """Lines on the assessment of the answer, and of each search's answer if it was assessed."""
     fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
     objects = assessment.objects
     rivals = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
@@ -132,7 +140,7 @@ def describe_assessment(assessment: Assessment) -> list[str]:
 
 
 def describe_profiles(by_errors: Sequence[ProfileAP], objects: int) -> str:
-    """AP at each error profile separately."""
+    """AP at each error profile separately, in words. objects: number of objects in the frames."""
     return ", ".join(
         f"{profile.name} {describe_estimate(profile, 'detector', objects)}" for profile in by_errors
     )
@@ -147,7 +155,7 @@ def describe_by_errors(by_errors: Mapping[str, float]) -> list[str]:
 def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     """Lines on a surrogate's standard error for a set, and warnings about extrapolation.
 
-    Empty for other fidelities."""
+    Empty for other fidelities. subset: indices of the candidates, empty for the empty set."""
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []

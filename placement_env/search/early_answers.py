@@ -12,7 +12,9 @@ MIN_GAIN_AP = 0.001  # smallest improvement that is reported during the search
 
 
 def find_first_answer(order: SearchOrder, preparation: Preparation) -> Score:
-    """Report greedy's answer on the first frames and return its score there."""
+    """Return the score of greedy's answer on the first frames, and report it (`SearchOrder.tell`).
+
+    preparation: first frames of the search with the order's candidates."""
     objective = Objective.from_view(
         preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
     )
@@ -27,7 +29,10 @@ def find_first_answer(order: SearchOrder, preparation: Preparation) -> Score:
 
 
 class BetterReport:
-    """Report each better set: first by its prediction, then the leader of the race."""
+    """Report each better set: first by its prediction, then the leader of the race.
+
+    An objective calls it as `Objective.watch`. first: score of the first answer, which was
+    reported; tell: called with each line of text."""
 
     def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
         self._objective = objective
@@ -38,7 +43,8 @@ class BetterReport:
     def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
         """Report a set unless it is the last one, or too little better.
 
-        raced: frames of the race so far, 0 before it."""
+        subset: indices of its candidates; reward: by the objective, or in the race; raced: frames
+        of the race so far, 0 before it."""
         if subset == self._last or (not raced and reward < self._reward + MIN_GAIN_AP):
             return
         self._last = subset

@@ -11,7 +11,9 @@ from toolkit.arrays import Bool
 
 
 def describe_empty(objective: Objective) -> str:
-    """Likely reasons for an empty answer, with remedies."""
+    """Likely reason for an empty answer, with its remedy, to follow a colon.
+
+    Links are checked first, then whether any single sensor detects something, and pays."""
     linked = objective.linked
     if not linked.any():
         frames = describe_share(objective.setting.link_share)
@@ -38,12 +40,13 @@ def describe_empty(objective: Objective) -> str:
 
 
 def check_present(objective: Objective) -> None:
-    """Raise ValueError if a counted class has no objects."""
+    """Raise ValueError if a counted class has no objects in the objective's traffic."""
     classes = objective.classes
     visibility = objective.visibility
     if visibility is not None:
         is_present = [bool((visibility.labels == label).any()) for label in classes.labels]
     else:
+        # without objects the AP of a class is NaN, for any set
         everything = np.ones((1, len(objective.candidates)), np.bool_)
         is_present = (~np.isnan(objective.class_ap(everything)[0])).tolist()
     rows = zip(classes.names, is_present, strict=True)
@@ -56,8 +59,13 @@ def check_present(objective: Objective) -> None:
 def describe_exclusions(
     objective: Objective, max_kbit: float | None = None, currency: str = ""
 ) -> tuple[str, ...]:
-    """Sentences on what excludes candidates: how many, and the requirement that is closest to being
-    met."""
+    """Sentences on what excludes candidates: links, the limit of kbit, the price.
+
+    Each has the number of excluded candidates and the one that is closest to fitting. Empty if
+    nothing is excluded.
+
+    max_kbit: most kbit per frame that one sensor may send, None for any number; currency: "" for
+    prices of one ordinary pole."""
     candidates = objective.candidates
     loads = objective.loads
     linked = objective.linked
@@ -92,12 +100,13 @@ def explain_kept(
     max_kbit: float = math.inf,
     currency: str = "",
 ) -> tuple[str, ...]:
-    """Sentences on why the poles that must carry a sensor cannot all have one.
+    """Sentences on why the poles that must carry a sensor cannot all have one; empty if they can.
 
-    is_allowed: candidates that may be built.
+    is_allowed: candidates that may be built; max_kbit: most kbit per frame that one sensor may
+    send; currency: "" for prices of one ordinary pole.
     """
     candidates = objective.candidates
-    min_price = 0.0
+    min_price = 0.0  # one sensor on each such pole
     reasons = list[str]()
 
     def cost(amount: float) -> str:
@@ -134,7 +143,7 @@ def explain_kept(
 
 
 def describe_money(amount: float, currency: str) -> str:
-    """Amount of money in words."""
+    """Amount of money in words. currency: "" for an amount in prices of one ordinary pole."""
     if currency:
         return f"{round(amount, 2):,.10g} {currency}"
     return f"the price of {round(amount, 2):g} ordinary {'pole' if amount == 1 else 'poles'}"

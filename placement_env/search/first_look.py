@@ -30,14 +30,21 @@ SPACING_GROWTH = 1.2  # growth of the squares until few enough poles are left
 
 
 def prepare_first_look(setting: Setting, run: Run, stride: int = 1) -> Preparation:
-    """Prepare the first frames of a search."""
+    """Prepare the first `LOOK_FRAMES` frames of a search's traffic.
+
+    The traffic is the same as in the search; here it is simulated without reports of progress.
+
+    setting: question with the candidates to look at; stride: step between frames that count."""
     full = Preparation(setting, replace(run, progress=None), stride)
     first = Preparation(setting, full.run, stride)
     return first.with_traffic(full.traffic.part(0, LOOK_FRAMES))
 
 
 def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray, " n"] | None:
-    """Searched candidates of a large pool, ascending; None for all of a smaller one."""
+    """Indices of the candidates to search in a large pool, ascending; None for all of a small one.
+
+    setting: has the pool and the poles that must stay; run: seed and frames of the search; stride:
+    step between frames that count."""
     pool = setting.pool
     if len(pool) <= MAX_POSES:
         return None
@@ -55,11 +62,12 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     distance = np.hypot(*(feet - middle).T)
     mounts = np.unique(pool.mount)
     required = pool.find_mounts(setting.keep)
+    # required mounts first, then by distance from the middle of the area
     order = mounts[np.lexsort((distance[mounts], ~np.isin(mounts, required)))]
     side = MIN_SPACING_M
     while len(order) > MAX_POLES:
         cells = np.floor(feet[order] / side).astype(np.int64)
-        nearest = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+        nearest = np.sort(np.unique(cells, axis=0, return_index=True)[1])  # first of each square
         order = np.union1d(order[nearest], np.intersect1d(order, required))
         order = order[np.lexsort((distance[order], ~np.isin(order, required)))]
         side *= SPACING_GROWTH
@@ -67,7 +75,9 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
 
 
 def _choose_seeing(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
-    """Candidates that see most at the first look, ascending; None for all."""
+    """Indices of the candidates that see most at the first look, ascending; None for all.
+
+    All stay if they are few enough, or if none may be built."""
     pool = first_look.setting.pool
     setting = first_look.setting
     if len(pool) <= MAX_POSES:
@@ -85,7 +95,9 @@ def _choose_seeing(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
 
 
 def _score_alone(first_look: Preparation) -> Float64[np.ndarray, " C"]:
-    """Score of each single candidate as in `PointCount`, row by row to save memory."""
+    """Score of each single candidate as in `PointCount`, row by row to save memory.
+
+    It is the sum of log(1 + points) over the objects, with at most `ENOUGH_POINTS` on each."""
     return np.array(
         [
             np.log1p(np.minimum(row, ENOUGH_POINTS)).sum(dtype=np.float64)
@@ -97,7 +109,13 @@ def _score_alone(first_look: Preparation) -> Float64[np.ndarray, " C"]:
 def _choose_poses(
     pool: Candidates, score: Float64[np.ndarray, " C"], required: Int64[np.ndarray, " k"]
 ) -> Int64[np.ndarray, " n"]:
-    """Poses with the highest scores, ascending. required: mounts that must carry a sensor."""
+    """Indices of the poses with the highest scores, ascending, at most `MAX_POSES`.
+
+    The best `MAX_POLES` mounts take part, with their best `MIN_POSES_ON_POLE` poses before all
+    other poses.
+
+    score: one for each pose, -inf if it may not be built; required: mounts that must carry a
+    sensor, which always take part."""
     best = np.full(len(pool.mounts), -math.inf)
     np.maximum.at(best, pool.mount, score)
     best[required] = math.inf
@@ -105,6 +123,7 @@ def _choose_poses(
     order = np.lexsort((-score, pool.mount))
     first = np.unique(pool.mount[order], return_index=True)[1]
     rank = np.empty(len(pool), np.int64)
+    # rank of each pose on its mount, 0 for the best: its place in `order` less the mount's first
     rank[order] = np.arange(len(pool)) - np.repeat(first, np.diff(np.append(first, len(pool))))
     poses = np.flatnonzero(np.isin(pool.mount, mounts) & np.isfinite(score))
     is_surplus = rank[poses] >= MIN_POSES_ON_POLE
@@ -113,7 +132,7 @@ def _choose_poses(
 
 
 def describe_narrowing(pool: Candidates, chosen: Int64[np.ndarray, " n"]) -> str:
-    """Sentence on how many poses of a large pool are searched."""
+    """Sentence on how many poses of a large pool are searched. chosen: indices of these poses."""
     poles = describe_count(len(np.unique(pool.mount)), "pole")
     poses = describe_count(len(pool), "pose")
     chosen_poles = describe_count(len(np.unique(pool.mount[chosen])), "pole")

@@ -56,7 +56,7 @@ class HalvedViews:
     object.
 
     Submodular. Each further view counts half of the one before, so sensors that add no object still
-    spread their views.
+    spread their views. It is a fidelity for greedy: called with sets, it returns an estimate.
     """
 
     name = "halved views"
@@ -77,8 +77,11 @@ def with_first_sensors(
 ) -> FirstSensors:
     """Replace a site's sensors by `count` on its mounts, fewer if no more fit or see a vehicle.
 
-    models, tilts: as in `pool`. Raises ValueError for a count below 1, and for a site without
-    mounts, poses or vehicles.
+    The sensors are chosen by greedy among poses at `FIRST_HEIGHT_M` on simulated traffic.
+
+    models: sensor models to choose from, the paper's camera by default, with prices if it is a
+    dictionary; tilts: rad below the horizon. Raises ValueError for a count below 1, and for a site
+    without mounts, poses or vehicles.
     """
     check_whole("number of sensors", count, least=1)
     candidates = pool(

@@ -39,9 +39,17 @@ def search(
 ) -> Result:
     """Best set on greedy's way; the first of equal candidates is taken, `seed` is not used.
 
-    submodular: True if a custom fidelity is known to be monotone submodular, None to check for
-    coverage by one view. The answer then has a certificate, for C more sets, unless a gain grew
-    during the search."""
+    A submodular objective gives the answer a bound as certificate, for which C more sets are
+    scored, unless a gain grew during the search.
+
+    Args:
+        objective: Objective to maximise.
+        budget: Largest number of sensors.
+        seed: Not used; all searches have it.
+        seconds: Time limit, None for none.
+        evaluations: Most sets to score, None for no limit.
+        submodular: True if a custom fidelity is known to be monotone submodular, None to check for
+            coverage by one view."""
     progress = Progress(objective, budget, seconds, evaluations)
     members, rise = grow(progress)
     prices = objective.candidates.prices
@@ -68,16 +76,21 @@ def grow(
     *,
     start: Sequence[int] = (),
 ) -> tuple[list[int], float]:
-    """Greedy's candidates in order, as many as fit and the limits allow, and the largest rise of a
-    gain.
+    """Greedy's candidates in order, as many as fit and the limits allow, and the largest rise.
 
-    prices: the candidates', to take the greatest gain per price; None for the greatest gain;
-    start: first candidates.
+    A gain is the reward that a candidate adds to the set so far. It rises if it adds more to a
+    larger set, which no submodular objective does; the rise is in reward, 0 if no gain rises.
+
+    Args:
+        progress: Scores sets and keeps the best one, which may be smaller than the last.
+        prices: Price of each candidate, to take the greatest gain per price; None for the greatest
+            gain.
+        start: Candidates that are in the set from the start.
     """
     members = list(start)
     reward = 0.0
     rise = 0.0
-    gains = np.full(progress.size, np.inf)
+    gains = np.full(progress.size, np.inf)  # last known gain of each candidate
     while len(members) < progress.budget:
         options = np.flatnonzero(progress.objective.next_allowed(members))
         rewards = progress.rewards(add_each(members, options, progress.size))
@@ -104,6 +117,7 @@ def search_by_races(
 ) -> Result:
     """Greedy set whose candidates race for each place (`Objective.race`), for the slow detector.
 
+    In each step the possible next sets are scored on more and more frames, and bad ones drop out.
     Evaluations count sets on all frames, rounded up; limits are checked between races. Raises
     ValueError for a fidelity that cannot score some of the frames.
     """
@@ -116,6 +130,7 @@ def search_by_races(
         sets = add_each(members, options, progress.size)
         race = objective.race(sets, seed=seed)
         winner = int(race.winners[0])
+        # less the winner, which the next line scores on all frames and counts
         progress.limits.count += math.ceil(len(sets) * race.spent / race.full) - 1
         progress.rewards(sets[winner][None])
         members.append(int(options[winner]))
@@ -136,7 +151,10 @@ def is_submodular(objective: Objective) -> bool:
 
 
 def guarantee(objective: Objective) -> float:
-    """Share of the optimum that greedy reaches for monotone submodular objectives without costs."""
+    """Share of the optimum that greedy reaches for monotone submodular objectives without costs.
+
+    1 - 1/e if every allowed candidate has a separate mount, 1/2 if candidates share mounts, 0 if
+    they share links or if poles must carry a sensor."""
     if len(objective.kept):
         return 0.0
     mount = objective.candidates.mount[objective.allowed([])]
@@ -148,7 +166,10 @@ def guarantee(objective: Objective) -> float:
 def online_bound(progress: Progress, members: list[int]) -> float:
     """Upper bound on the AP and reward of any feasible set, if AP is monotone submodular.
 
-    Infinite if the limits stop it."""
+    It is the AP of `members` and the largest gains of `budget` further candidates, of which each
+    mount gives as many as it carries (Leskovec et al. 2007). Infinite if the limits stop it.
+
+    members: greedy's set; any set gives a bound."""
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
     subsets = np.vstack(
@@ -170,8 +191,8 @@ def online_bound(progress: Progress, members: list[int]) -> float:
 def certify(progress: Progress, members: list[int], ratio: float, rise: float) -> Certificate:
     """Greedy's certificate for a monotone submodular objective.
 
-    ratio: guaranteed share of the optimum, void under cost weights; rise: largest observed rise of
-    a gain.
+    members: greedy's set, from which the bound is computed; ratio: guaranteed share of the optimum,
+    void under cost weights; rise: largest observed rise of a gain, which disproves submodularity.
     """
     costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
     if rise > GAIN_TOLERANCE and not costs:

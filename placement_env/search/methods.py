@@ -50,15 +50,18 @@ METHODS: dict[str, Method] = {
 
 
 def load_search(method: str) -> Callable[..., Result]:
-    """Search of that name, called with an objective and a budget."""
+    """Function of a search, called with an objective and a budget. method: key of `METHODS`."""
     entry = METHODS[method]
     return getattr(import_module(entry.module), entry.function)
 
 
 def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False) -> str:
-    """Default search method.
+    """Name of the default search method for a fidelity.
 
-    Greedy is used if an answer is verified, or if scoring a set takes a detector."""
+    Greedy is used if an answer is verified, or if scoring a set takes a detector.
+
+    fidelity: name of the searched fidelity; verify: True if another fidelity scores the answer;
+    at_least: True if the cheapest set with some AP is sought."""
     if at_least:
         return "cheapest"
     if fidelity == "table":

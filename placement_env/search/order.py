@@ -95,7 +95,9 @@ class SearchOrder:
 
     @property
     def fidelity(self) -> FidelityName:
-        """Fidelity that is searched."""
+        """Name of the fidelity that the search scores sets by.
+
+        Raises ValueError for a setting with a fidelity of its user in place of a name."""
         if not isinstance(self.setting.fidelity, str):
             raise ValueError(
                 f"a search is ordered by the name of a fidelity, got {self.setting.fidelity!r}"
@@ -109,7 +111,7 @@ class SearchOrder:
 
     @property
     def detects(self) -> bool:
-        """True if the detector scores anything."""
+        """True if the detector scores anything in search, verification, race or assessment."""
         judge = self.judge if self.method == PORTFOLIO else None
         return "detector" in (self.fidelity, self.verify, judge)
 
@@ -135,7 +137,7 @@ class SearchOrder:
             question |= asdict(self.demand)
         files = {"surrogate": setting.surrogate, "table": setting.table}
         for name, path in files.items():
-            question[name] = path and sha256(Path(path).read_bytes()).hexdigest()
+            question[name] = path and sha256(Path(path).read_bytes()).hexdigest()  # None stays None
         question |= {
             "fidelity": self.fidelity,
             "frames": self.run.frames_or(DEFAULT_FRAMES),
@@ -156,7 +158,9 @@ class SearchOrder:
         return question
 
     def resumes(self, out: Path) -> bool:
-        """True if a search with this question was interrupted and can resume."""
+        """True if a search with this question was interrupted and can resume.
+
+        out: folder of the answer, next to which the state is kept."""
         folder = find_unfinished(out.with_name(out.name + UNFINISHED_SUFFIX), self.question)
         return folder.found == folder.plan
 

@@ -18,8 +18,15 @@ PACE_S = 0.5  # approximate time of scoring between two looks at the clock
 
 
 class Limits:
-    """Limits of a search, and its history so far. None is no limit; raises ValueError for 0 or
-    less."""
+    """Limits of a search, and its history so far. Raises ValueError for a limit of 0 or less.
+
+    Attributes:
+        started: Begin of the search by the monotonic clock (s), earlier by the time that an
+            interrupted search took.
+        seconds: Time limit, infinite for none.
+        evaluations: Most sets to score, infinite for no limit.
+        count: Sets scored so far.
+        rows: Number of scored sets, seconds and reward at each improvement."""
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
@@ -42,11 +49,11 @@ class Limits:
         return self.count >= self.evaluations or self.elapsed >= self.seconds
 
     def record(self, reward: float, *, at: int | None = None) -> None:
-        """Record a new best reward since the given number of scored sets, None for now."""
+        """Record a new best reward. at: number of sets scored by then, None for `count`."""
         self.rows.append((self.count if at is None else at, self.elapsed, reward))
 
     def state(self) -> KeptState:
-        """State for a checkpoint."""
+        """JSON values for a checkpoint, from which `resume` continues."""
         return {"count": self.count, "elapsed": self.elapsed, "rows": self.rows}
 
     def resume(self, state: KeptState) -> None:
@@ -58,7 +65,7 @@ class Limits:
         ]
 
     def history(self, reward: float) -> History:
-        """Improvements so far, and the end."""
+        """Improvements so far, and the end as a last row. reward: best reward in the end."""
         columns = list(zip(*self.rows, (self.count, self.elapsed, reward), strict=True))
         return History(
             evaluations=np.array(columns[0], np.int64),
@@ -72,6 +79,14 @@ class Progress:
 
     It begins with the empty set, reward 0. If poles must carry a sensor, the empty set is worse
     than any other. A limit in seconds is kept to about `PACE_S`, or the time of one set.
+
+    Attributes:
+        objective: Objective that scores the sets.
+        budget: Largest number of sensors.
+        size: Number of candidates.
+        limits: Limits and history.
+        best: The best set so far, a row of booleans.
+        reward: Its reward.
     """
 
     def __init__(
@@ -85,7 +100,7 @@ class Progress:
         self.limits = Limits(seconds, evaluations)
         self.best = np.zeros(self.size, bool)
         self.reward = -np.inf if len(objective.kept) else 0.0
-        self._block = 1
+        self._block = 1  # sets to score next, adapted so that they take about `PACE_S`
 
     @property
     def spent(self) -> bool:
@@ -93,7 +108,7 @@ class Progress:
         return self.limits.spent
 
     def state(self) -> KeptState:
-        """State for a checkpoint."""
+        """JSON values for a checkpoint, from which `resume` continues."""
         return {
             "limits": self.limits.state(),
             "best": np.flatnonzero(self.best).tolist(),
@@ -108,9 +123,11 @@ class Progress:
         self.objective.scores(self.best[None])
 
     def figures(self, subsets: Sets) -> Scores:
-        """Scores of sets, feasible or not. Sets beyond the limits have reward -inf and otherwise
-        NaN."""
+        """Scores of sets, feasible or not; the best feasible one is kept as incumbent.
+
+        Sets that the limits leave out have reward -inf, and NaN in all other columns."""
         n = len(subsets)
+        # the fields of `figures` are rows of `columns`, which is filled block by block
         columns = np.full((6, n), np.nan)
         figures = Scores(*columns, np.zeros(n, np.bool_))  # type: ignore[call-arg]
         figures.reward[:] = -np.inf
@@ -150,7 +167,9 @@ class Progress:
         front: tuple[Score, ...] = (),
         by_size: tuple[Score, ...] = (),
     ) -> Result:
-        """Incumbent as the answer."""
+        """Incumbent as the answer of a search.
+
+        method: name of the search; front, by_size: see `Result`."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         return Result(
             method=method,
@@ -165,10 +184,11 @@ class Progress:
         )
 
     def unknown(self, note: str) -> Certificate:
-        """Certificate without any evidence."""
+        """Certificate without any evidence. note: reason in words."""
         return Certificate("none", self.reward, note=note)
 
     def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
+        # makes the best feasible set the incumbent, and reports it if it is new
         candidates = np.flatnonzero(rewards > self.reward)
         previous = self.reward
         if candidates.size:
@@ -186,7 +206,7 @@ class Progress:
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
-    """Sets of indices as rows of booleans."""
+    """Sets of indices as rows of booleans. size: number of candidates, the length of a row."""
     rows = np.zeros((len(sets), size), bool)
     for row, members in zip(rows, sets, strict=True):
         row[list(members)] = True
@@ -194,7 +214,9 @@ def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
 
 
 def add_each(members: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Sets:
-    """The set `members` with each of the options added."""
+    """Rows of the set `members` with one of the options added each, in their order.
+
+    size: number of candidates, the length of a row."""
     rows = np.zeros((len(options), size), bool)
     rows[:, list(members)] = True
     rows[np.arange(len(options)), options] = True

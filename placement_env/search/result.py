@@ -25,9 +25,9 @@ Measure = Literal["reward", "coverage", "price", "hits"]  # meaning of a certifi
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Best reward after each improvement, and at the end.
+    """Best reward after each improvement, and at the end, one row each in the course of time.
 
-    evaluations: sets scored; seconds: since the search began.
+    evaluations: sets scored by then; seconds: since the search began; reward: best one so far.
     """
 
     evaluations: Int64[np.ndarray, " n"]
@@ -35,8 +35,9 @@ class History:
     reward: Float64[np.ndarray, " n"]
 
     def at(self, *, evaluations: float = np.inf, seconds: float = np.inf) -> float:
-        """Best reward at a number of sets or seconds; 0, as for the empty set, before the first
-        entry."""
+        """Best reward at a number of scored sets and seconds, whichever came first.
+
+        It is 0, as for the empty set, before the first entry."""
         is_reached = (self.evaluations <= evaluations) & (self.seconds <= seconds)
         return float(self.reward[is_reached][-1]) if is_reached.any() else 0.0
 
@@ -66,7 +67,9 @@ class Certificate:
     def from_bound(
         value: float, bound: float, note: str, measure: Measure = "reward"
     ) -> "Certificate":
-        """Certificate of an answer that is optimal if it equals its bound."""
+        """Certificate "optimal" if the answer's figure equals its bound, otherwise "bound".
+
+        value, bound: in `measure`; note: evidence in words."""
         return Certificate(
             "optimal" if value == bound else "bound",
             value,
@@ -265,7 +268,7 @@ class Result(Displayed):
 
 
 def _tabulate(rows: Sequence[Score | Contender]) -> Table:
-    """Columns of plain values."""
+    """Columns of plain values by name, without the terms of the reward and AP by class."""
     if not rows:
         return {}
     names = [column.name for column in fields(rows[0]) if column.name not in ("terms", "class_ap")]
@@ -276,6 +279,7 @@ def _tabulate(rows: Sequence[Score | Contender]) -> Table:
 
 
 def _describe_sensor(sensor: Sensor) -> _Row:
+    # JSON values from which `_build_sensor` makes the sensor again
     values = {field.name: getattr(sensor.model, field.name) for field in fields(sensor.model)}
     plain = {
         name: value.tolist() if isinstance(value, np.ndarray) else value
@@ -290,6 +294,7 @@ def _describe_sensor(sensor: Sensor) -> _Row:
 
 
 def _build_result(content: _Row) -> Result:
+    # raises KeyError, TypeError, ValueError and others for damaged values
     history = content["history"]
     certificate = content["certificate"]
     rows = {
@@ -321,6 +326,7 @@ def _build_sensor(row: _Row) -> Sensor:
 
 
 def _build_assessment(row: _Row) -> Assessment:
+    # changes `row`: null becomes NaN, lists become tuples
     contender_rows = row["contenders"]
     profile_rows = row.get("by_errors", ())
     for figures in (row, *contender_rows, *profile_rows):
@@ -344,7 +350,7 @@ def _build_assessment(row: _Row) -> Assessment:
 
 
 def load_score(row: _Row) -> Score:
-    """Score from the values of a file."""
+    """Score from the values of a file. Raises ValueError for figures out of range."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
     score = Score(
         **row | {"subset": tuple(map(operator.index, row["subset"])), "class_ap": by_class}
@@ -365,5 +371,7 @@ def _check_figures(shares: Iterable[float], amounts: Iterable[float]) -> None:
 
 
 def _number(value: float | None, absent: float) -> float:
-    """Number from a file; null means not finite, since JSON has no non-finite numbers."""
+    """Number from a file; null means not finite, since JSON has no non-finite numbers.
+
+    absent: the number that null was, infinity or NaN."""
     return absent if value is None else float(value)

@@ -36,7 +36,10 @@ SEARCH_FRAMES = 48  # frames that a portfolio's searches use, spread evenly over
 
 
 def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
-    """Run the ordered search and verify its answer. checkpoint: keeps the state of the search."""
+    """Run the ordered search, and verify its answer if that is ordered.
+
+    If no candidate may be built, the answer gives the reasons and is not met. Raises ValueError if
+    a counted class has no objects. checkpoint: keeps the state of the search."""
     stride = _choose_stride(order)
     order, narrowing = _narrow(order, stride)
     objective = _build_objective(order, stride)
@@ -66,14 +69,18 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
 
 
 def _choose_stride(order: SearchOrder) -> int:
-    """Step between the frames of the search; a portfolio's searches use few of them."""
+    """Step between the frames of the search, 1 for every frame.
+
+    A portfolio's searches use about `SEARCH_FRAMES` of all frames, evenly spread."""
     if order.method != PORTFOLIO or order.fidelity not in BY_LEVELS:
         return 1
     return max(1, order.run.frames_or(DEFAULT_FRAMES) // SEARCH_FRAMES)
 
 
 def _narrow(order: SearchOrder, stride: int) -> tuple[SearchOrder, str]:
-    """Order with fewer candidates if they are too many, and a sentence on that or ""."""
+    """Order with fewer candidates if they are too many, and a sentence on that or "".
+
+    The sentence is also reported (`SearchOrder.tell`). stride: step between frames."""
     pool = order.setting.pool
     poses = narrow_pool(order.search_setting, order.run, stride)
     if poses is None:
@@ -86,7 +93,10 @@ def _narrow(order: SearchOrder, stride: int) -> tuple[SearchOrder, str]:
 
 
 def _build_objective(order: SearchOrder, stride: int) -> Objective:
-    """Objective of the search, which reports a first answer and better ones if asked."""
+    """Objective of the search, which reports a first answer and better ones if asked.
+
+    There are reports if the order has `tell`, only some frames are used, traffic is undivided, and
+    one set is sought. stride: step between frames."""
     first_score = None
     if (
         order.tell is not None
@@ -104,7 +114,7 @@ def _build_objective(order: SearchOrder, stride: int) -> Objective:
 
 
 def _build_judging(order: SearchOrder) -> Judging:
-    """Race and assessment of a portfolio."""
+    """Race and assessment of a portfolio, on no more frames than the order has."""
     frames = order.run.frames_or(DEFAULT_FRAMES)
     return Judging(
         by=order.judge,
@@ -123,7 +133,9 @@ def _search_curve(
     limits: Summary,
     checkpoint: Checkpoint,
 ) -> Answer:
-    """Search a budget curve and report its points."""
+    """Search a budget curve and report its points.
+
+    limits: seed, seconds and evaluations, as arguments of the search."""
     max_price = objective.most_price
     amounts = () if math.isinf(max_price) else list_amounts(objective, order.budget, max_price)
     points = budget_curve(
@@ -133,7 +145,10 @@ def _search_curve(
 
 
 def _answer(order: SearchOrder, objective: Objective, result: Result, narrowing: str) -> Answer:
-    """Answer from the result of one search, verified if that is ordered."""
+    """Answer from the result of one search, verified if that is ordered.
+
+    narrowing: sentence on the candidates that were left out, "" if none were. An empty set is an
+    answer that is not met, with the likely reason."""
     members = result.best.subset
     by_errors = ap_at_profiles(objective, members, result.sensors)
     summary, lines = report_result(objective, result)
@@ -173,7 +188,9 @@ class _Verification(NamedTuple):
 def _verify(
     order: SearchOrder, fidelity: FidelityName, objective: Objective, result: Result
 ) -> _Verification:
-    """Score the answer of a search and its neighbours by another fidelity, and keep the best."""
+    """Score the answer of a search and its neighbours by another fidelity, and keep the best.
+
+    Moved sensors have no neighbours. fidelity: its name; objective: objective of the search."""
     verifier = Objective(order.setting.with_fidelity(fidelity), order.run)
     score, set_count = verify_best(objective, verifier, result)
     names = list_names(objective, score.subset)

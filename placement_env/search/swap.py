@@ -25,13 +25,13 @@ EMPTY_PLACE = -1  # a place without a sensor
 
 @dataclass
 class Climb:
-    """Climb in progress.
+    """Climb in progress, from one start to a local optimum.
 
     Attributes:
-        start: Number of the start.
-        before: Best reward until it began.
-        places: A candidate or `EMPTY_PLACE` each.
-        waiting: Places that are still to be changed.
+        start: Number of the start, from 0.
+        before: Best reward of the search until it began, -inf at the first start.
+        places: A candidate's index or `EMPTY_PLACE` each, as many as the budget of sensors.
+        waiting: Indices of the places that are still to be changed.
         reward: Reward of the current set.
     """
 
@@ -55,11 +55,21 @@ def search(
 ) -> Result:
     """Best local optimum of several starts: greedy's set or `start`, then sets drawn from `seed`.
 
-    start: candidates by index or name; those that do not fit with earlier ones are left out;
-    starts: their number; None for as many as the limits allow, or `DEFAULT_STARTS` without a limit;
-    checkpoint: keeps the state of the search. The certificate is "local optimum" if the
-    neighbourhood of the best set was searched completely. Raises ValueError if `starts` is below 1,
-    and for an unknown candidate.
+    The certificate is "local optimum" if the neighbourhood of the best set was searched completely.
+
+    Args:
+        objective: Objective to maximise.
+        budget: Largest number of sensors.
+        seed: Seed of the random starts and of the order of places.
+        seconds: Time limit, None for none.
+        evaluations: Most sets to score, None for no limit.
+        starts: Number of starts; None for as many as the limits allow, or `DEFAULT_STARTS` without
+            a limit.
+        start: Candidates of the first start by index or name; those that do not fit with earlier
+            ones are left out. None for greedy's set.
+        checkpoint: Keeps the state of the search.
+
+    Raises ValueError if `starts` is below 1, and for an unknown candidate.
     """
     if starts is not None:
         check_whole("starts", starts, least=1)
@@ -102,9 +112,10 @@ def search(
 
 
 def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
-    """Members of a given set that fit with earlier ones; without one, the best set on greedy's way.
+    """Members of the first start: a given set as far as it fits, without one greedy's best set.
 
-    If no set on greedy's way pays, it is the last one.
+    Sensors on poles that must carry one are taken first. If such a pole stays empty, greedy adds
+    sensors. If no set on greedy's way pays, its last set is returned.
     """
     if start is None:
         grown, _ = grow(progress)
@@ -124,7 +135,13 @@ def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
 def _climb(
     progress: Progress, climb: Climb, rng: np.random.Generator, save_state: Callable[[], None]
 ) -> bool:
-    """Change places one by one until none improves; True if this ended before the limits did."""
+    """Change places one by one until none improves; True if this ended before the limits did.
+
+    Changes `climb`, and keeps the best set in `progress`. After an improvement all other places
+    wait again, in an order drawn from `rng`.
+
+    save_state: called before each change; a search that resumes there repeats the change.
+    """
     places = climb.places
     while climb.waiting:
         save_state()
@@ -135,7 +152,7 @@ def _climb(
             [as_rows([members], progress.size), add_each(members, options, progress.size)]
         )
         keeps = progress.objective.keeps(subsets)
-        options = np.r_[EMPTY_PLACE, options][keeps]
+        options = np.r_[EMPTY_PLACE, options][keeps]  # rows of `subsets`: place empty, or filled
         rewards = progress.rewards(subsets[keeps])
         best = int(rewards.argmax()) if len(rewards) else 0
         if len(rewards) and rewards[best] > climb.reward:
@@ -150,8 +167,13 @@ def _climb(
 
 
 def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> list[int]:
-    """Random feasible set: mounts in random order, required ones first, an affordable candidate of
-    each."""
+    """Random feasible set: an affordable candidate on each mount, required mounts first.
+
+    Mounts come in random order. If mounts carry several, further sensors join with a chance of
+    `EXTRA_SENSOR_CHANCE` each. The same state of the generator draws the same set, so the order of
+    draws must stay.
+
+    budget: largest number of sensors."""
     candidates = objective.candidates
     allowed = np.flatnonzero(objective.allowed([]))
     mount = candidates.mount[allowed]

@@ -21,7 +21,12 @@ MAX_RACED_SETS = 27  # that race if the accurate fidelity can score some of the 
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """Best k sets by a fast reward, ranked by the accurate one, with both rewards."""
+    """Best k sets by a fast reward, ranked by the accurate one, with both rewards.
+
+    Attributes:
+        sets: Sets, best by the accurate reward first.
+        fast: Reward of each by the fast objective.
+        accurate: Reward of each by the accurate objective."""
 
     sets: Bool[np.ndarray, "k C"]
     fast: Float64[np.ndarray, " k"]
@@ -36,7 +41,10 @@ def verified(
     The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the
     better set. If the accurate fidelity can score some of the frames, the `MAX_RACED_SETS` best
     sets by the fast reward race. Sets that tie with the last of the best by the fast reward are
-    ranked too. Raises ValueError if the candidates differ, and for `best` below 1.
+    ranked too. A set that may not be built by the fast objective has no neighbours. Raises
+    ValueError if the candidates differ, and for `best` below 1.
+
+    subset: indices of the set's candidates; best: number of sets to score accurately.
     """
     check_whole("best", best, least=1)
     if fast.candidates.digest() != accurate.candidates.digest():
@@ -56,9 +64,10 @@ def verified(
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
-    """Best accurate score of a result and its neighbours, and the number of these sets.
+    """Best accurate score of a result and its neighbours, and the number of sets scored for it.
 
-    Moved sensors have no neighbours.
+    Neighbours differ in one sensor. Sensors in poses that a search moved (`Result.sensors`) have no
+    neighbours, so their score is the only one.
     """
     if result.sensors:
         return score_result(accurate, result), 1
@@ -89,7 +98,12 @@ def score_result(accurate: Objective, result: Result) -> Score:
 def ap_at_profiles(
     objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> dict[str, float]:
-    """AP of a set at each of several error profiles, by name. moved: its sensors in other poses."""
+    """AP of a set at each of several error profiles, by name; empty for one profile.
+
+    Empty too for the empty set and for fidelities without error profiles. A profile at which moved
+    sensors may not be built is left out.
+
+    subset: indices of the candidates; moved: its sensors in other poses, empty if they stay."""
     scored_by = objective.scored_by
     preparation = objective.preparation
     if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
@@ -115,11 +129,14 @@ def ap_at_profiles(
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
-    """A set, and its variants with one member replaced."""
+    """A set, and below it each variant with one member replaced by a candidate outside of it.
+
+    subset: indices of the set's candidates; candidates: number of all candidates, the length of a
+    row. Variants are not checked for feasibility."""
     row = as_rows([subset.tolist()], candidates)
     outside = np.flatnonzero(~row[0])
     sets = np.repeat(row, 1 + len(subset) * len(outside), axis=0)
-    swaps = np.arange(1, len(sets))
+    swaps = np.arange(1, len(sets))  # every pair of a member and a candidate outside
     sets[swaps, np.repeat(subset, len(outside))] = False
     sets[swaps, np.tile(outside, len(subset))] = True
     return sets
@@ -131,7 +148,11 @@ def improve_among_equals(
     """Best set by the objective among sets that changes of one sensor reach without a lower count.
 
     Coverage has many optima, and a solver answers with any: one set of coverage 1.000 has AP 0.918,
-    its neighbour 0.98. The limits of the search hold.
+    its neighbour 0.98. Steps go to the best neighbour until none has a higher reward. The limits of
+    the search hold.
+
+    members: indices to begin with; count: function that returns the figure of each set that must
+    not fall, such as its covered objects.
     """
     best = sorted(int(c) for c in members)
     if not best:

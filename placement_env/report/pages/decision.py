@@ -58,7 +58,10 @@ NOT_PRICED = (
 
 
 def decision_section(plan: content.Plan, site: Site, ground: GroundGrid | None) -> Content:
-    """Answer the question on one page: what to build, its results, their certainty, next steps."""
+    """Answer the question on one page: what to build, its results, their certainty, next steps.
+
+    Without a chosen set the page gives the verdict and its reasons. site: site with the chosen
+    sensors; ground: ground that they see, None if unknown."""
     chosen_option = plan.chosen
     if chosen_option is None:
         if not plan.verdict.reasons:
@@ -80,6 +83,7 @@ def decision_section(plan: content.Plan, site: Site, ground: GroundGrid | None) 
 def _draw_plan_view(
     plan: content.Plan, chosen_option: content.PlanOption, site: Site, ground: GroundGrid | None
 ) -> PageDrawing:
+    # only poles that the site has can be drawn
     mounts = {mount.name for mount in site.mounts}
     poles = [name for name in _poles(plan) if name in mounts]
     free_poles = [name for name in plan.poles_unused if name in mounts]
@@ -97,6 +101,7 @@ def _draw_plan_view(
 
 
 def _poles(plan: content.Plan) -> list[str]:
+    # poles in use, in the order of their first sensors
     return list(dict.fromkeys(sensor.pole for sensor in plan.sensors))
 
 
@@ -112,6 +117,7 @@ def count_sensors(count: int, model: str) -> str:
 
 
 def _describe_build(plan: content.Plan, option: content.PlanOption) -> str:
+    # the conclusion of the page: models, poles, price and limits
     models = Counter(sensor.model for sensor in plan.sensors)
     counted_models = join_names([count_sensors(count, model) for model, count in models.items()])
     poles = _poles(plan)
@@ -131,7 +137,9 @@ def _describe_build(plan: content.Plan, option: content.PlanOption) -> str:
 
 
 def _describe_limits(plan: content.Plan) -> str:
-    """Describe the limits of money, sensors and poles that the question set."""
+    """Describe the limits of money, sensors and poles that the question set, "" without any.
+
+    The text begins with a space, to follow another sentence."""
     money = plan.question.get("money")
     max_sensors = plan.question.get("sensors")
     limits = []
@@ -147,7 +155,9 @@ def _describe_limits(plan: content.Plan) -> str:
 
 
 def _compare_with_best(plan: content.Plan, option: content.PlanOption) -> str:
-    """Describe what more money would have bought, if the answer is not the best set."""
+    """Describe what more money would have bought, "" if the answer is the best set.
+
+    The text begins with a space, to follow another sentence. option: the chosen set."""
     best = plan.best
     if best is None or best.sensors == option.sensors or best.price <= option.price:
         return ""
@@ -160,6 +170,7 @@ def _compare_with_best(plan: content.Plan, option: content.PlanOption) -> str:
 
 
 def _describe_requirement(plan: content.Plan) -> Fact | None:
+    # verdict on the required AP, None without a requirement
     if plan.verdict.met is None:
         return None
     return Fact(
@@ -170,7 +181,9 @@ def _describe_requirement(plan: content.Plan) -> Fact | None:
 
 
 def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
-    """Describe what is found of each class that counts, and name other classes in red."""
+    """Describe what is found of each class that counts, and name other classes in an alarm.
+
+    Empty if no class was judged."""
     lines = [f"{_count_found(row)}." for row in plan.class_ap if row.weight]
     if not lines:
         return ()
@@ -192,7 +205,9 @@ def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
 
 
 def _count_found(row: content.ClassAP) -> str:
-    """Count the hits, misses and false reports of one class."""
+    """Describe in numbers the hits, misses and false reports of one class.
+
+    They are computed back from recall and precision, so they are rounded."""
     judgement = row.judged
     hits = round(judgement.recall * judgement.vehicles)
     text = (
@@ -207,6 +222,7 @@ def _count_found(row: content.ClassAP) -> str:
 
 
 def _describe_blind(plan: content.Plan) -> Fact | None:
+    # lanes that no sensor sees, with the streets that have most
     if plan.ground is None:
         return None
     streets = list(plan.blind_streets.items())
@@ -221,6 +237,7 @@ def _describe_blind(plan: content.Plan) -> Fact | None:
 
 
 def _describe_failure(plan: content.Plan) -> Fact:
+    # the failure of one sensor that leaves the lowest recall
     single_failures = [case for case in plan.failures if len(case.failed) == 1]
     if not single_failures:
         return Fact(
@@ -236,6 +253,7 @@ def _describe_failure(plan: content.Plan) -> Fact:
 
 
 def _describe_links(plan: content.Plan) -> Fact | None:
+    # the fullest link, an alarm if any is too narrow; None if nothing is sent
     if not plan.links:
         return None
     narrow_poles = [link.pole for link in plan.links if not link.fits]
@@ -258,7 +276,9 @@ def _describe_links(plan: content.Plan) -> Fact | None:
 
 
 def _describe_cheaper_scheme(plan: content.Plan) -> str:
-    """Name the scheme that sends the least among those as good as the plan's scheme."""
+    """Name the scheme that sends the least among those as good as the plan's scheme.
+
+    "" if no such scheme sends less than the planned one; otherwise the text begins with a space."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
     planned = next((row for row in rows if row.scheme == plan.scheme), None)
     good_rows = [row for row in rows if row.as_good]
@@ -276,6 +296,7 @@ def _describe_cheaper_scheme(plan: content.Plan) -> str:
 
 
 def _describe_confidence(plan: content.Plan, option: content.PlanOption) -> tuple[Fact, ...]:
+    # AP with its interval and certainty, then AP over draws of the sensors' errors
     judgement = option.counted
     if judgement is None:
         return (Fact("How sure", "The detector did not judge this set.", alarm=True),)
@@ -305,7 +326,9 @@ def _describe_confidence(plan: content.Plan, option: content.PlanOption) -> tupl
 
 
 def _say_frames(plan: content.Plan, judgement: content.Judgement) -> str:
-    """Describe how many frames would narrow the interval."""
+    """Describe how many frames would narrow the interval to the requested or the usual width.
+
+    "" if the interval is narrow enough. judgement: result with the interval."""
     asked_width = plan.question.get("width")
     width = asked_width if isinstance(asked_width, float) else DEFAULT_WIDTH_AP
     interval_width = judgement.high - judgement.low
@@ -318,6 +341,7 @@ def _say_frames(plan: content.Plan, judgement: content.Judgement) -> str:
 
 
 def _describe_drawn(plan: content.Plan) -> Fact | None:
+    # the most common things at the site that are in no map, None without any
     drawn_counts = plan.origins.get("drawn", {})
     if not drawn_counts:
         return None
@@ -334,7 +358,9 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
 
 
 def _describe_drawings(plan: content.Plan) -> str:
-    """Describe which poles are in the answer at each drawing of the unknown things."""
+    """Describe in how many drawings of the unknown things each pole would be in the answer.
+
+    For one drawing, the text names the option that draws more."""
     if not plan.by_drawing:
         return "With --drawings 3 the plan says which poles depend on them."
     count = len(plan.by_drawing)
@@ -353,8 +379,9 @@ def _describe_drawings(plan: content.Plan) -> str:
 
 
 def _describe_price(plan: content.Plan) -> Fact:
+    # running costs by the catalogue's rates, and the costs that no rate covers
     sold = "" if plan.currency else " Sensors cost nothing here, because no catalogue was given."
-    rated = {item.item.split(" ")[0] for item in plan.running}
+    rated = {item.item.split(" ")[0] for item in plan.running}  # names of items begin with a rate
     missing = join_names([name for name in NOT_PRICED if name not in rated])
     running = ""
     if plan.running:

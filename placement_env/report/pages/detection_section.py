@@ -25,7 +25,9 @@ from toolkit.display import describe_count
 
 
 def detection_section(plan: content.Plan) -> Content:
-    """Break the AP down by place, level of traffic, error profile and class."""
+    """Break the AP of the chosen set down by place, level of traffic, error profile and class.
+
+    The conclusion names the weakest and the best place, if there is enough traffic to compare."""
     parts = (
         ("zone", plan.by_zone),
         ("distance", plan.by_range),
@@ -66,6 +68,7 @@ def _ap_of_pair(pair: tuple[str, content.Judgement]) -> float:
 
 
 def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportBlock, ...]:
+    # chart and table of one breakdown, none without rows; name: "zone", "distance" and so on
     if not rows:
         return ()
     judgements = [(row.name, row.judged) for row in rows if row.judged is not None]
@@ -103,6 +106,7 @@ def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportB
 
 
 def _coverage(plan: content.Plan) -> tuple[ReportBlock, ...]:
+    # share of road users of each class that are covered, and the class covered least
     if not plan.by_class:
         return ()
     covered_rows = [
@@ -124,6 +128,7 @@ def _coverage(plan: content.Plan) -> tuple[ReportBlock, ...]:
 
 
 def _class_ap(plan: content.Plan) -> tuple[ReportBlock, ...]:
+    # AP of each class; one class is no comparison, so it has no table
     if len(plan.class_ap) < 2:
         return ()
     low = min(plan.class_ap, key=lambda row: row.judged.ap)

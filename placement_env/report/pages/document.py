@@ -12,7 +12,9 @@ from placement_env.report.pages.figure_texts import number_text
 
 @dataclass(frozen=True)
 class Cell:
-    """Content of one cell of a table. value: number to sort by, None to sort by text."""
+    """Content of one cell of a table.
+
+    text: shown text; value: number to sort rows by, None to sort by text."""
 
     text: str
     value: float | None = None
@@ -36,13 +38,15 @@ class Column:
 
     @property
     def number(self) -> bool:
-        """Return whether the column holds numbers, which are aligned right."""
+        """Return True if the column holds numbers, which are aligned right."""
         return self.digits is not None
 
     def cell(self, value: Cell | str | float | None) -> Cell:
         """Return a cell of this column, with a dash for an undefined number.
 
-        Shares become percent if that is the column's unit."""
+        Shares become percent if that is the column's unit.
+
+        value: finished cell, text, or number; None, NaN and infinity are undefined."""
         if isinstance(value, Cell):
             return value
         if isinstance(value, str):
@@ -70,7 +74,9 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Fact:
-    """One line of a summary. alarm: whether the reader must not overlook it."""
+    """One line of a summary.
+
+    label: short heading of the line; alarm: True if the reader must not overlook it."""
 
     label: str
     text: str
@@ -87,7 +93,7 @@ class Facts:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table with the sentence above it."""
+    """A table with the sentence above it. rows: a cell for each column."""
 
     caption: str
     columns: tuple[Column, ...]
@@ -97,7 +103,7 @@ class TableBlock:
 
 @dataclass(frozen=True)
 class PageDrawing:
-    """A picture as SVG text. alt: text for screen readers."""
+    """A picture as SVG text. caption: sentence below it; alt: text for screen readers."""
 
     svg: str
     caption: str
@@ -120,7 +126,7 @@ Content = tuple[str, tuple[ReportBlock, ...]]  # conclusion and blocks of a sect
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a report. key: its anchor; conclusion: its first sentence."""
+    """Section of a report. key: its anchor in the page; conclusion: its first sentence."""
 
     key: str
     title: str
@@ -147,14 +153,16 @@ class Document:
 
 
 def build_content(conclusion: str, *blocks: ReportBlock) -> Content:
-    """Return the content of a section."""
+    """Return the content of a section: its conclusion, one sentence or more, and its blocks."""
     return conclusion, blocks
 
 
 def build_table(
     caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell | str | float | None]]
 ) -> tuple[TableBlock, ...]:
-    """Return a table of formatted values, or nothing without rows.
+    """Return a tuple of one table with formatted values, or an empty tuple without rows.
+
+    The tuple can be unpacked into the blocks of a section. caption: sentence above the table.
 
     Raises ValueError for a row of another length."""
     if not rows:
@@ -166,4 +174,5 @@ def build_table(
 def _format_row(
     columns: Sequence[Column], row: Sequence[Cell | str | float | None]
 ) -> tuple[Cell, ...]:
+    # one value for each column
     return tuple(column.cell(value) for column, value in zip(columns, row, strict=True))

@@ -10,12 +10,14 @@ UNDEFINED_MARK = "–"  # for an undefined figure
 
 
 def number_text(value: float | None, digits: int = 3) -> str:
-    """Format a figure with this many decimals."""
+    """Format a figure with this many decimals, a dash if it is None, NaN or infinite."""
     return f"{value:,.{digits}f}" if value is not None and math.isfinite(value) else UNDEFINED_MARK
 
 
 def percent(share: float | None) -> str:
-    """Format a share in percent, never rounded to 0 or 100 %."""
+    """Format a share in percent; only an exact 0 or 1 reads 0% or 100%.
+
+    share: from 0 to 1; None, NaN and infinity become a dash."""
     if share is None or not math.isfinite(share):
         return UNDEFINED_MARK
     if 0 < share < 0.01:
@@ -24,7 +26,9 @@ def percent(share: float | None) -> str:
 
 
 def price_text(price: float, currency: str) -> str:
-    """Format a price. Without a currency it is in units of one ordinary pole."""
+    """Format a price, whole or with two decimals.
+
+    currency: "" for units of one ordinary pole."""
     text = f"{price:,.{0 if price == round(price) else 2}f}"
     if currency:
         return f"{text} {currency}"
@@ -47,12 +51,12 @@ def ap_figure(judged: content.Judgement) -> str:
 
 
 def list_aps(judgements: Iterable[tuple[str, content.Judgement]]) -> str:
-    """List the AP of each name, for screen readers."""
+    """List the AP of each name in one text, for screen readers. judgements: names and results."""
     return "; ".join(f"{name}: {ap_text(judgement)}" for name, judgement in judgements)
 
 
 def interval_text(judged: content.Judgement) -> str:
-    """Format both ends of the interval, if there is one."""
+    """Format both ends of the AP's interval, "no interval" if there is none."""
     if math.isnan(judged.low):
         return "no interval"
     return f"{number_text(judged.low, judged.digits)}–{number_text(judged.high, judged.digits)}"

@@ -22,7 +22,10 @@ SPARSE_POINTS_M2 = 1.0  # points per m² below which a place is practically unse
 
 
 def ground_section(plan: content.Plan, site: Site, ground: GroundGrid | None) -> Content:
-    """Describe the visible ground, the density of points and the blind spots."""
+    """Describe the visible ground, the density of points and the blind spots, with maps.
+
+    site: site with the chosen sensors; ground: grid of the ground that they see, None if
+    unknown."""
     if plan.ground is None or ground is None:
         why = "" if plan.chosen else ", because no set of sensors was chosen"
         return build_content(f"The visible ground was not computed{why}.")
@@ -72,7 +75,9 @@ def ground_section(plan: content.Plan, site: Site, ground: GroundGrid | None) ->
 
 
 def _describe_density(ground: GroundGrid) -> str:
-    """Describe the density of points on the lanes."""
+    """Describe the density of points on the lanes, of all sensors in a frame.
+
+    It has the share of lanes with too few points, and the median of the others."""
     is_lane = ground.lanes & ground.open_ground
     if not is_lane.any():
         return "No lane lies in the area; the density is that of all open ground."

@@ -28,7 +28,7 @@ MAX_EAST_TURN_DEG = 0.5  # an axis of the site that is turned by less counts as 
 
 
 def links_section(plan: content.Plan) -> Content:
-    """Compare the load of the links with their capacity."""
+    """Compare the load of the poles' links with their capacity, and name those too narrow."""
     if not plan.links:
         return build_content("No link carries anything.")
     narrow_poles = [link.pole for link in plan.links if not link.fits]
@@ -75,7 +75,7 @@ def links_section(plan: content.Plan) -> Content:
 
 
 def materials_section(plan: content.Plan) -> Content:
-    """List the items to order."""
+    """List the items to order and what the catalogue's rates add, with prices."""
     if not plan.materials:
         return build_content("There is nothing to order.")
     dearest_item = max(plan.materials, key=lambda item: item.price)
@@ -101,11 +101,17 @@ def materials_section(plan: content.Plan) -> Content:
 
 
 def _item_rows(items: Sequence[MaterialItem]) -> list[tuple[str, int, float, float]]:
+    # name, count, price of one, price of all
     return [(item.item, item.count, item.unit_price, item.price) for item in items]
 
 
 def schedule_section(plan: content.Plan, site: Site) -> Content:
-    """List the position and aim of each sensor."""
+    """List the position and aim of each sensor, for mounting.
+
+    Longitudes and latitudes are listed if the site has a geographic reference; sensors' names only
+    if they differ from those on their poles.
+
+    site: gives the compass directions of the axes x and y."""
     if not plan.sensors:
         return build_content("There is nothing to mount.")
     lowest = min(sensor.height for sensor in plan.sensors)
@@ -155,7 +161,10 @@ def schedule_section(plan: content.Plan, site: Site) -> Content:
 def views_section(
     plan: content.Plan, site: Site, moments: Sequence[content.SceneMoment]
 ) -> Content:
-    """Show pictures of what each sensor sees, with its points on vehicles."""
+    """Show pictures of what each sensor sees, with its points on vehicles of the first moment.
+
+    site: site with the chosen sensors; moments: frames with their clouds, empty for no points.
+    There are pictures of the first sensors only if there are many."""
     pictures = draw_sensor_views(site, site.sensors, moments)
     marks_note = (
         " Its points on vehicles of one moment are green where all sensors together find the "

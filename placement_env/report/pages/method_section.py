@@ -17,7 +17,9 @@ from toolkit.display import describe_count
 
 
 def value_text(value: object) -> str:
-    """Write a value of the question or provenance for readers."""
+    """Write a value of the question or provenance for readers.
+
+    Lists and mappings become one line; empty values and None read "not given"."""
     if value is None or value == "" or value == [] or value == () or value == {}:
         return "not given"
     if isinstance(value, bool):
@@ -30,7 +32,9 @@ def value_text(value: object) -> str:
 
 
 def method_section(plan: content.Plan) -> Content:
-    """Describe the computation, assumptions, unknowns and provenance."""
+    """Describe the computation, assumptions, unknowns and provenance of a plan.
+
+    The question and the provenance are tables with a row for each value."""
     judgement = plan.chosen.judged if plan.chosen else None
     sample = ""
     if judgement:
@@ -80,6 +84,7 @@ def method_section(plan: content.Plan) -> Content:
 
 
 def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tuple[str, str]]:
+    # names and texts of all values; before: names of the mappings that hold this one
     for name, value in provenance.items():
         if isinstance(value, Mapping) and value:
             yield from _flatten(value, f"{before}{name}: ")

@@ -26,7 +26,11 @@ MAX_LISTED_SETS = 8  # of each kind in the table of other sets
 
 
 def others_section(plan: content.Plan, chosen_option: content.PlanOption) -> Content:
-    """List sets that are as good as the chosen one, cheaper, better, or send less."""
+    """List sets that are as good as the best, and sets that no other beats in AP, kbit and price.
+
+    All figures are from the comparison, on the same traffic.
+
+    chosen_option: the chosen set with its figures from the final traffic."""
     compared_option = _when_compared(plan, chosen_option)
     close_options = plan.near_optimal
     front_options = [
@@ -84,7 +88,9 @@ def others_section(plan: content.Plan, chosen_option: content.PlanOption) -> Con
 
 
 def _when_compared(plan: content.Plan, chosen_option: content.PlanOption) -> content.PlanOption:
-    """Return the chosen set with its figures from the comparison."""
+    """Return the chosen set with its figures from the comparison.
+
+    Without such figures the option itself comes back, with those from the final traffic."""
     for option in (*plan.front, *plan.considered):
         if option.sensors == chosen_option.sensors:
             return option
@@ -92,7 +98,9 @@ def _when_compared(plan: content.Plan, chosen_option: content.PlanOption) -> con
 
 
 def _explain_traffic(plan: content.Plan, option: content.PlanOption) -> tuple[Paragraph, ...]:
-    """Explain why the set has another AP here."""
+    """Explain why the chosen set has another AP in this section; empty if it has the same.
+
+    option: the chosen set with its figures from the final traffic."""
     compared = _when_compared(plan, option).counted
     if compared is None or option.counted is None:
         return ()
@@ -126,6 +134,7 @@ def _option_table(
     chosen_option: content.PlanOption,
     options: Sequence[content.PlanOption],
 ) -> tuple[TableBlock, ...]:
+    # a row for each option with its figures from the comparison, the chosen one marked
     by_coverage = plan.provenance.get("search_fidelity") == "coverage"
     predicted = Column("coverage" if by_coverage else "predicted AP", digits=3)
     columns = (

@@ -22,7 +22,11 @@ PAPER_FONT = "DejaVuSansMono"  # a font of typst for letters that its main font 
 
 
 def list_texts(value: object) -> list[str]:
-    """List all texts of a document, or of a part of it."""
+    """List all texts of a document, or of a part of it, that fonts must set.
+
+    A drawing gives its caption and its text for screen readers, not its SVG.
+
+    value: dataclass, tuple, text, or anything else, which has none."""
     if isinstance(value, str):
         return [value]
     if isinstance(value, PageDrawing):
@@ -37,7 +41,8 @@ def list_texts(value: object) -> list[str]:
 def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, str]:
     """Number the poles and sensors whose names hold letters that no font here can set.
 
-    Returns the plan with numbers in all its texts, the site, and a note, empty without numbers."""
+    Such names become "pole 3" or "sensor 1", for example, in the report, with a warning. Returns
+    the plan with numbers in all its texts, the site, and a note, empty without numbers."""
     poles = [mount.name for mount in site.mounts]
     poles += [sensor.pole for sensor in plan.sensors]
     poles += plan.poles_unused
@@ -73,7 +78,9 @@ def settle_names(plan: content.Plan, site: Site) -> tuple[content.Plan, Site, st
 
 
 def drop_unset(document: Document) -> Document:
-    """Replace letters that no font here can set, with a warning."""
+    """Return the document with a mark in place of letters that no font here can set.
+
+    If there are any, a warning is given, and a note is added to the first section."""
     unset_letters = choose_fonts(list_texts(document), own_font(PAPER_FONT)).unset
     if not unset_letters:
         return document
@@ -90,7 +97,7 @@ def drop_unset(document: Document) -> Document:
     )
     first_section = replace(first_section, blocks=(*first_section.blocks, note))
     sections = (first_section, *document.sections[1:])
-    logo = document.logo
+    logo = document.logo  # data, in which no letter may be replaced
     printable = content.replace_texts(
         replace(document, sections=sections, logo=""),
         lambda text: replace_letters(text, unset_letters),
@@ -99,9 +106,10 @@ def drop_unset(document: Document) -> Document:
 
 
 def use_pole_names(plan: content.Plan) -> content.Plan:
-    """Name all sensors of a pool by their poles, in all texts of a plan.
+    """Return a plan that names all sensors of a pool by their poles, in all its texts.
 
-    Sensors outside the chosen set that share a pole with it are marked by their other aim."""
+    Candidates have long names of pole and pose. Chosen sensors have short names already; other
+    sensors on the same poles are marked "(other aim)"."""
     chosen_names = {sensor.name for sensor in plan.sensors}
     used_poles = {sensor.pole for sensor in plan.sensors}
     poles: dict[str, str] = {}

@@ -43,10 +43,15 @@ def build_document(
     ground: GroundGrid | None,
     moments: Sequence[content.SceneMoment] = (),
 ) -> Document:
-    """Build the document.
+    """Build the report of a plan as one structure, for both HTML and PDF.
 
-    site: site with the chosen sensors mounted; ground: ground that they see, None if unknown;
-    moments: frames with the clouds of these sensors."""
+    Without a chosen set, most sections only state that nothing may be built.
+
+    Args:
+        plan: The plan, with or without a chosen set.
+        site: Site with the chosen sensors mounted.
+        ground: Ground that they see, None if unknown.
+        moments: Frames with the clouds of these sensors."""
     contents = dict.fromkeys(content.TEXTS["titles"], build_content(NOTHING_CHOSEN))
     contents["decision"] = decision_section(plan, site, ground)
     contents["ground"] = ground_section(plan, site, ground)
@@ -75,7 +80,9 @@ def build_document(
 
 
 def add_note(document: Document, note: str) -> Document:
-    """Return the document with a note at the end of its first section, if there is a note."""
+    """Return the document with a note at the end of its first section.
+
+    note: a sentence, "" to change nothing."""
     if not note:
         return document
     first_section = document.sections[0]
@@ -88,6 +95,7 @@ def write_report(planned: content.Planned, out: Path) -> None:
 
     Both are written or neither, with the same bytes each time. Raises ImportError without the
     packages of `coview[report]`, OSError if the folder cannot be written."""
+    # all mounts that candidates had, so that maps show those without a sensor too
     mounts = planned.candidates.mounts if planned.candidates else planned.site.mounts
     plan, site, note = settle_names(
         use_pole_names(planned.plan), replace(planned.site, mounts=mounts)

@@ -48,7 +48,13 @@ NO_RETURN_M = 12.0  # length of rays that meet nothing
 
 @dataclass(frozen=True)
 class Layer:
-    """A part of the scene that readers may hide. mark: how it is drawn, in words."""
+    """A part of the scene that readers may hide.
+
+    Attributes:
+        name: Name for the switch.
+        node: Path of its node in viser's tree; hiding it hides all nodes below.
+        colour: Colour of the switch and the part.
+        mark: Drawing style in words, such as "dashed boxes"."""
 
     name: str
     node: str
@@ -71,7 +77,12 @@ BOXES = (
 
 @dataclass(frozen=True)
 class Scene:
-    """A page of HTML with the scene, its layers, and the nodes of each frame."""
+    """A page of HTML with the scene.
+
+    Attributes:
+        html: The whole page.
+        layers: Parts that readers may hide.
+        frames: Nodes of each frame; one frame is shown at a time."""
 
     html: str
     layers: tuple[Layer, ...]
@@ -81,7 +92,10 @@ class Scene:
 def build_scene(
     plan: Plan, site: Site, ground: GroundGrid | None, moments: Sequence[SceneMoment]
 ) -> Scene:
-    """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`."""
+    """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`.
+
+    site: site with the chosen sensors; ground: ground that they see, None to draw none; moments:
+    frames of traffic; the scene opens with the first."""
     with scene.viser_server() as server:
         api = server.scene
         add_site(api, site, {sensor.pole for sensor in plan.sensors})
@@ -105,8 +119,11 @@ def build_scene(
 
 
 def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
-    """Add ground, streets, solids and poles. used_poles: names of poles drawn thicker."""
+    """Add ground, streets, solids and poles to a scene.
+
+    used_poles: names of the poles that carry a sensor, which are thicker and darker."""
     scene_parts.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
+    # attribute of the site, height over the ground (m) so that nothing flickers, colour
     for layer, lift, colour in (("lanes", 0.03, _LANE), ("footways", 0.04, GROUND["footways"])):
         polygons = [shapely.Polygon(polygon) for polygon in getattr(site, layer)]
         scene_parts.add_mesh(api, f"/site/{layer}", drape(site, polygons, lift=lift), colour)
@@ -122,6 +139,7 @@ def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
 
 
 def _pole_tubes(mounts: Sequence[Mount], radius: float) -> Mesh:
+    # tubes from the foot of each mount to its highest place; radius: m
     tubes = []
     for mount in mounts:
         top = mount.position + np.array([0.0, 0, mount.max_height])
@@ -132,6 +150,7 @@ def _pole_tubes(mounts: Sequence[Mount], radius: float) -> Mesh:
 def _add_sensor(
     api: "SceneApi", site: Site, sensor: PlannedSensor, index: int, *, seen: Mesh | None
 ) -> Layer:
+    # pole, housing, label and visible ground of a sensor; index: in the plan, for node and colour
     colour = sensor_colour(index)
     node = f"/sensors/{index}"
     api.add_frame(node, show_axes=False)
@@ -153,6 +172,7 @@ def _add_sensor(
 
 
 def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) -> None:
+    # outlines of the views of planned sensors that the site has
     mounted = {sensor.name: sensor for sensor in site.sensors}
     indexed_sensors = [
         (index, mounted[planned_sensor.name])
@@ -170,6 +190,7 @@ def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) ->
 
 
 def _add_clouds(api: "SceneApi", moments: Sequence[SceneMoment], sensors: int) -> None:
+    # points of each sensor in each frame, thinned evenly; only frame 0 is visible at first
     max_points = MAX_DRAWN_POINTS // max(sum(len(moment.clouds) for moment in moments), 1)
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensors]):
@@ -186,7 +207,9 @@ def _add_clouds(api: "SceneApi", moments: Sequence[SceneMoment], sensors: int) -
 
 
 def _add_boxes(api: "SceneApi", moments: Sequence[SceneMoment]) -> None:
-    """Add truth and detections in distinct colours, lines and marks."""
+    """Add truth and detections of each frame in distinct colours, lines and marks.
+
+    Only frame 0 is visible at first. Detections and misses that do not count are not drawn."""
     for layer in BOXES:
         api.add_frame(layer.node, show_axes=False)
     for frame, moment in enumerate(moments):
@@ -196,7 +219,7 @@ def _add_boxes(api: "SceneApi", moments: Sequence[SceneMoment]) -> None:
         missed_dashes = box_lines.dashes(box_lines.box_edges(missed), dash=0.6, gap=0.4)
         false_alarms = detections[~moment.detection_hit & ~moment.detection_ignored]
         false_dots = box_lines.dashes(box_lines.box_edges(false_alarms), dash=0.15, gap=0.3)
-        layer_lines = (
+        layer_lines = (  # in the order of `BOXES`
             box_lines.box_edges(truth),
             box_lines.box_edges(detections[moment.detection_hit]),
             np.concatenate([missed_dashes, box_lines.roof_crosses(missed)]),
@@ -209,7 +232,7 @@ def _add_boxes(api: "SceneApi", moments: Sequence[SceneMoment]) -> None:
 
 
 def ground_mesh(site: Site) -> Mesh:
-    """Return the ground in and around the area, with holes at ponds."""
+    """Return the ground in the area and `GROUND_MARGIN_M` around it, with holes at ponds."""
     ponds = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
     return drape(site, [shapely.box(*_extent(site))], lift=0.0, without=ponds)
 
@@ -221,29 +244,37 @@ def drape(
     lift: float,
     without: Sequence[shapely.Polygon] = (),
 ) -> Mesh:
-    """Drape polygons `lift` metres over the ground near the area."""
+    """Return polygons as a mesh that follows the relief, `lift` metres over the ground.
+
+    Polygons are cut into tiles, and only their part in or near the area is kept. without: polygons
+    to cut out."""
     xmin, ymin, xmax, ymax = _extent(site)
     x, y = np.meshgrid(np.arange(xmin, xmax, TILE_M), np.arange(ymin, ymax, TILE_M))
     x, y = x.ravel(), y.ravel()
     covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
     tiles = shapely.intersection(covered, shapely.box(x, y, x + TILE_M, y + TILE_M))
-    is_drawn = ~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)
+    is_drawn = ~shapely.is_empty(tiles) & (shapely.area(tiles) > 1e-6)  # m²; slivers are left out
     return _lift(site, triangulate(tiles[is_drawn]), lift)
 
 
 def seen_cells(site: Site, ground: GroundGrid, index: int) -> Mesh:
-    """Return the cells that a sensor sees, as rectangles.
+    """Return the cells that a sensor sees as a mesh of rectangles over the ground.
 
-    Each sensor's rectangles are a little above those of the sensor before."""
+    A rectangle is a run of up to `MAX_RUN_CELLS` cells of one row. Each sensor's rectangles are a
+    little above those of the sensor before.
+
+    index: number of the sensor in `ground`."""
     half = ground.cell / 2
     boxes = []
     for row, y in zip(ground.seen[index], ground.y, strict=True):
+        # first column of each run of seen cells and the column after its last, in turn
         steps = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
         for first, end in steps.reshape(-1, 2):
             for start in range(first, end, MAX_RUN_CELLS):
                 last = min(start + MAX_RUN_CELLS, end) - 1
                 boxes.append((ground.x[start] - half, y - half, ground.x[last] + half, y + half))
     x0, y0, x1, y1 = np.array(boxes, np.float64).reshape(-1, 4).T
+    # four corners of each box counterclockwise, then two triangles from the first corner
     corners = np.stack(
         [np.stack([x, y], 1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1
     ).reshape(-1, 2)
@@ -256,11 +287,15 @@ def seen_cells(site: Site, ground: GroundGrid, index: int) -> Mesh:
 
 
 def view_edges(sensor: Sensor, background: ImageRanges) -> box_lines.Segments:
-    """Return the outline of a sensor's view of the empty site, and rays that lead to it.
+    """Return the outline of a sensor's view of the empty site, and four rays that lead to it.
 
-    background: distances at the empty site, 0 without a return."""
+    The outline follows the border of the image, at up to 240 of its pixels; rays that meet nothing
+    have a length of at most `NO_RETURN_M`. Segments are pairs of points in the site's frame (m).
+
+    background: distances (m) at the empty site, 0 without a return."""
     rows, columns = background.shape
     index = np.arange(rows * columns).reshape(rows, columns)
+    # pixels of the border: top row, right column, bottom row backwards, left column upwards
     ring = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
     picked = ring[np.linspace(0, len(ring), min(len(ring), 240), endpoint=False).astype(np.int64)]
     lengths = background.ravel()[picked].astype(np.float64)
@@ -275,6 +310,7 @@ def view_edges(sensor: Sensor, background: ImageRanges) -> box_lines.Segments:
 
 
 def _extent(site: Site) -> tuple[float, float, float, float]:
+    # least x and y, greatest x and y (m) of the drawn ground
     xmin, ymin, xmax, ymax = site.area.tolist()
     return (
         xmin - GROUND_MARGIN_M,
@@ -285,6 +321,7 @@ def _extent(site: Site) -> tuple[float, float, float, float]:
 
 
 def _lift(site: Site, flat: Mesh, lift: float) -> Mesh:
+    # the mesh with every vertex `lift` metres over the ground below it
     return Mesh(
         np.column_stack([flat.vertices[:, :2], site.ground(flat.vertices[:, :2]) + lift]),
         flat.triangles,

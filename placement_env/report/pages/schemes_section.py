@@ -23,7 +23,9 @@ from placement_env.report.pages.figure_texts import ap_figure, interval_text, li
 
 
 def schemes_section(plan: content.Plan) -> Content:
-    """Compare early, late and hybrid fusion of the same sensors."""
+    """Compare early, late and hybrid fusion of the same sensors, at each judged IoU.
+
+    The conclusion is about the plan's IoU. Without judged schemes the section states that."""
     if not plan.schemes:
         return build_content("No other fusion scheme was judged.")
     dearest = max(plan.schemes, key=lambda figures: figures.kbit_per_sensor)
@@ -72,6 +74,8 @@ def schemes_section(plan: content.Plan) -> Content:
 
 
 def _compare_schemes(plan: content.Plan, schemes: Sequence[content.SchemeFigures]) -> str:
+    # sentence on the scheme with the highest AP, the planned one, and what they send;
+    # schemes: figures at one IoU
     best = max(schemes, key=lambda figures: figures.judged.ap)
     cheapest = min(schemes, key=lambda figures: figures.kbit_per_sensor)
     planned = next((figures for figures in schemes if figures.scheme == plan.scheme), best)

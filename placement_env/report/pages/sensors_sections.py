@@ -29,7 +29,7 @@ from toolkit.display import describe_count
 
 
 def worth_section(plan: content.Plan) -> Content:
-    """Describe what each sensor adds, and which pairs work well together."""
+    """Describe the Shapley value of each sensor, and which pairs work well together."""
     if not plan.worth:
         return build_content("The worth of the sensors was not computed.")
     if len(plan.worth) == 1:
@@ -73,10 +73,14 @@ def worth_section(plan: content.Plan) -> Content:
 
 
 def _describe_pairs(plan: content.Plan) -> str:
-    """Name the pair of sensors that complement each other best, and the most redundant pair."""
+    """Name the pair of sensors that complement each other best, and the most redundant pair.
+
+    A pair is named only if its synergy (AP) is above 0, or below 0. The text begins with a space,
+    to follow another sentence."""
     synergies = {}
     for sensor_worth in plan.worth:
         for other_name, value in sensor_worth.synergy.items():
+            # both sensors of a pair state the same value, which is kept once
             synergies[tuple(sorted((sensor_worth.sensor, other_name)))] = value
     if not synergies:
         return ""
@@ -91,7 +95,9 @@ def _describe_pairs(plan: content.Plan) -> str:
 
 
 def failures_section(plan: content.Plan, chosen_option: content.PlanOption) -> Content:
-    """Describe the AP that remains when one or two sensors fail."""
+    """Describe the AP that remains when one or two sensors fail, case by case.
+
+    chosen_option: the chosen set, whose intact result is the comparison."""
     intact = chosen_option.judged
     if intact is None or not plan.failures:
         return build_content("No failure leaves a working sensor.")
@@ -127,7 +133,7 @@ def failures_section(plan: content.Plan, chosen_option: content.PlanOption) -> C
 
 
 def order_section(plan: content.Plan) -> Content:
-    """Describe the order in which to build the sensors."""
+    """Describe the order in which to build the sensors, with price and AP after each."""
     if not plan.order:
         return build_content("No order of building was computed.")
     first_step = plan.order[0]
@@ -136,6 +142,7 @@ def order_section(plan: content.Plan) -> Content:
     if last_step is not first_step:
         last_text = f"; the last, {last_step.sensor}, brings it to {ap_text(last_step.judged)}"
     price = price_text(first_step.price, plan.currency)
+    # AP that the sensors after each step add; the first step that misses little is enough
     missing_aps = [last_step.judged.ap - step.judged.ap for step in plan.order]
     enough = next(i for i, missing in enumerate(missing_aps, 1) if missing <= AP_TOLERANCE)
     caption = (

@@ -32,7 +32,9 @@ WORD_PIECE_LETTERS = 12  # letters of a broken word's pieces
 
 
 def to_html(document: Document, scene: Scene | None) -> str:
-    """Return the page as HTML."""
+    """Return the report as one page of HTML, which needs no other file.
+
+    scene: the junction in 3D, None for a page without it."""
     return render_page(
         _FOLDER / "report.html.j2",
         {"html": scene.html, "frames": scene.frames} if scene else None,
@@ -92,11 +94,13 @@ def to_pdf(document: Document) -> bytes:
 
 
 def _lay_out(block: TableBlock) -> dict[str, object]:
-    """Return the font size of a table on paper and the width of each column.
+    """Return the font size of a table on paper, and its columns and rows for typst, as JSON values.
 
-    The widths are such that no word reaches into the next column."""
+    Sizes and widths are in points. The widths are such that no word reaches into the next column,
+    unless the smallest font is still too wide."""
     headings = _break_words([column.heading for column in block.columns])
     rows = [_break_words(map(attrgetter("text"), row)) for row in block.rows]
+    # letters that a column may take for whole texts: its share of a line of about 110 letters
     max_text = max(MAX_WORD_LETTERS, 110 // len(block.columns))
     letters = []
     for texts in zip(headings, *rows, strict=True):
@@ -124,11 +128,14 @@ def _count_letters(text: str) -> int:
 
 
 def _break_words(texts: Iterable[str]) -> list[str]:
-    """Return texts whose long words can be broken at the end of a line."""
+    """Return texts whose long words can be broken at the end of a line.
+
+    Words of `MAX_WORD_LETTERS` letters or more get zero-width spaces."""
     return [re.sub(rf"\S{{{MAX_WORD_LETTERS},}}", _break_up, text) for text in texts]
 
 
 def _break_up(word: re.Match[str]) -> str:
+    # zero-width spaces between pieces of the word
     return "\u200b".join(
         word[0][i : i + WORD_PIECE_LETTERS] for i in range(0, len(word[0]), WORD_PIECE_LETTERS)
     )

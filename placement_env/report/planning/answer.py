@@ -34,11 +34,13 @@ from toolkit.sites.surroundings.things import count_things
 class FinalFigures(NamedTuple):
     """Figures of the chosen set on the final traffic.
 
+    Final traffic is the third part, which no search or comparison saw.
+
     Attributes:
         option: The set with its figures.
         judgement: Its AP, intact and in the requested cases.
-        draws: Its compared AP in each resample.
-        sensor_kbit: Kilobits that each sensor sends in each frame."""
+        draws: AP over all requested cases (`SetJudgement.counted`) in each bootstrap resample.
+        sensor_kbit: Kilobits that each sensor sends in each frame; rows as the set's members."""
 
     option: content.PlanOption
     judgement: SetJudgement
@@ -47,9 +49,15 @@ class FinalFigures(NamedTuple):
 
 
 def build_plan(findings: Findings, final: Judge, ground: GroundGrid) -> content.Plan:
-    """Put the plan together.
+    """Build the whole plan: figures, tables and sentences about the chosen set.
 
-    final: judge on the final traffic; ground: ground that the chosen sensors see."""
+    Sections are added in order, because later ones read earlier ones. Sensors carry the names of
+    candidates while the plan is built and are renamed last to their names at the site.
+
+    Args:
+        findings: What led to the chosen set.
+        final: Judge on the final traffic.
+        ground: Ground that the chosen sensors see."""
     question = findings.question
     choice = findings.choice
     candidates = findings.objective.candidates
@@ -77,11 +85,14 @@ def build_plan(findings: Findings, final: Judge, ground: GroundGrid) -> content.
 
 
 def _judge_chosen(findings: Findings, chosen_set: ChosenSet) -> FinalFigures:
-    """Judge the chosen set on the final traffic, and check it against the earlier stages."""
+    """Judge the chosen set on the final traffic, and check it against the earlier stages.
+
+    Raises ValueError if prediction, comparison and judgement exclude each other."""
     choice = findings.choice
     members = choice.members
     judge = chosen_set.judge
     is_member = choice.sets[choice.chosen]
+    # one row, because the judge takes many sets at a time
     judgements, draws = judge.judge_cases(is_member[None], chosen_set.stage)
     judgement = judgements[0]
     check_stages(findings, judgement.judged)
@@ -103,7 +114,13 @@ def _state_answer(
     figures: FinalFigures,
     sensors: tuple[mounted.PlannedSensor, ...],
 ) -> content.Plan:
-    """State the question, the verdict, the chosen set and the sets it was compared with."""
+    """Start the plan with question, verdict, chosen set and the sets it was compared with.
+
+    Args:
+        findings: What led to the chosen set, with its figures from the comparison.
+        final: Judge on the final traffic, for the name of its detector.
+        figures: Figures of the chosen set on the final traffic.
+        sensors: The chosen sensors as they are to be mounted."""
     question = findings.question
     choice = findings.choice
     links = mounted.link_loads(sensors, limited=question.setting.fusion.sends_points)
@@ -130,7 +147,10 @@ def _state_answer(
 
 
 def _add_breakdowns(plan: content.Plan, findings: Findings, final: Judge) -> content.Plan:
-    """Add the results by place, level, errors, drawing and class."""
+    """Return the plan with results by place, level, errors, drawing and class.
+
+    All but `by_drawing` are computed here on the final traffic; results by drawing are already
+    among the findings."""
     question = findings.question
     site = question.site
     seed = question.run.seed
@@ -152,7 +172,10 @@ def _add_breakdowns(plan: content.Plan, findings: Findings, final: Judge) -> con
 
 
 def _add_installation(plan: content.Plan, findings: Findings, ground: GroundGrid) -> content.Plan:
-    """Add what is to be bought, what the sensors see of the ground, and the stock."""
+    """Return the plan with what is to be bought, what the sensors see of the ground, and the stock.
+
+    Also added are mounts without a sensor, and where the things at the site come from. Reads the
+    plan's sensors, which must already be in it."""
     question = findings.question
     site = question.site
     candidates = findings.objective.candidates
@@ -172,9 +195,17 @@ def _add_installation(plan: content.Plan, findings: Findings, ground: GroundGrid
 def _add_limits(
     plan: content.Plan, findings: Findings, final: Judge, figures: FinalFigures, *, sampled: bool
 ) -> content.Plan:
-    """Add assumptions, unknowns, provenance, and last the reasons for the choice.
+    """Return the plan with assumptions, unknowns, provenance, and last the reasons for the choice.
 
-    sampled: the Shapley values were estimated from a sample of subsets."""
+    Reasons are made last because they quote the plan so far (failures, schemes, compared sets).
+
+    Args:
+        plan: Plan with all other sections.
+        findings: What led to the chosen set.
+        final: Judge on the final traffic.
+        figures: Figures of the chosen set on the final traffic.
+        sampled: True if Shapley values were estimated from a sample of subsets, as for large
+            sets."""
     question = findings.question
     choice = findings.choice
     objective = findings.objective
@@ -198,7 +229,9 @@ def _add_limits(
 
 
 def _rank_considered(option: content.PlanOption) -> tuple[bool, float]:
-    """Sort key: judged sets by AP, then the other sets by predicted AP."""
+    """Sort key: judged sets first, highest AP first; then the others, highest predicted AP first.
+
+    AP is over all requested cases (`PlanOption.counted`)."""
     if option.counted:
         return False, -option.counted.ap
     return True, -option.predicted
@@ -207,10 +240,17 @@ def _rank_considered(option: content.PlanOption) -> tuple[bool, float]:
 def judge_sureness(
     confidence: float | None, judged: content.Judgement, drawn: Float64[np.ndarray, " resamples"]
 ) -> float | None:
-    """Return the confidence that no set of as many sensors is better.
+    """Return the confidence that no set of as many sensors is better than the chosen one.
 
-    The judgement may raise it, because no AP exceeds 1. Returns None for an AP so near 1 that no
-    set could be better, if there are too few frames for an interval that would show it."""
+    No AP exceeds 1, so the share of resamples within `AP_TOLERANCE` of 1 is a lower bound, which
+    may raise the confidence of the race. Without a race, or with a judgement too small for an
+    interval, the confidence comes back unchanged, but as None if AP is within `AP_TOLERANCE` of 1:
+    no set could be better, but there are too few frames for an interval that would show it.
+
+    Args:
+        confidence: Confidence from the race of this size, None without one.
+        judged: The set over all requested cases, on the final traffic.
+        drawn: AP of the same judgement in each resample."""
     if confidence is None or not judged.known:
         return None if judged.ap > 1 - AP_TOLERANCE else confidence
     return max(confidence, share_beyond_reach(drawn))

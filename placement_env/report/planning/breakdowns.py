@@ -25,20 +25,33 @@ from toolkit.sites.site import Site
 
 RANGE_ENDS_M = (10.0, 20.0, 30.0, 40.0)  # distances from the nearest sensor that end groups
 CENTRE_SHARE = 0.25  # radius of the middle zone, as a share of the area's shorter side
+# index of the group of each box, from its centre
 GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 
 
 def _row(
     name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]
 ) -> content.BreakdownRow:
+    # points: counts on the group's objects, whose mean the row states; None without objects
     return content.BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
 
 
 def by_group(
     scored: ScoredBoxes, names: Sequence[str], group_of: GroupOf, seed: int
 ) -> tuple[content.BreakdownRow, ...]:
-    """Judge each group. group_of: function that returns the group of each box."""
+    """Judge the objects and detections of each group.
+
+    An object is in the group of its box's centre. A detection that hits is in the group of its
+    object, a false alarm in the group of its centre, an ignored one in none. A group without
+    objects has no judgement.
+
+    Args:
+        scored: Objects and detections of one set.
+        names: Name of each group, in the order of its index.
+        group_of: Function that returns the index of the group of each box.
+        seed: Seed of the bootstrap."""
     truth_groups = group_of(scored.truths)
+    # axes: IoU threshold, detection; -1 is no group
     detection_groups = np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
     is_hit = scored.hits >= 0
     detection_groups[is_hit] = truth_groups[scored.hits[is_hit]]
@@ -62,19 +75,24 @@ def _tally_classes(
     is_counted: Bool[np.ndarray, " n"],
     iou_index: int,
 ) -> list[Tally]:
+    # tally of each counted class; the masks mark the objects and detections of the group
     labels = scored.classes.labels
     return [scored.tally(label, is_truth, is_counted, iou_index) for label in labels]
 
 
 def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
-    """Judge the middle and the quarters around it, named by the compass."""
+    """Judge the middle of the area and the quarters around it, named by the compass.
+
+    The middle is a circle of `CENTRE_SHARE` of the area's shorter side. seed: for the bootstrap."""
     xmin, ymin, xmax, ymax = site.area
     middle = np.array([xmin + xmax, ymin + ymax]) / 2
     radius = CENTRE_SHARE * min(xmax - xmin, ymax - ymin)
+    # directions of quarters 1 to 4: x changes first, as in the sum of `group_of`
     quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
     names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        # 0 in the middle circle, else 1 to 4
         offset = boxes[:, :2] - middle
         quarter = 1 + (offset[:, 0] < 0) + 2 * (offset[:, 1] < 0)
         return np.where(np.hypot(*offset.T) <= radius, 0, quarter).astype(np.int64)
@@ -85,13 +103,16 @@ def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.Breakdo
 def by_range(
     scored: ScoredBoxes, sensors: Sequence[Sensor], seed: int
 ) -> tuple[content.BreakdownRow, ...]:
-    """Judge by distance to the nearest sensor."""
+    """Judge by horizontal distance to the nearest sensor of the set.
+
+    Groups end at `RANGE_ENDS_M`; the last has no end. seed: for the bootstrap."""
     positions = np.array([sensor.position[:2] for sensor in sensors])
     edges = pairwise((0.0, *RANGE_ENDS_M))
     names = [f"{start:g} to {end:g} m" for start, end in edges]
     names.append(f"beyond {RANGE_ENDS_M[-1]:g} m")
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        # distances: box × sensor × (x, y), reduced to the nearest sensor
         distances = np.linalg.norm(boxes[:, None, :2] - positions, axis=2).min(axis=1)
         return np.searchsorted(RANGE_ENDS_M, distances).astype(np.int64)
 
@@ -99,16 +120,22 @@ def by_range(
 
 
 def by_approach(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
-    """Judge by the lane nearest to each vehicle."""
+    """Judge by the approach whose lane is nearest to each object, parked ones separately.
+
+    Approaches without objects are left out. seed: for the bootstrap."""
     approaches = find_approaches(site)
     rows = by_group(scored, approaches.names, approaches.locate, seed)
     return tuple(row for row in rows if row.judged is not None)
 
 
 def measure_blind_streets(site: Site, ground: GroundGrid) -> dict[str, float]:
-    """Measure the lanes that no sensor sees (m²), by street, the largest first."""
+    """Return the area of lanes that no sensor sees (m²) by street, the largest first.
+
+    Streets that are seen completely are left out. Only open ground counts.
+
+    ground: grid of the ground with the number of sensors that see each cell."""
     rows, columns = np.nonzero(ground.open_ground & ground.lanes & (ground.views == 0))
-    boxes = np.zeros((len(rows), 7))
+    boxes = np.zeros((len(rows), 7))  # cells as boxes of no size, as `locate` takes them
     boxes[:, 0] = ground.x[columns]
     boxes[:, 1] = ground.y[rows]
     streets = find_streets(site)
@@ -120,7 +147,9 @@ def measure_blind_streets(site: Site, ground: GroundGrid) -> dict[str, float]:
 def by_level(
     scored: ScoredBoxes, judge: judging.Judge, members: tuple[int, ...]
 ) -> tuple[content.BreakdownRow, ...]:
-    """Judge each level of traffic; empty if traffic is undivided."""
+    """Judge one intact set at each level of traffic, thin traffic first.
+
+    Empty if traffic is undivided. scored: detections of the same set, for its mean points."""
     names = LEVEL_NAMES[judge.cases.levels]
     rows = []
     for name, judgement, frames in zip(names, judge.by_level(members), judge.levels, strict=False):
@@ -141,7 +170,12 @@ def by_errors(judge: judging.Judge, members: tuple[int, ...]) -> tuple[content.B
 def by_class(
     judge: judging.Judge, members: tuple[int, ...], labels: Sequence[str] = LABELS
 ) -> tuple[content.ClassSeen, ...]:
-    """Return the coverage of each class: share of its road users with `LEAST` points or more."""
+    """Return the coverage of each class: share of its road users with `LEAST` points or more.
+
+    All road users whose centre is in the detection area count, also of classes that do not count
+    for AP; one that stays is counted in every frame. A class without road users has no share.
+
+    labels: names of the classes to return."""
     detected = judge.detected
     site = judge.detected.renders.site
     frame_labels = []

@@ -22,15 +22,18 @@ Rule = Literal["best", "as good", "cheapest", "none"]
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The answer among options: all entrants in their order, judged or not.
+    """The answer among the entrants, which are the sets that the searches found.
+
+    All indices are rows of `options` and `sets`, which keep the order of the entrants.
 
     Attributes:
-        options: Every entrant.
-        sets: Members of each entrant.
+        options: Every entrant with its figures, judged or not.
+        sets: True for the candidates that are members of each entrant.
         chosen: Index of the answer.
-        best: Index of the best set.
-        alike: Indices of sets as good as the best, without the answer.
-        rule: Rule by which the answer was chosen.
+        best: Index of the best set, which may be the answer.
+        alike: Indices of sets as good as the best, cheap ones first, without the answer.
+        rule: Reason for the answer: it is the "best", a cheaper one "as good", the "cheapest" that
+            reaches the required AP, or the best because "none" reaches it.
         confidence: Probability that no set of as many sensors is better than the answer by more
             than `AP_TOLERANCE`, on all frames of the comparison. None without a race, as when sets
             were judged by price, and with too few frames or objects."""
@@ -45,7 +48,7 @@ class Choice:
 
     @property
     def option(self) -> PlanOption:
-        """The answer."""
+        """The answer with its figures from the comparison."""
         return self.options[self.chosen]
 
     @property
@@ -60,17 +63,25 @@ class Choice:
 
 
 def rank_thrift(option: PlanOption) -> tuple[float, int, float, float]:
-    """Sort key: cheap sets first, then few sensors, then a high mean AP over IoU thresholds."""
+    """Sort key: cheap sets first, then few sensors, high mean AP over IoU, few kbit per sensor.
+
+    A set without a mean AP counts as 0."""
     return option.price, len(option.sensors), -(option.mean_ap or 0.0), option.kbit_per_sensor
 
 
 def choose(
     options: Sequence[PlanOption], draws: Mapping[int, Resamples]
 ) -> tuple[int, tuple[int, ...]]:
-    """Return the index of the best option, and of all options as good as it, cheap ones first.
+    """Return the index of the best judged option, and of all options as good as it.
 
-    The best option is among both. Options with too narrow links are left out, unless all have
-    them. draws: resampled AP of each judged option, on the same frames."""
+    The indices of options as good are sorted by thrift, cheap ones first, and include the best; the
+    best comes after an equally thrifty one. Options with too narrow links are left out, unless all
+    have them.
+
+    Args:
+        options: All options; at least one is judged.
+        draws: Resampled AP of each judged option by its index, all on the same frames and with the
+            same resamples, so that they can be compared draw by draw."""
     judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
     fitting = {i: counted for i, counted in judged.items() if options[i].fits_links}
     judged = fitting or judged
@@ -83,12 +94,15 @@ def choose(
 
 
 def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:
-    """Return the judged sets that no other beats in AP, kbit per sensor and price together."""
+    """Return the judged sets that no other beats in AP, kbit per sensor and price together.
+
+    They are sorted by price, then by AP, both ascending."""
     judged_options = [(option, option.counted) for option in options if option.counted is not None]
-    figures = [
+    figures = [  # columns to minimise, so AP is negative
         (-judgement.ap, option.kbit_per_sensor, option.price)
         for option, judgement in judged_options
     ]
+    # an empty list becomes a table of no rows and three columns
     front = [judged_options[i] for i in find_front(np.array(figures).reshape(-1, 3))]
     front.sort(key=lambda pair: (pair[0].price, pair[1].ap))
     return tuple(option for option, _ in front)

@@ -21,13 +21,22 @@ from placement_env.search.portfolio.evaluators import race_order
 from toolkit.runtime.run import Run
 
 FIRST_LOOK_FRAMES = 12  # frames of the first look at all sets that may reach a requirement
-FIRST_LOOK_ERROR_AP = 0.1  # by which the first look may underrate a set
+FIRST_LOOK_ERROR_AP = 0.1  # AP by which the first look may underrate a set
 
 
 def choose_at_drawings(
     judge: Judge, choice: Choice, min_ap: float | None
 ) -> tuple[DrawingResult, ...]:
-    """Judge the answer, and choose among the judged sets, at each drawing of the site."""
+    """Judge the answer, and choose among the judged sets, at each drawing of the site.
+
+    Each result has the answer's figures at this drawing, and the poles of the set that would have
+    been the answer there. It shows how much the answer depends on what no map knows. Empty for one
+    drawing.
+
+    Args:
+        judge: Judge of the comparison.
+        choice: The answer over all drawings.
+        min_ap: Required AP, None without a requirement."""
     if not judge.drawings:
         return ()
     rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
@@ -40,7 +49,7 @@ def choose_at_drawings(
             replace(choice.options[i], mean_ap=mean_aps[n], **judgements[n]._asdict())
             for n, i in enumerate(rows)
         ]
-        answer = choose(options, dict(enumerate(draws)))[1][0]
+        answer = choose(options, dict(enumerate(draws)))[1][0]  # cheapest set as good as the best
         if min_ap is not None:
             reaching = [n for n, judged in enumerate(judgements) if judged.counted.ap >= min_ap]
             answer = min(reaching, key=lambda n: rank_thrift(options[n]), default=answer)
@@ -58,9 +67,20 @@ def choose_set(
     confidence: float = 0.95,
     run: Run = Run(),
 ) -> Choice:
-    """Choose among the entrants, at least one.
+    """Choose the answer among the entrants, which are the sets that the searches found.
 
-    confidence: confidence at which a race of one size ends."""
+    Without a required AP, or if no set reaches it, sets of each size race, and the close ones are
+    judged on all frames.
+
+    Args:
+        objective: Objective of the searches.
+        entrants: Sets to choose from, at least one.
+        judge: Judge on the traffic of the comparison.
+        min_ap: AP that the cheapest set must reach, None for no requirement.
+        confidence: Confidence at which a race of one size ends.
+        run: Gives the seed and reports progress.
+
+    Raises ValueError if a set's AP in its race and its judgement exclude each other."""
     options = JudgedOptions(objective, entrants, judge)
     if min_ap is not None and (reached := _find_cheapest(options, min_ap, run)) is not None:
         return Choice(tuple(options.options), entrants.sets, reached, reached, (), "cheapest")
@@ -85,9 +105,14 @@ def choose_set(
 
 
 def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | None:
-    """Return the cheapest set whose AP reaches the requirement, None without one.
+    """Return the row of the cheapest set whose AP reaches the requirement, None without one.
 
-    Sets are judged by price until one reaches it."""
+    A first look at all sets on `FIRST_LOOK_FRAMES` frames excludes those whose expected AP is more
+    than `FIRST_LOOK_ERROR_AP` below the requirement. The others are judged in the order of their
+    prices, at one price by expected AP, until one reaches it and fits its links. Judged sets are
+    replaced in `options`.
+
+    min_ap: required AP over all cases; run: gives the seed and reports progress."""
     entrants = options.entrants
     judge = options.judge
     order = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK_FRAMES]

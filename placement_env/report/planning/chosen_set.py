@@ -24,6 +24,8 @@ MAX_SUBSET_SENSORS = 6  # of larger sets, not every subset is judged by the dete
 class ChosenSet:
     """Schemes, worth of each sensor, failures and order of building of the chosen set.
 
+    Subsets are rows of booleans over the set's k members; sets are rows over all C candidates.
+
     Attributes:
         members: Indices of its candidates, ascending.
         names: Names of its candidates.
@@ -39,11 +41,13 @@ class ChosenSet:
 
     @property
     def small(self) -> bool:
-        """True if the detector judges every subset."""
+        """True for at most `MAX_SUBSET_SENSORS` sensors: the detector judges every subset."""
         return len(self.members) <= MAX_SUBSET_SENSORS
 
     def stage(self, name: str) -> Callable[[int], None] | None:
-        """Return a callback that counts the frames of a stage."""
+        """Return a callback that counts the frames of a stage, None if nobody listens.
+
+        name: noun phrase for the progress line."""
         return self.run.stage(f"frames of the {name}", self.judge.frames)
 
     def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
@@ -53,22 +57,29 @@ class ChosenSet:
         return rows
 
     def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> list[content.Judgement]:
+        # results of intact subsets by the detector; stage: name in the progress line
         return self.judge.judge(self.rows(subsets), progress=self.stage(stage))
 
     def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
-        """Return the AP of subsets, by the detector for small sets, else by the objective."""
+        """Return the AP of subsets: judged for small sets, else predicted by the objective.
+
+        stage: name in the progress line; not used for predictions."""
         if self.small:
             return np.array([judgement.ap for judgement in self._judge(subsets, stage)])
         return self.objective.scores(self.rows(subsets)).ap
 
     def schemes(self) -> tuple[content.SchemeFigures, ...]:
-        """Judge the set under every scheme at every IoU."""
+        """Judge the intact set under every scheme of the paper at every IoU.
+
+        The thresholds are `IOUS` and the question's; if the question has several, their mean is one
+        row. Figures are at the first drawing of the site and the first error profile. A scheme is
+        marked as good if its AP is within the tolerance of the planned scheme's."""
         judge = replace(self.judge, drawings=())
         planned = judge.detected
         intact = judge.intact
         ious = intact.ious
         whole_set = self.rows(np.ones((1, len(self.members)), np.bool_))
-        planned_draws = judge.judge_drawn(whole_set, intact)[1][0]
+        planned_draws = judge.judge_drawn(whole_set, intact)[1][0]  # AP of one set per resample
         blocks = count_blocks(self.judge.frames)
         thresholds = sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious)
         shared_names = ("codec", "memo", "processes", "classes")
@@ -88,26 +99,33 @@ class ChosenSet:
         return tuple(figures)
 
     def worth(self) -> tuple[content.SensorWorth, ...]:
-        """Return Shapley values and interactions, exact for small sets, else sampled."""
+        """Return the Shapley value of each sensor, and its synergy with each other sensor (AP).
+
+        Both are exact for small sets, from the judged AP of all subsets. For large sets they are
+        estimated from a sample of subsets that the objective of the searches scores."""
         count = len(self.members)
         if self.small:
             aps = self._aps(all_subsets(count), "subsets")
-            worth = exact_worth(lambda _: aps, count)
+            worth = exact_worth(lambda _: aps, count)  # asks for all subsets, in this order
         else:
             worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
         sensor_worths = []
         for k, name in enumerate(self.names):
             synergy = dict(zip(self.names, worth.synergy[k].tolist(), strict=True))
-            del synergy[name]
+            del synergy[name]  # a sensor has no synergy with itself
             sensor_worths.append(content.SensorWorth(name, float(worth.shapley[k]), synergy))
         return tuple(sensor_worths)
 
     def failures(self) -> tuple[content.FailureCase, ...]:
-        """Judge the remaining sensors after one failure, then after two, the worst case first."""
+        """Judge the remaining sensors after each failure of one sensor, then of each two.
+
+        Within one number of failures the lowest AP comes first. At least one sensor remains, so
+        sets of two have only single failures, and a single sensor none."""
         count = len(self.members)
         names = np.array(self.names)
         cases: list[content.FailureCase] = []
         for failing in range(1, min(3, count)):
+            # rows over the members; the first is the whole set
             remaining = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
             judgements = self._judge(remaining, "failures")
             failure_cases = [
@@ -118,15 +136,17 @@ class ChosenSet:
         return tuple(cases)
 
     def order(self) -> tuple[content.BuildStep, ...]:
-        """Return the order of building, in which each sensor adds the most AP.
+        """Return the order of building, in which each sensor adds the most AP to those before.
 
-        The detector judges all steps."""
-        built = np.zeros((1, len(self.members)), np.bool_)
+        Each step has the sensor, and the price and result of the set so far. Next sensors are
+        chosen by judged AP for small sets, else by predicted AP; the detector judges all steps."""
+        built = np.zeros((1, len(self.members)), np.bool_)  # rows: nothing, then the set so far
         while not built[-1].all():
+            # one row for each sensor that may come next
             options = built[-1] | np.eye(len(self.members), dtype=np.bool_)[~built[-1]]
             best = int(np.argmax(self._aps(options, "order of building")))
             built = np.concatenate([built, options[best : best + 1]])
-        added = np.diff(built, axis=0).argmax(axis=1)
+        added = np.diff(built, axis=0).argmax(axis=1)  # index of the sensor that each step adds
         prices = self.objective.price(self.rows(built[1:])).tolist()
         judgements = self._judge(built[1:], "order of building")
         names = [self.names[i] for i in added]

@@ -26,14 +26,18 @@ from toolkit.runtime.run import Run
 
 @dataclass(frozen=True, eq=False)
 class PreparedSearch:
-    """Inputs of the searches, one of each for every drawing of the site.
+    """Inputs of the searches.
+
+    A drawing of the site fills in at random what no map knows. The sequences have one entry for
+    each drawing, in the order of `Question.at_drawings`; the first drawing is the site itself.
 
     Attributes:
         run: Run of the search traffic.
         preparations: Search traffic.
         views: Buildable candidates and what they see.
-        objectives: Objectives over the buildable candidates.
-        excluded: Sentences on what excludes the other candidates."""
+        objectives: Objectives over the buildable candidates, by AP without weights on kbit and
+            price.
+        excluded: Sentences on what excludes the other candidates, at the first drawing."""
 
     run: Run
     preparations: Sequence[Preparation]
@@ -45,7 +49,10 @@ class PreparedSearch:
 def prepare_search(question: Question, run: Run) -> PreparedSearch:
     """Simulate the search traffic, and find the candidates that may be built.
 
-    Raises `Refusal` if the traffic lacks a class, or if nothing or no kept pole may be built."""
+    Raises `Refusal` if the traffic lacks a counted class at some drawing, if no candidate may be
+    built, or if a pole that the question keeps cannot get its sensor.
+
+    run: number of frames and seed of the search traffic."""
     pool = question.setting.pool
     preparations = [Preparation(drawing.search_setting, run) for drawing in question.at_drawings]
     for preparation in preparations:
@@ -74,17 +81,20 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
 
 
 def _list_missing(question: Question, preparation: Preparation) -> list[str]:
-    """List the counted classes that no traffic of a preparation has."""
+    """List the names of the counted classes without an object in a preparation's traffic."""
     seen_labels = preparation.visibility.labels
     counted_labels = question.setting.counted.labels
     return [LABELS[label] for label in counted_labels if not (seen_labels == label).any()]
 
 
 def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
-    """Search for entrants at each drawing of the site.
+    """Search for entrants at each drawing of the site, and join them.
 
-    If the cases have failures or levels, the intact sets in all traffic are searched too, because
-    the best of them may be best in the worst case."""
+    Entrants are the sensor sets that the detector later compares. Unless the cases are plain, with
+    one IoU threshold and without failures and levels of traffic, searches run a second time for
+    intact sets in undivided traffic, because their best may be best in the worst case.
+
+    prepared: buildable candidates and their objectives (`prepare_search`)."""
     max_count = find_max_sensors(question, prepared.objectives[0].candidates)
     effort = Effort(tuple(range(1, max_count + 1)), min_ap=question.min_ap)
     run = prepared.run

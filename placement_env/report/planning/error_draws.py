@@ -18,9 +18,13 @@ MAX_DRAW_FRAMES = 60  # frames of each draw of errors
 def by_draw(
     judge: judging.Judge, members: tuple[int, ...], run: Run = Run()
 ) -> tuple[content.DrawnErrors, ...]:
-    """Judge a set at each error profile in several draws of the errors.
+    """Judge a set at each error profile in several draws of the sensors' errors.
 
-    The errors of one draw are the same in all frames. run: reports the draws."""
+    Each draw is as one mounting: its errors are the same in all frames. Each row holds the AP of
+    all draws, their mean and their 10 % quantile. A profile has no row if it has only the noise of
+    the sensors' models, or if its measurements cannot be drawn again (other than `Renders`).
+
+    judge: judge, whose first `MAX_DRAW_FRAMES` frames are used; run: reports the draws."""
     frames = min(judge.frames, MAX_DRAW_FRAMES)
     rows = []
     for detected in judge.profiles:
@@ -44,10 +48,16 @@ def judge_draw(
 ) -> float:
     """Return the AP of a set in one draw of the errors, as a mean over IoU thresholds.
 
-    detected: detector at one error profile; renders: its frames, which are drawn again."""
+    Args:
+        judge: Gives the number of frames and the IoU thresholds.
+        detected: Detector at one error profile.
+        renders: Its measurements, whose errors are drawn again.
+        members: Indices of the set's candidates; in the new draw they are candidates 0, 1, ...
+        seed: Seed of the draw."""
     drawn_renders = renders.draw_once(seed, members, min(judge.frames, MAX_DRAW_FRAMES))
     options = {name: getattr(detected, name) for name in ("codec", "memo", "processes", "classes")}
     ious = judge.cases.ious
     redrawn = Detected(drawn_renders, detected.detector, detected.scheme, **options)
+    # one set: all candidates of the new draw, which are the members only
     figures = redrawn.at(ious[0], ious).estimates(np.ones((1, len(members)), np.bool_))
     return float(np.mean([figures[iou].ap[0] for iou in ious]))

@@ -39,14 +39,14 @@ class Findings:
     """Everything that led to the chosen set.
 
     Attributes:
-        question: The question.
-        entrants: Entrants of the searches.
+        question: The question, narrowed to the poses that were searched.
+        entrants: Sensor sets that the searches found.
         choice: The answer among the entrants.
-        objective: Objective of the searches.
+        objective: Objective of the searches, at the first drawing of the site.
         network: Name of the shipped network that detects if the question has no detector.
         excluded: Sentences on what excludes candidates.
-        traffic: Traffic of searches, comparison and judgement.
-        drawings: Results at each drawing, if there are several."""
+        traffic: Traffic of search, comparison and judgement, in the order of `PART_FRAMES`.
+        drawings: Results at each drawing of what no map knows, empty for one drawing."""
 
     question: Question
     entrants: Entrants
@@ -61,8 +61,12 @@ class Findings:
 def check_stages(findings: Findings, judged: content.Judgement) -> None:
     """Raise ValueError if prediction, comparison and judgement of the answer exclude each other.
 
-    judged: the answer, intact. The prediction is for the shipped network without errors, so it is
-    compared with such a detector only."""
+    They exclude each other if their intervals have no AP in common (`check_agreement`).
+    The prediction is for the shipped network without sensor errors and for plain cases, so it is
+    compared only if the question is the same. A set that was not judged in the comparison has no
+    figure there.
+
+    judged: result of the intact answer in the judgement."""
     choice = findings.choice
     question = findings.question
     objective = findings.objective
@@ -74,6 +78,7 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
         question.setting.detector is None and question.cases.noise_only and question.cases.plain
     )
     if is_predicted and isinstance(objective.scored_by, Doubting):
+        # typical error of the predicted AP; not finite if it is unknown
         spread = float(objective.scored_by.spread(choice.sets[[choice.chosen]])[0])
         if math.isfinite(spread):
             figures = choice.option.predicted, judged.vehicles, judged.frames, spread
@@ -82,7 +87,11 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
 
 
 def trace_plan(findings: Findings, candidates: Candidates, detector: Detector) -> dict[str, object]:
-    """Return the provenance of a plan: digests of all inputs, seeds and versions."""
+    """Return the provenance of a plan for plan.json: digests of all inputs, seeds and versions.
+
+    Packages that are not installed have no version.
+
+    candidates: candidates that were searched; detector: detector of the judgement."""
     question = findings.question
     setting = question.setting
     stock = question.stock

@@ -20,7 +20,16 @@ from toolkit.runtime.run import Run
 
 
 class JudgedOptions:
-    """Options of a choice, which are judged on demand."""
+    """Entrants as options of a plan; the detector judges them on demand.
+
+    A row is the index of a set among the entrants.
+
+    Attributes:
+        objective: Objective of the searches, for prices, links and kbit.
+        entrants: Sets that the searches found.
+        judge: Judge on the traffic of the comparison.
+        draws: AP in each resample of the sets judged so far, by row.
+        options: Option of each entrant; a judged one is replaced by one with figures."""
 
     def __init__(self, objective: Objective, entrants: Entrants, judge: Judge) -> None:
         self.objective = objective
@@ -46,7 +55,9 @@ class JudgedOptions:
             self.options.append(option)
 
     def judge_rows(self, rows: Sequence[int], run: Run = Run()) -> None:
-        """Judge sets on all frames, unless they are judged. run: reports the frames done."""
+        """Judge sets on all frames, unless they are judged already.
+
+        Changes `options` and `draws` at these rows. run: reports the frames done."""
         new_rows = [i for i in rows if i not in self.draws]
         if not new_rows:
             return
@@ -68,7 +79,10 @@ class JudgedOptions:
     def check_race(self, row: int, ap: float, frames: Int64[np.ndarray, " k"]) -> None:
         """Raise ValueError if a judged set had quite another AP in its race.
 
-        The worst of several cases is lower on few frames, so it is not compared."""
+        Nothing is compared for a set that is not judged, or over several cases, whose worst is
+        lower on few frames.
+
+        row: index of the set; ap: its AP in the race; frames: frames that it raced on."""
         option = self.options[row]
         counted = option.judged
         if counted is not None and self.judge.cases.plain and len(self.judge.profiles) == 1:
@@ -82,8 +96,13 @@ class JudgedOptions:
         """Return the probability that no set of as many sensors is better than a judged one.
 
         Better means by more than `AP_TOLERANCE`. Judged sets count with all frames, the others with
-        the frames of their last rung. size_rows: rows of the sets of this size; race: their race.
-        Returns None without a race, and with too few frames or objects."""
+        the frames of their last rung. Returns None without a race, for a set that is not judged,
+        and with too few frames or objects.
+
+        Args:
+            row: Index of the judged set among the entrants.
+            size_rows: Indices of all sets of its size, ascending.
+            race: Race of these sets, whose rows count within `size_rows`."""
         counted = self.options[row].counted
         if race is None or counted is None:
             return None
@@ -96,8 +115,9 @@ class JudgedOptions:
         predicted = self.entrants.predicted[judged_rows]
         blocks = intervals.count_blocks(counted.frames)
         likely_aps = shrink(aps, draws, predicted, blocks).resamples
-        gains = likely_aps - likely_aps[judged_rows.index(row)]
+        gains = likely_aps - likely_aps[judged_rows.index(row)]  # axes: judged set, resample
         is_better = gains > intervals.AP_TOLERANCE
+        # rows of the race: this set, then all judged ones, which the race's doubt leaves out
         raced_rows = np.searchsorted(size_rows, [row, *judged_rows])
         dropped_doubt = race.doubt(int(raced_rows[0]), raced_rows[1:].tolist())
         return max(0.0, 1 - float(is_better.any(axis=0).mean()) - dropped_doubt)

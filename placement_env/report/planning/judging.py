@@ -23,6 +23,7 @@ from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS, known_labels
 from toolkit.runtime.run import Run
 
+# name of each class in sentences
 NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LABELS}
 COUNTS = slice(3, 5)  # vehicles and frames, after AP, recall and precision
 DRAWS = slice(5, None)  # the AP of each resample, last
@@ -33,7 +34,14 @@ _Figures = Float64[np.ndarray, "*cases figures"]
 class SetJudgement(NamedTuple):
     """Judgement of a set, intact and in the requested cases.
 
-    The fields are those in `PlanOption`; cases that were not requested are None."""
+    Fields have the names of `PlanOption`, so that they can be passed to it; cases that were not
+    requested are None.
+
+    Attributes:
+        judged: Result of the intact set in undivided traffic.
+        left: Result after failures, over the levels of traffic if there are several.
+        over_levels: Result of the intact set over the levels of traffic.
+        over_errors: Result over the error profiles, with failures and levels."""
 
     judged: Judgement
     left: Judgement | None = None
@@ -48,13 +56,17 @@ class SetJudgement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """The detector on one part of the traffic.
+    """The detector on one part of the traffic, which judges sensor sets.
+
+    Sets are rows of booleans over all C candidates; members are the indices of one set's
+    candidates.
 
     Attributes:
         profiles: The detector at each error profile, matched at all IoU thresholds of the cases.
         cases: Cases over which sets are judged.
         seed: Seed of the bootstrap.
-        levels: Frames of each level of traffic, empty if traffic is undivided.
+        levels: Frames of each level of traffic, thin traffic first, empty if traffic is
+            undivided.
         drawings: Judges of the same candidates at other drawings of the site. Figures of sets are
             means over all drawings."""
 
@@ -66,7 +78,9 @@ class Judge:
 
     @classmethod
     def from_preparation(cls, prepared: Preparation, seed: int) -> "Judge":
-        """Return a judge on the traffic of a preparation."""
+        """Return a judge on the traffic of a preparation.
+
+        seed: seed of the bootstrap, not of the traffic."""
         cases = prepared.setting.cases
         profiles = [
             prepared.detected(errors).at(cases.ious[0], cases.ious) for errors in cases.profiles
@@ -85,12 +99,12 @@ class Judge:
 
     @property
     def intact(self) -> Cases:
-        """Cases without failures and levels, at the first error profile."""
+        """Cases without failures and levels, at the first error profile; IoU stays."""
         return replace(self.cases, failing=0, levels=1, errors=self.cases.profiles[0])
 
     @cached_property
     def to_find(self) -> dict[int, Int64[np.ndarray, " frames"]]:
-        """Number of objects to find, per frame and class."""
+        """Number of objects to find in each frame, by class, the index into `LABELS`."""
         counts = {}
         for label in self.detected.classes.labels:
             frame_counts = [self.detected.to_find(k, label).sum() for k in range(self.frames)]
@@ -99,7 +113,7 @@ class Judge:
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """Classes that count but have no object to find."""
+        """Names of the classes that count but have no object to find in any frame."""
         return tuple(LABELS[label] for label, counts in self.to_find.items() if not counts.any())
 
     @property
@@ -113,15 +127,17 @@ class Judge:
 
     @property
     def alone(self) -> "tuple[Judge, ...]":
-        """Separate judge of each drawing of the site."""
+        """Judges of one drawing of the site each: this judge's first, then the others."""
         return replace(self, drawings=()), *self.drawings
 
     def outcomes(self, members: tuple[int, ...]) -> list[Outcome]:
-        """Return the outcomes of one set in every frame."""
+        """Return the detections of one set in every frame and the objects that they hit.
+
+        They are at the first error profile."""
         return self.detected.outcomes([members], range(self.frames))[members]
 
     def kbit(self, members: tuple[int, ...]) -> Float64[np.ndarray, "k frames"]:
-        """Return the kbit that each sensor of one set sends in every frame."""
+        """Return the kbit that each sensor of one set sends in every frame, rows as `members`."""
         return np.array([outcome.bits for outcome in self.outcomes(members)], np.float64).T / 1000
 
     def judge(
@@ -131,22 +147,29 @@ class Judge:
         *,
         progress: Report | None = None,
     ) -> list[Judgement]:
-        """Judge sets over cases, by default `intact`.
+        """Judge sets over cases, and return one result for each set.
 
-        progress: called with the number of frames done."""
+        cases: conditions to reduce over, None for `intact`; progress: called with the number of
+        frames done."""
         return self.judge_drawn(sets, cases or self.intact, progress)[0]
 
     def judge_drawn(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
     ) -> tuple[list[Judgement], _Figures]:
-        """Judge sets over cases, and return the AP of each resample too.
+        """Judge sets over cases; return one result for each set, and AP in each resample.
 
-        A resample has the same frames for all sets."""
+        The AP of resamples have the axes set and resample. A resample has the same frames for all
+        sets, so that they can be compared draw by draw. Figures are means over the drawings of the
+        site.
+
+        cases: conditions to reduce over; progress: called with the number of frames done."""
         if not len(sets):
             return [], np.empty((0, 0))
+        # axes: drawing, profile, set, figure
         drawings = [drawing._at_profiles(sets, cases, progress) for drawing in self.alone]
         mean_figures = _reduce(np.array(drawings), "mean")
         figures = _reduce(mean_figures, cases.errors_by)
+        # every resample has its worst profile, not the worst profile of all frames
         figures[..., DRAWS] = cases.over_errors(mean_figures[..., DRAWS])
         judgements = [_judgement(set_figures, self.detected.classes) for set_figures in figures]
         return judgements, figures[..., DRAWS]
@@ -154,10 +177,14 @@ class Judge:
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
     ) -> tuple[list[SetJudgement], _Figures]:
-        """Judge sets intact and in all cases.
+        """Judge sets intact and in all requested cases.
 
-        stage: returns a progress callback for a name. Also returns the compared AP of each set in
-        each resample, [n, resamples]."""
+        Also returns the AP of each set in each resample, with the axes set and resample, for the
+        result by which sets are compared (`SetJudgement.counted`).
+
+        stage: function that returns a progress callback, or None, for the name of a stage; it is
+        called for every kind of case except levels."""
+        # the last kind of case that was requested gives the draws, as in `SetJudgement.counted`
         first = replace(self.cases, errors=self.cases.profiles[0])
         judged, draws = self.judge_drawn(sets, self.intact, stage("chosen set"))
         left: Sequence[Judgement | None] = [None] * len(sets)
@@ -173,16 +200,20 @@ class Judge:
         return [SetJudgement(*judgements) for judgements in rows], draws
 
     def by_level(self, members: tuple[int, ...]) -> list[Judgement | None]:
-        """Judge one intact set at each level of traffic. None for a level without objects."""
+        """Judge one intact set at each level of traffic, at the first error profile.
+
+        A level without objects has None; undivided traffic has no levels."""
         judgements: list[Judgement | None] = []
         for level_frames in self.levels:
             figures = self._draw(self.outcomes(members), level_frames, self.cases.ious)
-            has_objects = not np.isnan(figures[0])
+            has_objects = not np.isnan(figures[0])  # AP, undefined without objects
             judgements.append(_judgement(figures, self.detected.classes) if has_objects else None)
         return judgements
 
     def by_errors(self, members: tuple[int, ...]) -> dict[str, Judgement]:
-        """Judge one set at each error profile, by name."""
+        """Judge one set at each error profile, by its name; empty if there is one profile.
+
+        Failures and levels count as the cases ask; other drawings of the site do not."""
         if len(self.profiles) == 1:
             return {}
         is_member = np.isin(np.arange(len(self.detected.renders.sensors)), members)[None]
@@ -193,24 +224,29 @@ class Judge:
         }
 
     def of_classes(self, classes: Classes) -> "Judge":
-        """Return a judge of other classes at the first error profile."""
+        """Return a judge of other classes, for intact sets at the first error profile.
+
+        It knows only the first drawing of the site and undivided traffic."""
         profiles = (self.detected.of_classes(classes),)
         return replace(self, profiles=profiles, cases=self.intact, levels=(), drawings=())
 
     def by_class(self, members: tuple[int, ...]) -> tuple[ClassAP, ...]:
-        """Judge one set for each class that counts."""
+        """Judge one intact set for each class that counts, at the first error profile."""
         classes = self.detected.classes
         all_frames = np.arange(self.frames)
         class_aps = []
         tallies = self._tally(self.outcomes(members), all_frames, self.cases.ious)
         for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True)):
+            # axes of tallies: IoU, class; of `tallies_of_class`: IoU, one class
             tallies_of_class = [[class_tallies[k]] for class_tallies in tallies]
             judgement = judge_tallies(tallies_of_class, Classes((name,)), self.seed)
             class_aps.append(ClassAP(name, weight, self.cases.class_ious(classes, name), judgement))
         return tuple(class_aps)
 
     def by_other_class(self, members: tuple[int, ...]) -> tuple[ClassAP, ...]:
-        """Judge one set for each present class that the detector knows but that does not count."""
+        """Judge one set for each present class that the detector knows but that does not count.
+
+        Their weights are 0."""
         detector_labels = known_labels(self.detected.detector) or ()
         names = self.detected.classes.names
         other_labels = tuple(
@@ -222,7 +258,12 @@ class Judge:
     def _at_profiles(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
     ) -> Float64[np.ndarray, "profiles n figures"]:
-        """Return the figures of sets at each error profile, over thresholds, levels, failures."""
+        """Return the figures of sets at each error profile, over thresholds, levels, failures.
+
+        The figures are AP, recall, precision, objects and frames, then AP in each resample. Every
+        resample has its worst case; the other figures come from the worst case of all frames, or
+        are means. Means over levels have the objects and frames of all levels with objects."""
+        # rows: the sets, then what each failure leaves; equal rows are detected once
         rows, owners = cases.expand(sets)
         unique_rows, row_index = np.unique(rows, axis=0, return_inverse=True)
         members = [tuple(np.flatnonzero(row).tolist()) for row in unique_rows]
@@ -236,7 +277,7 @@ class Judge:
             )
         # axes: profile, level, row, figure
         figures = np.array(profile_figures)[:, :, row_index.reshape(-1)]
-        reduced = _reduce(np.moveaxis(figures, 1, 0), cases.levels_by)
+        reduced = _reduce(np.moveaxis(figures, 1, 0), cases.levels_by)  # profile, row, figure
         if cases.levels_by == "mean":
             counts = np.where(np.isnan(figures[..., :1]), 0, figures[..., COUNTS])
             reduced[..., COUNTS] = counts.sum(axis=1)
@@ -244,9 +285,10 @@ class Judge:
             set_figures = []
             for number in range(len(sets)):
                 failure_rows = np.flatnonzero(owners == number)[1:]  # the first is the set itself
-                over_failures = np.moveaxis(reduced[:, failure_rows], 1, 0)
+                over_failures = np.moveaxis(reduced[:, failure_rows], 1, 0)  # failures first
                 set_figures.append(_reduce(over_failures, cases.failures))
             reduced = np.stack(set_figures, axis=1)
+        # `None` is the axis of IoU thresholds, over which the figures are means already
         reduced[..., DRAWS] = cases.at_profiles(figures[:, :, None, :, DRAWS], owners, tie=0.0)
         return reduced
 
@@ -256,19 +298,26 @@ class Judge:
         frames: Int64[np.ndarray, " _"],
         ious: Sequence[float],
     ) -> list[_Figures]:
+        # figures of each set in the same frames, from its outcomes in all frames
         return [self._draw(outcomes, frames, ious) for outcomes in set_outcomes]
 
     def _draw(
         self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]
     ) -> _Figures:
-        """Return the figures of one set in some frames, with resamples of their blocks."""
+        """Return the figures of one set in some frames, with resamples of their blocks.
+
+        outcomes: in all frames; frames: indices of the frames to use; ious: thresholds to average
+        over."""
         draws = intervals.draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         return _draw_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
 
     def _tally(
         self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]
     ) -> list[list[Tally]]:
-        """Tally the outcomes of one set in some frames, per IoU and class."""
+        """Tally the outcomes of one set in some frames, in a list per IoU of one per class.
+
+        outcomes: in all frames; frames: indices of the frames to tally; ious: thresholds, which the
+        detector must be matched at."""
         frame_outcomes = [outcomes[k] for k in frames.tolist()]
         tallies = []
         for iou in ious:
@@ -282,18 +331,22 @@ class Judge:
 
 
 def one_stage(run: Run, name: str, frames: int) -> Callable[[str], Report | None]:
-    """Return what makes the callback of `Judge.judge_cases`: every part of its work counts as one
-    stage."""
+    """Return the argument `stage` of `Judge.judge_cases` that reports all work under one name.
+
+    run: reports the stage; frames: number of frames to report."""
     return lambda _: run.stage(name, frames)
 
 
 def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: int) -> Judgement:
-    """Judge from a tally of each class at each IoU threshold, averaged over the thresholds."""
+    """Judge from tallies per IoU threshold and class; figures are means over the thresholds.
+
+    seed: seed of the bootstrap."""
     draws = intervals.block_draws(len(tallies[0][0].truths), seed=seed)
     return _judgement(_draw_tallies(tallies, classes, draws), classes)
 
 
 def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws) -> _Figures:
+    # returns one row of figures, averaged over thresholds; tallies: per IoU threshold and class
     threshold_figures = []
     for class_tallies in tallies:
         class_aps = [tally.ap for tally in class_tallies]
@@ -313,7 +366,10 @@ def _draw_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, draws: D
 def _reduce(
     figures: Float64[np.ndarray, "cases *rest figures"], by: Combine
 ) -> Float64[np.ndarray, "*rest figures"]:
-    """Return the figures of the case with the lowest AP, or means over cases, without NaN."""
+    """Return all figures of the case with the lowest AP, or means of each figure over cases.
+
+    Cases with undefined AP are never the worst, and NaNs are left out of means. Means have the
+    number of objects and frames of the first case."""
     if by == "worst":
         ap = figures[..., :1]
         worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None]
@@ -324,6 +380,7 @@ def _reduce(
 
 
 def _judgement(figures: _Figures, classes: Classes) -> Judgement:
+    # figures: one row; precision without detections or objects is NaN, which becomes None
     ap, recall, precision, vehicles, frames = figures[: DRAWS.start].tolist()
     counts = {"blocks": intervals.count_blocks(int(frames)), "objects": int(vehicles)}
     low, high = intervals.figure_interval(ap, figures[DRAWS], **counts, confidence=CONFIDENCE)
@@ -333,5 +390,7 @@ def _judgement(figures: _Figures, classes: Classes) -> Judgement:
 
 
 def state_figure(stage: str, judged: Judgement) -> StageFigure:
-    """Return a judgement's AP as a figure to compare with other stages."""
+    """Return a judgement's AP as a figure to compare with other stages.
+
+    stage: place of the figure in an error text, such as "in the judgement"."""
     return StageFigure(stage, judged.ap, judged.vehicles, judged.frames)

@@ -18,11 +18,16 @@ def pick_moments(
     points: int = MOMENT_POINTS,
     seed: int = 0,
 ) -> tuple[content.SceneMoment, ...]:
-    """Pick the first run of `count` frames with the most vehicles.
+    """Pick the consecutive frames that have the most scored objects, the first run if several tie.
 
-    points: number of points to keep of each cloud, drawn from the seed."""
+    Args:
+        detected: Detector on the frames to pick from.
+        members: Indices of the set's candidates.
+        count: Number of frames, fewer if there are not as many.
+        points: Most points to keep of each sensor's cloud, drawn from the seed."""
     object_counts = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
     count = min(count, detected.frames)
+    # sums over every run of `count` frames, by its first frame
     first = int(np.convolve(object_counts, np.ones(count, np.int64), mode="valid").argmax())
     return tuple(
         build_scene_moment(detected, members, k, points, seed) for k in range(first, first + count)
@@ -32,13 +37,17 @@ def pick_moments(
 def build_scene_moment(
     detected: Detected, members: tuple[int, ...], k: int, points: int, seed: int
 ) -> content.SceneMoment:
-    """Return frame k with its thinned clouds, objects and detections."""
+    """Return frame k with its thinned clouds, objects and detections.
+
+    Hits are at the detector's threshold `iou`. points: most points of each cloud; seed: each cloud
+    is drawn from this number, the frame and the candidate."""
     outcome = detected.outcomes([members], [k])[members][0]
     truth = outcome.truth[detected.ious.index(detected.iou)]
     objects = detected.renders.objects(k)
     is_scored = detected.scored(k)
     scored_indices = np.flatnonzero(is_scored)
     is_hit = np.zeros(len(objects), np.bool_)
+    # `truth` counts scored objects only, from 0; negative numbers mean no hit
     is_hit[scored_indices[truth[truth > FALSE_ALARM]]] = True
     return content.SceneMoment(
         clouds=tuple(thin(detected.renders.clouds(k, c), points, [seed, k, c]) for c in members),
@@ -54,7 +63,9 @@ def build_scene_moment(
 def thin(
     cloud: Float32[np.ndarray, "n 3"], points: int, seed: list[int]
 ) -> Float32[np.ndarray, "m 3"]:
-    """Draw at most `points` points of a cloud, in order."""
+    """Draw at most `points` points of a cloud without replacement; they keep their order.
+
+    A cloud without more points comes back unchanged."""
     if len(cloud) <= points:
         return cloud
     return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]

@@ -16,7 +16,11 @@ PLAN_AGAIN = "make the plan again with coview plan"
 
 
 def read_cases(question: JsonObject) -> Cases:
-    """Read the cases of a question. Raises ValueError for a wrong or unknown member."""
+    """Read the conditions under which sets are scored: IoU, failures, traffic levels and errors.
+
+    Raises ValueError for a wrong member and for an unknown error profile.
+
+    question: `question` of a plan.json."""
     several = isinstance(question.value.get("iou"), list)
     ious = tuple(question.numbers("iou")) if several else (question.number("iou"),)
     errors = question.texts("errors")
@@ -42,7 +46,10 @@ def read_cases(question: JsonObject) -> Cases:
 def read_classes(question: JsonObject, cases: Cases) -> Classes:
     """Read the classes that count, with their weights and IoU thresholds.
 
-    Raises ValueError for a wrong member."""
+    A class has a threshold only if it differs from the one that the cases give it.
+    Raises ValueError for a wrong member.
+
+    question: `question` of a plan.json; cases: its cases, already read."""
     names = question.texts("classes")
     weights = question.numbers("class_weights")
     stated_ious = question.get("class_ious", list)
@@ -62,7 +69,15 @@ def read_classes(question: JsonObject, cases: Cases) -> Classes:
 
 
 def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> float | None:
-    """Return the IoU of a class, None if it is the usual one."""
+    """Return the IoU threshold of a class, None if the cases give it the same one.
+
+    Args:
+        cases: Cases of the question.
+        plain: The classes without thresholds of theirs.
+        name: Name of the class.
+        stated: JSON value for this class: a number, or the list of the question's thresholds.
+
+    Raises ValueError for another value."""
     usual = cases.class_ious(plain, name)
     if stated == usual or stated == list(np.atleast_1d(usual)):
         return None
@@ -75,7 +90,7 @@ def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> 
 
 
 def read_codec(question: JsonObject) -> Codec:
-    """Find the codec of a question by its digest. Raises ValueError for an unknown one."""
+    """Return the codec whose digest a question states. Raises ValueError for an unknown one."""
     digest = question.get("codec", str)
     for name in CODECS:
         if find_codec(name).digest == digest:

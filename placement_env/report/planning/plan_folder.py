@@ -38,7 +38,7 @@ PLAN_FILE = "plan.json"
 MAX_FRAMES = 100_000
 MAX_OBJECTS = 10**9
 MAX_SEED = 2**63 - 1
-MAX_POLE_GAP_M = 1.5  # between a sensor and its pole
+MAX_POLE_GAP_M = 1.5  # between a sensor and its pole, horizontally
 
 
 @dataclass(frozen=True)
@@ -93,19 +93,24 @@ class PlanFolder:
         return None if self.detector == "shipped" else self.detector
 
     def ask(self, setting: Setting) -> "PlanFolder":
-        """Return the plan under another question, for which it states no figure."""
+        """Return the plan with another setting, by which its set is then scored.
+
+        The stated figure stays only if scheme, codec, classes, cases and link share are the
+        same."""
         names = ("fusion", "codec", "counted", "cases", "link_share")
         same = all(getattr(setting, name) == getattr(self.setting, name) for name in names)
         return replace(self, setting=setting, stated=self.stated if same else None)
 
 
 def is_plan_folder(where: object) -> bool:
-    """Return whether this is the path of a folder, which must then be a plan's folder."""
+    """Return True for the path of a folder, False for any other value or path.
+
+    The folder is not opened; callers take every folder for a plan's folder."""
     return isinstance(where, str | Path) and Path(where).is_dir()
 
 
 def read_plan_folder(where: str | Path) -> PlanFolder:
-    """Read the plan in a folder.
+    """Read and check plan.json and site.json in a plan's folder.
 
     Raises FileNotFoundError for a folder without a plan. Raises ValueError, in one line with file,
     member, rule and value, for a damaged plan, another version, and a plan without a set."""
@@ -135,7 +140,9 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
 
 
 def found_nothing(path: Path) -> bool:
-    """Return whether a plan.json holds a plan without a set, which may be overwritten."""
+    """Return True if a plan.json holds a plan without a set, which may be overwritten.
+
+    False if the file is missing, damaged or no plan. path: the file."""
     try:
         plan = JsonObject(read_json(path))
         return plan.node("verdict").value.get("met") is False
@@ -144,6 +151,7 @@ def found_nothing(path: Path) -> bool:
 
 
 def _check_version(plan: JsonObject) -> None:
+    # raises ValueError for every version except this coview's, with advice for each case
     if "coview_plan" not in plan.value:
         raise ValueError(
             "it has no coview_plan, so it is of an earlier coview, without poles and prices, or "
@@ -160,7 +168,9 @@ def _check_version(plan: JsonObject) -> None:
 
 
 def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
-    """Refuse a sensor whose pole is unknown or too far away."""
+    """Raise ValueError for a sensor whose pole is unknown or more than `MAX_POLE_GAP_M` away.
+
+    site: site with the chosen sensors, in the order of the plan; stock: candidates on all poles."""
     poles = {mount.name: mount for mount in stock.mounts}
     for row, sensor in zip(plan.nodes("sensors", MAX_STOCK_SENSORS), site.sensors, strict=True):
         name = row.choice("pole", poles)
@@ -173,6 +183,7 @@ def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
 
 
 def _check_sensors(plan: JsonObject, site: Site) -> None:
+    # raises ValueError unless plan.json and site.json have the same sensors in the same order
     names = [sensor.get("name", str) for sensor in plan.nodes("sensors", MAX_STOCK_SENSORS)]
     mounted = [sensor.name for sensor in site.sensors]
     if names != mounted:
@@ -185,7 +196,10 @@ def _check_sensors(plan: JsonObject, site: Site) -> None:
 
 
 def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
-    """Read question, stock and stated figures of a plan.json, and check them against the site."""
+    """Read question, stock and stated figures of a plan.json, and check them against the site.
+
+    folder: folder of the plan; site: site with the chosen sensors. Raises ValueError for a wrong
+    member."""
     question = plan.node("question")
     head = plan.node("head")
     texts = {key: head.get(key, str) for key in head.value}
@@ -211,6 +225,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         raise ValueError(
             f"question.frames must be three whole numbers from 1 to {MAX_FRAMES}, got {frames}"
         )
+    # if search and comparison have as many frames, the number was given: the usual ones differ
     return PlanFolder(
         folder,
         setting,
@@ -224,6 +239,7 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
 
 
 def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:
+    # reads the figure of the intact set; errors: name of the first error profile
     judgement = chosen_set.node("judged")
     low = read_optional(judgement, "low", judgement.number)
     high = read_optional(judgement, "high", judgement.number)

@@ -29,7 +29,10 @@ MAX_KBIT = 1e12
 def format_stock(question: Question, candidates: Candidates) -> Json:
     """Return the stock of a plan for plan.json, in the site's metres.
 
-    The stock has poles, sensor models, prices and keep-out areas."""
+    The stock has poles, sensor models, prices and keep-out areas. If the candidates are all poses
+    on some poles, it has the heights, number of headings and tilts; otherwise it has each sensor.
+
+    question: question with the stock; candidates: sensors that the stock offers."""
     stock = question.stock
     axes = candidates.axes
     catalogue = stock.catalogue
@@ -71,6 +74,7 @@ def _format_pole(mount: Mount) -> Json:
 
 
 def _format_mounted(candidates: Candidates) -> list[Json]:
+    # factors: indices of the mount, height, heading, tilt and model, in this order
     rows = zip(candidates.sensors, candidates.factors.tolist(), strict=True)
     return [
         {
@@ -95,18 +99,27 @@ def _format_catalogue(catalogue: SensorCatalogue) -> Json:
 
 
 def read_optional(node: JsonObject, key: str, read: Callable[[str], Any]) -> Any:
-    """Read a member that may be null, but not missing."""
+    """Read a member with `read`, or return None if it is null.
+
+    A missing member is not None: `read`, a method of the node, gets its key and raises."""
     return None if node.value.get(key, ...) is None else read(key)
 
 
 def read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
-    """Read poles, sensor models, prices and keep-out areas.
+    """Read poles, sensor models, prices and keep-out areas of a plan.json.
 
-    head: title, client, author and date of the catalogue. Raises ValueError for a wrong member."""
+    The stock that comes back has finished candidates, not a name for them. Raises ValueError for a
+    wrong member.
+
+    Args:
+        stock: `stock` of a plan.json.
+        site: Site with the chosen sensors.
+        head: Title, client, author and date of the catalogue."""
     poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_STOCK_POLES))
     models = [_read_priced(model) for model in stock.nodes("models", MAX_STOCK_MODELS)]
     if not poles or not models:
         raise ValueError("stock must hold a pole and a model: the file is damaged")
+    # one area too many is enough to refuse the file; thousands more are not parsed
     area_texts = stock.texts("keep_out_wkt")[: MAX_KEEP_OUT_AREAS + 1]
     areas = tuple(_read_area(text, i) for i, text in enumerate(area_texts))
     if len(areas) > MAX_KEEP_OUT_AREAS:
@@ -135,13 +148,14 @@ def _read_pole(pole: JsonObject) -> Mount:
 
 
 def _read_priced(row: JsonObject) -> tuple[PricedModel, bool]:
-    """Read a model, and whether it has a price."""
+    """Read a sensor model, and True if it has a price; a model without one gets 0."""
     price = read_optional(row, "price", lambda key: row.number(key, 0, MAX_PRICE))
     model = read_model(row.node("model"))
     return PricedModel(row.get("name", str), model, price or 0.0), price is not None
 
 
 def _read_area(text: str, number: int) -> shapely.Geometry:
+    # text: well-known text in the site's metres; number: index in the file, for error texts
     where = f"stock.keep_out_wkt[{number}]"
     try:
         area = shapely.from_wkt(text)
@@ -155,7 +169,7 @@ def _read_area(text: str, number: int) -> shapely.Geometry:
 
 
 def _is_sound(area: shapely.Geometry | None) -> bool:
-    """Return whether an area is a valid polygon with coordinates within bounds."""
+    """Return True if an area is a valid polygon, not empty, within `MAX_COORDINATE_M`."""
     if area is None or area.geom_type not in ("Polygon", "MultiPolygon"):
         return False
     if not area.is_valid or area.is_empty or not np.isfinite(area.bounds).all():
@@ -166,6 +180,7 @@ def _is_sound(area: shapely.Geometry | None) -> bool:
 def _read_catalogue(
     node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]
 ) -> SensorCatalogue:
+    # models: each with True if it has a price; head: title, client, author, date
     if not all(is_priced for _, is_priced in models):
         raise ValueError(
             "stock.models must all have a price where there is a catalogue: the file is damaged"
@@ -186,6 +201,7 @@ def _read_catalogue(
 def _read_pool(
     stock: JsonObject, site: Site, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
 ) -> Candidates:
+    # candidates in all poses: poles times heights, headings, tilts and models
     heights = stock.numbers("heights_m")
     tilts = stock.numbers("tilts_deg")
     headings = stock.whole("headings", 1, MAX_AIM_STEPS)
@@ -196,6 +212,7 @@ def _read_pool(
         raise ValueError(
             f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles"
         )
+    # `pool` takes a list of models without prices, or a dictionary from model to price
     models_offered: Any = [priced_model.model for priced_model, _ in models]
     if all(is_priced for _, is_priced in models):
         models_offered = {priced_model.model: priced_model.price for priced_model, _ in models}
@@ -214,6 +231,7 @@ def _read_pool(
 def _read_mounted(
     stock: JsonObject, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
 ) -> Candidates:
+    # candidates in single poses, each on a known pole; factors: pole and model of each
     sensors = []
     factors = []
     for row in stock.nodes("sensors", MAX_STOCK_SENSORS):
@@ -235,6 +253,7 @@ def _read_mounted(
         prices = tuple(priced_model.price for priced_model, _ in models)
     sensor_models = tuple(priced_model.model for priced_model, _ in models)
     axes = Axes(np.zeros(0), np.zeros(0), np.zeros(0), sensor_models, prices)
+    # pool without sensors, from which `from_poses` takes poles and prices
     empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
     poses = np.column_stack([heights, headings, tilts])
     with name_errors("stock"):

@@ -14,9 +14,11 @@ PLAN_FILES = (*REPORT_FILES, *EXCHANGE_FILES, PLAN_FILE)
 
 
 def write_plan(planned: content.Planned, out: Path) -> list[Path]:
-    """Write a plan's files into a folder, made if missing, all or none; return their paths.
+    """Write a plan's files into a folder, all or none, and return their paths by name.
 
-    Files of `PLAN_FILES` that an earlier plan left there and this one lacks are removed. Raises
+    The folder is made if missing. A plan without sensors has no files for other tools
+    (`EXCHANGE_FILES`). Files of `PLAN_FILES` that an earlier plan left there and this one lacks are
+    removed; other files stay. Raises
     ImportError without the packages of `coview[report]`, OSError if the folder cannot be
     written."""
     plan = planned.plan
@@ -41,6 +43,8 @@ def write_plan(planned: content.Planned, out: Path) -> list[Path]:
 
 
 def format_json(plan: content.Plan) -> str:
-    """Format a plan as JSON, the same for the same plan."""
+    """Format a plan as JSON text, the same for the same plan.
+
+    Infinite numbers and NaN, which JSON lacks, become null."""
     values = replace_infinite(plan.as_dict())
     return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -26,7 +26,9 @@ from placement_env.report.planning.refusals import Refusal, refuse, refuse_quest
 def plan(question: Question) -> content.Planned:
     """Answer a question with a plan, which gives reasons if nothing may be built.
 
-    The same question has the same plan, byte for byte, whatever the cache and the processes. Raises
+    The plan comes with the site and its chosen sensors, the candidates, and the ground and frames
+    for pictures. A refused plan has no sensors, ground and frames. The same question has the same
+    plan, byte for byte, whatever the cache and the processes. Raises
     ValueError and OSError for damaged inputs, ImportError without SUMO."""
     try:
         _check_question(question)
@@ -36,7 +38,9 @@ def plan(question: Question) -> content.Planned:
 
 
 def _check_question(question: Question) -> None:
-    """Raise `Refusal` if a question has no answer, whatever the traffic."""
+    """Raise `Refusal` if a question has no answer, whatever the traffic.
+
+    Raises ValueError if the detector cannot score the question."""
     if reasons := refuse_question(question):
         raise Refusal(reasons)
     try:
@@ -47,7 +51,11 @@ def _check_question(question: Question) -> None:
 
 
 def _answer(question: Question) -> content.Planned:
-    """Search, compare, choose, judge the choice on fresh traffic, and write the plan."""
+    """Search, compare, choose, judge the choice on fresh traffic, and build the plan.
+
+    Raises `Refusal` if a stage finds that nothing can be planned.
+
+    question: question with few enough poses to search (`narrow_question`)."""
     searched = prepare_search(question, question.part("search"))
     entrants = search_entrants(question, searched)
     objectives = searched.objectives

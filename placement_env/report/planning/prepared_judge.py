@@ -20,7 +20,9 @@ MAX_FINAL_FRAMES = 1200  # frames that a plan may use to reach a width
 
 
 class PreparedJudge(NamedTuple):
-    """Traffic at the first drawing of the site, and the judge over all drawings."""
+    """Traffic at the first drawing of the site, and the judge over all drawings.
+
+    A drawing fills in at random what no map knows of the site."""
 
     preparation: Preparation
     judge: Judge
@@ -29,9 +31,14 @@ class PreparedJudge(NamedTuple):
 def prepare_judge(
     question: Question, objectives: Sequence[Objective], run: Run, *, compares: bool = False
 ) -> PreparedJudge:
-    """Simulate one part of the traffic, and return the judge on it.
+    """Simulate one part of the traffic at each drawing of the site, and return the judge on it.
 
-    objectives: one for each drawing of the site; compares: the judge compares many sets."""
+    Args:
+        question: The question.
+        objectives: Objective of the searches for each drawing, which has the candidates.
+        run: Seed and number of frames of this part.
+        compares: True if many sets are compared, for which a detector may be coarser
+            (`quick_detector`)."""
     preparations = [
         Preparation(drawing.judge_setting(objective.candidates), run, compares=compares)
         for drawing, objective in zip(question.at_drawings, objectives, strict=True)
@@ -47,7 +54,11 @@ def prepare_final_judge(
 ) -> PreparedJudge:
     """Prepare the last part of the traffic, with enough frames for the requested width.
 
-    is_member: the chosen set, whose interval must be as narrow as the width."""
+    Traffic is simulated again with more frames until the AP interval of the chosen set is as narrow
+    as the question's width, or `MAX_FINAL_FRAMES` are reached. Without a requested width, or
+    without a counted class, the first attempt comes back.
+
+    is_member: True for the candidates of the chosen set; objectives: one for each drawing."""
     run = question.part("judgement")
     width = question.width
     while True:
@@ -62,10 +73,10 @@ def prepare_final_judge(
         interval_width = judgement.high - judgement.low
         if interval_width <= width:
             return prepared
-        needed = 2 * frames
+        needed = 2 * frames  # if there are too few frames for an interval
         if not math.isnan(interval_width):
             needed = frames_for_width(frames, interval_width, width)
-        needed = max(needed, frames + frames // 4 + BLOCK_FRAMES)
+        needed = max(needed, frames + frames // 4 + BLOCK_FRAMES)  # so that few attempts are made
         run = replace(run, frames=min(MAX_FINAL_FRAMES, needed))
 
 

@@ -56,7 +56,10 @@ class Stock:
             )
 
     def __call__(self, site: Site) -> Candidates:
-        """Return candidates with prices and links.
+        """Return the candidates at a site, with their prices and links.
+
+        Given `Candidates` come back unchanged. Prices of poles are multiplied by the catalogue's
+        `pole_price`.
 
         Raises `NoCandidates` if no pole or pose is left, ValueError and OSError for a damaged
         file."""
@@ -68,6 +71,7 @@ class Stock:
         if self.only:
             names = set(self.only)
             pool = pool.select(np.flatnonzero([sensor.name in names for sensor in pool.sensors]))
+        # without a price, poles keep theirs: 1 for an ordinary one
         price = None if self.catalogue is None else self.catalogue.pole_price
         return with_terms(pool, 1.0 if price is None else price, self.capacity_kbit)
 
@@ -190,7 +194,7 @@ class Question:
 
     @property
     def money(self) -> float | None:
-        """Most that may be spent, None for any sum."""
+        """Most that may be spent, in `currency`; None for any sum."""
         return None if math.isinf(self.setting.most_price) else self.setting.most_price
 
     @property
@@ -200,9 +204,10 @@ class Question:
 
     @cached_property
     def search_setting(self) -> Setting:
-        """Setting of the searches, without errors beyond the sensors' noise.
+        """Setting of the searches, without sensor errors beyond the models' noise.
 
-        Sets are scored by the surrogate, or by coverage if no surrogate fits the question."""
+        Sets are scored by the surrogate, a quick prediction of the shipped detector's AP, or by
+        coverage if no surrogate fits the question."""
         cases = replace(self.cases, errors=("paper",))
         plain = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
         try:
@@ -213,7 +218,10 @@ class Question:
 
     @cached_property
     def at_drawings(self) -> "tuple[Question, ...]":
-        """The question at each drawing of the site; the first drawing is the site itself."""
+        """The question at each drawing of the site; the first drawing is the site itself.
+
+        A drawing fills in at random what no map knows. The other questions have one drawing each,
+        from seeds after `DRAWING_SEED`, so that they are the same in every run."""
         questions = [self]
         for number in range(1, self.drawings):
             site = redraw(self.site, DRAWING_SEED + number)
@@ -221,15 +229,22 @@ class Question:
         return tuple(questions)
 
     def judge_setting(self, candidates: Candidates) -> Setting:
-        """Return the setting of the judges, for candidates of the stock."""
+        """Return the setting of the judges, who score by the detector with all cases and errors.
+
+        candidates: sensors of the stock that may be built."""
         return replace(self.setting, candidates=candidates, fidelity="detector")
 
     def part(self, name: str) -> Run:
-        """Return the run of one of the three parts of traffic."""
+        """Return the run of one part of the traffic, with its seed and number of frames.
+
+        name: "search", "comparison" or "judgement"."""
         return self.run.part(list(PART_FRAMES).index(name), self.run.frames_or(PART_FRAMES[name]))
 
     def as_dict(self) -> dict[str, object]:
-        """Return every option, for plan.json."""
+        """Return every option as JSON values, for plan.json.
+
+        Files and objects are stated by name or digest; without a detector it is
+        "shipped"."""
         setting = self.setting
         cases = self.cases
         stock = self.stock
@@ -276,6 +291,7 @@ class Question:
 
 
 def _check_amount(name: str, value: float | None) -> None:
+    # raises ValueError for an infinite or negative amount; None is any amount
     if value is not None and not 0 <= value < math.inf:
         raise ValueError(
             f"{name} must be a finite number from 0 up, got {value}: leave it out for any"

@@ -23,7 +23,9 @@ class Refusal(Exception):
 
 
 def refuse_question(question: Question) -> tuple[str, ...]:
-    """List reasons against any plan that need no simulation."""
+    """List in sentences the reasons against any plan that are known without simulation.
+
+    Empty if a plan may be made."""
     if question.sensors == 0:
         return ("The budget is 0 sensors, so there is nothing to build: allow 1 or more.",)
     if question.site.network:
@@ -37,7 +39,13 @@ def refuse_question(question: Question) -> tuple[str, ...]:
 def refuse_traffic(
     question: Question, missing: Sequence[str], frames: int, part_name: str
 ) -> tuple[str, ...]:
-    """Explain that one part of the traffic lacks counted classes."""
+    """Explain in one sentence that one part of the traffic lacks counted classes.
+
+    Args:
+        question: The question.
+        missing: Names of the classes without an object.
+        frames: Number of frames of this part.
+        part_name: Adjective for the part in the sentence, such as "simulated"."""
     return (
         f"No {' and no '.join(missing)} enters the detection area of site {question.site.name!r} "
         f"in {describe_count(frames, 'frame')} of {part_name} traffic: increase --frames, change "
@@ -46,7 +54,7 @@ def refuse_traffic(
 
 
 def refuse(question: Question, refusal: Refusal) -> content.Planned:
-    """Return a plan without sensors that gives the reasons."""
+    """Return a plan without sensors, whose verdict gives the reasons of a refusal."""
     verdict = content.Verdict(False, "No set of sensors can be planned.", refusal.reasons)
     plan = content.Plan(
         question=question.as_dict(),

@@ -15,19 +15,22 @@ from toolkit.points import count_on_ground
 
 @dataclass(frozen=True, eq=False)
 class ScoredBoxes:
-    """Detections of one set, box by box.
+    """Detections of one sensor set and the scored objects, box by box.
+
+    The t objects and n detections of all frames follow one another, frame after frame. Boxes have
+    the columns x, y, z, length, width, height (m) and yaw (rad), in the site's frame.
 
     Attributes:
-        truths: Boxes of the scored objects of all frames, in order.
-        truth_frame: Frame of each object.
-        truth_label: Class of each object.
+        truths: Boxes of the scored objects.
+        truth_frame: Frame of each object, from 0.
+        truth_label: Class of each object, an index into `LABELS`.
         points: Number of the set's points on each object.
         boxes: Boxes of the detections.
         scores: Score of each detection.
-        frame: Frame of each detection.
-        label: Class of each detection.
-        hits: Index of the object that each detection hits at each IoU threshold, or FALSE_ALARM or
-            IGNORED.
+        frame: Frame of each detection, from 0.
+        label: Class of each detection, an index into `LABELS`.
+        hits: At each IoU threshold, the index into `truths` that each detection hits, or
+            FALSE_ALARM (-1) or IGNORED (-2).
         frames: Number of frames.
         classes: Classes that count."""
 
@@ -50,7 +53,13 @@ class ScoredBoxes:
         is_counted: Bool[np.ndarray, " n"],
         iou_index: int,
     ) -> Tally:
-        """Tally truths and detections of one class and IoU."""
+        """Tally some objects and some detections of one class at one IoU threshold.
+
+        Args:
+            label: Class, an index into `LABELS`.
+            truths: True for the objects to tally, of any class.
+            is_counted: True for the detections to tally, of any class.
+            iou_index: Row of `hits`."""
         is_truth = truths & (self.truth_label == label)
         is_detection = is_counted & (self.label == label)
         count = np.bincount(self.truth_frame[is_truth], minlength=self.frames)
@@ -63,13 +72,17 @@ class ScoredBoxes:
 
 
 def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
-    """Collect detections of the chosen set in all frames of a judge."""
+    """Collect objects and detections of one set in all frames of a judge.
+
+    members: indices of the set's candidates, ascending. Detections are by the judge's detector at
+    the first error profile."""
     detected = judge.detected
     outcomes = judge.outcomes(members)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
     detections = [detected.detections(members, k) for k in range(judge.frames)]
     frame = np.repeat(np.arange(judge.frames), [len(outcome.scores) for outcome in outcomes])
     object_counts = list(map(len, objects))
+    # outcomes count objects from 0 in every frame; `first_truth` moves them to rows of all frames
     first_truth = np.cumsum([0, *object_counts])[frame]
     iou_rows = [detected.ious.index(iou) for iou in judge.cases.ious]
     truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)[iou_rows]
@@ -89,13 +102,15 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
 
 
 def fuse_clouds(detected: Detected, members: Sequence[int], k: int) -> Float32[np.ndarray, "n 3"]:
-    """Join the points of a set's sensors in frame k."""
-    no_points = np.empty((0, 3), np.float32)
+    """Return the points of all sensors of a set in frame k, in the site's frame (m)."""
+    no_points = np.empty((0, 3), np.float32)  # a set without sensors has a cloud too
     return np.concatenate([no_points, *(detected.renders.clouds(k, c) for c in members)])
 
 
 def count_set_points(detected: Detected, members: Sequence[int]) -> Int64[np.ndarray, " t"]:
-    """Count the points of a set on each scored object, frame after frame."""
+    """Count the points of a set on each scored object, frame after frame.
+
+    The order is the same as in `ScoredBoxes.truths`."""
     counts = [np.empty(0, np.int64)]
     for k in range(detected.frames):
         cloud = fuse_clouds(detected, members, k)

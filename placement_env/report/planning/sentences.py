@@ -23,7 +23,10 @@ MIN_OVERRATED_SETS = 3  # judged sets needed to measure by how much predictions 
 
 
 def describe_cases(question: Question) -> str:
-    """Describe the cases of the compared AP, "" for the usual cases."""
+    """Describe the cases of the compared AP, "" for the usual cases.
+
+    The words come between commas, for use in the middle of a sentence: ", at the worst of 3 levels
+    of traffic,"."""
     cases = question.cases
     words = []
     if cases.failing:
@@ -46,8 +49,17 @@ def build_verdict(
 ) -> Verdict:
     """State the answer in words.
 
-    compared, final: the chosen set in the comparison and in the final traffic; links: loads of the
-    links in the final traffic."""
+    Without a required AP the verdict has no `met`. Otherwise it is met if the AP of the final
+    traffic reaches it, and gives reasons if not. Links that are too narrow are named first. Raises
+    ValueError for a set that is not judged.
+
+    Args:
+        question: The question.
+        compared: The chosen set with its figures from the comparison.
+        final: The same set with its figures on the final traffic.
+        excluded: Sentences on what excludes candidates.
+        rule: Reason for the choice (`Choice.rule`).
+        links: Loads of the poles' links in the final traffic."""
     judgement = final.counted
     if judgement is None:
         raise ValueError("the chosen set is not judged: judge it first")
@@ -88,9 +100,13 @@ def build_verdict(
 def explain_shortfall(
     question: Question, best: PlanOption, final: Judgement, excluded: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Explain why the required AP is not reached.
+    """Explain in sentences why the required AP is not reached.
 
-    best: best set in the comparison; final: the same set in the final traffic."""
+    Args:
+        question: The question, which must have a required AP.
+        best: Best set in the comparison.
+        final: Result of the same set in the final traffic.
+        excluded: Sentences on what excludes candidates, which come last."""
     price = describe_money(best.price, question.currency)
     before = ""
     if best.counted:
@@ -121,10 +137,15 @@ def explain_choice(
     considered: int,
     fidelity: str,
 ) -> tuple[str, ...]:
-    """Explain with figures why this set was chosen.
+    """Explain in sentences with figures why this set was chosen.
 
-    chosen_option: the set with its figures from the comparison; considered: number of sets that
-    were scored."""
+    Args:
+        question: The question.
+        plan: The plan with compared sets, schemes and failures.
+        chosen_option: The chosen set with its figures from the comparison.
+        rule: Reason for the choice (`Choice.rule`).
+        considered: Number of sets that the searches scored.
+        fidelity: Name of the estimate that the searches scored sets by."""
     judged_count = sum(option.judged is not None for option in plan.considered)
     search_names = " and ".join(chosen_option.searches) or "a neighbour of a search's answer"
     compared_judgement = chosen_option.counted
@@ -163,7 +184,9 @@ def explain_choice(
 
 
 def _describe_best(plan: Plan, chosen: Judgement, currency: str) -> list[str]:
-    """Compare the best set with the chosen one, if it is known."""
+    """Return a sentence that compares the best set with the chosen one, none if it is not judged.
+
+    chosen: result of the chosen set in the comparison; currency: "" for ordinary poles."""
     best = plan.best
     if best is None or best.counted is None:
         return []
@@ -174,7 +197,7 @@ def _describe_best(plan: Plan, chosen: Judgement, currency: str) -> list[str]:
 
 
 def _describe_near_sets(count: int) -> str:
-    """Describe how many other sets are as good as the best."""
+    """Return a sentence on how many other sets are as good as the best. count: their number."""
     other_sets = "No other is"
     if count:
         other_sets = f"{describe_count(count, 'other judged set')} {'is' if count == 1 else 'are'}"
@@ -182,7 +205,9 @@ def _describe_near_sets(count: int) -> str:
 
 
 def _describe_other_schemes(plan: Plan) -> list[str]:
-    """Compare the planned fusion scheme with the others at the plan's IoU."""
+    """Return a sentence that compares the planned fusion scheme with the others.
+
+    It has their AP and kbit at the plan's IoU; none if the plan lacks figures of other schemes."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
     planned = next((row for row in rows if row.scheme == plan.scheme), None)
     other_schemes = ", ".join(
@@ -200,7 +225,10 @@ def _describe_other_schemes(plan: Plan) -> list[str]:
 
 
 def _describe_prediction(plan: Plan, chosen_option: PlanOption, fidelity: str) -> str:
-    """State the prediction of the searches, less their mean error on the judged sets."""
+    """State the predicted AP of the chosen set, less the mean error on the judged sets.
+
+    Nothing is deducted from coverage, which is no AP, with fewer than `MIN_OVERRATED_SETS` judged
+    sets, or if predictions do not overrate them on average."""
     overrated_by = [
         option.predicted - option.counted.ap
         for option in plan.considered
@@ -220,9 +248,13 @@ def _describe_prediction(plan: Plan, chosen_option: PlanOption, fidelity: str) -
 def list_assumptions(
     question: Question, fidelity: str, detector: str, *, sampled: bool
 ) -> tuple[str, ...]:
-    """List the assumptions behind the figures.
+    """List in sentences the assumptions behind the figures.
 
-    sampled: whether the objective of the searches scored subsets of the set."""
+    Args:
+        question: The question.
+        fidelity: Name of the estimate that the searches scored sets by.
+        detector: Name of the detector.
+        sampled: True if that estimate, not the detector, scored subsets of the chosen set."""
     lines = [
         *_list_methods(question, detector),
         *_list_scoring_limits(question),
@@ -244,7 +276,7 @@ def list_assumptions(
 
 
 def _list_methods(question: Question, detector: str) -> list[str]:
-    """List how traffic, AP, intervals, kbit and errors were computed."""
+    """List in sentences how traffic, AP, intervals, kbit and errors were computed."""
     cases = question.cases
     search_seed = question.part("search").seed
     comparison_seed = question.part("comparison").seed
@@ -267,7 +299,7 @@ def _list_methods(question: Question, detector: str) -> list[str]:
 
 
 def _describe_objects(question: Question) -> str:
-    """Describe the objects over which AP is computed."""
+    """Describe the classes over which AP is computed, to follow the words "AP is"."""
     classes = question.setting.counted
     if len(classes) > 1:
         return f"the {classes.described(question.cases.threshold)},"
@@ -277,7 +309,7 @@ def _describe_objects(question: Question) -> str:
 
 
 def _list_scoring_limits(question: Question) -> list[str]:
-    """List which IoU thresholds and classes the figures are for."""
+    """List in sentences which IoU thresholds and classes the figures are for, if not the usual."""
     ious = question.cases.ious
     lines = []
     if len(ious) > 1:
@@ -296,7 +328,7 @@ def _list_scoring_limits(question: Question) -> list[str]:
 
 
 def _list_stock_limits(question: Question) -> list[str]:
-    """List what prices leave out, and whether poses were left out."""
+    """List in sentences what prices leave out, and how many poses were left out of the search."""
     stock = question.stock
     lines = []
     if stock.catalogue is None:
@@ -318,7 +350,7 @@ def _list_stock_limits(question: Question) -> list[str]:
 
 
 def describe_origins(site: Site) -> str:
-    """List the drawn things of a site in a sentence."""
+    """List in a sentence the things of a site that are in no map but drawn at random."""
     if site.road_origin == "drawn":
         return "Everything at the site is drawn at random, the road too: there is no such place."
     drawn_counts = count_things(site)["drawn"]
@@ -372,7 +404,10 @@ def _describe_errors(question: Question) -> str:
 
 
 def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tuple[str, ...]:
-    """List questions that the plan cannot answer. levels: results by level of traffic."""
+    """List questions that the plan cannot answer.
+
+    final: result of the chosen set on the final traffic; levels: its results by level of traffic,
+    and levels with too few objects are named."""
     lines = [
         "How the detector does on real measurements of this place.",
         "Whether a set that no search looked at would do better: nothing is proven optimal.",

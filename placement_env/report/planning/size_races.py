@@ -24,7 +24,9 @@ LIKELY_TIE_AP = 2 * NEAR_TIE_AP  # below a race's winner; mean AP over IoU decid
 
 
 class SizeRace(NamedTuple):
-    """Race of the sets of one size, and the row of its winner."""
+    """Race of the sets of one size, and the winner's row among all entrants.
+
+    Rows of the race itself count only the sets of this size."""
 
     race: Contest
     winner: int
@@ -32,11 +34,14 @@ class SizeRace(NamedTuple):
 
 @dataclass(frozen=True)
 class SizeRaces:
-    """Races of all sizes.
+    """Races of all sizes, filled in place by `race_sizes`.
+
+    A row is the index of a set among all entrants.
 
     Attributes:
-        by_size: Races that were run.
-        winners: Row of the winner of each size.
+        by_size: Races that were run, by number of sensors.
+        winners: Row of the winner of each size, the largest size first. A size without a race has
+            the set with the highest prediction.
         close_sets: Expected AP and row of the finalists of all races."""
 
     by_size: dict[int, SizeRace]
@@ -45,20 +50,28 @@ class SizeRaces:
 
     @property
     def min_expected(self) -> float:
-        """Expected AP from which a set is near the best of all races."""
+        """Expected AP from which a set is near the best of all races; needs at least one race."""
         return max(self.close_sets)[0] - NEAR_AP
 
     def list_rows(self) -> list[int]:
-        """List the rows of all winners, and of finalists near the best of all races."""
+        """List the rows of all winners, and of finalists near the best of all races.
+
+        Each row appears once, winners first."""
         near_rows = [row for expected, row in self.close_sets if expected >= self.min_expected]
         return list(dict.fromkeys([*self.winners, *near_rows]))
 
 
 def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces:
-    """Race the sets of each size, the largest size first.
+    """Race the sets of each number of sensors, the largest number first.
 
-    Once the winner of a size is far behind the best of all, smaller sets fall further behind: then
-    the set with the highest prediction is taken without a race."""
+    Once the winner of a size is more than `NEAR_AP` behind the best of all, smaller sets fall
+    further behind: each of their sizes then gets its set with the highest prediction as winner,
+    without a race.
+
+    Args:
+        options: Entrants with their judge.
+        confidence: Confidence at which a race ends.
+        run: Gives the seed and reports the sizes done."""
     entrants = options.entrants
     races = SizeRaces({}, [], [])
     sizes = entrants.sets.sum(axis=1)
@@ -85,7 +98,11 @@ def _race_size(
     confidence: float,
     seed: int,
 ) -> Contest:
-    """Race the sets of one size, and add the race, its winner and its finalists to `races`."""
+    """Race the sets of one size, and return the race.
+
+    The race, its winner and its finalists are also added to `races`, which changes.
+
+    size_rows: indices of these sets among all entrants, ascending."""
     sets = options.entrants.sets
     evaluator = options.judge.evaluator
     race = contest(
@@ -96,7 +113,7 @@ def _race_size(
         seed=seed,
         frames=MAX_RACED_FRAMES,
     )
-    rows = size_rows[race.ranking]
+    rows = size_rows[race.ranking]  # indices among all entrants, best first
     winner = int(rows[0])
     order = race_order(options.judge.frames, seed=seed)
     finalists = find_finalists(race, sets[rows], evaluator, order)
@@ -115,8 +132,15 @@ def find_finalists(
 ) -> Int64[np.ndarray, " k"]:
     """Return the ranks of the winner of a race and its `MAX_FINALISTS` - 1 likeliest rivals.
 
-    They are ordered by mean AP over IoU, then by rank. The mean AP is on the frames of the first
-    rung, which all sets share."""
+    Rank 0 is the winner. Sets that nearly tie with it (`LIKELY_TIE_AP`) follow by mean AP over
+    IoU thresholds, highest first, then other sets by rank. The mean AP is on the frames of the
+    first rung, which all sets share.
+
+    Args:
+        race: The finished race.
+        ranked: Its sets, best first.
+        evaluator: Evaluator of the race.
+        order: All frames in the order in which races use them."""
     tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
     mean_aps = np.empty(0)
     if len(tied):

@@ -86,11 +86,22 @@ def budget_curve(
     """Points of a budget curve, one for each number of sensors up to `most` with a feasible set.
 
     With `amounts` of money (`list_amounts`), there is one for each amount with a new best set of at
-    most `most` sensors. Other arguments and errors are as in
-    `placement_env.search.portfolio.portfolio.search`."""
+    most `most` sensors. Empty if no set may be built.
+
+    Args:
+        objective: Objective of the searches.
+        most: Largest number of sensors.
+        amounts: Amounts of money, empty for a curve over numbers of sensors.
+        seed: Seed of searches, races and resamples.
+        seconds: Time for everything, None for no limit.
+        evaluations: Largest number of scored sets of each search, None for its default.
+        judging: Races and assessment.
+        checkpoint: Keeps the progress of searches and the winners of finished races.
+
+    Raises ValueError if these do not fit."""
     check_whole("budget", most, least=1)
     objective.setting.check_budget(most)
-    Limits(seconds, evaluations)
+    Limits(seconds, evaluations)  # checks both
     schedule = Schedule.of(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
     search_s = schedule.searching(SEARCH_COUNT * (len(amounts) or most))
@@ -101,10 +112,11 @@ def budget_curve(
     saved: KeptState = races.load() or {"ended": 0, "winners": []}
     winners: list[KeptState] = saved["winners"]
     for number, (money, entrants) in enumerate(groups[saved["ended"] :], saved["ended"]):
+        # equal shares for the races to come and the final judgement
         evaluator = schedule.limit(racing, 1 / (len(groups) - number + 1), 1)
         earlier = winners[-1]["subset"] if amounts and winners else None
         previous = as_rows([] if earlier is None else [earlier], entrants.sets.shape[1])
-        sets = np.concatenate([entrants.sets, previous])
+        sets = np.concatenate([entrants.sets, previous])  # the earlier winner races last
         race = contest(
             objective,
             sets,
@@ -126,6 +138,7 @@ def budget_curve(
 def _describe_winner(
     entrants: Entrants, row: int, members: list[int], money: float, race: Contest
 ) -> KeptState:
+    # JSON values for the checkpoint; row: index of the winner among the entrants
     is_sure = is_comparable(int(race.frames[0]), MIN_SURE_OBJECTS)
     return {
         "subset": members,
@@ -139,7 +152,10 @@ def _describe_winner(
 def _judge_winners(
     objective: Objective, winners: list[KeptState], final: CasesEvaluator, schedule: Schedule
 ) -> tuple[CurvePoint, ...]:
-    """Judge all winners together on the same frames."""
+    """Judge all winners together on the same frames, and return a point for each.
+
+    winners: sets with their predictions and races (`_describe_winner`); final: evaluator of the
+    third part of traffic. If time is short, there are fewer frames, the same for all."""
     rows = as_rows([winner["subset"] for winner in winners], len(objective.candidates))
     order = np.arange(final.frames) if schedule.seconds is None else race_order(final.frames)
     judged = schedule.limit(final).evaluate(
@@ -185,7 +201,16 @@ def _groups(
     seed: int,
     checkpoint: Checkpoint,
 ) -> Iterator[tuple[float, Entrants]]:
-    """Entrants of each amount of money with a set, or of each number of sensors."""
+    """Yield each amount of money with its entrants, or infinity for each number of sensors.
+
+    Amounts without a feasible set are left out.
+
+    Args:
+        objective: Objective of the searches.
+        effort: Limits of the searches of each amount, or of all numbers of sensors together.
+        amounts: Amounts of money, empty for numbers of sensors.
+        seed: Seed of the searches.
+        checkpoint: Keeps their progress."""
     for money in sorted(amounts):
         limited = objective.with_weights(
             objective.weights, most_price=min(money, objective.most_price)
@@ -217,8 +242,9 @@ def list_amounts(
     """Amounts of money for a curve, ascending, each the price of some set of at most `most`
     sensors.
 
-    They are all such prices up to `money`, or `count` of them, evenly spread and as large as
-    possible.
+    They are all such prices up to `money`, or at most `count` of them, evenly spread: for each of
+    `count` equal steps up to `money` the largest price within it. Prices are
+    added without a look at mounts, so some may belong to no feasible set.
     """
     check_whole("budget", most, least=1)
     candidates = objective.candidates
@@ -227,9 +253,10 @@ def list_amounts(
     if candidates.several:
         prices = np.union1d(prices, candidates.model_prices[is_allowed])
     sums = np.zeros(1)
-    for _ in range(most):
+    for _ in range(most):  # sums of the prices of up to as many sensors
         sums = np.unique(np.concatenate([sums, (sums[:, None] + prices).ravel()]))
         sums = sums[sums <= money * (1 + 1e-9)]
+        # exact up to rounding for few sums; for many, one sum stays in each of `MAX_SUMS` cells
         cells = np.floor(
             sums / max(money, 1e-300) * (1 << 30 if len(sums) <= MAX_SUMS else MAX_SUMS)
         )

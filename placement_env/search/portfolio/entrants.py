@@ -65,10 +65,11 @@ class Entrants:
     """Sets that enter a race, all feasible and different, small ones first.
 
     Attributes:
-        sets: Sets of candidates.
-        predicted: AP by the fidelity of the searches.
-        searches: Searches that answered with each set.
-        considered: Number of sets scored in all.
+        sets: Sets of candidates, a row of booleans each.
+        predicted: AP of each set by the fidelity of the searches.
+        searches: Names of the searches that answered with each set, empty for a neighbour of an
+            answer.
+        considered: Number of sets that the searches scored in all.
     """
 
     sets: Sets
@@ -97,7 +98,10 @@ class Effort:
 
 
 class _EnoughAP:
-    """Score sets by their AP, with more than enough counting as enough."""
+    """Fidelity that scores sets by another one's AP, but by no more than `enough`.
+
+    A search with a small weight on prices then looks for the cheapest set with enough AP.
+    """
 
     def __init__(self, fidelity: Fidelity, enough: float) -> None:
         self.name = fidelity.name
@@ -112,9 +116,11 @@ class _EnoughAP:
 def at_other_ious(
     objective: Objective, preparation: Preparation | None = None
 ) -> dict[str, Objective]:
-    """Same objective at other IoU thresholds, by name; empty if no surrogate scores it.
+    """Same objective at other IoU thresholds, by the name of its search; empty without a surrogate.
 
-    preparation: for an objective that does not know its preparation.
+    The objectives are for intact sets in undivided traffic. Thresholds without a surrogate are left
+    out, and the objective's thresholds too. preparation: for an objective that does not know
+    its preparation.
     """
     source = objective.preparation or preparation
     if source is None or source.setting.fidelity != "surrogate" or objective.visibility is None:
@@ -143,10 +149,17 @@ def keep_entrants(
     seed: int = 0,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Entrants:
-    """Entrants, from a cache if possible; an objective made from a site knows its cache.
+    """Entrants of all sizes, from a cache if possible; otherwise searched and put there.
 
-    depends_on: digest of the objective's traffic and other inputs; others: objectives whose answers
-    enter too (`at_other_ious`).
+    Args:
+        objective: Objective of the searches.
+        effort: Limits of the searches.
+        cache: Cache of the entrants, None for none. An objective made from a site has its cache
+            and digest, which are used instead of these arguments.
+        depends_on: Digest of the objective's traffic and other inputs.
+        others: Objectives whose answers enter too, by the name of their search (`at_other_ious`).
+        seed: Seed of the searches.
+        checkpoint: Keeps answers of finished searches.
     """
     if (preparation := objective.preparation) is not None:
         cache = objective.run.memo
@@ -154,6 +167,7 @@ def keep_entrants(
     conditions = (objective.provenance, objective.most_price, vars(effort), seed, [*others])
     key = make_key("entrants", code_digest(__name__), depends_on, *conditions)
     if cache is not None and (cached := cache.get([key])[0]) is not None:
+        # arrays of the cache: sets, predicted AP, names as JSON, number of scored sets
         searches = [tuple(json.loads(str(search_names))) for search_names in cached[2]]
         return Entrants(
             sets=cached[0],
@@ -169,10 +183,15 @@ def keep_entrants(
 
 
 def join_entrants(objectives: Sequence[Objective], groups: Sequence[Entrants]) -> Entrants:
-    """Entrants of several searches over the same candidates in one; predictions are means."""
+    """Entrants of several groups of searches over the same candidates, each different set once.
+
+    A set has the names of all searches that answered with it. objectives: their predictions are
+    averaged; groups: entrants to join, which may be as many as the objectives or more. One group
+    comes back unchanged.
+    """
     if len(groups) == 1:
         return groups[0]
-    searches: dict[bytes, dict[str, None]] = {}
+    searches: dict[bytes, dict[str, None]] = {}  # by set; dictionaries keep order, names once
     for group in groups:
         for row, names in zip(group.sets, group.searches, strict=True):
             searches.setdefault(row.tobytes(), {}).update(dict.fromkeys(names))
@@ -198,7 +217,11 @@ def entrants(
 ) -> Entrants:
     """Entrants of all sizes, empty if nothing may be built.
 
-    others: objectives whose answers enter too; checkpoint: keeps answers of finished searches.
+    Sizes end at the first number of sensors for which no search finds a feasible set. Neighbours of
+    the answers, sets that differ in one sensor, enter after each size.
+
+    others: objectives whose answers enter too, by the name of their search; checkpoint: keeps
+    answers of finished searches.
     """
     ended: KeptState = checkpoint.load() or {}
     # searches of each set in order, empty for a neighbour
@@ -252,7 +275,14 @@ def _searches(
     checkpoint: Checkpoint,
     others: Mapping[str, Objective] = {},
 ) -> Iterator[NamedSearch]:
-    """Yield the searches for sets of a size by name, each to be called without arguments."""
+    """Yield the searches for sets of at most `size` sensors by name.
+
+    Each is called without arguments. The list depends on what the objective knows (visibility,
+    prices, a surrogate) and on installed solvers. With many sizes, each search has less effort.
+
+    seed: for all searches; checkpoint: has a part for each swap search; others: objectives to
+    search by swap, by name.
+    """
     share = min(1.0, FULL_EFFORT_SIZES / len(effort.sizes))
     max_sets = effort.evaluations
     if max_sets is None:
@@ -285,13 +315,14 @@ def _searches(
         solve = partial(cpsat.search, objective, size, seed=seed, seconds=solver_s)
         yield "cpsat", partial(solve, effort=CPSAT_EFFORT_S * share)
     prices = objective.candidates.prices
-    thrift = Weights(price=THRIFT_AP / max(float(prices.mean()), 1e-300))
+    thrift = Weights(price=THRIFT_AP / max(float(prices.mean()), 1e-300))  # no division by 0
     if np.ptp(prices) > 0:
         thrifty = objective.with_weights(thrift)
         yield (
             "thrifty swap",
             partial(swapping, thrifty, size, checkpoint=checkpoint.part(f"{size}.thrifty")),
         )
+    # searches for cheap sets that reach the required AP, or some AP around it, at the last size
     if effort.min_ap is None or size < max(effort.sizes):
         return
     for aimed_ap in np.round(effort.min_ap + np.array(AP_OFFSETS), 6).tolist():
@@ -311,6 +342,7 @@ def _searches(
 
 
 def _exact_and_greedy(objective: Objective, size: int, effort: Effort) -> Iterator[NamedSearch]:
+    # the exhaustive search only if all sets of at most `size` sensors are few enough
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
     count = len(objective.candidates)
     set_count = sum(math.comb(count, k) for k in range(1, size + 1))
@@ -344,8 +376,11 @@ def _neighbours(
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, and the number of sets scored.
 
-    There is at most one for each change of mounts. If visibility is known, up to half of them are
-    sets that no other beats in reward, entropy and coverage together."""
+    A neighbour has one sensor replaced. There is at most one for each choice of mounts. If
+    visibility is known, the first half has the highest rewards; then come sets that no other beats
+    in reward, entropy and coverage together; rewards fill the rest.
+
+    answers: sets of one size; count: most neighbours to return."""
     rewards: list[float] = []
     rows: list[Bool[np.ndarray, " C"]] = []
     considered = 0
@@ -363,6 +398,7 @@ def _neighbours(
     by_mounts: dict[bytes, Bool[np.ndarray, " C"]] = {}  # one set for each choice of mounts
 
     def keep(sets: Iterable[Bool[np.ndarray, " C"]], max_count: int) -> None:
+        # adds sets to `by_mounts`, the first for each choice of mounts, up to `max_count` in all
         for row in sets:
             if len(by_mounts) < max_count:
                 is_used = objective.candidates.per_mount(row[None])[0] > 0

@@ -70,7 +70,8 @@ def build_evaluator(
 ) -> "CasesEvaluator":
     """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting.
 
-    seed: for the resamples.
+    Fidelities other than the detector have one evaluator for all error profiles. seed: for the
+    resamples.
     """
     cases = preparation.setting.cases
     if fidelity != "detector":
@@ -84,10 +85,14 @@ def build_evaluator(
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
-    """Frames of a race, varied from the start: one of every block in random order, then a second,
-    …"""
+    """All frame numbers in the order of a race, which uses them from the start.
+
+    Blocks of `BLOCK_FRAMES` frames show the same objects, so first comes one frame of every block,
+    in random order, then a second of every block, and so on. frames: number of frames; seed: same
+    seed, same order, so that two calls agree on the frames of a race.
+    """
     rng = np.random.default_rng(seed)
-    blocks = rng.permutation(-(-frames // BLOCK_FRAMES))
+    blocks = rng.permutation(-(-frames // BLOCK_FRAMES))  # rounded up; the last may be short
     order = (blocks * BLOCK_FRAMES + rng.permutation(BLOCK_FRAMES)[:, None]).ravel()
     return order[order < frames]
 
@@ -129,14 +134,17 @@ class CasesEvaluator:
         self, ap: float, resamples: Float64[np.ndarray, " resamples"], frames: Frames
     ) -> Interval:
         """Interval of an AP on these frames, NaN on too few of them."""
+        # blocks of one level, from which its resamples are drawn
         blocks = len(np.unique(frames // BLOCK_FRAMES)) // max(1, len(self.levels))
         if isinstance(self.profiles[0], FastEvaluator):
             blocks = min(blocks, MAX_BATCHES)
         return figure_interval(ap, resamples, blocks=blocks, objects=self.count_objects(frames))
 
     def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
-        """Mean AP of intact sets over IoU thresholds at the first error profile; 0 without a
-        detector."""
+        """Mean AP of each intact set over the thresholds `IOUS`; 0 without a detector.
+
+        It is at the first error profile and, with several drawings of the site, a mean over them.
+        """
         profile = self.profiles[0]
         if not isinstance(profile, DetectorEvaluator):
             return np.zeros(len(sets))
@@ -146,7 +154,11 @@ class CasesEvaluator:
         return np.asarray(np.mean(aps, axis=0))
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
-        """Figures of the sets on these frames. progress: called with the number of frames done."""
+        """Figures of the sets on these frames, reduced over all cases.
+
+        AP and kbit come from the error profile with the lowest AP, or are means over profiles;
+        every resample has its worst profile. progress: called with the number of frames done.
+        """
         profiles = self.at_profiles(sets, frames, progress)
         shares = self.cases.shares(profiles.ap)
         return Evaluated(
@@ -156,8 +168,16 @@ class CasesEvaluator:
         )
 
     def at_profiles(self, sets: Sets, frames: Frames, progress: Report | None = None) -> AtProfiles:
-        """AP, kbit and resampled AP of the sets at each error profile."""
+        """AP, kbit and resampled AP of the sets at each error profile.
+
+        AP is reduced over IoU thresholds, levels of traffic and failures; kbit is for intact sets.
+        Both are means over drawings of the site.
+
+        frames: frame numbers; progress: called with the number of frames done, as a mean over the
+        profiles.
+        """
         rows, owners = self.cases.expand(sets)
+        # levels without any of the frames are left out; undivided traffic is one part
         level_frames = [frames[np.isin(frames, level)] for level in self.levels]
         parts = [part for part in level_frames if len(part)] or [frames]
         by_profile: list[list[Evaluated]] = []
@@ -178,6 +198,7 @@ class CasesEvaluator:
         share = np.array([len(part) for part in parts]) / len(frames)
         for evaluated in by_profile:
             aps.append([level.ap for level in evaluated])
+            # the first rows are the intact sets; kbit per frame is weighted by frames of a level
             kbits.append(share @ np.array([level.kbit for level in evaluated])[:, : len(sets)])
             resamples.append([level.resamples for level in evaluated])
         figures = AtProfiles(
@@ -198,7 +219,14 @@ class CasesEvaluator:
 
 @dataclass(frozen=True, eq=False)
 class DetectorEvaluator:
-    """Evaluation by detection. `detected` may keep the detections. seed: for the resamples."""
+    """Evaluation by detection at one error profile.
+
+    Attributes:
+        detected: Detector on the traffic; it may keep detections from call to call.
+        ious: IoU thresholds of the figures.
+        seed: Seed of the resamples, the same for all sets.
+        name: Name of the fidelity.
+    """
 
     detected: Detected
     ious: tuple[float, ...] = (0.7,)
@@ -217,11 +245,15 @@ class DetectorEvaluator:
     def at_thresholds(
         self, sets: Sets, frames: Frames, progress: Report | None = None
     ) -> Evaluated:
-        """Figures of the sets on these frames."""
+        """Figures of the intact sets on these frames, at each IoU threshold.
+
+        progress: called with the number of frames done.
+        """
         detected = self.detected.at(self.ious[0], self.ious)
         classes = detected.classes
         numbers = frames.tolist()
         rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
+        # equal sets, such as what failures leave of several, are detected once
         outcomes = detected.outcomes(dict.fromkeys(rows), numbers, progress)
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
         truths = []
@@ -246,10 +278,12 @@ class DetectorEvaluator:
 
 
 class FastEvaluator:
-    """Evaluation by a fidelity that scores visibility, rendering only requested sets.
+    """Evaluation by a fidelity that scores visibility, rendering only requested candidates.
 
     The AP is the one on all frames together. Its resamples are means over batches of blocks drawn
-    with replacement, shifted so that their mean is that AP. seed: for the resamples.
+    with replacement, shifted so that the mean over batches is that AP.
+
+    preparation: traffic and candidates; fidelity: its name; seed: for the resamples.
     """
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int) -> None:
@@ -261,20 +295,27 @@ class FastEvaluator:
 
     def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
+        # any candidate will do: visibility has a column for every object
         return int(np.isin(self._look(np.array([0])).frame, frames).sum())
 
     def at_thresholds(
         self, sets: Sets, frames: Frames, progress: Report | None = None
     ) -> Evaluated:
-        """Figures of the sets on these frames."""
+        """Figures of the intact sets on these frames, at each IoU threshold.
+
+        progress: called once, with the number of all frames.
+        """
+        # candidates of any set; the empty set needs one too, to have the objects
         members = np.flatnonzero(sets.any(axis=0)) if sets.any() else np.array([0])
         estimates = self._score(sets, members, frames)
         blocks = frames // BLOCK_FRAMES
         distinct = np.unique(blocks)
+        # batch of each frame: whole blocks in order, nearly as many in each batch
         batch = np.searchsorted(distinct, blocks) * min(MAX_BATCHES, len(distinct)) // len(distinct)
         batches = [self._score(sets, members, frames[batch == b]) for b in np.unique(batch)]
         draws = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
         ap = _stack_ap(estimates)
+        # axes: IoU, set, batch
         batch_ap = np.stack([_stack_ap(batch_estimates) for batch_estimates in batches], axis=2)
         resamples = batch_ap @ draws.T
         if progress is not None:
@@ -285,6 +326,7 @@ class FastEvaluator:
     def _score(
         self, sets: Sets, members: Int64[np.ndarray, " u"], frames: Frames
     ) -> list[Estimate]:
+        # an estimate per IoU threshold; members: candidates that the sets are made of
         preparation = self._preparation
         selection = preparation.at(
             preparation.setting.pool.select(members),
@@ -294,6 +336,7 @@ class FastEvaluator:
         return [fidelity(sets[:, members]) for fidelity in fidelities]
 
     def _look(self, members: Int64[np.ndarray, " u"]) -> Visibility:
+        # what these candidates see in all frames, kept for the next call with the same ones
         key = members.tobytes()
         preparation = self._preparation
         if key not in self._seen:
@@ -342,7 +385,12 @@ class TimedEvaluator:
         return self.evaluator.mean_ap(sets, frames)
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
-        """Evaluate the sets on as many frames as time allows."""
+        """Evaluate the sets on as many frames as time allows, at least `least`.
+
+        New frames are evaluated a few at a time, with looks at the clock between; then all of them
+        together. Frames done in earlier calls are not evaluated singly again. `Evaluated.frames` is
+        the number of frames used, None for all. progress: called with the number of frames done.
+        """
         while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
             next_frames = frames[self.done : self.done + self.at_once]
             self.evaluator.evaluate(sets, next_frames)
@@ -370,7 +418,10 @@ class Schedule:
 
     @staticmethod
     def of(seconds: float | None, processes: Processes) -> "Schedule":
-        """Schedule with batches that keep the processes busy."""
+        """Schedule from now on, with as many frames between looks as keep the processes busy.
+
+        seconds: time for everything, None for no limit.
+        """
         if processes.ray:
             return Schedule(seconds, 16)
         return Schedule(seconds, 1 if processes.alone else 2 * processes.count)
@@ -381,11 +432,17 @@ class Schedule:
         return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
 
     def searching(self, searches: int) -> float | None:
-        """Seconds of each search, for a number of searches."""
+        """Seconds of each search if this number of searches share their part of the time.
+
+        None without a limit.
+        """
         return None if self.seconds is None else self.seconds * SEARCH_TIME_SHARE / searches
 
     def frames(self, frames: int) -> int:
-        """Number of frames of one part of traffic that fit, in whole blocks."""
+        """Number of frames of one part of traffic that fit into the time, in whole blocks.
+
+        frames: number without a limit, which comes back from `FULL_TRAFFIC_S` seconds on.
+        """
         if self.seconds is None or self.seconds >= FULL_TRAFFIC_S:
             return frames
         blocks = int(frames * self.seconds / FULL_TRAFFIC_S) // BLOCK_FRAMES
@@ -394,7 +451,10 @@ class Schedule:
     def limit(
         self, evaluator: CasesEvaluator, share: float = 1.0, least: int = MIN_FRAMES
     ) -> Timed:
-        """Evaluator within a share of the remaining time, but on at least `least` frames."""
+        """Evaluator that stops after a share of the remaining time, but not before `least` frames.
+
+        Without a limit the evaluator comes back unchanged.
+        """
         if self.seconds is None:
             return evaluator
         return TimedEvaluator(evaluator, time.monotonic() + share * self.left, self.at_once, least)

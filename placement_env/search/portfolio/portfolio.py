@@ -93,9 +93,10 @@ class Judging:
     def build_evaluators(
         self, objective: Objective, schedule: Schedule, *, seed: int = 0
     ) -> tuple[CasesEvaluator, CasesEvaluator]:
-        """Evaluators of race and assessment within a schedule.
+        """Evaluators of race and assessment, on parts 1 and 2 of the run's traffic.
 
-        Raises ValueError without a site to simulate traffic.
+        schedule: gives fewer frames if time is short; seed: for the resamples. Raises ValueError
+        without a site to simulate traffic.
         """
         if self.evaluators is not None:
             return self.evaluators
@@ -127,9 +128,20 @@ def search(
 ) -> Result:
     """Winner of the race: its score by the objective, and the judge's assessment.
 
-    seconds: for searches, race and assessment together; with less time there are fewer frames;
-    evaluations: for each search; checkpoint: keeps the progress of the searches. Raises ValueError
-    if these do not fit.
+    The answer is the empty set, without an assessment, if no search finds a feasible set or no set
+    of the race pays its costs.
+
+    Args:
+        objective: Objective of the searches.
+        budget: Largest number of sensors.
+        seed: Seed of searches, race and resamples.
+        seconds: Time for searches, race and assessment together; with less time there are fewer
+            frames. None for no limit.
+        evaluations: Largest number of scored sets of each search, None for its default.
+        judging: Race and assessment.
+        checkpoint: Keeps the progress of the searches.
+
+    Raises ValueError if these do not fit.
     """
     check_whole("budget", budget, least=1)
     objective.setting.check_budget(budget)
@@ -144,7 +156,7 @@ def search(
     race = contest(
         objective,
         entrants.sets,
-        schedule.limit(racing, 1 / 2, 1),
+        schedule.limit(racing, 1 / 2, 1),  # half of the time left; the assessment gets the rest
         confidence=judging.confidence,
         seed=seed,
         most=MAX_SET_FRAMES if seconds is None else math.inf,
@@ -173,8 +185,10 @@ def _find_entrants(
 ) -> Entrants:
     """Search for the sets to race.
 
-    If failures or levels count, the best set without failures, in all traffic, may also be the best
-    in the worst case, so it is searched for too."""
+    Unless the cases are plain (one IoU threshold, no failures, undivided traffic), intact sets in
+    all traffic are searched for too, because their best may be the best in the worst case.
+
+    seed: for all searches; checkpoint: keeps the progress of both rounds of searches."""
     others = at_other_ious(objective)
     entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     preparation = objective.preparation
@@ -188,7 +202,9 @@ def _find_entrants(
 
 
 def _answer(objective: Objective, members: list[int], note: str, limits: Limits) -> Result:
-    """Return the result for a set, without an assessment. note: explains why this set."""
+    """Return the result for a set, without an assessment.
+
+    members: indices of its candidates; note: explains why this set; limits: history so far."""
     best = objective.score(members)
     return Result(
         "portfolio",
@@ -213,13 +229,23 @@ def contest(
 ) -> Contest:
     """Race sets by their reward, from an evaluator's AP and the objective's prediction.
 
-    most: set-frames to be scored; frames: to race on at most, None for all of the evaluator's.
-
     Among the sets that end within `NEAR_TIE_AP` of the first, the set with the greatest mean AP
-    over the detector's IoU thresholds wins, then the cheapest.
+    over the detector's IoU thresholds wins, then the cheapest. The winner is moved to the front of
+    the ranking, and the confidence is the one in this winner.
+
+    Args:
+        objective: Gives predictions, prices and the weights of costs.
+        sets: Sets that race.
+        evaluator: Evaluator of the sets on more and more frames.
+        confidence: Confidence at which the race ends that no set is better by more than
+            `AP_TOLERANCE`.
+        seed: Seed of the order of the frames.
+        most: Set-frames to be scored, a set on a frame being one.
+        frames: Frames to race on at most, None for all of the evaluator's.
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
+        # rewards of sets on the first frames of the race, with resamples, for `race_until`
         evaluated = evaluator.evaluate(
             rows, frames, objective.run.stage("frames raced", len(frames))
         )
@@ -244,6 +270,7 @@ def contest(
     close = np.flatnonzero(
         (race.frames == race.frames[0]) & (race.expected >= race.expected[0] - NEAR_TIE_AP)
     )
+    # sets that raced on as many frames as the first and nearly tie with it
     rows = sets[race.ranking[close]]
     mean_ap = evaluator.mean_ap(rows, order[: race.frames[0]]) if len(close) > 1 else np.zeros(1)
     winner_row = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
@@ -256,7 +283,9 @@ def contest(
 def weigh_costs(
     objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " n"]:
-    """Costs of communication and building, in AP. kbit: total that each set sends."""
+    """Costs of communication and building of each set, in AP.
+
+    kbit: total that each set sends per frame; the weight applies to its mean over the sensors."""
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
     return np.asarray(
         objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets)
@@ -270,8 +299,12 @@ def _assess(
     judge: tuple[CasesEvaluator, Schedule],
     judging: Judging,
 ) -> Assessment:
-    """Judge the winner, then any contenders as far as time allows, on the third part of the
-    traffic."""
+    """Judge the winner, then contenders as far as time allows, on the third part of the traffic.
+
+    Contenders are the answers of the searches, judged if `Judging.contenders` asks for it. Raises
+    ValueError if race and judgement of the winner exclude each other.
+
+    judge: evaluator of the third part, and the schedule with the time left."""
     winner = int(race.ranking[0])
     final, schedule = judge
     rows = np.array([winner])
@@ -304,7 +337,7 @@ def _assess(
     confidence = math.nan
     if is_comparable(race_frames, objects):
         reach = 0.0 if math.isnan(answer.low) else share_beyond_reach(judged.resamples[0] - cost)
-        confidence = max(race.confidence, reach)
+        confidence = max(race.confidence, reach)  # an AP near 1 cannot be beaten by much
     by_errors = aps_at_profiles(final, winner_row, frames)[0]
     return Assessment(
         by=final.name,
@@ -334,6 +367,7 @@ def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigur
 
     names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower."""
     race_frames = int(race.frames[0])
+    # the race did not count its objects: as many per frame as in the judgement
     race_objects = round(judged.objects * race_frames / judged.frames)
     race_ap = float(race.figures[0]) + cost
     check_agreement(names, StageFigure("in the race", race_ap, race_objects, race_frames), judged)
@@ -342,7 +376,9 @@ def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigur
 def aps_at_profiles(
     final: CasesEvaluator, sets: Sets, frames: Frames
 ) -> list[tuple[ProfileAP, ...]]:
-    """AP of each set at each of several error profiles separately."""
+    """AP of each set at each of several error profiles, with intervals; empty for one profile.
+
+    frames: frame numbers of the evaluator's traffic."""
     if len(final.profiles) == 1:
         return [()] * len(sets)
     profiles = final.at_profiles(sets, frames)
@@ -362,7 +398,10 @@ def _judge_in_time(
 ) -> tuple[Evaluated, Frames]:
     """Figures of the sets judged in time, and the frames, the same for all sets.
 
-    The first set is always judged.
+    The first set is always judged, and decides on how many frames; each further set is judged only
+    if time allows all these frames. So there may be figures of fewer sets, always the first ones.
+
+    report: called with the number of frames done, None for silence.
     """
     frame_numbers = np.arange(final.frames)
     if schedule.seconds is None:
