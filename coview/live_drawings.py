@@ -223,7 +223,7 @@ class PictureDrawing:
         self._drawn: GroundPicture | None = None
 
     def draw(self) -> None:
-        """Draw the planner's picture if it has changed, or remove it if there is none."""
+        """Draw the planner's picture if it has changed, or remove it if it is gone."""
         picture = self._planner.picture
         if self._drawn == picture:
             return

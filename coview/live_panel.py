@@ -136,7 +136,7 @@ class SensorTab:
             self._chosen.options = names
 
     def fill(self) -> None:
-        """Fill in the state of the sensor that is chosen; nothing if the variant has none."""
+        """Fill in the state of the sensor that is chosen; nothing if it is gone."""
         with suppress(ValueError):  # another browser may have removed it
             sensor = self._planner.variant.find(self.name)
             self.bearing.value = show_bearing(self._planner.yard.site, sensor)

@@ -215,8 +215,8 @@ def _arrow(
 ) -> Float64[np.ndarray, "3 2 2"]:
     """Start and end (x, y in m) of the lines of an arrow: its shaft and both sides of its head.
 
-    middle: of the shaft (m); angle: direction, counter-clockwise from +x (rad); length, head:
-    length of the arrow and of its head (m)."""
+    middle: middle of the shaft (m); angle: direction, counter-clockwise from +x (rad); length,
+    head: length of the arrow and of its head (m)."""
     along = np.array([np.cos(angle), np.sin(angle)])
     aside = np.array([-np.sin(angle), np.cos(angle)])
     start = middle - length / 2 * along

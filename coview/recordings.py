@@ -32,7 +32,7 @@ class Opening:
 
     @property
     def files(self) -> list[Path]:
-        """Files that are read in addition to the recording: of poses and of the site, if any."""
+        """Files that are read in addition to the recording: poses and site, if given."""
         poses = [self.poses] if self.poses else []
         return [*poses, *site_file(self.site)]
 

@@ -175,7 +175,7 @@ class Cases:
     def class_ious(self, classes: Classes, name: str) -> IoUs:
         """IoU threshold of one class, or several, ascending and different.
 
-        They may differ from `ious`: small classes count from a lower IoU. name: of the class."""
+        They may differ from `ious`: small classes count from a lower IoU. name: class."""
         ious = tuple(sorted({classes.get_iou(name, iou) for iou in self.ious}))
         return ious[0] if len(ious) == 1 else ious
 
@@ -189,7 +189,7 @@ class Cases:
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """List n sets, then what each failure leaves of them.
+        """List n sets, then the sensors that each failure leaves.
 
         A set that may lose all its sensors has one case, the empty set.
 
@@ -235,9 +235,9 @@ class Cases:
     ) -> Float64[np.ndarray, "n *rest"]:
         """Lowest or mean figures of n sets over their failures.
 
-        figures: of the m rows that `expand` returns; owners: index of the set of each row, as
-        `expand` returns it; tie: share of the intact set's figures to add (`TIE_SHARE`), 0 for the
-        pure figures. Without failures the figures come back unchanged."""
+        figures: figures of the m rows that `expand` returns; owners: index of the set of each row,
+        as `expand` returns it; tie: share of the intact set's figures to add (`TIE_SHARE`), 0 for
+        the pure figures. Without failures the figures come back unchanged."""
         if not self.failing:
             return figures
         count = int(owners.max(initial=-1)) + 1  # number of sets; rows after them are failures

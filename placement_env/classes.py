@@ -119,7 +119,7 @@ class Classes:
     def get_iou(self, name: str, iou: float) -> float:
         """IoU from which a detection of a class counts.
 
-        name: of one of these classes; iou: the objective's, which vehicles always have."""
+        name: name of a class; iou: the objective's, which vehicles always have."""
         class_iou = self.ious[self.names.index(name)]
         if class_iou is not None:
             return class_iou

@@ -331,7 +331,7 @@ class Objective(FeasibleSets):
         """Find the sets with the greatest reward without scoring all of them on all frames.
 
         keep: number of best sets; first: frames that all sets are scored on first; eta: factor by
-        which frames then grow and sets shrink; seed: of the random order of the frames
+        which frames then grow and sets shrink; seed: seed of the random order of the frames
         (`racing.race`). Raises ValueError if the fidelity cannot score single frames."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):

@@ -81,7 +81,7 @@ class Contest:
     Attributes:
         ranking: Rows of all different sets, best first, dropped ones last.
         figures: Measured figure of each set in that order, from the frames it was scored on.
-        frames: Number of these frames for each set, in that order.
+        frames: Number of frames that each set was scored on, in that order.
         confidence: Confidence (0 to 1) that no set beats the first by more than the tolerance.
         spent: Set-frames that were scored; one set on one frame is one set-frame.
         expected: Likeliest figure of each set in that order, given these frames and the
@@ -133,10 +133,10 @@ def race(
     partial_scores is called with sets and some of the frames 0 … frames-1, and returns NaN for a
     set without a score there. Each rung passes the frames of the one before, in the same order, and
     more, so earlier work can be reused. eta: factor by which a rung multiplies frames and divides
-    sets; first: frames of the first rung; seed: of the random order of the frames. Sets that tie
-    with the last one to advance also advance, as do all while no score is defined. Equal rows are
-    scored once; the first represents all. Raises ValueError without a set or frame, for eta below
-    2, and for first or keep below 1.
+    sets; first: frames of the first rung; seed: seed of the random order of the frames. Sets that
+    tie with the last one to advance also advance, as do all while no score is defined. Equal rows
+    are scored once; the first represents all. Raises ValueError without a set or frame, for eta
+    below 2, and for first or keep below 1.
     """
     are_whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
     if not are_whole or min(len(sets), frames, first, keep, eta - 1) < 1:

@@ -74,7 +74,7 @@ class MemberSums:
         return sums
 
     def blocks(self, subsets: Sets) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
-        """Yield slices of as many sets as fit the processor's cache, and the sums of these sets.
+        """Yield slices of as many sets as fit the processor's cache, and the sums of each slice.
 
         Raises ValueError unless sets are rows of one boolean for each candidate."""
         candidates = len(self.rows)

@@ -157,9 +157,9 @@ class LiveAnswer:
 def widen_interval(figure: float, ends: Interval, spread: float) -> Interval:
     """Interval of a predicted share, widened by the error of the prediction, within 0 to 1.
 
-    The distances of both ends from the figure add up with the error as roots of squares. figure:
-    predicted share; ends: its 95 % interval over frames, returned unchanged if it is NaN; spread:
-    standard error of the prediction, NaN to leave it out."""
+    Both ends move away from the figure: squares of their distance and of the error are added.
+    figure: predicted share; ends: its 95 % interval over frames, returned unchanged if it is NaN;
+    spread: standard error of the prediction, NaN to leave it out."""
     if math.isnan(ends.low):
         return ends
     margin = NORMAL_ENDS * (0.0 if math.isnan(spread) else spread)

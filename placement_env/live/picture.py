@@ -92,7 +92,8 @@ class GroundPicture:
     def read(self, folder: Path) -> UInt8[np.ndarray, "height width 3"]:
         """Read the pixels (RGB, upper row first) of the kept file.
 
-        folder: of the project. Raises ValueError for a damaged file, OSError for a missing one."""
+        folder: folder of the project. Raises ValueError for a damaged file, OSError for a missing
+        one."""
         return _decode((folder / self.file).read_bytes(), self.name)
 
 
@@ -105,7 +106,7 @@ def keep_picture(
 
     Args:
         name: Name of the file that was uploaded.
-        content: Bytes of that file.
+        content: Bytes of the uploaded file.
         folder: Folder of the project.
         area: xmin, ymin, xmax and ymax (m) of the area; the picture gets its middle and width.
 

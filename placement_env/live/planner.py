@@ -142,7 +142,7 @@ class LivePlanner(VariantEditor):
         return self.scorer.is_coarse(self.variant)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """View of a variant's sensors, and True if one of them is interpolated between heights."""
+        """View of a variant's sensors, and True if one is interpolated between heights."""
         return self.scorer.views.look(candidates)
 
     def score(self) -> Score:

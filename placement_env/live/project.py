@@ -249,9 +249,9 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Judge the sensors of the variant that is shown on fresh traffic, and write the full report;
     return its paths.
 
-    Its poles must carry the sensors that the variant has. The number of frames is the plan's if the
-    planner was opened on one, else the usual one. It takes minutes. Raises ValueError without a
-    sensor, OSError if the folder cannot be written."""
+    All poles of the variant's sensors must carry one. The traffic is the plan's if the planner was
+    opened on one, else it has the usual number of frames. It takes minutes. Raises ValueError
+    without a sensor, OSError if the folder cannot be written."""
     from placement_env.report.planning.plan_writing import write_plan
     from placement_env.report.planning.planning import plan
     from placement_env.report.planning.question import Question

@@ -28,10 +28,10 @@ MAX_ANSWERS = 128  # figures of variants in memory
 class LiveScorer:
     """Figures of variants by the surrogate, for a question that may change.
 
-    A copy has the same views and figures, and goes on without the original. first_frames: number
-    of frames that figures are of until `fetch` has made the views of all, None for all from the
-    start; currency: of prices, "" for ordinary poles; max_sensors: number of sensors from which
-    more are a problem, inf for any.
+    A copy has the same views and figures, and goes on without the original. first_frames: number of
+    frames that figures come from until `fetch` has made the views of all, None for all from the
+    start; currency: currency of prices, "" for ordinary poles; max_sensors: greatest number of
+    sensors without a problem, inf for any.
 
     Attributes:
         first: Setting at the start, as it was given.
@@ -195,7 +195,9 @@ class LiveScorer:
         judge = Judge.from_preparation(
             Preparation(setting, self.preparation.run), self.preparation.run.seed
         )
-        judgement = judge.judge(np.ones((1, len(working.sensors)), np.bool_))[0]  # of one set: all
+        judgement = judge.judge(np.ones((1, len(working.sensors)), np.bool_))[
+            0
+        ]  # one set: all sensors
         return replace(
             predicted,
             what="measured",

@@ -323,7 +323,7 @@ class Yard:
         while name in {mount.name for mount in mounts}:
             name = f"own pole {number + 1}"
             number = number + 1
-        price = max(mount.price for mount in self.stock.mounts)  # of the dearest pole
+        price = max(mount.price for mount in self.stock.mounts)  # the dearest pole's
         pole = replace(nearest, name=name, position=foot, price=price, origin="drawn")
         return pole, replace(variant, poles=(*variant.poles, pole))
 

@@ -73,7 +73,7 @@ class SensorViews:
         return VariantView(candidates, seen, is_working, coarse)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """View of sensors, and True if one of them is interpolated between heights."""
+        """View of sensors, and True if one is interpolated between heights."""
         live = self._preparation.live
         coarse = False
         rows: list[SensorRow] = []

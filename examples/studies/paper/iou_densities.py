@@ -159,8 +159,8 @@ def bin_iou(
 ) -> BinnedIou:
     """Average IoU over bins of equal width from 0 to the maximum density.
 
-    density: number of points on each vehicle; iou: of each vehicle; bins: number of bins, of which
-    empty ones are left out."""
+    density: number of points on each vehicle; iou: IoU of each; bins: number of bins; empty ones
+    are left out."""
     width = float(density.max(initial=0)) / bins
     number = np.zeros(len(density), np.int64)
     if width:
@@ -191,7 +191,7 @@ def density_needed(
 ) -> float | None:
     """Return the lowest density at which the mean IoU, made monotone, reaches a target.
 
-    density: number of points on each vehicle; iou: of each vehicle. Returns None if it never
+    density: number of points on each vehicle; iou: IoU of each. Returns None if it never
     does."""
     densities, group, counts = np.unique(density, return_inverse=True, return_counts=True)
     if not len(densities):

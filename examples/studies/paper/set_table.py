@@ -96,7 +96,7 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
-    """Return the rank, from 1, of the paper's best set of each size among all our sets of it.
+    """Return the rank, from 1, of the paper's best set of each size among all our sets.
 
     scheme: "early" or "late"."""
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))

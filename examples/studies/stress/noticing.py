@@ -141,7 +141,8 @@ def _summarise_times(fault: Fault, sent_as: str, times: Sequence[float]) -> Noti
 def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list[Frame]]:
     """Yield runs of frames with continuous traffic, among the first `count` frames.
 
-    Traffic restarts if a frame shares no road user with the frame before. seed: of the noise."""
+    Traffic restarts if a frame shares no road user with the frame before. seed: seed of the
+    noise."""
     stretch: list[Frame] = []
     for k in range(count):
         frame = read_frame(recording, k, noise_seed=seed)

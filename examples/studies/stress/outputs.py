@@ -74,7 +74,7 @@ class BestScheme:
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
     """Find every pair of schemes that change places, with the level at which they do.
 
-    Sorted by kind, IoU and level. seed: of the draws of frames. Raises ValueError for rows without
+    Sorted by kind, IoU and level. seed: seed of the draws. Raises ValueError for rows without
     a tally."""
     crossings: list[Crossing] = []
     for (kind, iou), levels, schemes in _group_by_scheme(rows):
@@ -222,7 +222,7 @@ def exact_failures(
 ) -> tuple[ExactFailure, ...]:
     """Compute AP after all failures of one and of two sensors (N-1, N-2), of every scheme.
 
-    table: AP of all sensor sets; ious: thresholds, of which the table must hold one; label: class.
+    table: AP of all sensor sets; ious: thresholds; the table must hold one; label: class.
     Raises ValueError if a table has none of the IoUs, or not the class."""
     names = table.origin.sensors
     classes = table.origin.classes

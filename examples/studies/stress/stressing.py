@@ -379,7 +379,7 @@ class Trial:
         self._ages.append(age)
 
     def rows(self, condition: Condition, seed: int) -> list[StressRow]:
-        """Return the figures over all frames, a row for each IoU. seed: of the bootstrap."""
+        """Return the figures over all frames, a row for each IoU. seed: seed of the draws."""
         ages = np.array(self._ages)
         ages = ages[~np.isnan(ages)]
         rows = []

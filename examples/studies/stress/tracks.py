@@ -101,8 +101,8 @@ class Tracks:
     ) -> Int64[np.ndarray, " m"]:
         """Index of the track of each detection, -1 without one.
 
-        Pairs of one class within the gate are joined, the nearest first. state, covariance: of the
-        tracks, predicted for the time of the detections."""
+        Pairs of one class within the gate are joined, the nearest first. state, covariance: the
+        tracks', predicted for the time of the detections."""
         distances = np.linalg.norm(detections.boxes[:, None, :2] - state[None, :, :2], axis=2)
         distances[detections.labels[:, None] != self.labels[None]] = np.inf
         variance = covariance[:, 0, 0]  # as much along y
