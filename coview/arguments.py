@@ -10,7 +10,9 @@ Combine = Literal["mean", "worst"]
 
 
 def check_least(option: str, value: float | None, minimum: float, remedy: str = "") -> None:
-    """Raise ValueError for a number below its minimum; None passes."""
+    """Raise ValueError for an infinite number or one below its minimum; None passes.
+
+    option: name of the option in the error; remedy: what helps, at the end of the error."""
     if value is not None and not minimum <= value < float("inf"):
         raise ValueError(
             f"{option} must be at least {minimum:g}, got {value:g}{remedy and ': '}{remedy}"
@@ -18,13 +20,15 @@ def check_least(option: str, value: float | None, minimum: float, remedy: str = 
 
 
 def check_positive(option: str, value: float | None) -> None:
-    """Raise ValueError for a number not above 0."""
+    """Raise ValueError for an infinite number or one not above 0; None passes."""
     if value is not None and not 0 < value < float("inf"):
         raise ValueError(f"{option} must be above 0, got {value:g}: leave it out for no limit")
 
 
 def check_turn(angle: float, name: str, meaning: str = "counter-clockwise from east") -> float:
-    """Return an angle in degrees. Raises ValueError unless it is within `MAX_TURN_DEG` of 0."""
+    """Return an angle (degrees). Raises ValueError unless it is within `MAX_TURN_DEG` of 0.
+
+    name: name of the option in the error; meaning: zero and sense of the angle in the error."""
     if not abs(angle) <= MAX_TURN_DEG:
         raise ValueError(
             f"{name} must be degrees {meaning}, from 0 to {MAX_TURN_DEG:g}, got {angle:g}"
@@ -38,7 +42,7 @@ def check_bearing(angle: float, name: str) -> float:
 
 
 def check_share(option: str, value: float) -> None:
-    """Raise ValueError for a number outside 0 to 1."""
+    """Raise ValueError for a number that is not between 0 and 1, both excluded."""
     if not 0 < value < 1:
         raise ValueError(f"{option} must lie between 0 and 1, got {value:g}")
 
@@ -73,7 +77,9 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def sensor_set(text: str) -> list[int | str] | None:
-    """Parse a sensor set: `all` (None), or numbers and names separated by commas."""
+    """Parse a sensor set: `all` (None), or numbers and names separated by commas.
+
+    Numbers count sensors from 0. Raises ValueError for a sensor that is named twice."""
     names = [name.strip() for name in text.split(",")]
     if len(set(names)) < len(names):
         raise ValueError(
@@ -85,12 +91,14 @@ def sensor_set(text: str) -> list[int | str] | None:
 
 
 def site_file(site: str | None) -> list[Path]:
-    """Return the file that a site is read from, if any."""
+    """Return the file that a site is read from as a list, empty for a built-in site or None."""
     return [Path(site)] if site is not None and Path(site).is_file() else []
 
 
 def check_ending(out: Path, endings: Sequence[str], what: str) -> None:
-    """Raise ValueError for a file to write whose name ends like another kind of file."""
+    """Raise ValueError for a file to write whose name does not end in one of the endings.
+
+    endings: in lower case, with the dot; what: kind of file in the error."""
     if out.suffix.lower() not in endings:
         raise ValueError(
             f"the name of {what} must end in {' or '.join(endings)}, got {out.name}: it is known "

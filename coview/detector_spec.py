@@ -36,9 +36,10 @@ class DetectorSpec:
         name: Name with its suffixes.
         base: Name without suffixes: voxelnet, cluster, a shipped network, a file of weights or in
             ONNX, or package.module:callable.
-        background: Whether it knows what is always there, None for what is usual.
-        phases: Number of shifted grids.
-        numbers: Numbers of the network, None for those of its weights.
+        background: True if it knows the empty site and leaves out what is always there, None for
+            the usual behaviour of the name.
+        phases: Number of shifted grids whose boxes are averaged, 1 for none.
+        numbers: Type of the network's numbers, None for the type of its weights.
     """
 
     name: str
@@ -49,7 +50,7 @@ class DetectorSpec:
 
     @staticmethod
     def from_name(name: str) -> "DetectorSpec":
-        """Parse a detector's name."""
+        """Parse a detector's name; text that is no known suffix belongs to the base."""
         match = _SUFFIXES.fullmatch(name)
         base, suffixes = match.groups() if match else (name, "")
         background = None

@@ -29,7 +29,14 @@ class CloudDetector:
 
     network: detector in level points; level: "map" or "plane" puts each cloud on level ground
     first, and boxes are in the cloud's frame. With None the ground must be at z = 0, and a warning
-    gives the height of the first cloud's ground if it is elsewhere."""
+    gives the height of the first cloud's ground if it is elsewhere.
+
+    Attributes:
+        labels: Classes that the network detects.
+        area: Area that it covers, in the frame of the level points.
+        name: Name of the network.
+        digest: Text that changes with all that the detections depend on.
+    """
 
     def __init__(
         self, network: "VoxelNetDetector", level: Literal["map", "plane"] | None = None
@@ -45,9 +52,10 @@ class CloudDetector:
         self.digest = network.digest if level is None else f"{network.digest} {level}"
 
     def __call__(self, cloud: object, /) -> "Detections":
-        """Detect in one cloud.
+        """Detect in one cloud; boxes are in the cloud's frame.
 
-        Raises ValueError for another type, and if no ground to level is found."""
+        With `level`, points that are not finite are left out. Raises ValueError for another type,
+        and if no ground to level is found."""
         from dataclasses import replace
 
         import numpy as np
@@ -70,7 +78,7 @@ class CloudDetector:
     def unions(
         self, clouds: "Sequence[np.ndarray]", unions: "np.ndarray"
     ) -> "Sequence[Detections]":
-        """Detect in each union of clouds, rows of a mask."""
+        """Detect in each union of clouds. unions: rows of booleans, one for each cloud."""
         from toolkit.points import join_clouds
 
         if self.level is None:
@@ -78,6 +86,7 @@ class CloudDetector:
         return [self(join_clouds(clouds, union)) for union in unions]
 
     def _warn(self, points: "np.ndarray") -> None:
+        # warn if the ground of a cloud is not at z = 0
         from toolkit.calibration.level_warning import level_warning
 
         warning = level_warning(points)
@@ -152,10 +161,10 @@ def open_detector(
 
 
 def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
-    """Raise FileNotFoundError for an unknown detector.
+    """Raise FileNotFoundError for an unknown detector, before long work begins.
 
-    place: place of detection. Raises ValueError if its area differs from the area of the
-    weights."""
+    place: place of detection, None for a site. Raises ValueError if its area differs from the area
+    of the weights."""
     if spec.is_imported:
         from toolkit.detection.detect import resolve_detector
 
@@ -174,7 +183,9 @@ def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
 
 
 def check_digest(name: str, detector: "Detector", remedy: str) -> None:
-    """Raise ValueError for a detector without a digest."""
+    """Raise ValueError for a detector without a digest.
+
+    name: name of the detector in the error; remedy: end of the error's text, with what helps."""
     if not hasattr(detector, "digest"):
         raise ValueError(
             f"detector {name} needs an attribute digest, a text that changes with all it "
@@ -185,7 +196,9 @@ def check_digest(name: str, detector: "Detector", remedy: str) -> None:
 def _open_for_known_site(
     spec: DetectorSpec | None, recording: "Recording", site: "Site"
 ) -> "Detector":
-    """Open a detector for a recording of a known site."""
+    """Open a detector for a recording of a known site.
+
+    spec: parsed name; None for the network that plans use for these sensors."""
     from toolkit.detection.background import KnownBackground, recording_background
     from toolkit.detection.cluster import ClusterDetector
 
@@ -206,7 +219,10 @@ def _open_for_known_site(
 def _open_for_recording(
     spec: DetectorSpec, recording: "Recording", place: "Place", scenes: "Scenes | None"
 ) -> "Detector":
-    """Open a detector for a recording of an unknown site."""
+    """Open a detector for a recording of an unknown site.
+
+    cluster, and detectors that know the background, learn the empty scene first. scenes: empty
+    scenes to learn from, None for the recording's."""
     from toolkit.calibration import recording_scenes
     from toolkit.detection.background import KnownBackground
     from toolkit.detection.cluster import learn_cluster_detector
@@ -226,7 +242,9 @@ def _open_for_recording(
 
 
 def _check_long(recording: "Recording") -> None:
-    """Raise ValueError for a recording too short to distinguish waiting vehicles."""
+    """Raise ValueError for a recording too short to distinguish waiting vehicles from the scene.
+
+    A recording without times (0 s) needs only enough frames."""
     number = len(recording)
     seconds = recording[len(recording) - 1].time - recording[0].time
     if number < MIN_LEARNING_FRAMES or 0 < seconds < MIN_LEARNING_S:
@@ -247,7 +265,9 @@ def _open_at_site(spec: DetectorSpec, site: "Site") -> "Detector":
 
 
 def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
-    """Open a detector for frames of any recording, with points relative to the place."""
+    """Open a detector for frames of any recording, with points relative to the place.
+
+    Raises ValueError for a detector that needs a site or a background."""
     import numpy as np
 
     from toolkit.sites.site import Site
@@ -268,7 +288,9 @@ def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
 
 
 def _load_network(spec: DetectorSpec, site: "Site") -> "Detector":
-    """Load the detector of a base name for a site."""
+    """Load the detector of a name without its suffixes, for the area of a site.
+
+    Raises ValueError for cluster, which learns from a recording."""
     if spec.base == CLUSTER:
         raise ValueError(
             "detector cluster learns from a recording, and here is no recording: take voxelnet"
@@ -289,7 +311,10 @@ def _load_network(spec: DetectorSpec, site: "Site") -> "Detector":
 
 
 def _tune(spec: DetectorSpec, detector: "Detector", *, is_site_unknown: bool = False) -> "Detector":
-    """Detector with the grids and numbers of its name. Raises ValueError if it has no grid."""
+    """Detector with the shifted grids and the coarser numbers that its name asks for.
+
+    is_site_unknown: True to report pedestrians only from a higher score on. Raises
+    ValueError for shifted grids of a detector that has none."""
     from toolkit.objects import quick_detector
 
     if spec.phases != 1:

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
     from placement_env.live.figures import LiveAnswer
 
-PATIENCE_S = 1.0  # that a suggestion waits for more poles to be looked at
+PATIENCE_S = 1.0  # time that a suggestion spends on views from further poles
 
 
 class LongTasks:
-    """Suggestions, searches, measurements and files of a page.
+    """Suggestions, searches, measurements and files of a page, which take long.
 
-    ghosts: drawings of the suggested sensors; folder: folder of exports and reports."""
+    Apart from `accept_best`, each is done in the thread for long jobs and leaves a note. ghosts:
+    drawings of the suggested sensors; folder: folder of exports and reports."""
 
     def __init__(self, context: LiveContext, ghosts: Ghosts, folder: Path) -> None:
         self._planner = context.planner
@@ -36,7 +37,9 @@ class LongTasks:
         self._folder = folder
 
     def add_ask_controls(self, gui: "GuiApi", find_name: Callable[[], str]) -> None:
-        """Add the controls of the tab Ask. find_name: gives the sensor that is chosen."""
+        """Add the controls of the tab Ask.
+
+        find_name: function that returns the name of the chosen sensor."""
         ask = gui.add_button_group("Best to", ("add", "move", "remove"))
         ask.on_click(lambda _: self.suggest(ask.value, find_name()))
         gui.add_button("Accept the best").on_click(lambda _: self._jobs.change(self.accept_best))
@@ -59,7 +62,9 @@ class LongTasks:
         )
 
     def suggest(self, kind: str, name: str | None = None) -> None:
-        """Suggest changes of a kind. name: name of the sensor to move."""
+        """Draw the best changes of a kind, and list them in the note, once they are found.
+
+        kind: "add", "move" or "remove"; name: name of the sensor to move."""
         moved = name if kind == "move" else None
 
         def job() -> None:
@@ -71,7 +76,9 @@ class LongTasks:
         self._jobs.later("comparing poses", job)
 
     def accept_best(self) -> "LiveAnswer":
-        """Make the best change that is suggested."""
+        """Make the best change that is suggested, and return the new figures.
+
+        Raises ValueError if nothing is suggested."""
         return self._planner.accept(self._ghosts.take_best())
 
     def search(self) -> None:
@@ -90,7 +97,7 @@ class LongTasks:
         )
 
     def measure(self) -> None:
-        """Measure the variant with the detector."""
+        """Measure the variant with the detector, and show AP and the predicted AP in the note."""
         predicted = self._planner.finish()
         measured = self._planner.measure()
         number = f"N = {describe_count(measured.objects, 'road user')}"
@@ -99,6 +106,8 @@ class LongTasks:
         self._head.say(f"by the detector: {figures}")
 
     def write(self, write: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path) -> None:
-        """Write files of the variant into a folder."""
+        """Write files of the variant into a folder, and name them in the note.
+
+        write: function that writes them and returns their paths."""
         names = ", ".join(path.name for path in write(self._planner, folder))
         self._head.say(f"written to {folder}: {names}")

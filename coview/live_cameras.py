@@ -8,10 +8,9 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
 from toolkit.viewing.scene import Handle
 
-# times as far from the area as the report's view, in windows at least so wide for their height
-AWAY = 1.25
-WIDE = 1.3
-# from a sensor to the camera that looks through it, and to what it looks at
+AWAY = 1.25  # distance from the area, as a multiple of the distance in the report's view
+WIDE = 1.3  # width of a window by its height from which this distance is enough
+# from a sensor to the camera that looks through it, and to the point that this looks at
 HOUSING_M = 1.2
 LOOK_M = 12.0
 MIN_LOOK_FOV_RAD = 0.7
@@ -20,15 +19,20 @@ MAX_LOOK_FOV_RAD = 1.4
 PHONE = 576
 SHEET = 0.6
 UP = np.array([0.0, 0.0, 1.0])
-Spot = Float64[np.ndarray, "3"]
+Spot = Float64[np.ndarray, "3"]  # x, y and z (m) in the site's frame
 
 
 class LiveCameras:
-    """Cameras by browser. middle: of the area (m); slant: from there to a camera that sees it
-    whole, in wide windows.
+    """Cameras of the browsers that show a page.
 
-    aimed: view, aspect, whether it is a telephone, and place of each browser's camera, by the
-    browser's number."""
+    area: xmin, ymin, xmax and ymax (m) of the detection area.
+
+    Attributes:
+        middle: Middle of the area (m).
+        slant: Way (m) from the middle to a camera that sees the area whole in a wide window.
+        aimed: Way from the middle to the camera, width by height of the window, True for a
+            telephone, and position of the camera, by the browser's number.
+    """
 
     def __init__(self, area: Float64[np.ndarray, "4"]) -> None:
         eye, self.middle = (np.array(point) for point in scene.overview(tuple(area.tolist())))
@@ -36,8 +40,9 @@ class LiveCameras:
         self.aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}
 
     def greet(self, client: Handle) -> None:
-        """Aim the camera of a browser that has come, and again when its window changes and nobody
-        has moved it."""
+        """Aim the camera of a browser that has come.
+
+        It is aimed again if its window changes before somebody has moved the camera."""
         camera = client.camera
         self.aim(client, self.slant, phone=camera.image_width < PHONE)
 
@@ -53,20 +58,23 @@ class LiveCameras:
         camera.on_update(fit)
 
     def show_all(self, client: Handle) -> None:
-        """Show the whole area aslant."""
+        """Show the whole area aslant. client: browser, None if it has gone."""
         if client is not None:
             client.camera.fov = scene.VERTICAL_FOV
             self.aim(client, self.slant)
 
     def look_down(self, client: Handle) -> None:
-        """Show the whole area from above, north as on the map."""
+        """Show the whole area from above, with the site's y axis upwards.
+
+        client: browser, None if it has gone."""
         if client is not None:
             client.camera.fov = scene.VERTICAL_FOV
             self.aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self.slant))
 
     def look_through(self, client: Handle, sensor: Sensor) -> None:
-        """Put a browser's camera in a sensor's place, with as much of its view as a screen
-        holds."""
+        """Put a browser's camera just before a sensor, with as much of its view as a screen holds.
+
+        client: browser, None if it has gone."""
         if client is None:
             return
         ahead = sensor.world_SE3_body[:3, 0]
@@ -78,10 +86,11 @@ class LiveCameras:
             client.camera.look_at = sensor.position + LOOK_M * ahead
 
     def aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
-        """Aim a browser's camera at the area, from farther away where the window is narrow or a
-        sheet covers it.
+        """Aim a browser's camera at the area, from farther away if the window is narrow.
 
-        way: from the area's middle to the camera (m); phone: None for as before."""
+        On a telephone it is aimed below the middle, as the panel's sheet covers part of the scene.
+        way: from the area's middle to the camera in a wide window (m); phone: True for a telephone,
+        None for the value of the last aim."""
         camera = client.camera
         if phone is None:
             phone = self.aimed[client.client_id][2]

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 class GroundClicks:
     """Clicks on the ground of a page, and what they are for.
 
-    areas: drawing of the keep-out areas; folder: folder of a picture that is laid under the scene.
+    A control awaits clicks; each click then adds a sensor, a corner of an area, or a point of a
+    picture. areas: drawing of the keep-out areas; folder: folder of a picture under the scene.
 
     Attributes:
-        spots: Spots clicked so far for the present purpose.
+        spots: Points of the ground (x, y, z in m) clicked so far for the present purpose.
     """
 
     def __init__(self, context: LiveContext, areas: AreaDrawing, folder: Path) -> None:
@@ -40,7 +41,7 @@ class GroundClicks:
         self.spots: list[Spot] = []
 
     def add_controls(self, gui: "GuiApi", model: Handle) -> None:
-        """Add the controls of the tab. model: control with the model of new sensors."""
+        """Add the controls of the tab Draw. model: control with the model of new sensors."""
         gui.add_button("Add a sensor at a click").on_click(
             lambda _: self.pick(
                 "the foot of its pole", lambda spot: self.add_sensor(spot, model.value)
@@ -75,14 +76,20 @@ class GroundClicks:
         )
 
     def pick(self, what: str, then: Callable[[Spot], None]) -> None:
-        """Await clicks. what: for the note; then: follows each."""
+        """Await clicks on the ground, in place of any that were awaited.
+
+        what: words for the points to click on, for the note; then: function that is called with
+        each point of the ground (x, y, z in m)."""
         self.spots = []
         self._awaited = then
         self._head.say(f"click on the ground: {what}")
         self._jobs.do(self._head.show_note)
 
     def follow(self, event: Handle) -> None:
-        """Follow a click on the ground if one is awaited."""
+        """Follow a click if one is awaited and its ray goes down.
+
+        The point is on the level of the ground at which the browser's camera looks. event: viser's
+        click, with the ray."""
         eye = np.array(event.ray_origin)
         ray = np.array(event.ray_direction)
         then = self._awaited
@@ -93,34 +100,40 @@ class GroundClicks:
             self._jobs.do(lambda: then(spot))
 
     def add_sensor(self, spot: Spot, model: str) -> None:
-        """Add a sensor at a spot, which looks at the middle of the area."""
+        """Add a sensor at a spot (m), which looks at the middle of the area.
+
+        model: name of its model in the stock."""
         self._awaited = None
         x, y = self._planner.yard.site.area.reshape(2, 2).mean(axis=0) - spot[:2]
         foot = float(spot[0]), float(spot[1])
         self._show(self._planner.add(foot, float(np.arctan2(y, x)), model=model))
 
     def add_corner(self, spot: Spot) -> None:
-        """Add a corner to the area that is being drawn."""
+        """Add a corner (m) to the area that is being drawn."""
         self.spots.append(spot)
         self._head.say(describe_count(len(self.spots), "corner"))
         self._head.show_note()
         self._areas.draw(self.spots)
 
     def close_area(self) -> "LiveAnswer":
-        """Keep poles out of the area that was drawn."""
+        """Keep poles out of the area that was drawn too, and return the new figures."""
         corners = tuple((float(x), float(y)) for x, y, _ in self.spots)
         self._forget()
         return self._planner.set_keep_out((*self._planner.variant.keep_out, corners))
 
     def take_picture(self, name: str, content: bytes) -> None:
-        """Keep a picture that was uploaded, and lay it under the scene."""
+        """Keep a picture that was uploaded, and lay it under the scene, as wide as the area.
+
+        name: name of the uploaded file; content: its bytes."""
         self._lay(keep_picture(name, content, self._folder, self._planner.yard.site.area))
         self._head.say("type two points of the picture, or their distance, and place it by them")
         self._head.show_note()
 
     def place_picture(self, spot: Spot, text: str) -> None:
-        """Place the picture by the second of two spots. text: where they belong, or their
-        distance."""
+        """Place the picture by two points, once the second is clicked.
+
+        spot: clicked point (m); text: typed numbers: x y x y of the right positions of both points,
+        or their right distance (m)."""
         self.spots.append(spot)
         picture = self._planner.picture
         if picture is None or len(self.spots) < 2:
@@ -137,10 +150,12 @@ class GroundClicks:
         self._lay(picture.place(spots, numbers))
 
     def _lay(self, picture: GroundPicture | None) -> None:
+        # lay a picture under the scene, or remove it, and draw it
         self._planner.lay(picture)
         self._head.say("")
         self._redraw()
 
     def _forget(self) -> None:
+        # await no more clicks
         self.spots = []
         self._awaited = None

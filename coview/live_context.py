@@ -17,11 +17,11 @@ class LiveContext:
     """Planner of a page, its threads, and how it shows what changed.
 
     Attributes:
-        planner: Planner.
-        jobs: Threads that do what is asked.
-        head: Hint, figures and note.
-        show: Function that shows an answer.
-        redraw: Function that draws everything.
+        planner: Planner whose variants the page shows and changes.
+        jobs: Threads that do what a browser asks for.
+        head: Hint, figures and note at the top of the panel.
+        show: Function that shows an answer: its figures, and the variant in the scene.
+        redraw: Function that draws figures and scene again as they are.
     """
 
     planner: LivePlanner

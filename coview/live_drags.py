@@ -14,11 +14,14 @@ from toolkit.viewing.scene import Handle
 if TYPE_CHECKING:
     pass
 
-CATCH_M = 3.0  # from the pointer within which a pole catches a sensor that is carried
+CATCH_M = 3.0  # distance from the pointer within which a pole catches a sensor that is carried
 
 
 class SensorDrags:
-    """Drags and clicks of the sensors of a page. choose: function that chooses a sensor."""
+    """Drags and clicks of the sensors of a page.
+
+    drawings: housings and handles of the sensors; choose: function that chooses a sensor, given by
+    name, in the panel."""
 
     def __init__(
         self, context: LiveContext, drawings: SensorDrawings, choose: Callable[[str], None]
@@ -30,7 +33,10 @@ class SensorDrags:
         self._choose = choose
 
     def attach(self, name: str, housing: Handle, handle: Handle) -> None:
-        """Let a sensor be dragged by its housing and handle."""
+        """Let a sensor be dragged by its housing and handle, and chosen by a click on either.
+
+        The handle turns it, the housing carries it, with Shift up and down. name: name of the
+        sensor; housing, handle: meshes in viser's scene."""
 
         async def turn(event: Handle) -> None:
             self._follow(event, lambda spot, last: self.turn(name, spot, last=last), handle)
@@ -50,7 +56,10 @@ class SensorDrags:
             mesh.on_click(lambda _: self._choose(name))
 
     def _follow(self, event: Handle, then: Callable[[Spot, bool], None], node: Handle) -> None:
-        """Follow a drag: where the pointer meets the level of what is dragged."""
+        """Follow a drag if the pointer's ray goes down.
+
+        event: viser's drag; then: function that is called with the point (m) at which the ray meets
+        the level of the dragged mesh, and True at the end of the drag; node: the mesh."""
         eye = np.array(event.client.camera.position)
         through = np.array(event.end_position)
         level = float(node.position[2])
@@ -61,7 +70,7 @@ class SensorDrags:
             self._jobs.drag(lambda: then(spot, last), last=last)
 
     def turn(self, name: str, spot: Spot, *, last: bool) -> None:
-        """Turn a sensor towards a spot. last: the drag ends."""
+        """Turn and tilt a sensor towards a spot (m). last: True at the end of the drag."""
         variant = self._planner.variant
         sensor = self._planner.yard.build_sensor(variant, variant.find(name))
         x, y, z = (spot - sensor.position).tolist()
@@ -71,7 +80,10 @@ class SensorDrags:
         self._end(name, last)
 
     def carry(self, name: str, spot: Spot, *, last: bool) -> None:
-        """Carry a sensor to the pole at a spot, at the end of the drag to the spot itself."""
+        """Carry a sensor to the pole near a spot (m), or follow the pointer.
+
+        At the end of the drag (`last`) it is carried to the spot itself if no pole is within
+        `CATCH_M`, and gets a new pole there."""
         mount = self._planner.variant.find(name).mount
         mounts = [*self._planner.yard.stock.mounts, *self._planner.variant.poles]
         distances = np.array([np.hypot(*(mount.position[:2] - spot[:2])) for mount in mounts])
@@ -87,7 +99,7 @@ class SensorDrags:
         self._end(name, last)
 
     def lift(self, name: str, up: float, *, last: bool) -> None:
-        """Raise or lower a sensor to a height (m above zero)."""
+        """Raise or lower a sensor. up: its new z (m); last: True at the end of the drag."""
         variant = self._planner.variant
         mount = self._planner.yard.find_mount(variant, variant.find(name).mount)
         height = up - float(mount.position[2])
@@ -95,6 +107,7 @@ class SensorDrags:
         self._end(name, last)
 
     def _end(self, name: str, last: bool) -> None:
+        # at the end of a drag: the next is a separate step, and the sensor is drawn in its new pose
         if last:
             self._planner.end_drag()
             self._choose(name)

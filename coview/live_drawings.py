@@ -30,20 +30,24 @@ if TYPE_CHECKING:
 MIN_FOUND_SHARE = 0.5  # hit probability from which a road user is drawn as found
 GHOST_COLOUR = "#4463f6"
 AREA_COLOUR = "#b3261e"
+# heights of drawings above the ground
 AREA_LIFT_M = 0.2
 MAP_LIFT_M = 0.1
-MAP_ALPHA = 190
-Attach = Callable[[str, Handle, Handle], None]  # of a sensor's name, housing and handle
+MAP_ALPHA = 190  # opacity of the map, 0 to 255
+Attach = Callable[[str, Handle, Handle], None]  # called with a sensor's name, housing and handle
 
 
 class SensorDrawings:
-    """Sensors as drawn: housing, handle, lines of its view, and label of each."""
+    """Drawings of the sensors: housing, handle, lines of its view, and label of each.
+
+    Only sensors that have changed are sent to the browsers again."""
 
     def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
         self._api = api
         self._planner = planner
+        # by name of the sensor: housing, handle, view and label
         self._nodes: dict[str, list[Handle]] = {}
-        self._drawn: dict[str, tuple[int, LiveSensor]] = {}
+        self._drawn: dict[str, tuple[int, LiveSensor]] = {}  # index and state as drawn
         self._pole_labels: dict[str, Handle] = {}
 
     @property
@@ -52,18 +56,23 @@ class SensorDrawings:
         return tuple(self._nodes)
 
     def label_poles(self, labels: dict[str, Handle]) -> None:
-        """Take over the labels of the poles, each of which is hidden while sensors bear its
-        name."""
+        """Take over the labels of the poles, by name of the pole.
+
+        A pole's label is hidden while a sensor is on it, whose label shows the name."""
         self._pole_labels = labels
 
     def put_housing(self, name: str, spot: Spot) -> None:
-        """Let a housing follow the pointer; a sensor that is not drawn has none."""
+        """Move the housing of a sensor to a spot (m), without a change of the variant.
+
+        The next `draw` puts it back. A sensor that is not drawn is ignored."""
         if name in self._nodes:
             self._nodes[name][0].position = spot
             self._drawn.pop(name, None)
 
     def draw(self, attach: Attach) -> None:
-        """Draw the sensors of the variant that is shown. attach: lets new ones be dragged."""
+        """Draw the sensors of the variant that is shown, and remove others.
+
+        attach: function that lets a new drawing be dragged."""
         variant = self._planner.variant
         mounts_in_use = {sensor.mount for sensor in variant.sensors}
         for pole, label in self._pole_labels.items():
@@ -87,7 +96,9 @@ class SensorDrawings:
     def _add_sensor(
         self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int], attach: Attach
     ) -> list[Handle]:
+        # add the drawing of a sensor in its scene; returns housing, handle, view and label
         site = self._planner.yard.site
+        # names of nodes are random, independent of the sensors' names
         node = f"/planned/{secrets.token_hex(4)}"
         housing = self._api.add_box(f"{node}/housing", colour, (1.2, 1.2, 0.9))
         handle = self._api.add_icosphere(f"{node}/handle", 0.8, colour, subdivisions=2)
@@ -104,6 +115,7 @@ class SensorDrawings:
     def _update_sensor(
         self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]
     ) -> None:
+        # move and colour the drawing of a sensor as it is now
         site = self._planner.yard.site
         housing, handle, view, label = self._nodes[live.name]
         target = find_target(site, sensor)
@@ -118,7 +130,9 @@ class SensorDrawings:
 
 
 class Ghosts:
-    """Suggestions, drawn as sensors that are not there yet. accept: follows a click on one."""
+    """Suggestions, drawn as translucent sensors.
+
+    accept: function that is called with a suggestion whose housing is clicked."""
 
     def __init__(
         self, api: "SceneApi", planner: LivePlanner, accept: Callable[[Suggestion], None]
@@ -130,7 +144,7 @@ class Ghosts:
         self._nodes: list[Handle] = []
 
     def offer(self, suggestions: Sequence[Suggestion]) -> None:
-        """Let suggestions be drawn in place of those before."""
+        """Keep suggestions, the best first, to be drawn in place of those before."""
         self._suggestions = list(suggestions)
 
     def take_best(self) -> Suggestion:
@@ -142,7 +156,7 @@ class Ghosts:
         return best
 
     def draw(self) -> None:
-        """Draw the suggestions."""
+        """Draw the kept suggestions, and remove earlier ones."""
         for node in self._nodes:
             node.remove()
         self._nodes = []
@@ -150,6 +164,7 @@ class Ghosts:
             self._nodes += self._add_ghost(k, suggestion)
 
     def _add_ghost(self, k: int, suggestion: Suggestion) -> list[Handle]:
+        # draw the k-th suggestion with the AP that it leads to; returns housing, view and label
         yard = self._planner.yard
         sensor = yard.build_sensor(self._planner.variant, suggestion.sensor)
         node = f"/ghosts/{k}"
@@ -169,7 +184,7 @@ class Ghosts:
 
 
 class AreaDrawing:
-    """Keep-out areas, and the one that is being drawn."""
+    """Drawing of the variant's keep-out areas, and of the one that is being clicked."""
 
     def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
         self._api = api
@@ -177,7 +192,9 @@ class AreaDrawing:
         self._drawn: list[tuple[tuple[float, float], ...]] | None = None
 
     def draw(self, spots: Sequence[Spot]) -> None:
-        """Draw them. spots: corners of the new one so far."""
+        """Draw the outlines of all areas if one has changed.
+
+        spots: corners (m) of the new area so far, which is not closed."""
         site = self._planner.yard.site
         lines = []
         outlines = [(*corners, corners[0]) for corners in self._planner.variant.keep_out]
@@ -197,7 +214,7 @@ class AreaDrawing:
 
 
 class PictureDrawing:
-    """Picture under the scene. folder: where its file is kept."""
+    """Drawing of the picture under the scene. folder: folder of its file."""
 
     def __init__(self, api: "SceneApi", planner: LivePlanner, folder: Path) -> None:
         self._api = api
@@ -206,7 +223,7 @@ class PictureDrawing:
         self._drawn: GroundPicture | None = None
 
     def draw(self) -> None:
-        """Draw the picture of the planner, or none."""
+        """Draw the planner's picture if it has changed, or remove it if it is gone."""
         picture = self._planner.picture
         if self._drawn == picture:
             return
@@ -226,10 +243,12 @@ class TrafficDrawing:
         self._drawn: tuple[list[int], list[bool], list[bool]] | None = None
 
     def draw(self, answer: "LiveAnswer | None", frame: int) -> None:
-        """Draw the road users of a frame as an answer finds them."""
+        """Draw the road users of a frame as an answer finds them, if they have changed.
+
+        answer: its probabilities decide between found and missed; None draws nothing."""
         unseen = self._planner.unseen
         if answer is None or len(answer.probability) != len(unseen.boxes):
-            return  # all frames come in a moment
+            return  # the answer has fewer frames than the planner; one of all frames follows
         rows = np.flatnonzero(unseen.frame == frame)
         is_found = answer.probability[rows] >= MIN_FOUND_SHARE
         is_hidden = answer.hidden[rows]
@@ -257,19 +276,21 @@ class TrafficDrawing:
 
 
 class SeenMapDrawing:
-    """Map of how often each place is seen, at a height."""
+    """Drawing of how often each cell of the ground is seen, at the height of a road user."""
 
     def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
         self._api = api
         self._planner = planner
-        self._maps: dict[float, SeenMaps] = {}
+        self._maps: dict[float, SeenMaps] = {}  # by height (m)
 
     def forget(self) -> None:
-        """Forget the maps, as those of other frames follow."""
+        """Forget the maps in memory, as the traffic has other frames now."""
         self._maps.clear()
 
     def draw(self, kind: str) -> None:
-        """Draw the map of a kind of road user (`MAP_HEIGHTS`), none of another name."""
+        """Draw the map for a kind of road user among `MAP_HEIGHTS`.
+
+        For any other text, such as "off", the map is removed."""
         self._api.remove_by_name("/seen")
         if kind not in MAP_HEIGHTS:
             return

@@ -14,9 +14,9 @@ class PanelHead:
     """Head of the panel, shown above its tabs and before them.
 
     Attributes:
-        busy: what takes long and is being done, "" for nothing.
-        note: what was done last, or why it was not.
-        measured: figures by the detector, which are shown while there is no note.
+        busy: Words for the long task that is being done, "" for none.
+        note: Words for what was done last, or why it failed, "" for none.
+        measured: Figures by the detector, which are shown while there is no note.
     """
 
     def __init__(self, server: "ViserServer", title: str, sensors: int, measured: str) -> None:
@@ -32,7 +32,7 @@ class PanelHead:
         self.measured = measured
 
     def show_figures(self, answer: "LiveAnswer") -> None:
-        """Show the figures of an answer, and what to do first."""
+        """Show the figures of an answer, and the hint on what to do first."""
         hint = hint_html(answer.sensors)
         if self._hint.content != hint:
             self._hint.content = hint
@@ -49,7 +49,7 @@ class PanelHead:
         return str(self._said.content)
 
     def show_note(self) -> None:
-        """Show what is being done, and the note or what was measured."""
+        """Show the long task that is being done, and the note, or else the measured figures."""
         self._said.content = note_html(self.busy, self.note or self.measured)
 
     def say(self, note: str) -> None:
@@ -57,11 +57,11 @@ class PanelHead:
         self.note = note
 
     def begin(self, what: str) -> None:
-        """Keep what is being done."""
+        """Keep words for the long task that begins, to be shown by `show_note`."""
         self.busy = what
 
     def end(self) -> None:
-        """Nothing that takes long is being done any more."""
+        """Forget the long task, which has ended."""
         self.busy = ""
 
     def keep_measured(self, figures: str) -> None:

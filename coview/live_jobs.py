@@ -16,26 +16,28 @@ from toolkit.runtime.parallel import return_freed_memory
 if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer
 
-# s after a change until work goes on; views that are shown are refined; others
-MOVING_S = 0.1
-QUIET_S = 0.4
-CALM_S = 2.0
-MAX_WAIT_S = 0.3  # until a thread looks whether it is to end
-LATE_S = 0.3  # after which what is slow to draw no longer waits for the pointer to rest
-TIDY_S = 10.0  # of use after which freed memory is handed back
+# times since the last job after which refining does more
+MOVING_S = 0.1  # until then rays that are being cast pause
+QUIET_S = 0.4  # from then on coarse views that are shown are refined
+CALM_S = 2.0  # from then on other views are made ahead
+MAX_WAIT_S = 0.3  # time between two looks of a thread whether it is to end
+LATE_S = 0.3  # time after which slow drawing no longer waits for the pointer to rest
+TIDY_S = 10.0  # time of use after which freed memory is handed back
 GO_ON = "go on, and report the lines in the terminal"
 Job = Callable[[], None]
 
 
 class LiveJobs:
-    """Jobs of a page, one after another: the latest position of a drag when nothing else waits.
+    """Jobs of a page, done one after another in one thread.
 
-    show: shows an answer; redraw: draws all after a failure; draw_rest: draws what no answer waits
+    The latest position of a drag is followed when nothing else waits. Jobs that take long have
+    another thread. head: shows notes and errors; show: function that shows an answer; redraw:
+    function that draws all after a failure; draw_rest: function that draws what no answer waits
     for.
 
     Attributes:
         closed: True once the threads are to end.
-        threads: that work.
+        threads: Threads for jobs, for refining and for long jobs, in this order.
     """
 
     def __init__(
@@ -49,14 +51,16 @@ class LiveJobs:
         self._long: deque[Job] = deque()
         self._drag: Job | None = None
         self._wake = threading.Condition()
-        self._touched = 0.0
-        self._behind = 0.0  # since when what is slow to draw is to be drawn
+        self._touched = 0.0  # time (s) of the last job
+        self._behind = 0.0  # time (s) since which slow drawing is due, 0 if it is not
         self.closed = False
         self.threads: list[threading.Thread] = []
 
     def start(self, find_idle_job: Callable[[], Job | None], refine: Job) -> None:
-        """Start the threads. find_idle_job: finds what to do while nothing is asked; refine: runs
-        in a separate thread until `closed`."""
+        """Start the threads.
+
+        find_idle_job: function that returns a job for the time while nothing is asked, or None;
+        refine: function that runs in a separate thread until `closed`."""
         targets = (lambda: self._work(find_idle_job), refine, self._work_long)
         self.threads = [threading.Thread(target=target, daemon=True) for target in targets]
         for thread in self.threads:
@@ -67,12 +71,12 @@ class LiveJobs:
         with self._wake:
             self.closed = True
             self._wake.notify_all()
-        for thread in self.threads[:2]:
+        for thread in self.threads[:2]:  # not the one for long jobs
             thread.join(timeout=5)
 
     @property
     def waiting(self) -> int:
-        """Number of jobs that wait."""
+        """Number of jobs that wait, without drags and long jobs."""
         return len(self._jobs)
 
     @property
@@ -81,11 +85,11 @@ class LiveJobs:
         return self._touched
 
     def touch(self) -> None:
-        """Note that somebody is there."""
+        """Count now as the time of the last job, as somebody uses the page."""
         self._touched = time.monotonic()
 
     def is_quiet(self, seconds: float) -> bool:
-        """True if nothing has been done for so long."""
+        """True if no job has been done for so many seconds."""
         return time.monotonic() - self._touched >= seconds
 
     def do(self, job: Job) -> None:
@@ -95,12 +99,17 @@ class LiveJobs:
             self._wake.notify_all()
 
     def change(self, change: "Callable[..., LiveAnswer]", *arguments: Any) -> None:
-        """Make a change in the page's thread, and show its answer."""
+        """Make a change in the page's thread, after what was asked before, and show its answer.
+
+        change: function of the planner that returns the figures after it, called with the
+        arguments."""
         self.do(lambda: self._show(change(*arguments)))
 
     def drag(self, job: Job, *, last: bool) -> None:
-        """Follow a drag in the page's thread, in place of its earlier positions. last: its end,
-        which is not left out."""
+        """Follow a drag in the page's thread, in place of its earlier positions that still wait.
+
+        job: does what the present position asks for; last: True at the end of the drag, whose job
+        is never left out."""
         with self._wake:
             if last:
                 self._drag = None
@@ -110,7 +119,9 @@ class LiveJobs:
             self._wake.notify_all()
 
     def later(self, what: str, job: Job) -> None:
-        """Do something that takes long, in a separate thread. what: text of the note."""
+        """Do something that takes long in a separate thread, after other long jobs.
+
+        what: words for it in the note while it is done."""
         with self._wake:
             self._head.begin(what)
             self._long.append(job)
@@ -118,12 +129,14 @@ class LiveJobs:
         self.do(self._head.show_note)
 
     def draw_later(self) -> None:
-        """Draw what is slow to draw once nothing else waits, or it is late."""
+        """Let slow drawing follow once nothing else waits, or `LATE_S` has passed."""
         self._behind = self._behind or time.monotonic()
 
     def attempt(self, job: Job) -> bool:
-        """Do something, and show why it failed; True if it did not. Nothing that fails ends the
-        page."""
+        """Do a job, and return True if it did not fail.
+
+        A failure never ends the page: its reason becomes the note, and everything is drawn
+        again."""
         try:
             job()
         except (ValueError, OSError, ImportError) as error:
@@ -143,6 +156,7 @@ class LiveJobs:
         return False
 
     def _work(self, find_idle_job: Callable[[], Job | None]) -> None:
+        # do jobs until the page closes; idle jobs do not count as use of the page
         while not self.closed:
             job = self._next_job()
             if job is not None:
@@ -153,7 +167,9 @@ class LiveJobs:
                 self.attempt(job)
 
     def _next_job(self) -> Job | None:
-        """Take what is to be done next, after a short wait for it; None for nothing."""
+        """Take the next job, after waiting up to `MAX_WAIT_S` for one; None if there is none.
+
+        Slow drawing that is late comes first, then jobs in order, then the drag."""
         with self._wake:
             if not self._jobs and self._drag is None and not self._behind:
                 self._wake.wait(MAX_WAIT_S)
@@ -168,6 +184,7 @@ class LiveJobs:
             return job
 
     def _work_long(self) -> None:
+        # do long jobs until the page closes
         while not self.closed:
             with self._wake:
                 if not self._long:
@@ -183,7 +200,8 @@ class LiveJobs:
 class Refining:
     """Thread that refines coarse figures while nobody moves anything.
 
-    find_answer: finds the answer that is shown, None before; show_refined: shows it again."""
+    find_answer: function that returns the answer that is shown, None before there is one;
+    show_refined: function that shows the figures of the same variant again once they are fine."""
 
     def __init__(
         self,
@@ -206,7 +224,8 @@ class Refining:
                 self._jobs.touch()  # a pause before it is tried again
 
     def _refine_views(self) -> None:
-        more = True
+        # make one missing view after another until the page closes, while nobody uses it
+        more = True  # False once no view is missing; use of the page may make some missing again
         tidied = time.monotonic()
         while not self._jobs.closed:
             answer = self._find_answer()
@@ -224,6 +243,8 @@ class Refining:
                 self._jobs.do(self._show_refined)
 
     def _is_in_use(self) -> bool:
-        """True for the thread that refines while others move something."""
+        """True if this is the refining thread and somebody moved something just now.
+
+        Other threads that cast rays never pause."""
         is_refining = threading.current_thread() is self._thread
         return is_refining and not self._jobs.is_quiet(MOVING_S)

@@ -39,16 +39,19 @@ if TYPE_CHECKING:
 
     from placement_env.live.figures import LiveAnswer
 
-PAINT_S = 1.2  # that a browser gets for the first figures, before controls and the scene follow
-PLAY_S = 0.25  # between two frames of traffic
+PAINT_S = 1.2  # time that a browser gets to show the first figures, before controls and scene
+PLAY_S = 0.25  # time between two frames of traffic that is played
 
 
 class LivePage:
-    """Scene and panel of a planner on a server. folder: for exports and reports.
+    """Scene and panel of a planner on a server.
+
+    project: file that keeps the planner's work, also with the pictures in its folder, None for
+    none; folder: folder for exports and reports, and for pictures without a project.
 
     Attributes:
         head: Hint, figures and note, which are shown from the start.
-        jobs: Threads that do what is asked.
+        jobs: Threads that do what a browser asks for.
         panel: Controls, made after a browser had time to show the figures.
         sensors: Drawings of the sensors.
         drags: Drags of sensors.
@@ -67,7 +70,7 @@ class LivePage:
         self.folder = folder
         self._answer: LiveAnswer | None = None
         self._begun = False
-        self._played = 0.0  # when a frame of traffic was played
+        self._played = 0.0  # time (s) when a frame of traffic was played last
         site = planner.yard.site
         self.cameras = LiveCameras(site.area)
         middle = self.cameras.middle
@@ -83,7 +86,7 @@ class LivePage:
         self.do(lambda: self.show(planner.answer()))
 
     def _add_drawings(self, picture_folder: Path) -> None:
-        """Make what draws in the scene and follows it."""
+        """Make the drawings of the scene, and what follows drags, clicks and long tasks."""
         api = self.server.scene
         planner = self.planner
         self.sensors = SensorDrawings(api, planner)
@@ -104,15 +107,18 @@ class LivePage:
         self.jobs.do(job)
 
     def change(self, change: "Callable[..., LiveAnswer]", *arguments: Any) -> None:
-        """Make a change in the page's thread, and show its answer."""
+        """Make a change in the page's thread, after what was asked before, and show its answer.
+
+        change: function of the planner that returns the figures after it, called with the
+        arguments."""
         self.jobs.change(change, *arguments)
 
     def choose(self, name: str) -> None:
-        """Choose a sensor in the panel."""
+        """Choose a sensor, given by name, in the panel, in the page's thread."""
         self.do(lambda: self.panel.choose(name))
 
     def close(self) -> None:
-        """End the threads, and keep what was done last."""
+        """End the threads, and save the project if there is one."""
         self.jobs.close()
         if self.project is not None:
             self.project.save()
@@ -125,7 +131,7 @@ class LivePage:
     # what the threads do
 
     def _find_idle_job(self) -> Job | None:
-        """Draw the page first, then play the traffic, while nothing else is requested."""
+        """Job to do while nothing is asked, None for none: draw the page, then play the traffic."""
         if not self._begun:
             is_ready = self.cameras.aimed and self._answer is not None
             return self._begin if is_ready and self.jobs.is_quiet(PAINT_S) else None
@@ -135,7 +141,7 @@ class LivePage:
         return self.panel.view.show_next_frame
 
     def _begin(self) -> None:
-        """Add what a browser shows after the figures."""
+        """Add controls and scene, which a browser shows after the first figures."""
         self.panel = LivePanel(
             self.server.gui,
             self.planner,
@@ -158,6 +164,7 @@ class LivePage:
         return self._answer if self._begun else None
 
     def _show_refined(self) -> None:
+        # show the figures that are no longer coarse, in all frames once their views are made
         if self._answer is not None:
             self._answer = self.planner.answer(self._answer.what)
             if self.panel.view.offer_all_frames():
@@ -165,6 +172,7 @@ class LivePage:
             self.draw()
 
     def _greet(self, client: Handle) -> None:
+        # follow a browser that has come: its camera is aimed, and first figures get time to show
         self.jobs.touch()
         self.cameras.greet(client)
 

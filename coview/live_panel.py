@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer
     from placement_env.setting import Setting
 
+# classes of road users by the text of the choice
 CLASSES = {
     "vehicle": ("vehicle",),
     "cyclist and pedestrian": SMALL_CLASSES,
@@ -35,14 +36,16 @@ CLASSES = {
 
 
 class FieldGuard:
-    """Separate what a person typed or chose from what the page itself fills in."""
+    """Separate changes of fields that a person makes from changes that the page makes.
+
+    Both call the same functions of the fields."""
 
     def __init__(self) -> None:
         self._filling = False
 
     @contextmanager
     def filling(self) -> Iterator[None]:
-        """Fill in fields, whose changes are then not followed."""
+        """Let `typed` ignore all changes of fields during the block."""
         self._filling = True
         try:
             yield
@@ -50,13 +53,23 @@ class FieldGuard:
             self._filling = False
 
     def typed(self, then: Callable[[], None]) -> None:
-        """Follow what a person typed or chose."""
+        """Call a function, unless the page is filling in fields."""
         if not self._filling:
             then()
 
 
 class SensorTab:
-    """Tab with the sensor that is chosen. fill: fills in the panel."""
+    """Tab with the sensor that is chosen, and with what a new one is made of.
+
+    guard: ignores changes that the page makes; fill: function that fills in the whole panel.
+
+    Attributes:
+        bearing: Field with the sensor's compass bearing (degrees).
+        tilt: Field with its tilt below the horizon (degrees).
+        height: Field with its height above the foot of the pole (m).
+        model: Field with the model of a new sensor.
+        pole: Field with the pole of a new sensor.
+    """
 
     def __init__(
         self,
@@ -106,7 +119,7 @@ class SensorTab:
 
     @property
     def name(self) -> str:
-        """Name of the sensor that is chosen."""
+        """Name of the sensor that is chosen, "none" without sensors."""
         return str(self._chosen.value)
 
     def choose(self, name: str) -> bool:
@@ -123,8 +136,8 @@ class SensorTab:
             self._chosen.options = names
 
     def fill(self) -> None:
-        """Fill in the state of the sensor that is chosen."""
-        with suppress(ValueError):
+        """Fill in the state of the sensor that is chosen; nothing if it is gone."""
+        with suppress(ValueError):  # another browser may have removed it
             sensor = self._planner.variant.find(self.name)
             self.bearing.value = show_bearing(self._planner.yard.site, sensor)
             self.tilt.value = round(float(np.rad2deg(sensor.tilt)), 1)
@@ -133,6 +146,7 @@ class SensorTab:
             self._fail.value = sensor.failed
 
     def _move_typed(self) -> None:
+        # move the chosen sensor as the fields are now, in the page's thread
         self._jobs.change(
             self.move_as_typed, self.name, self.bearing.value, self.tilt.value, self.height.value
         )
@@ -140,7 +154,11 @@ class SensorTab:
     def move_as_typed(
         self, name: str, bearing: object, tilt: object, height: object
     ) -> "LiveAnswer":
-        """Move a sensor to a bearing, tilt and height as typed."""
+        """Move a sensor as typed, and return the new figures.
+
+        Numbers that are typed as they were printed change nothing. name: name of the sensor;
+        bearing: degrees clockwise from north; tilt: degrees below the horizon; height: m above the
+        foot of the pole. Raises ValueError for other texts, and beyond the limits."""
         yard = self._planner.yard
         sensor = self._planner.variant.find(name)
         mount = yard.find_mount(self._planner.variant, sensor.mount)
@@ -152,20 +170,23 @@ class SensorTab:
         )
 
     def add(self) -> "LiveAnswer":
-        """Add a sensor on the pole that is chosen, which looks at the middle of the area."""
+        """Add a sensor of the chosen model on the chosen pole, and return the new figures.
+
+        It looks at the middle of the area."""
         site = self._planner.yard.site
         pole = self._planner.yard.find_mount(self._planner.variant, str(self.pole.value))
         x, y = (site.area[:2] + site.area[2:]) / 2 - pole.position[:2]
         return self._planner.add(pole.name, float(np.arctan2(y, x)), model=self.model.value)
 
     def _look_through(self, client: Handle) -> None:
+        # show the view of the chosen sensor in one browser
         variant = self._planner.variant
         sensor = self._planner.yard.build_sensor(variant, variant.find(self.name))
         self._cameras.look_through(client, sensor)
 
 
 class ScoreTab:
-    """Tab with the question, and figures in detail."""
+    """Tab with the question that sensors are scored by, and figures in detail."""
 
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
         self._planner = planner
@@ -174,6 +195,7 @@ class ScoreTab:
         self._details = gui.add_html("")
 
         def choose(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
+            # dropdown with the value at the start first, and the present value chosen
             return gui.add_dropdown(
                 label, tuple(dict.fromkeys((at_first, *options, value))), initial_value=value
             )
@@ -193,6 +215,7 @@ class ScoreTab:
             field.on_update(lambda _: jobs.change(self._ask))
 
     def _ask(self) -> "LiveAnswer":
+        # score by the question in the fields; choices of the start mean exactly what was given then
         first = self._planner.first
         cases = replace(
             self._planner.asked.cases, iou=float(self._iou.value), errors=(self._errors.value,)
@@ -202,7 +225,7 @@ class ScoreTab:
             classes=CLASSES.get(self._classes.value, first.classes),
             cases=cases,
             scheme=scheme if scheme != first.fusion.name else first.scheme,
-            most_price=self._limit.value or np.inf,
+            most_price=self._limit.value or np.inf,  # 0 means no limit
         )
 
     def show(self, answer: "LiveAnswer") -> None:
@@ -211,13 +234,13 @@ class ScoreTab:
 
 
 class VariantsTab:
-    """Tab with the variants, and small maps of them."""
+    """Tab with a table of the variants, and small maps of them."""
 
     def __init__(
         self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs, guard: FieldGuard
     ) -> None:
         self._planner = planner
-        self._small_maps: dict[Variant, str] = {}
+        self._small_maps: dict[Variant, str] = {}  # HTML by variant, so that none is drawn twice
         gui.add_html(site_html(planner.yard.site))
         self._table = gui.add_html("")
         self._shown: Handle = gui.add_dropdown("Shown", ("A",))
@@ -236,7 +259,7 @@ class VariantsTab:
         self._shown.value = self._planner.current
 
     def show(self, answer: "LiveAnswer") -> None:
-        """Show the variants side by side. answer: of the present one."""
+        """Show the variants side by side. answer: figures of the one that is shown."""
         planner = self._planner
         variants = planner.variants
         self._small_maps = draw_small_maps(planner.yard, variants.values(), self._small_maps)
@@ -252,11 +275,11 @@ class VariantsTab:
 class ViewTab:
     """Tab with the map, the frame of traffic and the cameras.
 
-    draw_map, draw_traffic: follow a change of these.
+    draw_map, draw_traffic: functions that draw the map and the frame as the controls are set.
 
     Attributes:
-        map: control with the kind of road user.
-        frame: control with the number of the frame.
+        map: Control with the kind of road user of the map, or "off".
+        frame: Control with the number of the frame, from 0; the busiest one at first.
     """
 
     def __init__(
@@ -286,7 +309,7 @@ class ViewTab:
 
     @property
     def is_playing(self) -> bool:
-        """True while the traffic is to be played."""
+        """True while the box to play the traffic is checked."""
         return bool(self._play.value)
 
     def show_next_frame(self) -> None:
@@ -294,7 +317,7 @@ class ViewTab:
         self.frame.value = (int(self.frame.value) + 1) % self._planner.frames
 
     def offer_all_frames(self) -> bool:
-        """Offer the frames that have followed the first; False if none have."""
+        """Let all frames of the planner be chosen; False if they could be already."""
         if self.frame.max >= self._planner.frames - 1:
             return False
         self.frame.max = self._planner.frames - 1
@@ -302,13 +325,16 @@ class ViewTab:
 
 
 class LivePanel:
-    """Controls below the figures. drawing: `draw_map` and `draw_traffic` of the tab View.
+    """Controls below the figures: undo, redo and the tabs.
+
+    jobs: threads that do what controls ask for; clicks, tasks: make the controls of the tabs Draw,
+    Ask and Files; drawing: the functions `draw_map` and `draw_traffic` for the tab View.
 
     Attributes:
-        sensor: tab with the sensor that is chosen.
-        score: tab with the question.
-        variants: tab with the variants.
-        view: tab with map, traffic and cameras.
+        sensor: Tab with the sensor that is chosen.
+        score: Tab with the question.
+        variants: Tab with the variants.
+        view: Tab with map, traffic and cameras.
     """
 
     def __init__(
@@ -345,23 +371,25 @@ class LivePanel:
             tasks.add_file_controls(gui)
 
     def fill(self) -> None:
-        """Put the state into the controls."""
+        """Put the state of the planner into the controls, whose changes are then ignored."""
         with self._guard.filling():
             self.sensor.fill_names()
             self.variants.fill()
             self.sensor.fill()
 
     def choose(self, name: str) -> None:
-        """Choose a sensor, unless it is gone."""
+        """Choose a sensor by name and fill in its state, unless it is gone."""
         self.fill()
         if self.sensor.choose(name):
             self.fill()
 
 
 def _add_command(gui: "GuiApi", label: str, key: Any, then: Callable[[], None]) -> None:
+    # add a command with a hotkey: Ctrl or Cmd and this key
     gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
 
 
 def _name_classes(setting: "Setting") -> str:
+    # text of the choice for a setting's classes
     names = setting.counted.names
     return next((name for name, classes in CLASSES.items() if classes == names), "as given")

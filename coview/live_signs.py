@@ -24,11 +24,11 @@ from toolkit.viewing.scene import Handle
 if TYPE_CHECKING:
     from viser import SceneApi
 
-LIFT_M = 0.15  # signs above the ground
-REACH_M = 20.0  # to where a sensor looks at the ground, and no farther: its handle is there
-PICTURE_LIFT_M = 0.06
-PICTURE_ALPHA = 215
-# length of the north arrow, and of its head
+LIFT_M = 0.15  # height of signs above the ground
+REACH_M = 20.0  # greatest horizontal distance between a sensor and its handle
+PICTURE_LIFT_M = 0.06  # height of a picture above the ground, below the signs
+PICTURE_ALPHA = 215  # opacity of a picture, 0 to 255
+# lengths of the north arrow, head included, and of its head
 ARROW_M = 8.0
 HEAD_M = 2.0
 SCALE_SHARE = 0.25  # largest part of the area's width that the scale takes
@@ -36,14 +36,14 @@ MARGIN_M = 4.0  # between the area and its signs
 LANE_ARROW_M = 3.5
 POLE_MARK_M = 1.0  # width of the cross on top of a pole
 POLE_ROOM_M = 2.5  # around a pole, for its name
-# that signs go to be clear of them
+# detours (m): a sign goes so much farther from its corner to be clear of solids, names and lanes
 SOLID_DETOUR_M = 100.0
 NAME_DETOUR_M = 6.0
 LANE_DETOUR_M = 4.0
-# for each solid, and the share that houses cover, if no place is clear
+# detours (m) for each solid, and for being covered by houses in full, if no place is clear
 CROWD_DETOUR_M = 3.0
 HOUSE_DETOUR_M = 200.0
-LARGE_M2 = 60.0  # least ground that a house covers or hides
+LARGE_M2 = 60.0  # ground that a solid covers or hides, from which it counts as a house
 STREET_SCALE = 0.8  # size of the names of streets
 TRIED_PLACES = 24  # along each side of the area, for a sign without solids
 MAX_NAMED_POLES = 60
@@ -51,8 +51,10 @@ LANE_INK = "#8a8a90"
 
 
 def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, Handle]:
-    """Add the site with all poles that may carry a sensor, and the signs of a map. Return the
-    labels of poles, by name, empty where there are more than `MAX_NAMED_POLES`."""
+    """Add the site with all poles that may carry a sensor, and the signs of a map.
+
+    Signs are names and marks of poles, a north arrow, a scale, names of streets and arrows on
+    lanes. Returns the labels of poles by name, none if there are more than `MAX_NAMED_POLES`."""
     site = replace(site, mounts=tuple(poles))
     add_site(api, site, set())
     labels = {}
@@ -97,10 +99,11 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
 
 
 def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
-    """Cross the top of each pole, which is but a dot from above."""
+    """Draw a cross on top of each pole, which from above is only a dot."""
     tops = np.array(
         [pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]
     ).reshape(-1, 1, 1, 3)
+    # axes: pole, arm of the cross, end of the arm, xyz
     arms = (
         POLE_MARK_M
         / 2
@@ -112,6 +115,7 @@ def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
 
 
 def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) -> None:
+    # draw an arrow to the north around a point (x, y in m), and an N at its tip
     direction = north(site)
     lines = _arrow(middle, float(np.arctan2(direction[1], direction[0])), ARROW_M, HEAD_M)
     _add_lines(api, "/signs/north", site, lines, INK, width=3.0)
@@ -127,9 +131,11 @@ def _find_room(
     corner: Float64[np.ndarray, "2"],
     signs: Sequence[shapely.Geometry] = (),
 ) -> Float64[np.ndarray, "2"]:
-    """Middle of a place of this size (m) within the area, near one of its corners. Solids do not
-    cover it in the first view, nor do poles, their names and other signs, and no lane is below it,
-    as far as that is possible."""
+    """Middle (x, y in m) of a free place for a sign within the area, near one of its corners.
+
+    As far as possible, solids do not cover it in the first view, nor do poles, their names and
+    other signs, and no lane is below it. size: width and length of the place (m); corner: x and y
+    (m); signs: outlines of signs to keep clear of."""
     low, high = site.area[:2] + size / 2, site.area[2:] - size / 2
     axes = [np.linspace(a, max(a, b), TRIED_PLACES) for a, b in zip(low, high, strict=True)]
     spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -144,7 +150,7 @@ def _find_room(
         for ring, mount in zip(rings, site.mounts, strict=True)
     ]
     lanes = [shapely.Polygon(lane) for lane in site.lanes]
-    away = np.linalg.norm(spots - corner, axis=1)
+    away = np.linalg.norm(spots - corner, axis=1)  # distance (m) of each place, plus detours
     for covers, detour in (
         (solids, SOLID_DETOUR_M),
         ([*names, *signs], NAME_DETOUR_M),
@@ -161,7 +167,7 @@ def _find_room(
 def _count_covers(
     places: np.ndarray, covers: Sequence[shapely.Geometry]
 ) -> Int64[np.ndarray, " n"]:
-    """Number of geometries over each place."""
+    """Number of geometries that touch each place. places: array of n polygons."""
     touched, _ = shapely.STRtree(covers).query(places, predicate="intersects")
     return np.bincount(touched, minlength=len(places))
 
@@ -169,7 +175,9 @@ def _count_covers(
 def _share_covered(
     places: np.ndarray, covers: Sequence[shapely.Geometry]
 ) -> Float64[np.ndarray, " n"]:
-    """Share of each place that geometries cover, up to 1."""
+    """Share of each place that geometries cover, up to 1. places: array of n polygons.
+
+    Covers that overlap count twice."""
     tree = shapely.STRtree(covers)
     touched, cover = tree.query(places)
     areas = shapely.area(shapely.intersection(places[touched], tree.geometries[cover]))
@@ -179,7 +187,10 @@ def _share_covered(
 
 
 def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapely.Geometry:
-    """Ground under a prism, and behind it in the first view."""
+    """Ground that a prism covers, or hides behind it in the first view.
+
+    outline: corners of the prism (x, y in m); height: height of the prism (m)."""
+    # the direction of the first view is the same for any area
     eye, target = (np.array(spot) for spot in scene.overview((-1.0, -1.0, 1.0, 1.0)))
     behind = height * (eye - target)[:2] / (target - eye)[2]
     return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + behind])))
@@ -188,6 +199,7 @@ def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapel
 def _add_scale(
     api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]
 ) -> None:
+    # draw a scale of a length (m) around a point, along the site's x axis, with the length as text
     half = np.array([length / 2, 0.0])
     tick = np.array([0.0, 0.8])
     start = middle - half
@@ -201,7 +213,10 @@ def _add_scale(
 def _arrow(
     middle: Float64[np.ndarray, "2"], angle: float, length: float, head: float
 ) -> Float64[np.ndarray, "3 2 2"]:
-    """Lines of an arrow: its shaft and both sides of its head (m)."""
+    """Start and end (x, y in m) of the lines of an arrow: its shaft and both sides of its head.
+
+    middle: middle of the shaft (m); angle: direction, counter-clockwise from +x (rad); length,
+    head: length of the arrow and of its head (m)."""
     along = np.array([np.cos(angle), np.sin(angle)])
     aside = np.array([-np.sin(angle), np.cos(angle)])
     start = middle - length / 2 * along
@@ -219,20 +234,25 @@ def _add_lines(
     *,
     width: float,
 ) -> None:
+    # draw lines (start and end, x and y in m) just above the ground; width in pixels
     lifted = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
     scene_parts.add_lines(api, name, lifted, colour, width=width, visible=True)
 
 
 def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
+    # points (m) just above the ground at places (x, y in m)
     return np.column_stack([places, site.ground(places) + LIFT_M])
 
 
 def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
-    """Find the place of a sensor's handle (m): where it looks at the ground, no farther than
-    `REACH_M`."""
+    """Find the position (m) of a sensor's handle: the point of the ground that it looks at.
+
+    The handle is on the line of sight, just above the ground, but no farther than `REACH_M`
+    horizontally."""
     ahead = sensor.world_SE3_body[:3, 0]
     ground = float(site.ground(sensor.position[:2]))
-    level = max(float(np.hypot(*ahead[:2])), 1e-6)
+    level = max(float(np.hypot(*ahead[:2])), 1e-6)  # horizontal part of the direction
+    # way (m) along the line of sight to 0.3 m above the ground, very long if it looks up
     down = (sensor.position[2] - ground - 0.3) / max(-float(ahead[2]), 1e-9)
     return np.asarray(sensor.position + ahead * min(down, REACH_M / level))
 
@@ -240,8 +260,11 @@ def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
 def draw_view(
     site: Site, sensor: Sensor, target: Float64[np.ndarray, "3"]
 ) -> Float32[np.ndarray, "n 2 3"]:
-    """Lines from a sensor to its handle and its foot, and along both sides of its field of view
-    (m)."""
+    """Lines (start and end, m) that show the view of a sensor.
+
+    They go from the sensor to its handle and its foot, along both sides of its field of view, and
+    from the handle to the ends of these sides. A full circle has no sides. target: position of the
+    handle (m)."""
     half = min(sensor.model.horizontal_fov / 2, np.pi)
     ahead = target - sensor.position
     ends = [target]
@@ -257,7 +280,9 @@ def draw_view(
 
 
 def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Path) -> None:
-    """Lay a picture on the ground. folder: where its file is kept."""
+    """Draw a picture flat on the ground, at the height of the ground under its middle.
+
+    folder: folder of its file."""
     alpha = np.full((picture.height, picture.width), PICTURE_ALPHA, np.uint8)
     pixels = np.dstack([picture.read(folder)[::-1], alpha])
     wide = picture.width * picture.scale

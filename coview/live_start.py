@@ -33,15 +33,17 @@ if TYPE_CHECKING:
 
 MAPS = (".osm", ".xodr")
 SITES = (".json", ".geojson")
-MOST_BYTES = 60_000_000  # of an upload
+MOST_BYTES = 60_000_000  # limit of an upload
 LONGEST = 60  # characters of a file's name that are kept
-SIZE = (80.0, 60.0)  # m
-LIVE_PORT = 8090  # unless it is taken
+SIZE = (80.0, 60.0)  # width and length (m) of the piece of a map, as offered
+LIVE_PORT = 8090  # usual port, unless it is taken
 
 
 class StartPage:
-    """Panel that opens a map or site. then: gets the name or file of a site; folder: for uploads
-    and imported sites."""
+    """Panel that opens a map or site, before there is a planner.
+
+    server: server of the page; folder: folder for uploads and imported sites; then: function that
+    is called with the name or file of the chosen site."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
         self._folder = folder
@@ -69,6 +71,7 @@ class StartPage:
         self._said = gui.add_html("")
 
     def _open(self, find: Callable[[], Path]) -> None:
+        # open the map or site that `find` returns, and show errors; ignored while one is opened
         if not self._busy.acquire(blocking=False):
             return
         try:
@@ -82,7 +85,9 @@ class StartPage:
             self._busy.release()
 
     def _keep(self, name: str, content: bytes) -> Path:
-        """Keep an upload, under a name that is safe."""
+        """Write an upload to the folder, under a safe name, and return its path.
+
+        Raises ValueError for another kind of file, and one of more than `MOST_BYTES`."""
         ending = Path(name).suffix.lower()
         if ending not in (*MAPS, *SITES) or len(content) > MOST_BYTES:
             raise ValueError(
@@ -118,8 +123,9 @@ class StartPage:
 
 
 def find_middle(path: Path) -> tuple[float, float]:
-    """Middle of a map by its own bounds: longitude and latitude, or x and y (m) in OpenDRIVE.
-    Raises ValueError for a map that states none, OSError where it cannot be read."""
+    """Middle of the bounds that a map states: longitude and latitude, or x and y (m) in OpenDRIVE.
+
+    Raises ValueError for a map that states none, OSError if it cannot be read."""
     ends = {
         "bounds": ("minlon", "maxlon", "minlat", "maxlat"),
         "header": ("west", "east", "south", "north"),
@@ -131,17 +137,23 @@ def find_middle(path: Path) -> tuple[float, float]:
                     float(element.attrib[name]) for name in ends[element.tag]
                 )
                 return (west + east) / 2, (south + north) / 2
-            if element.tag in ("node", "road"):
+            if element.tag in ("node", "road"):  # bounds come before these
                 break
     raise ValueError(f"{path} states no bounds: give the centre")
 
 
 class LiveSession:
-    """A live planner that is served. In Jupyter it shows itself in the cell. url: for browsers of
-    this machine.
+    """Server of a live planner. In Jupyter it shows the page in the cell.
 
-    planner: or a function that makes one with its project of the name or file of a site, which
-    `open` or the page asks for."""
+    planner: planner to show, or a function that makes a planner and its project file from the name
+    or file of a site, which `open` or the page asks for. port: port of the server; project: file
+    that keeps the planner's work, None for none; folder: folder for uploads, exports and reports.
+
+    Attributes:
+        planner: Planner, missing until a site is opened.
+        page: Page that shows it, missing until a site is opened.
+        url: Address for browsers of this machine, with a secret token.
+    """
 
     planner: "LivePlanner"
     page: "LivePage"
@@ -168,11 +180,13 @@ class LiveSession:
             self._show(planner, project)
 
     def open(self, site: str) -> None:
-        """Open a site in place of the first page. Raises what cannot be done, which the page shows
+        """Open a site, given by name or file, in place of the first page.
+
+        Raises ValueError, OSError or ImportError if it cannot be opened; the page shows the reason
         too."""
         self._server.gui.reset()
         note = self._server.gui.add_html(note_html(f"opening {site}", ""))
-        gc.disable()  # what is loaded stays
+        gc.disable()  # collecting would only cost time: all that is loaded stays
         try:
             self._show(*self._begin(site))
         except (ValueError, OSError, ImportError) as error:
@@ -182,23 +196,24 @@ class LiveSession:
             gc.enable()
 
     def _show(self, planner: "LivePlanner", project: "ProjectFile | None") -> None:
+        # show the page of a planner; `close` will end it and release its project file
         from coview.live_page import LivePage
 
         self.planner = planner
         self._server.gui.reset()
         if project is not None:
             self._open.callback(project.close)
-        gc.freeze()  # what stays is not looked through in a drag
+        gc.freeze()  # collections during a drag skip all that exists by now
         self.page = LivePage(self._server, planner, project, self._folder)
         self._open.callback(self.page.close)
 
     def wait(self) -> None:
-        """Serve until the process is interrupted or told to end (SIGTERM)."""
+        """Serve until Ctrl-C, or SIGTERM within `interrupted_by_sigterm`."""
         with suppress(KeyboardInterrupt):
             self._server.sleep_forever()
 
     def close(self) -> None:
-        """End the server."""
+        """End the page, release the project file, and end the server."""
         self._open.close()
 
     def _repr_html_(self) -> str:
@@ -210,8 +225,9 @@ class LiveSession:
 
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM end a block as Ctrl-C does, so that what is open is saved; nothing outside the
-    main thread."""
+    """Let SIGTERM end a block as Ctrl-C does (KeyboardInterrupt), so that open work is saved.
+
+    Outside the main thread it has no effect, as only that thread may handle signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

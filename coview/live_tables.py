@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 _BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
-MAP_REACH = 25.0  # m of a field of view on a small map
+MAP_REACH = 25.0  # length (m) of a field of view on a small map
 _SMALL = f"color:{FAINT};font-size:12px"
 _WIDE_SHEET = (  # on a telephone viser's sheet is 20em wide, ours is as wide as the screen
     '<style>[style*="fixed"][style*="20em"],[style*="fixed"] '
@@ -52,7 +52,9 @@ MAP_KEY = (
 
 
 def hint_html(sensors: int) -> str:
-    """Write what to do first, with a number of sensors or none."""
+    """HTML of the hint on what to do first, another one without sensors.
+
+    sensors: number of sensors of the variant."""
     steps = _STEPS if sensors else _FIRST_STEPS
     return (
         f'{_WIDE_SHEET}<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em '
@@ -61,7 +63,10 @@ def hint_html(sensors: int) -> str:
 
 
 def figures_html(answer: "LiveAnswer") -> str:
-    """Figures of an answer, each with unit, interval and number."""
+    """HTML of an answer's figures, each with unit, interval and number of road users.
+
+    They are the change since the answer before (if any), the AP, problems, costs, and the share
+    found by class (if there are several) and by approach."""
     change = ""
     if answer.change:
         colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
@@ -122,7 +127,7 @@ def figures_html(answer: "LiveAnswer") -> str:
 
 
 def details_html(answer: "LiveAnswer") -> str:
-    """Share found at each level of traffic, and the load of each link."""
+    """HTML of the share found at each level of traffic, and of the load of each link."""
     rows = "".join(
         f'<tr><td>{escape(link.pole)}</td><td align="right">{link.mbit_s:.1f}, '
         f"load {link.load_mbit_s:.1f} of {link.capacity_mbit_s:g} Mbit/s</td></tr>"
@@ -137,6 +142,7 @@ def details_html(answer: "LiveAnswer") -> str:
 
 
 def _number(answer: "LiveAnswer") -> str:
+    # words for the numbers of road users and frames behind an answer
     return (
         f"N = {describe_count(answer.objects, 'road user')}, "
         f"{describe_count(answer.frames, 'frame')}"
@@ -144,6 +150,7 @@ def _number(answer: "LiveAnswer") -> str:
 
 
 def _fullest(answer: "LiveAnswer") -> str:
+    # HTML of the link that is used to the greatest share of its capacity
     if not answer.links:
         return "none"
     link = max(answer.links, key=lambda load: load.share)
@@ -151,6 +158,7 @@ def _fullest(answer: "LiveAnswer") -> str:
 
 
 def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
+    # HTML of a titled list of groups, each with a bar as long as the share of its road users found
     lines = []
     for row in rows:
         width = 0.0 if np.isnan(row.recall) else 100 * row.recall
@@ -176,14 +184,14 @@ def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
 
 
 def note_html(busy: str, note: str) -> str:
-    """Line on work in progress, and on a refusal or finding."""
+    """HTML of the line on work in progress, and of the note below it; "" leaves either out."""
     lines = [f"<i>{escape(busy)} &#8230;</i>"] if busy else []
     lines += [f'<span class="live-note">{escape(note)}</span>'] if note else []
     return f'<div style="{_BOX};min-height:1.4em">{"<br>".join(lines)}</div>'
 
 
 def site_html(site: "Site") -> str:
-    """Streets and buildings from above, hidden, for `map_html` to draw on."""
+    """HTML of streets and buildings from above, hidden, which every `map_html` shows again."""
     drawn = [(lane, GROUND["lanes"]) for lane in site.lanes]
     drawn += [
         (solid.footprint, SOLID[solid.kind])
@@ -197,8 +205,9 @@ def site_html(site: "Site") -> str:
 
 
 def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
-    """Small map of sensors, each with its field of view, faint where it has failed, to the
-    north."""
+    """HTML of a small map of sensors, each with its field of view, with the site's y axis upwards.
+
+    sensors: pairs of a sensor and True if it has failed, which makes it faint."""
     xmin, ymin, xmax, ymax = site.area.tolist()
     shapes = []
     for index, (sensor, failed) in enumerate(sensors):
@@ -227,7 +236,7 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
 def draw_small_maps(
     yard: "Yard", variants: "Iterable[Variant]", drawn_maps: "Mapping[Variant, str]"
 ) -> dict["Variant", str]:
-    """Draw a small map of each variant. drawn_maps: those that are drawn already."""
+    """HTML of a small map of each variant. drawn_maps: maps that are drawn already, used again."""
     maps = {}
     for variant in variants:
         sensors = [
@@ -238,13 +247,17 @@ def draw_small_maps(
 
 
 def _path(corners: Iterable[Iterable[float]]) -> str:
+    # closed path in SVG around corners (x, y in m); SVG's y axis goes down
     return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
 
 
 def variants_html(
     answers: "Mapping[str, LiveAnswer]", current: str, maps: Mapping[str, str]
 ) -> str:
-    """Table of the variants side by side. maps: of each, as `map_html` draws them."""
+    """HTML of the table of variants, a row each, with small maps and figures.
+
+    answers: figures by name of the variant; current: name of the one that is shown, printed bold;
+    maps: HTML of the small map by name."""
     rows = []
     for name, answer in answers.items():
         weight = "700" if name == current else "400"
@@ -284,22 +297,22 @@ def variants_html(
 
 
 def format_ap(answer: "LiveAnswer | StatedFigure") -> str:
-    """AP with the decimals that its objects support."""
+    """Text of an AP, with the decimals that its number of road users supports."""
     return format_share(answer.ap, answer.objects)
 
 
 def describe_ap(answer: "LiveAnswer") -> str:
-    """AP with its interval."""
+    """Text of an AP with its 95 % interval."""
     return f"AP {format_ap(answer)} ({_ends(answer.low, answer.high, answer.objects)})"
 
 
 def describe_stated(stated: "StatedFigure") -> str:
-    """Line on the AP of the plan that is open."""
+    """Text on the AP that the opened plan states, measured by its detector."""
     return f"AP {format_ap(stated)} is what the plan states, by its detector; the page predicts"
 
 
 def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
-    """Line on suggestions, the best first. kind: add, move or remove."""
+    """Text on suggestions of one kind, the best first. kind: "add", "move" or "remove"."""
     described = []
     for suggestion in suggestions:
         sensor = suggestion.sensor.name
@@ -315,6 +328,7 @@ def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
 
 
 def _ends(low: float, high: float, objects: int, *, signed: bool = False) -> str:
+    # text of an interval, with the decimals that the number of road users supports
     if not (np.isfinite(low) and np.isfinite(high)):
         return "no interval from few frames"
     return " to ".join(format_share(end, objects, signed=signed) for end in (low, high))

@@ -57,6 +57,7 @@ def _open_streams() -> None:
 
 
 def _answer(options: Sequence[str]) -> int:
+    # print the version, or the overview (on stderr without any option), and return the exit code
     if options == ["--version"]:
         from coview import __version__
 
@@ -77,6 +78,7 @@ def format_overview() -> str:
 
 
 def _call(arguments: Sequence[str]) -> int:
+    # parse a command line, run its command, and return the exit code
     import io
     import warnings
     from contextlib import redirect_stderr
@@ -127,7 +129,7 @@ def _call(arguments: Sequence[str]) -> int:
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """Find an error of coview's code behind the parser's exit."""
+    """ValueError of coview's code that made the parser exit, None for a refusal of the parser."""
     from traceback import walk_tb
 
     from coview.outputs import OURS

@@ -18,6 +18,7 @@ from toolkit.runtime.text_tables import escape
 from toolkit.runtime.text_values import read_json, replace_infinite
 from toolkit.runtime.writing import UNFINISHED
 
+# exit codes
 OK = 0
 SUSPECTED = 1
 BAD_INPUT = 2
@@ -36,7 +37,7 @@ FILE_KINDS = {  # files that take long to make again, by a key that no other has
     "coview_live": "a project of coview live",
     "decoded": CARD_KIND,
 }
-MAX_JSON_BYTES = 100_000_000
+MAX_JSON_BYTES = 100_000_000  # larger files are of no kind
 OURS = ("coview", "examples", "placement_env", "models", "toolkit")
 REPORT = "this is a fault of coview, not of what you gave it: please report it with the lines above"
 
@@ -59,7 +60,7 @@ def say(text: object, *, error: bool = False) -> None:
 
 
 def print_result(result: object, text: str, *, as_json: bool) -> None:
-    """Print the text, or the result as one line of JSON."""
+    """Print the text, or the result as one line of JSON with null for infinite numbers and NaN."""
     say(json.dumps(replace_infinite(result), allow_nan=False) if as_json else text)
 
 
@@ -126,7 +127,10 @@ def check_folder(
 
 
 def check_empty_folder(out: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """Check that a folder is empty or new, or that coview wrote it and may overwrite it."""
+    """Check that a folder is empty or new, or that coview wrote it and may overwrite it.
+
+    inputs: files that the command reads, which must not be in it; overwrite: True to replace a
+    folder that coview wrote. Raises OSError or ValueError otherwise."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out} is a file: give the name of a folder")
     output_checks.check_new_folder(out, inputs=inputs, overwrite=overwrite)
@@ -162,7 +166,9 @@ def claim(
 
 
 def check_writable(folder: Path, out: Path) -> None:
-    """Raise OSError if the folder of `out` cannot be written."""
+    """Raise OSError if a folder, which may not exist yet, cannot be written.
+
+    out: file or folder to write, for the error."""
     existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
     if not existing.is_dir():
         raise NotADirectoryError(f"cannot write {out}: {existing} is no folder; give another path")
@@ -196,6 +202,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _classify(error: BaseException) -> tuple[int, str]:
+    # exit code and text of an error
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):

@@ -16,13 +16,16 @@ from toolkit.runtime.text_tables import escape
 
 Steps = Mapping[str, float]  # usual share of a command's time, by main stage in order
 NO_STEPS: Steps = MappingProxyType({})
-EVERY_S = 10.0  # between two lines without a terminal
+EVERY_S = 10.0  # time between two lines without a terminal
 MIN_LEFT_S = 1.0  # a shorter time left is not stated
 MIN_SHARE = 0.05  # share of the work before which no total time is stated
 
 
 class Bar:
-    """Progress bar of absolute counts, for the toolkit's callbacks."""
+    """Progress bar of absolute counts, for the toolkit's callbacks.
+
+    bar: bar that is drawn; hidden: True to print nothing; unit: name of the first stage; steps:
+    usual share of the time of each main stage, by name in order."""
 
     def __init__(
         self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS
@@ -31,11 +34,12 @@ class Bar:
         self._hidden = hidden
         self._stage = unit
         self._steps = steps
+        # number done, number done when the stage began, and number of the main stage (0: none)
         self._done = self._first = self._step = 0
         self._began = self._started = self._step_began = time.monotonic()
 
     def to(self, done: int) -> None:
-        """Show the number done."""
+        """Show the number done in all; a smaller one than before restarts the stage."""
         if done < self._done:  # the stage restarts
             self._began = time.monotonic()
             self._first = done
@@ -43,7 +47,9 @@ class Bar:
         self._done = done
 
     def stage(self, name: str, done: int, total: int | None) -> None:
-        """Show the progress of a stage; a new one restarts the bar."""
+        """Show the progress of a stage; a new name restarts the bar.
+
+        done: number done in all; total: number to do, None if unknown."""
         if name != self._stage:
             names = [*self._steps]
             step = names.index(name) + 1 if name in names else 0
@@ -60,7 +66,9 @@ class Bar:
         self.to(done)
 
     def step(self, done: int, total: int, figures: dict[str, float]) -> None:
-        """Show a step of training: its losses after the bar, or a line of measured AP above it."""
+        """Show a step of training: its losses after the bar, or a line of measured AP above it.
+
+        figures: by name; AP@0.7 among them means a measurement."""
         self._bar.total = total
         self.to(done)
         if "AP@0.7" in figures:
@@ -76,7 +84,7 @@ class Bar:
             self._bar.write(escape(text), file=sys.stderr)
 
     def describe(self) -> str:
-        """Describe the stage, its progress, and the time left."""
+        """Words for the stage, its progress, and the time left at the speed so far."""
         done = self._done
         total = self._bar.total
         spent_s = time.monotonic() - self._began
@@ -94,8 +102,9 @@ class Bar:
         return f"{text}, about {_describe_time(left_s)} left"
 
     def _describe_step(self) -> str:
-        """Describe the number of this step, and the total time by the usual shares of earlier
-        steps.
+        """Words for the number of this step, and the total time by the usual shares of the steps.
+
+        The text is "" outside the steps, and ends with a comma and a space.
 
         Within a step time counts, not what is done: its count may be followed by other stages. A
         count that lags behind the time counts, too."""
@@ -120,7 +129,7 @@ class Bar:
 
 
 def _describe_time(seconds: float) -> str:
-    """Describe a span of time."""
+    """Words for a span of time: seconds, minutes from 90 s, or hours from 90 minutes."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:
@@ -132,7 +141,10 @@ def _describe_time(seconds: float) -> str:
 def progress_bar(
     unit: str, total: int | None = None, *, hidden: bool = False, steps: Steps = NO_STEPS
 ) -> Iterator[Bar]:
-    """Show a bar while the block runs; without a terminal, a line every `EVERY_S` seconds."""
+    """Show a bar while the block runs; without a terminal, a line every `EVERY_S` seconds.
+
+    unit: name of what is counted, and of the first stage; total: number to do, None if unknown;
+    hidden: True to print nothing; steps: usual share of the time of each main stage."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
         bar = Bar(inner, hidden, unit, steps)
         ended = Event()

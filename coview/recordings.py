@@ -32,13 +32,16 @@ class Opening:
 
     @property
     def files(self) -> list[Path]:
-        """Files that are read in addition to the recording."""
+        """Files that are read in addition to the recording: poses and site, if given."""
         poses = [self.poses] if self.poses else []
         return [*poses, *site_file(self.site)]
 
     @contextmanager
     def open(self, path: Path) -> "Iterator[Recording]":
-        """Open a recording. Raises what `open_recording` raises, with the option that helps."""
+        """Open a recording for a block, and close it afterwards.
+
+        path: file or folder. Raises the errors of `toolkit.datasets.recordings.open_recording`,
+        with the option that helps."""
         from toolkit.datasets.published_layout import InvalidObjects
         from toolkit.datasets.recordings import open_recording
         from toolkit.datasets.stored_site import UnknownSite
@@ -77,7 +80,10 @@ class Opening:
 def count_passing(
     frames: "Iterable[Frame]", problems: dict[str, int], progress: Callable[[int], None]
 ) -> "Iterator[Frame]":
-    """Yield frames, report progress, and add up what reading left out."""
+    """Yield frames, report progress, and add up what reading left out.
+
+    problems: number of objects left out by kind of problem, added to in place; progress: function
+    that is called with the number of frames so far."""
     from toolkit.datasets.problem_kinds import add_problem
 
     for done, frame in enumerate(frames, 1):
@@ -91,7 +97,10 @@ def count_passing(
 def open_recording(
     path: Path, site: str | None, *, drop_invalid: bool = False
 ) -> "Iterator[CoopDataset]":
-    """Open a recording of a known site."""
+    """Open a recording of a known site for a block.
+
+    site: name or file of the site, None if the recording shows it; drop_invalid: True to leave out
+    invalid objects. Raises ValueError for a recording of an unknown site."""
     with Opening(site=site, drop_invalid=drop_invalid).open(path) as recording:
         if recording.site is None:
             raise ValueError(
@@ -102,6 +111,8 @@ def open_recording(
 
 
 def frame_count(recording: Sized, frames: int | None) -> int:
-    """Return the number of frames to use of a recording."""
+    """Return the number of frames to use of a recording, at most all.
+
+    frames: number that was asked for, None for all. Raises ValueError below 1."""
     check_least("--frames", frames, 1, "leave it out for all")
     return len(recording) if frames is None else min(frames, len(recording))

@@ -9,7 +9,8 @@ from typing import Any
 from toolkit.class_names import check_classes
 from toolkit.objects import LABELS
 
-COMMANDS_OF_COMMANDS = ("site",)
+COMMANDS_OF_COMMANDS = ("site",)  # commands with commands of their own
+# words for one value and for several, by the parser's word
 _KINDS = {
     "FLOAT": ("a number", "numbers"),
     "INT": ("a whole number", "whole numbers"),
@@ -18,7 +19,9 @@ _KINDS = {
 
 
 def describe_near(word: str, words: Sequence[str]) -> str:
-    """Return a question for the word that was meant, or "".
+    """Return the end of an error, which asks for the word that was meant; "" if none is similar.
+
+    word: word that was typed; words: words that are allowed.
 
     >>> describe_near("evaluat", ["detect", "evaluate"])
     ': did you mean evaluate?'
@@ -65,8 +68,13 @@ def describe_refusal(event: Any, text: str, words: Sequence[str]) -> str | None:
 
 
 def _plain(text: str) -> str:
+    # text of the parser in one line, without its frames
     lines = (line.strip("│╭╮╰╯─ ") for line in text.splitlines())
     return " ".join(line for line in lines if line)
+
+
+# Each function below describes one kind of refusal in a line. event: tyro's refusal; text: what
+# the parser printed, in one line; command: command that was typed.
 
 
 def _describe_unknown(event: Any, text: str, command: str) -> str:
@@ -132,10 +140,12 @@ def _help_line(command: str) -> str:
 
 
 def _name(argument: Any) -> str:
+    # name of an argument as it is typed, without the name of its group
     return str(argument.display_name()).rpartition(".")[2]
 
 
 def _help(argument: Any) -> str:
+    # first sentence of an argument's help after a colon, "" without help
     text = argument.field.helptext
     text = text() if callable(text) else text
     sentence = re.split(r"\.(?:\s|$)|; ", (text or "").strip())[0]
@@ -146,7 +156,9 @@ def _help(argument: Any) -> str:
 
 
 def _kind(argument: Any) -> str:
-    """Describe the values that an option takes; the parser writes `{None}|{FLOAT FLOAT}`."""
+    """Words for the values that an option takes, such as "2 numbers".
+
+    The parser writes them as `{None}|{FLOAT FLOAT}`, which comes back if it has no words here."""
     metavar = str(argument.lowered.metavar).replace("{None}|", "")
     if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
         metavar = metavar[1:-1]

@@ -50,6 +50,7 @@ COCO_IOU_STEP = 0.05
 # The intact set's AP counts with this share, so that a search that adds one sensor at a time can
 # distinguish sets that fail completely.
 TIE_SHARE = 1e-6
+# words by the value of `levels_by` or `errors_by`
 _COMBINED_TEXTS = {"worst": "at the worst of", "mean": "averaged over"}
 
 
@@ -95,39 +96,42 @@ class Cases:
 
     @cached_property
     def ious(self) -> tuple[float, ...]:
-        """IoU thresholds, ascending."""
+        """All IoU thresholds, ascending; a single one as a tuple of one."""
         return self.threshold if isinstance(self.threshold, tuple) else (self.threshold,)
 
     @property
     def threshold(self) -> IoUs:
-        """IoU threshold, or all of several."""
+        """IoU threshold as a number, or all of several, ascending, as a tuple."""
         return cast(IoUs, self.iou)
 
     @cached_property
     def profiles(self) -> tuple[ErrorProfile, ...]:
-        """Error profiles."""
+        """Error profiles of the sensors, in the given order, with names looked up."""
         errors = cast("tuple[str | ErrorProfile, ...]", self.errors)
         return tuple(find_profile(profile) for profile in errors)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the error profiles."""
+        """Names of the error profiles, in the order of `profiles`."""
         return tuple(profile.name for profile in self.profiles)
 
     @cached_property
     def plain(self) -> bool:
-        """True if there is one threshold, no failures and undivided traffic, whatever the
-        errors."""
+        """True if a set is scored in one case for each error profile.
+
+        There is one IoU threshold, no sensor fails, and traffic is not divided into levels."""
         return len(self.ious) == 1 and not self.failing and self.levels == 1
 
     @cached_property
     def noise_only(self) -> bool:
-        """True if sensors have no errors except their models' noise."""
+        """True if all profiles leave sensors without errors except their models' noise."""
         return all(map(only_own_noise, self.profiles))
 
     @property
     def origin(self) -> dict[str, object]:
-        """Thresholds, failures and levels as results state them."""
+        """Thresholds, failures and levels as JSON values for files of results.
+
+        "failing" and "levels" are left out if no sensor fails and traffic is not divided."""
         origin: dict[str, object] = {"iou": self.iou if len(self.ious) == 1 else list(self.ious)}
         if self.failing:
             origin["failing"] = {"sensors": self.failing, "combine": self.failures}
@@ -137,7 +141,9 @@ class Cases:
 
     @property
     def errors_origin(self) -> dict[str, object]:
-        """Error profiles as results state them."""
+        """Error profiles as JSON values for files of results.
+
+        One profile gives its fields directly; several are listed with how they combine."""
         if len(self.profiles) == 1:
             return dict(self.profiles[0].origin)
         return {
@@ -147,11 +153,11 @@ class Cases:
 
     @cached_property
     def errors_text(self) -> str:
-        """Names of the error profiles in words."""
+        """Names of the error profiles as text: "paper, glare and poor"."""
         return join_names(self.names)
 
     def describe_failures(self) -> str:
-        """Words for the sensors that remain of a set."""
+        """Words for what failures leave of a set: "what is left in the worst case when …"."""
         failure = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
         return (
             f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} "
@@ -159,35 +165,43 @@ class Cases:
         )
 
     def describe_levels(self) -> str:
-        """Words for how levels of traffic become one."""
+        """Words for how figures at all levels of traffic become one figure."""
         return f"{_COMBINED_TEXTS[self.levels_by]} {self.levels} levels of traffic"
 
     def describe_errors(self) -> str:
-        """Words for how error profiles become one."""
+        """Words for how figures at all error profiles become one figure."""
         return f"{_COMBINED_TEXTS[self.errors_by]} the error profiles {self.errors_text}"
 
     def class_ious(self, classes: Classes, name: str) -> IoUs:
-        """IoU threshold or thresholds of one class, which may differ from the objective's."""
+        """IoU threshold of one class, or several, ascending and different.
+
+        They may differ from `ious`: small classes count from a lower IoU. name: class."""
         ious = tuple(sorted({classes.get_iou(name, iou) for iou in self.ious}))
         return ious[0] if len(ious) == 1 else ious
 
     def split(self, objects: Int64[np.ndarray, " frames"]) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level, thin traffic first, in nearly equal parts.
+        """Indices of the frames of each level of traffic, ascending, thin traffic first.
 
-        objects: number in each frame.
+        The levels have nearly equal numbers of frames; a level without a frame is left out.
+        objects: number of road users in each frame.
         """
         order = np.argsort(objects, kind="stable")
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """Sets followed by what each failure leaves of them, and the set that each row belongs to.
+        """List n sets, then the sensors that each failure leaves.
 
-        A set that may lose all its sensors has one case, the empty set."""
+        A set that may lose all its sensors has one case, the empty set.
+
+        Returns:
+            m rows of booleans, the intact sets first, and for each row the index (0 to n-1) of the
+            set that it comes from. Without failures these are the sets themselves.
+        """
         rows = list(sets)
         owners = list(range(len(sets)))
         for n, row in enumerate(sets) if self.failing else ():
             members = np.flatnonzero(row).tolist()
-            failures: list[Sequence[int]] = [members]
+            failures: list[Sequence[int]] = [members]  # lists of sensors that fail together
             if len(members) > self.failing:
                 failures = list(combinations(members, self.failing))
             for failed in failures:
@@ -200,7 +214,10 @@ class Cases:
     def over_levels(
         self, figures: Float64[np.ndarray, "levels *rest"]
     ) -> Float64[np.ndarray, "*rest"]:
-        """Figures of the levels as one; NaN only if all levels are NaN."""
+        """Lowest or mean value of each figure over the levels of traffic.
+
+        figures: levels of traffic on the first axis. A NaN level is left out; the result is NaN
+        only if all levels are NaN."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # if all levels are NaN
             return np.asarray(
@@ -216,12 +233,14 @@ class Cases:
         *,
         tie: float = TIE_SHARE,
     ) -> Float64[np.ndarray, "n *rest"]:
-        """Figures of n sets over failures, from rows and owners that `expand` returns.
+        """Lowest or mean figures of n sets over their failures.
 
-        tie: share of the intact set's figures to add."""
+        figures: figures of the m rows that `expand` returns; owners: index of the set of each row,
+        as `expand` returns it; tie: share of the intact set's figures to add (`TIE_SHARE`), 0 for
+        the pure figures. Without failures the figures come back unchanged."""
         if not self.failing:
             return figures
-        count = int(owners.max(initial=-1)) + 1
+        count = int(owners.max(initial=-1)) + 1  # number of sets; rows after them are failures
         cases = figures[count:]
         case_owners = owners[count:]
         reduce = np.mean if self.failures == "mean" else np.min
@@ -237,8 +256,12 @@ class Cases:
         *,
         tie: float = TIE_SHARE,
     ) -> Float64[np.ndarray, "P n *rest"]:
-        """Figures of n sets at each error profile, over thresholds, levels and failures."""
+        """Figures of n sets at each error profile, over thresholds, levels and failures.
+
+        figures: axes are profile, level of traffic, IoU threshold, row of `expand`, and any others;
+        owners: index of the set of each row; tie: share of the intact set's figures to add."""
         ious = figures.shape[2]
+        # axes: profile, level, row and others
         mean = figures[:, :, 0] if ious == 1 else sum(figures[:, :, i] for i in range(ious)) / ious
         levels = (
             level_figures[0] if len(level_figures) == 1 else self.over_levels(level_figures)
@@ -249,20 +272,23 @@ class Cases:
         )
 
     def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
-        """Lowest or mean value of each figure over the error profiles."""
+        """Lowest or mean value of each figure over the error profiles (the first axis)."""
         return np.asarray(
             figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0)
         )
 
     def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
-        """Weight of each error profile for each set: 1 for the profile with the lowest AP, or equal
-        weights."""
+        """Weight of each of P error profiles in the figures of each of n sets.
+
+        It is 1 for the profile with the lowest AP and 0 for others if the worst counts, and equal
+        for all if the mean does. ap: AP of each set at each profile."""
         if self.errors_by == "mean":
             return np.full(ap.shape, 1 / len(ap))
         return (np.arange(len(ap))[:, None] == ap.argmin(axis=0)).astype(np.float64)
 
 
 def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
+    # thresholds, ascending, from one, several, or text: "0.7", or "0.5:0.95" for steps of 0.05
     if isinstance(iou, str):
         try:
             ends = [float(threshold) for threshold in iou.split(":")]
@@ -273,6 +299,7 @@ def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
         if len(ends) == 1:
             return (ends[0],)
         return tuple(
+            # half a step more, so that the upper end is among them
             np.round(np.arange(ends[0], ends[1] + COCO_IOU_STEP / 2, COCO_IOU_STEP), 2).tolist()
         )
     thresholds: tuple[float, ...] = tuple(sorted(iou)) if isinstance(iou, Iterable) else (iou,)
@@ -284,7 +311,7 @@ def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
 
 
 def iou_text(iou: IoUs) -> str:
-    """Words for a threshold, or several."""
+    """Words for an IoU threshold: "0.7", or "0.5 to 0.95 (mean of 10 thresholds)"."""
     if isinstance(iou, float | int):
         return f"{iou:g}"
     return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"

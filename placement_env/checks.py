@@ -10,12 +10,15 @@ from toolkit.runtime.run import check_whole as check_whole
 
 
 def whole(value: object) -> TypeGuard[int]:
-    """True if a value is a whole number; truth values do not count."""
+    """True if a value is a whole number; True and False do not count as numbers."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def check_range(name: str, value: object, *, least: int, unit: str) -> None:
-    """Raise ValueError unless a number, or both ends of a range, are whole and at least `least`."""
+    """Raise ValueError unless a number, or both ends of a range, are whole and at least `least`.
+
+    name: name of the option in the error; value: a number, or a list or tuple (lowest, highest);
+    unit: unit of the number in the error."""
     limits = tuple(value) if isinstance(value, list | tuple) else (value, value)
     if (
         len(limits) != 2
@@ -27,7 +30,7 @@ def check_range(name: str, value: object, *, least: int, unit: str) -> None:
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:
-    """Raise ValueError unless a value is one of the choices."""
+    """Raise ValueError unless a value is one of the choices. name: its option in the error."""
     if value not in choices:
         raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
 

@@ -38,10 +38,10 @@ class Classes:
     """Classes of road users that count. Raises ValueError if the fields do not fit.
 
     Attributes:
-        names: Names from `toolkit.objects.LABELS`, in that order.
-        weights: Weight of each class, equal if empty, scaled to sum to 1.
-        combine: Whether the mean or the worst class counts.
-        ious: IoU of each class, None for the usual one.
+        names: Names from `toolkit.objects.LABELS`; sorted into its order.
+        weights: Weight of each class, equal if empty; scaled to sum to 1.
+        combine: "mean" for the weighted mean of the classes, "worst" for the lowest class.
+        ious: IoU from which a detection of each class counts, None for the usual one.
     """
 
     names: tuple[str, ...] = (LABELS[VEHICLE],)
@@ -98,12 +98,12 @@ class Classes:
 
     @cached_property
     def labels(self) -> tuple[int, ...]:
-        """Numbers in `LABELS`, ascending."""
+        """Numbers of the classes (indices in `LABELS`), ascending."""
         return tuple(label_index(name) for name in self.names)
 
     @property
     def origin(self) -> dict[str, object]:
-        """Description kept in results."""
+        """Fields of the classes as JSON values for files of results."""
         return {
             "names": self.names,
             "weights": self.weights,
@@ -117,16 +117,19 @@ class Classes:
         return make_key(self.origin).hex()
 
     def get_iou(self, name: str, iou: float) -> float:
-        """IoU at which a detection of a class counts. iou: the objective's."""
+        """IoU from which a detection of a class counts.
+
+        name: name of a class; iou: the objective's, which vehicles always have."""
         class_iou = self.ious[self.names.index(name)]
         if class_iou is not None:
             return class_iou
         return SMALL_IOU if name in SMALL_CLASSES else iou
 
     def described(self, iou: float | tuple[float, ...] | None = None) -> str:
-        """Description in words.
+        """Description of the classes in words: "mean of 0.75 vehicle and 0.25 cyclist (IoU 0.5)".
 
-        iou: the objective's; a different IoU is named with its class, None to name none.
+        iou: threshold of the objective; a class with a different one is named with it. None names
+        no IoU.
         """
         texts = list(self.names)
         if iou is not None:
@@ -144,7 +147,10 @@ class Classes:
         return f"{self.combine} of {join_names(texts)}"
 
     def combined(self, figures: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, " n"]:
-        """Combine each row, a figure of each class, to one; NaN means no objects."""
+        """Combine the figures of k classes to one figure for each of n sets.
+
+        figures: NaN for a class without objects, which is left out; the result is NaN if all are.
+        """
         if len(self) == 1:
             return figures[:, 0]
         defined = ~np.isnan(figures)
@@ -161,14 +167,16 @@ VEHICLES = Classes()
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Names in a row."""
+    """Names as text: "a", "a and b", "a, b and c"; "none" without any."""
     if len(names) < 2:
         return names[0] if names else "none"
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def find_classes(classes: Classes | Iterable[str] | str) -> Classes:
-    """Classes as they are, or classes with these names, or one name, with equal weights."""
+    """Classes from `Classes`, which come back as they are, or from one or several names.
+
+    Names get equal weights. Raises ValueError for anything else, or unknown names."""
     if isinstance(classes, Classes):
         return classes
     if not isinstance(classes, Iterable):

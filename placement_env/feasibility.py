@@ -16,19 +16,19 @@ from placement_env.subsets import Sets, find_index
 from toolkit.arrays import Bool, Float64, Int64, Mask
 from toolkit.detection.scheme import Scheme
 
-PRICE_ROUNDING_SHARE = 1e-9  # excess over a price that rounding of sums may cause
-Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # members of a set, by index or name
+PRICE_ROUNDING_SHARE = 1e-9  # share of a price by which rounding may exceed it
+Members = Iterable[int | str] | Int64[np.ndarray, " k"]  # candidates of a set, by index or name
 
 
 class FeasibleSets:
     """Sets of candidates that may be built. A subclass gives the `loads` of the candidates.
 
     Attributes:
-        candidates: Candidates.
-        scheme: Fusion scheme.
-        most_price: Largest price of a set.
+        candidates: Sensors to choose from, C in number; a set is a row of C booleans.
+        scheme: Fusion scheme; links matter only if it sends points.
+        most_price: Largest price of a set, in the unit of the candidates' prices; inf for any.
         keep: Names of mounts that must carry a sensor.
-        link_share: Share of the frames in which a link must carry all data.
+        link_share: Share of the frames (0 to 1) in which a link must carry all data.
     """
 
     candidates: Candidates
@@ -39,16 +39,18 @@ class FeasibleSets:
 
     @cached_property
     def loads(self) -> Float64[np.ndarray, " C"]:
-        """kbit per frame that each candidate takes up of a link."""
+        """Load (kbit per frame) of each candidate on the link of its mount."""
         raise NotImplementedError
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the candidates."""
+        """Names of the candidates, in their order."""
         return tuple(sensor.name for sensor in self.candidates.sensors)
 
     def row(self, subset: Members) -> Bool[np.ndarray, " C"]:
-        """Row of booleans for a set of indices or names of candidates."""
+        """Row with True for each candidate of a set.
+
+        subset: indices or names. Raises ValueError for an unknown candidate."""
         row = np.zeros(len(self.candidates), np.bool_)
         for member in subset.tolist() if isinstance(subset, np.ndarray) else subset:
             row[find_index(member, self.names)] = True
@@ -58,25 +60,28 @@ class FeasibleSets:
 
     @cached_property
     def linked(self) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that fit their mount's link."""
+        """Mask of candidates whose load fits their mount's link; all if no points are sent."""
         if not self.scheme.sends_points:
             return np.ones(len(self.candidates), np.bool_)
         return np.asarray(self.loads <= max_load(self.candidates.capacity))
 
     @property
     def shared_links(self) -> Float64[np.ndarray, " C"] | None:
-        """Load of each candidate if sensors may share the link of a mount and exceed it together,
-        else None."""
+        """Load (kbit per frame) of each candidate, or None if loads need not be added up.
+
+        They must be if a mount may carry several sensors, which share its link, and points are
+        sent."""
         return self.loads if self.candidates.several and self.scheme.sends_points else None
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
         """True if the links of a set carry the data of its sensors.
 
-        kbit: data of each sensor in frames of any traffic.
+        members: indices of the set's candidates. kbit: data of each in each frame of any traffic,
+        in the order of `members`.
         """
         if not self.scheme.sends_points:
             return True
-        mounts = self.candidates.mount[list(members)]
+        mounts = self.candidates.mount[list(members)]  # index of the mount of each sensor
         loads = np.bincount(
             mounts, sent_in_most(kbit, self.link_share), minlength=len(self.candidates.mounts)
         )
@@ -94,12 +99,12 @@ class FeasibleSets:
         return np.asarray(built @ self.candidates.mount_prices + models)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Mask:
-        """Mask of prices within `most_price`, up to rounding."""
+        """Mask of the prices of sets that are within `most_price`, up to rounding."""
         return np.asarray(prices <= self.most_price * (1 + PRICE_ROUNDING_SHARE))
 
     @cached_property
     def _least_prices(self) -> Float64[np.ndarray, " M"]:
-        """Lowest price of a mount plus one sensor; 0 for unusable mounts."""
+        """Lowest price of each mount plus one sensor that fits its link; 0 for mounts without."""
         lowest = np.full(len(self.candidates.mounts), np.inf)
         np.minimum.at(
             lowest, self.candidates.mount[self.linked], self.candidates.prices[self.linked]
@@ -110,7 +115,7 @@ class FeasibleSets:
 
     @cached_property
     def kept(self) -> Int64[np.ndarray, " k"]:
-        """Mounts that must carry a sensor."""
+        """Indices of the mounts that must carry a sensor."""
         return self.candidates.find_mounts(self.keep)
 
     def keeps(self, subsets: Sets) -> Mask:
@@ -122,7 +127,7 @@ class FeasibleSets:
     # sets
 
     def feasible(self, subsets: Sets) -> Mask:
-        """Mask of sets that may be built."""
+        """Mask of sets that may be built: room, links, price and kept mounts all fit."""
         is_fitting = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
         return np.asarray(
             is_fitting
@@ -131,34 +136,40 @@ class FeasibleSets:
         )
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that may join a set: there is room on their mounts, and their price
-        is affordable."""
+        """Mask of candidates that may join a set without making it unfeasible.
+
+        There is room on their mounts and links, and the new price is affordable. subset: row of
+        booleans, or indices or names of candidates."""
         return self._fitting(subset, 0.0)
 
     def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates to add next.
+        """Mask of candidates to add next to a set.
 
         Until all mounts that must carry a sensor have one, these are candidates on such mounts that
-        leave money for the others; then any that are allowed.
+        leave money for the others; then any that are allowed. subset: row of booleans, or indices
+        or names of candidates.
         """
         mount = self.candidates.mount
         empty_mounts = np.setdiff1d(self.kept, mount[self._to_row(subset)])
         if not len(empty_mounts):
             return self.allowed(subset)
+        # for each candidate: least price of the other mounts that still need a sensor
         reserve = self._least_prices[empty_mounts].sum() - self._least_prices[mount]
         return self._fitting(subset, reserve) & np.isin(mount, empty_mounts)
 
     def _fitting(
         self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
     ) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that keep a set feasible and some money in reserve."""
+        """Mask of candidates that fit a set and keep some money in reserve.
+
+        reserve: money that must remain below `most_price`, the same or one for each candidate."""
         row = self._to_row(subset)
         price = self.price(row[None])[0] + extra_prices(self.candidates, row)
         has_room = room_beside(self.candidates, row[None], self.shared_links)[0]
         return np.asarray(has_room & self.linked & self.affordable(price + reserve))
 
     def _to_row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
-        """Row of booleans for a set that may be one already."""
+        """Row of booleans for a set; a given row is returned itself, not copied."""
         if isinstance(subset, np.ndarray) and subset.dtype == np.bool_:
             return subset
         return self.row(subset)

@@ -12,15 +12,17 @@ import numpy as np
 
 from toolkit.arrays import Float64
 
-LINK_SHARE = 0.95  # frames in which a link must carry all data
-ROUNDING_SHARE = 1e-9  # excess over a capacity that rounding may cause
+LINK_SHARE = 0.95  # share of the frames in which a link must carry all data
+ROUNDING_SHARE = 1e-9  # share of a capacity by which rounding may exceed it
 Capacity = TypeVar("Capacity", float, np.ndarray)
 
 
 def sent_in_most(
     kbit: Float64[np.ndarray, "*n frames"], share: float = LINK_SHARE
 ) -> Float64[np.ndarray, "*n"]:
-    """Load (kbit per frame) of the data sent in each frame: not exceeded in `share` of the frames.
+    """Load (kbit per frame) of each sensor: data that it does not exceed in `share` of the frames.
+
+    kbit: data sent in each frame, frames on the last axis; share: 0 to 1.
 
     >>> float(sent_in_most(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
     300.0
@@ -29,7 +31,7 @@ def sent_in_most(
 
 
 def max_load(capacity: Capacity) -> Capacity:
-    """Greatest load that links of some capacity carry: the capacity plus rounding."""
+    """Greatest load (kbit per frame) that links of a capacity carry: the capacity plus rounding."""
     return capacity * (1 + ROUNDING_SHARE)
 
 
@@ -43,5 +45,5 @@ def check_link_share(share: float) -> None:
 
 
 def describe_share(share: float) -> str:
-    """Words for the frames in which a link must carry all data."""
+    """Words for the share of frames in which a link must carry all data: "95 % of the frames"."""
     return "every frame" if share == 1 else f"{100 * share:.10g} % of the frames"

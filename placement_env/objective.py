@@ -40,7 +40,8 @@ from toolkit.runtime.run import Run
 from toolkit.runtime.text_values import replace_infinite
 from toolkit.sites.site import Site
 
-# called with better sets, their reward, and frames of a race or 0
+# called with a better set (indices of candidates), its reward, and the number of frames of a race
+# that scored it, or 0
 Observer = Callable[[tuple[int, ...], float, int], None]
 
 
@@ -50,16 +51,16 @@ class Score:
 
     Attributes:
         subset: Indices of the candidates, ascending.
-        ap: Average precision.
-        recall: Recall.
-        kbit_per_sensor: Data that each sensor sends per frame, on average.
-        kbit: Data that all sensors send per frame.
-        price: Price of sensors and mounts.
-        reward: AP minus costs.
-        terms: Terms of the reward by name.
-        fidelity: Name of the fidelity.
+        ap: Average precision (0 to 1) of all classes combined.
+        recall: Recall (0 to 1) of all classes combined.
+        kbit_per_sensor: Data that each sensor sends per frame, averaged over frames and sensors.
+        kbit: Data that all sensors send per frame, averaged over frames.
+        price: Price of sensors and mounts, each mount paid once.
+        reward: AP minus weighted kbit per sensor and price.
+        terms: Terms of the reward: "ap", and as negative numbers "comm" and "price".
+        fidelity: Name of the fidelity that scored the set, such as "surrogate".
         cache_hit: Whether the set was scored before.
-        class_ap: AP of each class, NaN without an object.
+        class_ap: AP of each class by name, NaN for a class without an object.
     """
 
     subset: tuple[int, ...]
@@ -76,7 +77,7 @@ class Score:
 
 
 class Scores(NamedTuple):
-    """`Score` of n sets as arrays."""
+    """Fields of `Score` for n sets, as arrays with one figure of each set, in the sets' order."""
 
     ap: Float64[np.ndarray, " n"]
     recall: Float64[np.ndarray, " n"]
@@ -88,7 +89,13 @@ class Scores(NamedTuple):
 
 
 class _Weighed(NamedTuple):
-    """kbit per sensor, price and reward of each set."""
+    """Costs and reward of n sets.
+
+    Attributes:
+        kbit_per_sensor: Data that each sensor of a set sends per frame, on average.
+        price: Price of the set's sensors and mounts.
+        reward: AP minus both, times their weights.
+    """
 
     kbit_per_sensor: Float64[np.ndarray, " n"]
     price: Float64[np.ndarray, " n"]
@@ -98,19 +105,21 @@ class _Weighed(NamedTuple):
 class Objective(FeasibleSets):
     """Score of sets of candidate sensors for a setting, a site or the name of one.
 
-    visibility: view of the candidates, for a setting with a custom fidelity. Without it, each
-    candidate is scored separately to find how much it sends. stride: step between the frames of the
-    run that count. Raises ValueError if the fidelity cannot score the setting.
+    setting: a site, or its name, means a setting with all other fields as usual. run: seed, number
+    of frames, cache and progress. visibility: view of the candidates, for a setting with a custom
+    fidelity. Without it, each candidate is scored separately to find how much it sends. stride:
+    step between the frames of the run that count. Raises ValueError if the fidelity cannot score
+    the setting.
 
     Attributes:
-        setting: Setting.
-        run: How it is computed.
-        visibility: View of the candidates, None if unknown.
-        preparation: Traffic and views of a fidelity given by name, else None.
-        scored_by: Fidelity.
+        setting: Question that the sets are scored by.
+        run: How it is computed: seed, number of frames, cache and progress.
+        visibility: Points and objects that each candidate sees in each frame, None if unknown.
+        preparation: Traffic and views of a fidelity given by name, None for a custom fidelity.
+        scored_by: Fidelity, which gives AP, recall and kbit of sets.
         site: Site, None if only candidates are known.
         weights: Costs in the reward.
-        codec: Codec of the data sent.
+        codec: Codec of the data sent, as the fusion scheme uses it.
         classes: Classes that count.
         watch: Called with better sets as searches find them, None for nobody.
     """
@@ -143,7 +152,9 @@ class Objective(FeasibleSets):
         self.classes = self._memory.classes
 
     def _take(self, setting: Setting) -> None:
-        """Take site, costs and limits of a setting, and begin to count the sets scored."""
+        """Take site, costs and limits of a setting, count scored sets from 0, and stop watching.
+
+        Candidates, scheme, fidelity and memory stay."""
         self.setting = setting
         self.site = setting.site if isinstance(setting.site, Site) else None
         self.weights = setting.weights
@@ -161,7 +172,10 @@ class Objective(FeasibleSets):
         visibility: Visibility,
         weights: Weights,
     ) -> "Objective":
-        """Objective of other candidates with known visibility, in a preparation's traffic."""
+        """Objective of other candidates with known visibility, in a preparation's traffic.
+
+        visibility: view of these candidates in that traffic. Nothing is rendered again; setting and
+        run are the preparation's, except for candidates and weights."""
         fidelity = preparation.build_fidelity(candidates, visibility)
         setting = preparation.setting.with_candidates(
             candidates, fidelity=fidelity, weights=weights
@@ -188,8 +202,9 @@ class Objective(FeasibleSets):
         return {**self.__dict__, "_memory": copy(self._memory), "watch": None}
 
     def with_weights(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
-        """Same objective with other weights, optionally another price limit, and a separate
-        memory."""
+        """Copy of the objective with other weights, and a copy of its memory of scored sets.
+
+        most_price: new limit of the price, None for the present one."""
         objective = copy(self)
         max_price = self.most_price if most_price is None else most_price
         objective._take(self.setting.with_costs(weights, max_price))
@@ -202,12 +217,14 @@ class Objective(FeasibleSets):
 
     @property
     def fidelity(self) -> str:
-        """Name of the fidelity."""
+        """Name of the fidelity, such as "surrogate"."""
         return self.scored_by.name
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Origin of its scores."""
+        """Origin of the scores, by name: everything that they depend on, for files of results.
+
+        Only facts that apply have an entry; values need not be JSON (`describe_origin`)."""
         preparation = self.preparation
         cases = self.setting.cases
         detector = getattr(self.scored_by, "detector", None)
@@ -234,13 +251,15 @@ class Objective(FeasibleSets):
         )
 
     def describe_origin(self, members: Iterable[int]) -> dict[str, Any]:
-        """Provenance of a set as JSON values, with the names of its sensors."""
+        """Provenance of a set's score as JSON values, with the names of its sensors.
+
+        members: indices of the set's candidates."""
         origin = self.provenance | {"sensors": [self.names[member] for member in members]}
         return cast(dict[str, Any], json.loads(json.dumps(replace_infinite(origin), default=str)))
 
     @cached_property
     def sent(self) -> Float64[np.ndarray, " C"]:
-        """kbit that each candidate sends in a frame, on average."""
+        """Data (kbit) that each candidate sends in a frame, averaged over the frames."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit
         points = self.scheme.sent_points(self.visibility).mean(axis=1, dtype=np.float64)
@@ -248,8 +267,10 @@ class Objective(FeasibleSets):
 
     @cached_property
     def loads(self) -> Float64[np.ndarray, " C"]:
-        """kbit per frame that each candidate takes up of a link; the mean if frames are not
-        known."""
+        """Load (kbit per frame) of each candidate on the link of its mount.
+
+        Its data do not exceed it in the setting's `link_share` of the frames; the mean if the data
+        of single frames are unknown."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.sent
         return sent_in_most(
@@ -261,7 +282,7 @@ class Objective(FeasibleSets):
 
         Raises ValueError for an unknown candidate."""
         row = self.row(subset)
-        scores = self.scores(row[None])
+        scores = self.scores(row[None])  # arrays with one figure
         class_ap = self.class_ap(row[None])[0].tolist()
         return Score(
             subset=tuple(np.flatnonzero(row).tolist()),
@@ -273,6 +294,7 @@ class Objective(FeasibleSets):
             reward=float(scores.reward[0]),
             terms={
                 "ap": float(scores.ap[0]),
+                # 0 - x is 0 for no cost, and -x would be -0.0
                 "comm": 0 - self.weights.comm * float(scores.kbit_per_sensor[0]),
                 "price": 0 - self.weights.price * float(scores.price[0]),
             },
@@ -282,12 +304,15 @@ class Objective(FeasibleSets):
         )
 
     def class_ap(self, subsets: Sets) -> Float64[np.ndarray, "n k"]:
-        """AP of each class for each set, NaN for a class without objects."""
+        """AP of each of k classes for each of n sets, NaN for a class without objects.
+
+        Columns are in the order of `classes`."""
         return self._figures(subsets).class_ap
 
     def scores(self, subsets: Sets) -> Scores:
-        """Scores of sets, feasible or not. A known set is not scored again, and the empty set
-        scores 0."""
+        """Scores of n sets, feasible or not, in their order.
+
+        A set in memory is not scored again, and the empty set has AP and reward 0."""
         figures = self._figures(subsets)
         weighed = self._weigh(subsets, figures.ap, figures.kbit)
         return Scores(
@@ -303,8 +328,11 @@ class Objective(FeasibleSets):
     def race(
         self, subsets: Sets, *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
     ) -> Race:
-        """Sets with the greatest reward by `racing.race`. Raises ValueError if the fidelity cannot
-        race."""
+        """Find the sets with the greatest reward without scoring all of them on all frames.
+
+        keep: number of best sets; first: frames that all sets are scored on first; eta: factor by
+        which frames then grow and sets shrink; seed: seed of the random order of the frames
+        (`racing.race`). Raises ValueError if the fidelity cannot score single frames."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
             raise ValueError(
@@ -321,21 +349,21 @@ class Objective(FeasibleSets):
     def _weigh(
         self, subsets: Sets, ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
     ) -> "_Weighed":
-        """Costs and reward of each set."""
-        per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)
+        """Costs and reward of each set. kbit: data that all its sensors send per frame."""
+        per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)  # the empty set counts as one sensor
         price = self.price(subsets)
         reward = ap - self.weights.comm * per_sensor - self.weights.price * price
         return _Weighed(per_sensor, price, reward)
 
     def _figures(self, subsets: Sets) -> SetFigures:
-        """Figures of sets, known or scored now."""
+        """Figures of sets in their order, from memory or scored now."""
         figures = self._memory.figures(subsets)
         if figures.scored:
             self._tell(figures.scored)
         return figures
 
     def _tell(self, scored: int) -> None:
-        """Count newly scored sets, on some frames or all."""
+        """Add newly scored sets to the count, and report it as progress if the run asks for it."""
         self._scored += scored
         if self.run.progress:
             self.run.progress("sets scored", self._scored, None)

@@ -13,22 +13,30 @@ FidelityName = Literal["coverage", "surrogate", "detector", "table"]
 
 
 class Estimate(NamedTuple):
-    """Figures of n sensor sets. kbit: data that all sensors of a set send in a frame, on
-    average."""
+    """Figures of n sensor sets.
+
+    Attributes:
+        ap: Average precision (0 to 1) of each set.
+        recall: Recall (0 to 1) of each set.
+        kbit: Data that all sensors of a set send in a frame, averaged over frames.
+    """
 
     ap: Float64[np.ndarray, " n"]
     recall: Float64[np.ndarray, " n"]
     kbit: Float64[np.ndarray, " n"]
 
     def without_nan(self) -> "Estimate":
-        """Figures with 0 for sets without objects to detect."""
+        """Same figures, with AP and recall 0 instead of NaN, which means no object to detect."""
         return Estimate(np.nan_to_num(self.ap), np.nan_to_num(self.recall), self.kbit)
 
 
 class ClassEstimates(NamedTuple):
     """Figures of n sensor sets for each of k classes, NaN for a class without objects.
 
-    kbit: data of the whole set.
+    Attributes:
+        ap: Average precision of each set for each class.
+        recall: Recall of each set for each class.
+        kbit: Data that all sensors of a set send in a frame, the same for all classes.
     """
 
     ap: Float64[np.ndarray, "n k"]
@@ -36,7 +44,7 @@ class ClassEstimates(NamedTuple):
     kbit: Float64[np.ndarray, " n"]
 
     def combined(self, classes: Classes) -> Estimate:
-        """Combine the classes to one figure."""
+        """Combine the classes to one AP and recall of each set, as `classes` weighs them."""
         return Estimate(classes.combined(self.ap), classes.combined(self.recall), self.kbit)
 
 
@@ -64,7 +72,9 @@ class ByFrames(Fidelity, Protocol):
         """Number of frames."""
 
     def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
-        """Figures of each set over these frames, scoring no set on a frame twice."""
+        """Figures of each set over these frames only, scoring no set on a frame twice.
+
+        frames: indices of frames; what earlier calls scored is taken from memory."""
 
 
 @runtime_checkable
@@ -76,7 +86,9 @@ class ByClass(Fidelity, Protocol):
         """Classes, and how they are combined."""
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Figures of each set for each class; combined they are the figures of the set."""
+        """Figures of each set for each class, in the order of `classes`.
+
+        Combined they are the figures that a call of the fidelity gives."""
 
 
 @runtime_checkable
@@ -87,5 +99,6 @@ class Doubting(Fidelity, Protocol):
         """Standard error of each set's AP; NaN if unknown."""
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """Sentences on how a question differs from the fitted data. sensors: kinds of their
-        models."""
+        """Sentences on how the scored sets differ from the data that the fidelity was fitted to.
+
+        sensors: kinds of the candidates' sensor models. Empty if nothing differs."""

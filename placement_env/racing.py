@@ -19,7 +19,8 @@ from placement_env.analysis.shrinkage import shrink
 from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64, Rng
 
-# returns a figure, such as AP, of each of n sensor sets from some frames
+# called with n sensor sets and indices of frames; returns a figure of each set, such as its AP,
+# from these frames only
 PartialScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Float64[np.ndarray, " n"]]
 
 
@@ -28,10 +29,11 @@ class Race:
     """Course of a race.
 
     Attributes:
-        winners: Rows of the best sets, best first, including ties with the last.
-        scores: Score of each winner from all frames.
-        spent: Set-frames that were scored.
-        full: Set-frames that scoring all sets on all frames would take.
+        winners: Rows of the best sets in the array that raced, best first, including ties with the
+            last.
+        scores: Score of each winner from all frames, in the order of `winners`.
+        spent: Set-frames that were scored; one set on one frame is one set-frame.
+        full: Set-frames that scoring all different sets on all frames would take.
     """
 
     winners: Int64[np.ndarray, " k"]
@@ -44,10 +46,11 @@ class Resampled(NamedTuple):
     """Figures of n sets on some frames, and resamples of blocks of these frames.
 
     Attributes:
-        figure: Figure of each set.
-        resamples: Resampled figures.
-        frames: Number of used frames if time ran out, else None.
-        blocks: Number of blocks of frames.
+        figure: Figure of each set from the frames, such as its AP.
+        resamples: Figure of each set from blocks drawn with replacement; a column has the same
+            draw for all sets, so that sets can be compared within it.
+        frames: Number of used frames if time ran out, None if all frames were used.
+        blocks: Number of blocks (runs of neighbouring frames) that the resamples draw from.
     """
 
     figure: Float64[np.ndarray, " n"]
@@ -60,7 +63,12 @@ ResampledScores = Callable[[Sets, Int64[np.ndarray, " frames"]], Resampled]
 
 
 class Rung(NamedTuple):
-    """Sets that reached one rung of a race, and resamples of their figures there."""
+    """Sets that reached one rung of a race, and resamples of their figures there.
+
+    Attributes:
+        rows: Row of each set in the array that raced, best first.
+        resamples: Figure of each set in each resample, in the order of `rows`.
+    """
 
     rows: Int64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]
@@ -72,14 +80,15 @@ class Contest:
 
     Attributes:
         ranking: Rows of all different sets, best first, dropped ones last.
-        figures: Figure of each set in that order, from the frames it was scored on.
-        frames: Number of these frames.
-        confidence: Confidence that no set beats the first by more than the tolerance.
-        spent: Set-frames that were scored.
-        expected: Likeliest figure of each set, given these frames and the predictions.
-        rungs: Rungs from the first on.
-        tolerance: Lead that does not count.
-        by_chance: Lowest doubt about any set if time ran out.
+        figures: Measured figure of each set in that order, from the frames it was scored on.
+        frames: Number of frames that each set was scored on, in that order.
+        confidence: Confidence (0 to 1) that no set beats the first by more than the tolerance.
+        spent: Set-frames that were scored; one set on one frame is one set-frame.
+        expected: Likeliest figure of each set in that order, given these frames and the
+            predictions.
+        rungs: Rungs from the first on; without them only `confidence` is known.
+        tolerance: Lead in the figure that does not count.
+        by_chance: Least doubt (0 to 1) about any set if time ran out, else 0.
     """
 
     ranking: Int64[np.ndarray, " k"]
@@ -93,13 +102,17 @@ class Contest:
     by_chance: float = 0.0
 
     def doubt(self, row: int, judged: Iterable[int] = ()) -> float:
-        """Chance that some set beats this one clearly. judged: rows that are compared elsewhere, so
-        ignored."""
+        """Chance (0 to 1) that some set beats one set by more than the tolerance.
+
+        row: the set's row in the array that raced. judged: rows of sets that are compared
+        elsewhere, so they are ignored here."""
         return _doubt(self.rungs, row, self.tolerance, judged)
 
     def sureness(self, row: int) -> float:
-        """Confidence that no set of the race beats this one by more than the tolerance."""
-        if not self.rungs:
+        """Confidence (0 to 1) that no set of the race beats one by more than the tolerance.
+
+        row: the set's row in the array that raced."""
+        if not self.rungs:  # nothing to compare by
             return self.confidence
         return max(0.0, 1 - max(self.by_chance, self.doubt(row)))
 
@@ -117,12 +130,13 @@ def race(
     """Best `keep` of n sets by their score on all frames, with most others dropped after a few
     frames.
 
-    partial_scores is called with sets and some of the frames 0 … frames-1. Each rung passes the
-    frames of the one before, in the same order, and more, so earlier work can be reused. eta:
-    factor by which a rung multiplies frames and divides sets; first: frames of the first rung. Sets
-    that tie with the last one to advance also advance, as do all while no score is defined. Equal
-    rows are scored once; the first represents all. Raises ValueError without a set or frame, for
-    eta below 2, and for first or keep below 1.
+    partial_scores is called with sets and some of the frames 0 … frames-1, and returns NaN for a
+    set without a score there. Each rung passes the frames of the one before, in the same order, and
+    more, so earlier work can be reused. eta: factor by which a rung multiplies frames and divides
+    sets; first: frames of the first rung; seed: seed of the random order of the frames. Sets that
+    tie with the last one to advance also advance, as do all while no score is defined. Equal rows
+    are scored once; the first represents all. Raises ValueError without a set or frame, for eta
+    below 2, and for first or keep below 1.
     """
     are_whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
     if not are_whole or min(len(sets), frames, first, keep, eta - 1) < 1:
@@ -132,6 +146,7 @@ def race(
             f"{keep}"
         )
     order = np.random.default_rng(seed).permutation(frames)
+    # first row of each different set, in the given order
     rows = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     full = len(rows) * frames
     spent = 0
@@ -141,6 +156,7 @@ def race(
         scores = np.asarray(partial_scores(sets[rows], order[:frame_count]), float)
         spent = spent + len(rows) * (frame_count - used_frames)
         used_frames = frame_count
+        # -(-a // b) is a / b, rounded up
         max_ahead = keep if used_frames == frames else max(keep, -(-len(rows) // eta))
         ahead = find_best(scores, max_ahead)
         rows = rows[ahead]
@@ -153,12 +169,13 @@ class RaceRules:
     """Rules of a race until a confidence. Raises ValueError if they do not fit.
 
     Attributes:
-        confidence: Level to reach.
-        tolerance: Lead that does not count.
-        first: Frames of the first rung.
-        eta: Factor by which later rungs grow.
-        least: Frames before which no confidence ends the race.
-        most: Set-frames beyond which only the best sets go on; a single one need not.
+        confidence: Confidence (0 to 1, both excluded) that ends the race.
+        tolerance: Lead in the figure, such as AP, that does not count.
+        first: Number of frames of the first rung.
+        eta: Factor by which each later rung multiplies the frames.
+        least: Number of frames before which no confidence ends the race.
+        most: Set-frames (sets times frames) to score at most; only as many of the best sets go on
+            as the rest allows, but always one.
     """
 
     confidence: float = 0.95
@@ -182,7 +199,13 @@ class RaceRules:
 
 
 class _Dropped(NamedTuple):
-    """Sets that left a race together, best first, with figures from a number of frames."""
+    """Sets that left a race together.
+
+    Attributes:
+        rows: Row of each set in the array that raced, best first.
+        figures: Measured figure of each set, in the order of `rows`.
+        frames: Number of frames from which all these figures are.
+    """
 
     rows: Int64[np.ndarray, " _"]
     figures: Float64[np.ndarray, " _"]
@@ -193,10 +216,10 @@ class _RankedRung(NamedTuple):
     """Sets of one rung, best first.
 
     Attributes:
-        rows: Row of each set.
+        rows: Row of each set in the array that raced; the others follow this order.
         measured: Measured figure of each set.
-        expected: Likeliest figure, given the prediction too.
-        resamples: Likeliest figure in each resample."""
+        expected: Likeliest figure, given the prediction too; the measured one without predictions.
+        resamples: Likeliest figure in each resample of blocks of frames."""
 
     rows: Int64[np.ndarray, " _"]
     measured: Float64[np.ndarray, " _"]
@@ -215,8 +238,10 @@ def race_until(
     """Race sets until the best is known confidently enough, or all frames are used.
 
     scores: called with sets and the first frames of `order`, more each time; if it uses fewer, the
-    race ends with these; predicted: prior figure of each set; sets are then ranked by the
-    combination that `placement_env.analysis.shrinkage.shrink` makes of both.
+    race ends with these; order: indices of all frames, in the order in which they are used;
+    predicted: prior figure of each row of `sets`, None without; sets are then ranked by the
+    combination that `placement_env.analysis.shrinkage.shrink` makes of both. Equal rows are scored
+    once.
 
     A set is dropped if it beats the best in fewer than (1 - confidence) / n of the resamples. The
     remaining doubt is the share of resamples in which a set still in the race beats the winner by
@@ -226,6 +251,7 @@ def race_until(
     """
     frames = len(order)
     _check_entrants(sets, frames)
+    # first row of each different set; from the first rung on the best come first
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     risk = (1 - rules.confidence) / len(running)
     used_frames = 0
@@ -245,6 +271,7 @@ def race_until(
         rungs.append(Rung(running, ranked.resamples))
         by_chance = 0.0 if resampled.frames is None or len(sets) == 1 else 0.5**resampled.blocks
         confidence = 1 - max(by_chance, _doubt(rungs, int(running[0]), rules.tolerance))
+        # the second: time ran out before the frames of this rung
         is_over = used_frames == frames or used_frames < frame_count
         is_known = confidence >= rules.confidence and used_frames >= rules.least
         if is_over or is_known:
@@ -258,7 +285,7 @@ def race_until(
             break
         dropped.append(_Dropped(running[~is_running], ranked.measured[~is_running], used_frames))
         running = running[is_running]
-    dropped.reverse()
+    dropped.reverse()  # sets that stayed longest come first
     ranking = np.concatenate([group.rows for group in dropped])
     counts = np.array([group.frames for group in dropped], np.int64)
     return Contest(
@@ -275,7 +302,7 @@ def race_until(
 
 
 def _check_entrants(sets: Sets, frames: int) -> None:
-    """Raise ValueError without a set or frame."""
+    """Raise ValueError unless a race has at least one set and one frame."""
     if min(len(sets), frames) < 1:
         raise ValueError(
             f"a race until a confidence needs a set and a frame, got {len(sets)} sets, {frames} "
@@ -288,7 +315,10 @@ def _rank_rung(
     rows: Int64[np.ndarray, " n"],
     predicted: Float64[np.ndarray, " all"] | None,
 ) -> _RankedRung:
-    """Rank the sets of a rung by their figures, combined with the predictions if given."""
+    """Rank the sets of a rung by their figures, combined with the predictions if given.
+
+    resampled: figures of these sets; rows: row of each in the array that raced; predicted: prior
+    figure of all rows of that array, None without."""
     expected = resampled.figure
     resamples = resampled.resamples
     if predicted is not None:
@@ -304,21 +334,30 @@ def _find_running(
 ) -> Bool[np.ndarray, " n"]:
     """Find the ranked sets that go on to the next rung, the best always among them.
 
-    risk: least share of resamples in which a set must beat the best."""
+    Args:
+        resamples: Resampled figures of the sets, best set first.
+        risk: Least share of resamples in which a set must beat the best.
+        max_sets: Number of sets that may go on.
+
+    Returns:
+        Mask of the sets that go on, in the order of `resamples`.
+    """
     lead = resamples - resamples[0]
     is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
     is_running[0] = True
-    is_running &= np.cumsum(is_running) <= max_sets
+    is_running &= np.cumsum(is_running) <= max_sets  # the first `max_sets` that are True
     return is_running
 
 
 def _doubt(
     rungs: Sequence[Rung], winner: int, tolerance: float, judged_rows: Iterable[int] = ()
 ) -> float:
-    """Chance that some set beats the winner clearly, as a share of the winner's resamples.
+    """Chance that some set beats the winner by more than the tolerance, from 0 up.
 
-    Sets are compared on the last rung that both they and the winner reached. judged_rows: rows that
-    do not count.
+    On each rung that the winner reached it is the share of resamples in which any set beats it; the
+    shares are added, so the sum may exceed 1. Each set counts on the last rung that both it and the
+    winner reached. rungs: first rung first; winner: row of the set that is doubted; judged_rows:
+    rows of sets that do not count.
     """
     doubt = 0.0
     counted = np.array([*judged_rows], np.int64)
@@ -333,8 +372,10 @@ def _doubt(
 
 
 def find_best(scores: Float64[np.ndarray, " n"], places: int) -> Int64[np.ndarray, " k"]:
-    """Rows of the best scores, best first and undefined ones last, with all that tie with the last
-    place."""
+    """Indices of the best scores, best first, with all that tie with the last place.
+
+    scores: NaN if undefined; these come last and tie with each other. places: number of scores
+    without ties, from 1 up; all scores if there are fewer."""
     ranked = np.argsort(-scores, kind="stable")
     ranks = np.nan_to_num(scores[ranked], nan=-np.inf)
     return ranked[ranks >= ranks[min(places, len(ranks)) - 1]]

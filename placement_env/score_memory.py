@@ -14,14 +14,14 @@ MAX_REMEMBERED = 200_000  # sets in memory, which is emptied when there are more
 
 
 class SetFigures(NamedTuple):
-    """Figures of n sets.
+    """Figures of n sets, in their order.
 
     Attributes:
-        ap: Average precision.
-        recall: Recall.
-        kbit: Data that all sensors of a set send in a frame.
-        class_ap: Average precision of each of k classes.
-        cache_hit: Whether a set was scored before.
+        ap: Average precision (0 to 1) of all classes combined.
+        recall: Recall (0 to 1) of all classes combined.
+        kbit: Data that all sensors of a set send in a frame, averaged over frames.
+        class_ap: Average precision of each of k classes, NaN for a class without objects.
+        cache_hit: True for a set that was in memory before the call.
         scored: Number of different sets that were scored now.
     """
 
@@ -34,24 +34,30 @@ class SetFigures(NamedTuple):
 
 
 class ScoreMemory:
-    """Figures of sets of some candidates by a fidelity. The empty set has AP 0 and sends nothing.
+    """Figures of sets of candidates by a fidelity, scored once and then taken from memory.
 
-    A pickled copy forgets the sets.
+    The empty set has AP 0 and sends nothing; it is never scored. A pickled copy forgets the sets.
+    candidates: number of candidates, the length of a set's row.
+
+    Attributes:
+        classes: Classes that the fidelity combines, vehicles if it has none.
     """
 
     def __init__(self, fidelity: Fidelity, candidates: int) -> None:
         self.classes: Classes = getattr(fidelity, "classes", VEHICLES)
         self._fidelity = fidelity
+        # key of a set: its row of booleans in bits, eight to a byte; -(-a // b) rounds up
         self._empty_set = bytes(-(-candidates // 8))
         class_count = len(self.classes.names) if isinstance(fidelity, ByClass) else 1
         self._width = 3 if class_count == 1 else 3 + class_count
-        # AP, recall, kbit and the AP of several classes, by a set's bits
+        # AP, recall, kbit and, if there are several classes, the AP of each, by a set's key
         self._known: dict[bytes, tuple[float, ...]] = self._list_empty_set()
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_known": self._list_empty_set()}
 
     def _list_empty_set(self) -> dict[bytes, tuple[float, ...]]:
+        # memory at the start: all figures of the empty set are 0
         return {self._empty_set: (0.0,) * self._width}
 
     def forget(self) -> None:
@@ -59,20 +65,20 @@ class ScoreMemory:
         self._known = self._list_empty_set()
 
     def fork(self) -> "ScoreMemory":
-        """Memory of the same sets that goes on separately."""
+        """Copy of the memory with the same sets; sets scored later are not shared."""
         memory = copy(self)
         memory._known = dict(self._known)
         return memory
 
     def figures(self, subsets: Sets) -> SetFigures:
-        """Figures of sets; only new sets are scored.
+        """Figures of sets in their order; only sets that are not in memory are scored.
 
         Raises ValueError if there is no object to detect."""
         if len(self._known) > MAX_REMEMBERED:
             self.forget()
         keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
         cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
-        new_rows = {key: row for row, key in enumerate(keys) if not cache_hit[row]}
+        new_rows = {key: row for row, key in enumerate(keys) if not cache_hit[row]}  # each key once
         if new_rows:
             columns = self._score(subsets[list(new_rows.values())])
             for key, row in zip(new_rows, columns.tolist(), strict=True):
@@ -88,7 +94,9 @@ class ScoreMemory:
         )
 
     def _score(self, subsets: Sets) -> Float64[np.ndarray, "n w"]:
-        """AP, recall, kbit and the AP of several classes of each set."""
+        """Columns to remember of each set: AP, recall, kbit and the AP of each of several classes.
+
+        The last are left out if there is one class, whose AP is the first column."""
         class_columns: tuple[np.ndarray, ...] = ()
         if self._width == 3:
             estimate = self._fidelity(subsets)

@@ -50,7 +50,9 @@ AP_ONLY = Weights()
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Question that sets of sensors are scored by. Raises ValueError if a field does not fit.
+    """Question that sets of sensors are scored by, all that scores depend on but seed and frames.
+
+    Raises ValueError if a field does not fit.
 
     Attributes:
         site: Site, its name or file; None only with candidates and a custom fidelity.
@@ -60,15 +62,17 @@ class Setting:
         codec: Codec of the sent data.
         classes: Classes of road users that count.
         cases: IoU thresholds, failures, levels of traffic and errors.
-        fidelity: Name of a fidelity, or an object that scores sets.
+        fidelity: Name of a way to score sets, or an object that scores them.
         detector: Detector of fidelity "detector", None for the shipped network.
-        surrogate: File for that fidelity, None for the shipped one.
-        table: File for that fidelity, None for the shipped one.
-        rendering: "auto", or all rays ("full") or panoramas wherever they can be used.
+        surrogate: File of fitted figures for fidelity "surrogate", None for the shipped one.
+        table: File of scored sets for fidelity "table", None for the shipped one.
+        rendering: "full" casts all rays, "panorama" takes depth panoramas of each place wherever
+            they can be used, "auto" chooses between them.
         weights: Costs in the reward.
-        most_price: Largest price of a set.
+        most_price: Largest price of a set, inf for any.
         keep: Names of poles that must carry a sensor.
-        link_share: Share of the frames in which a link must carry all data (`placement_env.links`).
+        link_share: Share of the frames (0 to 1) in which a link must carry all data
+            (`placement_env.links`).
 
     >>> Setting("tjunction", scheme="late", cases=Cases(iou=(0.7, 0.8))).scheme.name
     'late'
@@ -122,15 +126,16 @@ class Setting:
 
     @cached_property
     def place(self) -> Site:
-        """Site. Raises ValueError without one."""
+        """Site of the question. Raises ValueError if there is none, only candidates."""
         if not isinstance(self.site, Site):
             raise ValueError("this needs a site: Setting('tjunction'), or a site's file")
         return self.site
 
     @cached_property
     def pool(self) -> Candidates:
-        """Candidates. Raises ValueError and OSError without candidates, or for an unknown pole to
-        keep."""
+        """Candidate sensors, made from the site or read from a file if needed, and then kept.
+
+        Raises ValueError and OSError without candidates, ValueError for an unknown pole to keep."""
         source = self.candidates
         if callable(source):
             candidates = source(self.place)
@@ -143,16 +148,18 @@ class Setting:
 
     @cached_property
     def fusion(self) -> Scheme:
-        """Fusion scheme."""
+        """Fusion scheme, which `__post_init__` found if a name was given."""
         return cast(Scheme, self.scheme)
 
     @cached_property
     def counted(self) -> Classes:
-        """Classes that count."""
+        """Classes of road users that count, which `__post_init__` made if names were given."""
         return cast(Classes, self.classes)
 
     def check_budget(self, budget: int) -> None:
-        """Raise ValueError if fewer sensors are allowed than poles that must carry one."""
+        """Raise ValueError if fewer sensors are allowed than poles that must carry one.
+
+        budget: greatest number of sensors."""
         if self.keep and budget < len(self.keep):
             problem = (
                 f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed"
@@ -189,10 +196,10 @@ class Setting:
         return setting
 
     def with_fidelity(self, fidelity: FidelityName) -> "Setting":
-        """Setting of another fidelity.
+        """Setting of another fidelity, otherwise like this one.
 
-        Errors become the usual ones unless the fidelity is the detector, and the file of another
-        fidelity (surrogate, table) is left out."""
+        Error profiles of the sensors become the usual ones unless the fidelity is the detector, and
+        the file of another fidelity (surrogate, table) is left out."""
         cases = self.cases
         if fidelity != "detector":
             cases = replace(cases, errors=USUAL_CASES.errors)

@@ -13,15 +13,21 @@ BLOCK_FIGURES = 1 << 17  # figures in one step, so that they stay in the process
 
 
 def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
-    """List all 2^n sets of n sensors; sensor i is in set k if bit i of k is 1."""
+    """List all 2^n sets of n sensors; sensor i is in set k if bit i of k is 1.
+
+    sensors: n. Raises ValueError for more than `MAX_LISTED_SENSORS`."""
     if not 0 <= sensors <= MAX_LISTED_SENSORS:
         rule = f"too many sets: they are listed for at most {MAX_LISTED_SENSORS} sensors"
         raise ValueError(f"{rule}, got {sensors}; choose some, or use estimate_worth")
+    # bit i of k, as an array [k, i]
     return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
 
 
 def find_index(member: object, names: Sequence[str]) -> int:
-    """Candidate that an index or name means. Raises ValueError for any other value."""
+    """Index of the candidate that an index or name means.
+
+    names: names of all candidates. Raises ValueError for any other value, also a negative index or
+    a bool."""
     if isinstance(member, str) and member in names:
         return names.index(member)
     if (
@@ -36,30 +42,31 @@ def find_index(member: object, names: Sequence[str]) -> int:
 
 
 class MemberSums:
-    """Sums of the rows (C, w) of each set's members, in the type of the rows.
+    """Sum of the rows of each set's members, in the type of the rows.
 
-    A set's sum does not depend on the other sets. Raises ValueError unless sets are rows of one
-    boolean per candidate.
+    rows: w figures of each of C candidates. A set's sum is rounded alike, with any other sets in
+    the call: members are always added in ascending order.
     """
 
     def __init__(self, rows: Shaped[np.ndarray, "C w"]) -> None:
-        # the last row is for no member
+        # row C is zero: it fills places of sets with fewer members
         self._rows = np.concatenate([rows, np.zeros((1, rows.shape[1]), rows.dtype)])
 
     @property
     def rows(self) -> Shaped[np.ndarray, "C w"]:
-        """Given rows."""
+        """Given rows: w figures of each candidate."""
         return self._rows[:-1]
 
     def __call__(self, subsets: Sets) -> Shaped[np.ndarray, "n w"]:
-        """Sum of each set."""
+        """Sum of the members' rows for each of n sets, 0 for the empty set."""
         n, candidates = subsets.shape
         owner, member = np.divmod(
             np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1)
         )
         sizes = np.bincount(owner, minlength=n)
-        # members of each set, at least one column
+        # members of each set from the left, ascending; the rest of a row means the zero row
         members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
+        # position of a member within its set: its running number minus the first of the set
         members[owner, np.arange(len(owner)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = member
         sums = self._rows[members[:, 0]]
         for column in members.T[1:]:
@@ -67,7 +74,9 @@ class MemberSums:
         return sums
 
     def blocks(self, subsets: Sets) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
-        """Yield slices of as many sets as fit the processor's cache, and their sums."""
+        """Yield slices of as many sets as fit the processor's cache, and the sums of each slice.
+
+        Raises ValueError unless sets are rows of one boolean for each candidate."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
             rule = f"sets must be rows of {candidates} booleans, one for each candidate"

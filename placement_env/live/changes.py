@@ -26,7 +26,7 @@ DEFAULT_TILT_RAD = 0.26  # tilt of a new sensor below the horizon
 
 
 class VariantChange(NamedTuple):
-    """Variant after a change, and what changed."""
+    """Variant after a change, and words for the change, such as "pole 3 moved"."""
 
     variant: Variant
     what: str
@@ -42,7 +42,13 @@ def move_sensor(
     height: float | None = None,
     position: Where | None = None,
 ) -> VariantChange:
-    """Turn, tilt, raise or carry a sensor, see `LivePlanner.move`."""
+    """Turn, tilt, raise or carry a sensor to another pole.
+
+    Heights stay within the range of the pole, tilts within `TILT_SPAN`, or as far beyond as the
+    sensor is. name: name of the sensor; heading: counter-clockwise from the site's +x (rad); tilt:
+    below the horizon (rad); height: above the foot of the pole (m); position: name of a pole, or x
+    and y of a place (m); each None for no change. Raises ValueError for an unknown or locked
+    sensor, a tilt beyond straight down, and a place that no pole may use."""
     sensor = variant.find_unlocked(name)
     if position is not None:
         mount, variant = yard.stand(variant, position)
@@ -81,7 +87,13 @@ def mount_sensor(
     model: str | None = None,
     name: str | None = None,
 ) -> VariantChange:
-    """Mount a sensor on a pole or place, see `LivePlanner.add`."""
+    """Mount a new sensor on a pole, or at a place on a pole that is added.
+
+    mount: name of a pole, or x and y of a place (m); heading: counter-clockwise from the site's +x
+    (rad); tilt: below the horizon (rad); height: above the foot of the pole (m), None for the
+    highest; model: name of a model in the stock, None for the first; name: name of the sensor, None
+    for an unused one. Raises ValueError for a place that no pole may use, a pole without room, an
+    unknown model, and a name that is taken."""
     model = model or next(iter(yard.models))
     if name is not None and name in {sensor.name for sensor in variant.sensors}:
         raise ValueError(f"there is a sensor {name!r} already: give another name")
@@ -100,13 +112,16 @@ def mount_sensor(
 
 
 def remove_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
-    """Take a sensor away. Raises ValueError for an unknown or locked one."""
+    """Remove the named sensor. Raises ValueError for an unknown or locked one."""
     variant.find_unlocked(name)
     return VariantChange(variant.without_sensor(name), f"{name} removed")
 
 
 def duplicate_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
-    """Mount a copy of a sensor on the nearest pole with room. Raises ValueError without one."""
+    """Mount a copy of the named sensor on the nearest pole with room.
+
+    It has the same model, aim and, within the range of the pole, height. Raises ValueError if no
+    pole has room, or for an unknown sensor."""
     sensor = variant.find(name)
     poles = (*yard.stock.mounts, *variant.poles)
     free_poles = [pole for pole in poles if yard.has_room(variant, pole.name)]
@@ -121,13 +136,13 @@ def duplicate_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
 
 
 def lock_sensor(yard: Yard, variant: Variant, name: str, locked: bool = True) -> VariantChange:
-    """Keep a sensor from being moved, or let it be moved again."""
+    """Keep a sensor from being moved, or, with locked=False, let it be moved again."""
     sensor = replace(variant.find(name), locked=locked)
     return VariantChange(variant.with_sensor(sensor), f"{name} {'' if locked else 'un'}locked")
 
 
 def fail_sensor(yard: Yard, variant: Variant, name: str, failed: bool = True) -> VariantChange:
-    """Let a sensor fail, or work again."""
+    """Let a sensor fail (it sees and sends nothing), or, with failed=False, work again."""
     sensor = replace(variant.find(name), failed=failed)
     return VariantChange(
         variant.with_sensor(sensor), f"{name} {'failed' if failed else 'works again'}"
@@ -135,19 +150,23 @@ def fail_sensor(yard: Yard, variant: Variant, name: str, failed: bool = True) ->
 
 
 def keep_out_of(yard: Yard, variant: Variant, areas: Iterable[Corners]) -> VariantChange:
-    """Keep poles out of areas. Raises ValueError for corners that form no area."""
+    """Replace the variant's keep-out areas, which no pole may use; its sensors stay.
+
+    areas: corners (x, y in m) of each. Raises ValueError for corners that form no area."""
     return VariantChange(
         replace(variant, keep_out=tuple(map(check_keep_out, areas))), "keep-out areas"
     )
 
 
 def _check_finite(name: str, value: float) -> float:
+    # the value as a float; the name is for the error
     if not np.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value}")
     return float(value)
 
 
 def _check_tilt(tilt: float) -> float:
+    # the tilt (rad) as a float, if it is between straight up and straight down
     if not abs(_check_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:
         raise ValueError(
             f"a tilt must lie within pi/2 rad of the horizon, got {tilt:g}: give degrees as "

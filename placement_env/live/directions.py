@@ -10,12 +10,12 @@ from placement_env.live.variant import TILT_SPAN, LiveSensor
 from toolkit.sites.georeference import bearing_deg, heading_from_bearing
 from toolkit.sites.site import Mount, Site
 
-MAX_TURN_DEG = 360.0
-# last places that are printed
+MAX_TURN_DEG = 360.0  # greatest bearing or heading, either way
+# steps of the last digit that schedules and pages print
 PRINTED_ANGLE_DEG = 0.1
 PRINTED_HEIGHT_M = 0.01
 HEADING_PREFIX = "heading="  # before a number that is no bearing
-SLACK = 1e-6
+SLACK = 1e-6  # rounding that is forgiven, in degrees or m
 
 
 def parse_heading(site: Site, text: str, present: float | None = None) -> float:
@@ -45,8 +45,10 @@ def parse_heading(site: Site, text: str, present: float | None = None) -> float:
 
 
 def parse_tilt(degrees: float, present: float | None = None) -> float:
-    """Return a tilt (rad below the horizon). present: tilt that stays if it is printed so. Raises
-    ValueError for a tilt that no sensor may have."""
+    """Return the tilt (rad below the horizon) of a typed number of degrees.
+
+    present: tilt (rad) that stays if it is printed so, None for none. Raises ValueError for a tilt
+    beyond `TILT_SPAN`."""
     low, high = (math.degrees(limit) for limit in TILT_SPAN)
     if present is not None and abs(degrees - math.degrees(present)) <= _half(PRINTED_ANGLE_DEG):
         return present
@@ -58,7 +60,9 @@ def parse_tilt(degrees: float, present: float | None = None) -> float:
 
 
 def parse_height(mount: Mount, height: float, present: float | None = None) -> float:
-    """Return a height above the foot of a pole (m). present: height that stays if it is printed so.
+    """Return the height above the foot of a pole (m) of a typed number.
+
+    height: typed number (m); present: height (m) that stays if it is printed so, None for none.
     Raises ValueError beyond the heights of the pole."""
     if present is not None and abs(height - present) <= _half(PRINTED_HEIGHT_M):
         return present
@@ -69,20 +73,22 @@ def parse_height(mount: Mount, height: float, present: float | None = None) -> f
 
 
 def show_bearing(site: Site, sensor: LiveSensor) -> float:
-    """Return the compass bearing of a sensor as it is printed (degrees)."""
+    """Return the compass bearing of a sensor as it is printed: degrees, to a tenth, below 360."""
     return round(bearing_deg(site, sensor.heading), 1) % MAX_TURN_DEG
 
 
 def _half(step: float) -> float:
+    # greatest difference of two numbers that are printed alike in steps of this size
     return step / 2 + SLACK
 
 
 def _turn_between(first: float, second: float) -> float:
-    """Angle between two headings (degrees)."""
+    """Turn from the second heading to the first (rad) in degrees, -180 to 180."""
     return math.degrees(math.remainder(first - second, math.tau))
 
 
 def _parse_degrees(text: str) -> float | None:
+    # finite number of a text, None for any other text
     try:
         degrees = float(text)
     except ValueError:

@@ -31,9 +31,9 @@ class VariantEditor:
     reach the original, and nobody listens to them.
 
     Attributes:
-        yard: Site and stock.
-        scorer: Figures of variants.
-        history: Variants and steps.
+        yard: Site and stock that variants are made of.
+        scorer: Figures of variants by the surrogate.
+        history: Variants by name, the one that is shown, and steps to undo.
         picture: Picture under the scene, or None.
     """
 
@@ -45,7 +45,7 @@ class VariantEditor:
         self._stand_alone()
 
     def _stand_alone(self) -> None:
-        """Begin without threads and listeners."""
+        """Begin with a free lock and without a listener; neither is copied."""
         self._lock = RLock()
         self._tell: Callable[[bool], None] = _tell_nobody
 
@@ -63,14 +63,16 @@ class VariantEditor:
         self._stand_alone()
 
     def listen(self, tell: Callable[[bool], None]) -> None:
-        """Call a function after every change, before its answer, with True during a drag."""
+        """Call a function after every change, before its answer; it replaces the one before.
+
+        tell: called with True if the change is a further move of a drag, else with False."""
         self._tell = tell
 
     # what is shown
 
     @property
     def variants(self) -> dict[str, Variant]:
-        """Variants by name."""
+        """Variants by name, in the order in which they were made."""
         return self.history.variants
 
     @property
@@ -85,12 +87,12 @@ class VariantEditor:
 
     @property
     def sensors(self) -> tuple[LiveSensor, ...]:
-        """Sensors of the variant."""
+        """Sensors of the variant that is shown."""
         return self.variant.sensors
 
     @property
     def past(self) -> tuple[Step, ...]:
-        """Steps that can be undone, the last one last."""
+        """Steps that can be undone, the latest one last."""
         return self.history.past
 
     # changes
@@ -144,39 +146,54 @@ class VariantEditor:
         return self._change(mount_sensor, mount, *aim, model=model, name=name)
 
     def remove(self, name: str) -> LiveAnswer:
-        """Remove a sensor. Raises ValueError for an unknown or locked one."""
+        """Remove a sensor, and return the figures without it.
+
+        Raises ValueError for an unknown or locked one."""
         return self._change(remove_sensor, name)
 
     def duplicate(self, name: str) -> LiveAnswer:
-        """Mount a copy of a sensor on the nearest pole with room. Raises ValueError if no pole has
-        room."""
+        """Mount a copy of a sensor on the nearest pole with room, and return the new figures.
+
+        Raises ValueError for an unknown sensor, and if no pole has room."""
         return self._change(duplicate_sensor, name)
 
     def lock(self, name: str, locked: bool = True) -> LiveAnswer:
-        """Keep a sensor from being moved, or let it be moved again."""
+        """Keep a sensor from being moved, or, with locked=False, let it be moved again.
+
+        Raises ValueError for an unknown one."""
         return self._change(lock_sensor, name, locked)
 
     def fail(self, name: str, failed: bool = True) -> LiveAnswer:
-        """Let a sensor fail, or work again."""
+        """Let a sensor fail, or, with failed=False, work again, and return the new figures.
+
+        A failed sensor is mounted, but sees and sends nothing. Raises ValueError for an unknown
+        one."""
         return self._change(fail_sensor, name, failed)
 
     def set_keep_out(self, areas: Iterable[Corners]) -> LiveAnswer:
-        """Keep poles out of areas, each given by its corners. Raises ValueError for corners that
-        form no area."""
+        """Keep poles out of areas, which replace all that the variant had.
+
+        areas: corners (x, y in m) of each. Raises ValueError for corners that form no area."""
         return self._change(keep_out_of, areas)
 
     def accept(self, suggestion: Suggestion) -> LiveAnswer:
-        """Make a suggested change."""
+        """Make a suggested change, and return the new figures.
+
+        Raises ValueError if the variant has changed so that the suggestion does not fit."""
         return self._change(apply_suggestion, suggestion)
 
     def _change(
         self, change: Callable[..., VariantChange], *arguments: Any, **options: Any
     ) -> LiveAnswer:
+        # call a function of `placement_env.live.changes` with yard and variant, and show its result
         with self._lock:
             return self._take(change(self.yard, self.variant, *arguments, **options))
 
     def _take(self, change: VariantChange, *, continues_drag: bool = False) -> LiveAnswer:
-        """Show what a change leads to, without the poles that it leaves idle."""
+        """Show the variant after a change, without additional poles that carry no sensor.
+
+        continues_drag: True if it is undone together with the last step. The caller holds the
+        lock."""
         before = self.scorer.recall(self.variant)
         variant = change.variant.without_idle_poles()
         if self.history.change(variant, continues_drag=continues_drag):
@@ -205,6 +222,7 @@ class VariantEditor:
         return self._step(self.history.redo, "redo")
 
     def _step(self, step: Callable[[], None], what: str) -> LiveAnswer:
+        # undo or redo by a function of the history, and answer with the change that this makes
         with self._lock:
             before = self.scorer.recall(self.variant)
             step()
@@ -213,8 +231,9 @@ class VariantEditor:
             return self.answer(what)
 
     def show(self, name: str, *, copy: bool = False) -> LiveAnswer:
-        """Show a variant. copy: make it, like the present one. Raises ValueError for an unknown
-        name, or a taken one."""
+        """Show the named variant, or, with copy, a new one that is like the present.
+
+        Raises ValueError for the name of no variant, or, with copy, for a name that is taken."""
         with self._lock:
             self.history.check_name(name, copy=copy)
             before = self.answer()
@@ -224,8 +243,10 @@ class VariantEditor:
             return self.answer(f"variant {name}")
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:
-        """Replace variants and steps by saved ones. Raises ValueError if they do not fit the site
-        and stock."""
+        """Replace variants and steps by saved ones.
+
+        current: name of the variant to show; past: steps to undo, the latest one last. Raises
+        ValueError if they do not fit the site and stock."""
         steps = list(past)
         for variant in (*variants.values(), *(step_variant for _, step_variant in steps)):
             self.yard.check(variant)
@@ -236,12 +257,14 @@ class VariantEditor:
             self.scorer.compare_with(None)
 
     def answer(self, what: str = "") -> LiveAnswer:
-        """Figures of the variant that is shown, and what changed since those before."""
+        """Figures of the variant that is shown, and their change since those before.
+
+        what: words for what led to the variant, "" without a change."""
         with self._lock:
             return self.scorer.answer(self.variant, what)
 
     def estimate(self, variant: Variant) -> LiveAnswer:
-        """Figures of any variant."""
+        """Figures of any variant, shown or not, without a change since others."""
         with self._lock:
             return self.scorer.estimate(variant)
 

@@ -32,8 +32,8 @@ from placement_env.links import max_load
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
 
-LEVELS = 3  # levels of traffic
-LEAST_BLOCKS = 5  # blocks of frames that have an interval here
+LEVELS = 3  # levels of traffic, from thin to dense
+LEAST_BLOCKS = 5  # least number of blocks of frames for an interval
 NORMAL_ENDS = 1.96  # standard errors to the ends of a 95 % interval
 
 
@@ -43,11 +43,12 @@ class FoundShare:
 
     Attributes:
         name: Name of the class, approach or level of traffic.
-        ap: AP of a class, else None.
-        recall: Share of the objects that is found.
-        low: Lower end of the interval of the AP, or of the share without one.
+        ap: AP of a class, None for an approach or level.
+        recall: Share of the objects that is found (0 to 1), NaN without objects.
+        low: Lower end of the 95 % interval of the AP, or of the recall without an AP; NaN if there
+            are too few frames.
         high: Upper end of that interval.
-        objects: Number of objects.
+        objects: Number of objects in all frames.
     """
 
     name: str
@@ -65,17 +66,18 @@ class LiveAnswer:
     Attributes:
         what: Change that led to the variant, "" without one.
         sensors: Number of sensors.
-        ap: Predicted AP.
-        low: Lower end of its 95 % interval, over frames and the error of the prediction.
+        ap: AP that the surrogate predicts for the working sensors (0 to 1).
+        low: Lower end of its 95 % interval, over frames and the error of the prediction; NaN, as
+            all ends of intervals, if there are too few frames.
         high: Upper end of that interval.
         recall: Predicted recall.
-        kbit: Data that all sensors send per frame.
-        price: Price in `currency`.
+        kbit: Data that all working sensors send per frame, on average.
+        price: Price of all sensors and their poles, in `currency`.
         worst: AP that remains after the worst single failure.
         worst_low: Lower end of its interval.
         worst_high: Upper end of its interval.
-        worst_sensor: Sensor whose failure is the worst, "" without sensors.
-        spread: Standard error of the prediction, NaN if unknown.
+        worst_sensor: Name of the sensor whose failure is the worst, "" without working sensors.
+        spread: Standard error of the predicted AP, NaN if unknown.
         change: Change of the AP since the answer before, on the same frames.
         change_low: Lower end of the interval of the change.
         change_high: Upper end of the interval of the change.
@@ -83,16 +85,16 @@ class LiveAnswer:
         approaches: Share found on each approach.
         levels: Share found at each level of traffic.
         links: Load of the link of each pole.
-        objects: Number of road users.
+        objects: Number of road users that count, in all frames (O).
         frames: Number of frames.
-        unseen: Number of road users without a point.
+        unseen: Number of these road users without a point of any working sensor.
         currency: Currency of the price, "" for prices in ordinary poles.
-        budget: Largest price.
+        budget: Largest price, inf for any.
         problems: Sentences on what keeps the variant from being built.
-        coarse: Whether a view was interpolated between heights, or only the first frames count.
-        resamples: Resampled AP.
+        coarse: True if a view was interpolated between heights, or only the first frames count.
+        resamples: AP in each resample of blocks of frames, the same draws for every variant.
         probability: Probability that each road user is found.
-        hidden: Mask of the road users without a point.
+        hidden: Mask of the road users without a point of any working sensor.
     """
 
     what: str
@@ -133,13 +135,15 @@ class LiveAnswer:
     )
 
     def as_dict(self) -> dict[str, object]:
-        """Return the figures for JSON."""
+        """Return the figures as JSON values, without arrays, and without an infinite budget."""
         unlimited = {"budget"} if math.isinf(self.budget) else set()
         left_out = {"resamples", "probability", "hidden"} | unlimited
         return {name: value for name, value in asdict(self).items() if name not in left_out}
 
     def since(self, before: "LiveAnswer | None", what: str) -> "LiveAnswer":
-        """The answer with the change of AP since another, on the same frames, and what made it."""
+        """Return the answer with the change of AP since an earlier one, on the same frames.
+
+        before: earlier answer, None for no change (0); what: words for what made the change."""
         if before is None:
             return replace(self, what=what, change=0.0, change_low=0.0, change_high=0.0)
         change = self.ap - before.ap
@@ -151,9 +155,11 @@ class LiveAnswer:
 
 
 def widen_interval(figure: float, ends: Interval, spread: float) -> Interval:
-    """Interval of a predicted share, from its interval over frames and its standard error.
+    """Interval of a predicted share, widened by the error of the prediction, within 0 to 1.
 
-    spread: standard error, NaN to leave it out."""
+    Both ends move away from the figure: squares of their distance and of the error are added.
+    figure: predicted share; ends: its 95 % interval over frames, returned unchanged if it is NaN;
+    spread: standard error of the prediction, NaN to leave it out."""
     if math.isnan(ends.low):
         return ends
     margin = NORMAL_ENDS * (0.0 if math.isnan(spread) else spread)
@@ -162,36 +168,49 @@ def widen_interval(figure: float, ends: Interval, spread: float) -> Interval:
 
 
 class Meter:
-    """Figures of variants in the traffic of a preparation."""
+    """Figures of variants in the traffic of a preparation.
+
+    Attributes:
+        preparation: Traffic, and the setting that sets are scored by.
+        blocks: Number of blocks of frames that intervals draw from.
+    """
 
     def __init__(self, preparation: Preparation, currency: str) -> None:
         self.preparation = preparation
         self._currency = currency
         self.blocks = count_blocks(preparation.frames)
+        # times that each resample draws each block, equal for all variants
         self._draws = block_draws(self.blocks, block=1).astype(np.float32)
 
     def objective(self, candidates: Candidates, visibility: Visibility) -> Objective:
-        """Objective of sensors whose view is known."""
+        """Objective of sensors whose view of the preparation's traffic is known."""
         preparation = self.preparation
         return Objective.from_view(preparation, candidates, visibility, preparation.setting.weights)
 
     def judge(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> tuple[float, int]:
-        """AP and number of problems, in a tenth of the time of `measure`."""
+        """AP of the working sensors and number of problems of all sensors.
+
+        It takes a tenth of the time of `measure`. seen: view of the candidates; is_working: False
+        for failed sensors."""
         objective = self.objective(candidates, seen)
         return float(objective.scores(is_working[None]).ap[0]), len(_list_problems(objective))
 
     def measure(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> LiveAnswer:
-        """Figures of all sensors, without a change. is_working: False for failed sensors."""
+        """Figures of the working sensors, without a change since others.
+
+        candidates: all sensors of a variant; seen: their view; is_working: False for failed
+        sensors, which count in number, price and problems only."""
         objective = self.objective(candidates, seen)
         all_working = is_working[None]
         members = np.flatnonzero(is_working)
+        # row k: the working sensors without the k-th of them
         remaining = np.repeat(all_working, len(members), axis=0)
         remaining[np.arange(len(members)), members] = False
-        scores = objective.scores(np.concatenate([all_working, remaining]))
+        scores = objective.scores(np.concatenate([all_working, remaining]))  # [0]: nothing fails
         worst_index = int(scores.ap[1:].argmin()) if len(members) else -1
         surrogate = cast(Surrogate, objective.scored_by)
         worst = 0.0
@@ -246,11 +265,12 @@ class Meter:
 
     @cached_property
     def _block(self) -> Int64[np.ndarray, " O"]:
+        # block of frames of each road user
         return self.unseen.frame // BLOCK_FRAMES
 
     @property
     def unseen(self) -> Visibility:
-        """The road users that count, seen by no sensor."""
+        """View without a sensor: the road users that count, in all frames."""
         return self.preparation.unseen
 
     def _by_class(
@@ -262,8 +282,9 @@ class Meter:
     ) -> tuple[
         tuple[FoundShare, ...], Float64[np.ndarray, " resamples"], Float64[np.ndarray, " O"]
     ]:
-        """Each class, resampled AP of all, and the hit probability of each object. spread: the
-        prediction's."""
+        """Figures of each class, resampled AP of all, and probability that each object is found.
+
+        spread: standard error of the predicted AP, which the intervals of classes include."""
         resamples, drawn = self._resample(surrogate, is_working)
         probability = np.zeros(len(seen.boxes))
         rows = []
@@ -285,7 +306,9 @@ class Meter:
     def _resample(
         self, surrogate: Surrogate, is_working: Bool[np.ndarray, " C"]
     ) -> tuple[Float64[np.ndarray, " resamples"], list[Float64[np.ndarray, " resamples"]]]:
-        """AP of all and of each class over the draws of frames."""
+        """AP of all classes combined, and list with the AP of each class, in each resample.
+
+        is_working: sensors that count. Resamples draw blocks of frames by `_draws`."""
         labels = surrogate.classes.labels
         hits = surrogate.hits(is_working)
         drawn = [
@@ -305,8 +328,11 @@ class Meter:
         group: Int64[np.ndarray, " O"],
         probability: Float64[np.ndarray, " O"],
     ) -> tuple[FoundShare, ...]:
-        """Share found of each group of objects. group: group of each."""
-        cell = group * self.blocks + self._block
+        """Share found of each group of objects; a group without objects is left out.
+
+        names: names of the groups; group: index of each object's group in `names`; probability:
+        probability that each object is found."""
+        cell = group * self.blocks + self._block  # index in an array [group, block]
         rows = []
         shape = (len(names), self.blocks)
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
@@ -329,11 +355,13 @@ class Meter:
 
     @cached_property
     def _approaches(self) -> tuple[tuple[str, ...], np.ndarray]:
+        # names of the approaches, and the approach of each road user
         approaches = find_approaches(self.preparation.setting.place)
         return approaches.names, approaches.locate(self.unseen.boxes)
 
     @cached_property
     def _levels(self) -> tuple[tuple[str, ...], np.ndarray]:
+        # names of the levels of traffic, and the level of each road user's frame
         level = np.zeros(self.preparation.frames, np.int64)
         for k, frames in enumerate(self.preparation.split(LEVELS)):
             level[frames] = k
@@ -342,6 +370,7 @@ class Meter:
     def _loads(
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[PoleLoad, ...]:
+        # load of the link of each pole; failed sensors send nothing
         setting = self.preparation.setting
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
         return measure_links(

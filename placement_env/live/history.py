@@ -5,14 +5,15 @@ from typing import Any
 
 from placement_env.live.variant import Variant, check_name
 
-MAX_UNDO_STEPS = 2000  # that can be undone
-Step = tuple[str, Variant]  # name of a variant, and as it was
+MAX_UNDO_STEPS = 2000  # steps that can be undone; older ones are forgotten
+Step = tuple[str, Variant]  # name of a variant, and its state before the step
 
 
 class VariantHistory:
     """Variants by name, the one that is shown, and steps to undo and to redo.
 
-    A copy shares nothing that changes. Threads that change it must hold a lock.
+    A copy shares nothing that changes. Threads that change it must hold a lock. start: first
+    variant, which is named A.
 
     Attributes:
         variants: Variants by name, in the order in which they were made.
@@ -41,20 +42,20 @@ class VariantHistory:
 
     @property
     def past(self) -> tuple[Step, ...]:
-        """Steps that can be undone, the last one last."""
+        """Steps that can be undone, the latest one last."""
         return tuple(self._past)
 
     @property
     def future(self) -> tuple[Step, ...]:
-        """Steps that can be done again, the last one undone last."""
+        """Steps that can be done again, the one undone latest last."""
         return tuple(self._future)
 
     def is_dragged(self, name: str) -> bool:
-        """True if the last change was a step of a drag of this sensor."""
+        """True if the last change was a step of a drag of the sensor with this name."""
         return self._dragged == name
 
     def drag(self, name: str) -> None:
-        """Let the next move of a sensor in a drag be part of the last step."""
+        """Let the next move of the named sensor in a drag be part of the last step."""
         self._dragged = name
 
     def end_drag(self) -> None:
@@ -62,7 +63,10 @@ class VariantHistory:
         self._dragged = None
 
     def change(self, variant: Variant, *, continues_drag: bool = False) -> bool:
-        """Show a variant in place of the present one; True if that is a new step to undo."""
+        """Replace the variant that is shown; return True if that is a new step to undo.
+
+        continues_drag: True if the last step already keeps the state before the drag. Any change
+        empties the steps to redo and ends a drag."""
         is_changed = variant != self.variant
         is_step = is_changed and not continues_drag
         if is_step:
@@ -83,6 +87,7 @@ class VariantHistory:
         self._step(self._future, self._past, "redo")
 
     def _step(self, source: list[Step], target: list[Step], what: str) -> None:
+        # take the last step of `source`, keep the present state in `target`; both lists change
         if not source:
             raise ValueError(f"there is nothing to {what}")
         name, variant = source.pop()
@@ -92,7 +97,8 @@ class VariantHistory:
         self._dragged = None
 
     def check_name(self, name: str, *, copy: bool) -> None:
-        """Raise ValueError for an unknown variant; copy: for a taken name."""
+        """Raise ValueError for the name of no variant, or, with copy, for a name that is taken."""
+        # both sides are bools: a new name must be free, another one must exist
         if copy == (check_name(name) in self.variants):
             names = ", ".join(self.variants)
             raise ValueError(
@@ -100,7 +106,9 @@ class VariantHistory:
             )
 
     def show(self, name: str, *, copy: bool) -> None:
-        """Show a variant; copy: a new one, like the present. Raises ValueError as `check_name`."""
+        """Show the named variant, or, with copy, a new one that is like the present.
+
+        Raises ValueError for the name of no variant, or, with copy, for a name that is taken."""
         self.check_name(name, copy=copy)
         if copy:
             self.variants[name] = self.variant
@@ -108,7 +116,9 @@ class VariantHistory:
         self._dragged = None
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:
-        """Replace all variants and steps."""
+        """Replace all variants and steps by saved ones, without anything to redo.
+
+        current: name of the variant to show; past: steps to undo, the latest one last."""
         self.variants = dict(variants)
         self.current = current
         self._past = list(past)

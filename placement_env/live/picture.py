@@ -16,29 +16,29 @@ from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.runtime.json_object import JsonObject
 from toolkit.runtime.writing import write_bytes
 
-# size of a picture that is uploaded
+# limits of a picture that is uploaded
 MOST_PICTURE_BYTES = 40_000_000
 MOST_PIXELS = 60_000_000
-SHOWN_PIXELS = 1600  # along its longer side, as it is kept
-NEAREST = 0.5  # m between the two points
-# width of a pixel
+SHOWN_PIXELS = 1600  # along the longer side of the picture that is kept
+NEAREST = 0.5  # least distance (m) between the two points
+# limits of the width of a pixel on the ground
 MIN_SCALE_M = 1e-6
 MAX_SCALE_M = 1e5
 
 
 @dataclass(frozen=True)
 class GroundPicture:
-    """Picture on the ground.
+    """Picture on the ground, in the frame of the site. Raises ValueError if a field does not fit.
 
     Attributes:
         name: Name of the file that was uploaded.
-        file: Name of the file in the folder of the project.
-        width: Width (px).
-        height: Height (px).
-        x: Position of the middle (m).
-        y: Position of the middle (m).
-        scale: Width of a pixel (m).
-        turn: Turn counter-clockwise (rad).
+        file: Name of the kept file in the folder of the project.
+        width: Width of the kept picture (px).
+        height: Height of the kept picture (px).
+        x: Position of the picture's middle along the site's x axis (m).
+        y: Position of the picture's middle along the site's y axis (m).
+        scale: Width of a pixel on the ground (m).
+        turn: Turn about the middle, counter-clockwise (rad); at 0 the picture's right is +x.
     """
 
     name: str
@@ -64,11 +64,13 @@ class GroundPicture:
             )
 
     def place(self, spots: Sequence[Sequence[float]], numbers: Sequence[float]) -> "GroundPicture":
-        """Scale, turn and shift the picture by two points.
+        """Return the picture scaled, turned and shifted so that two points fit.
 
-        spots: present positions of the points (m); numbers: x, y, x, y of their right positions, or
-        only their right distance, with the first point in place (m). Raises ValueError for points
-        that are closer than `NEAREST`, and for other numbers."""
+        spots: present positions (x, y) of the two points (m); numbers: x, y, x, y of their right
+        positions (m), or only their right distance (m), which leaves the first point and the turn
+        as they are. Raises ValueError for points that are closer than `NEAREST`, and for other
+        numbers."""
+        # points are complex numbers x + yj, so that a ratio scales and turns
         (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
         if len(numbers) == 1:
             far = start + numbers[0] * (end - start) / max(abs(end - start), 1e-9)
@@ -88,16 +90,30 @@ class GroundPicture:
         return replace(self, x=moved.real, y=moved.imag, scale=self.scale * abs(ratio), turn=turn)
 
     def read(self, folder: Path) -> UInt8[np.ndarray, "height width 3"]:
-        """Read the pixels. Raises ValueError for a damaged file, OSError for a missing one."""
+        """Read the pixels (RGB, upper row first) of the kept file.
+
+        folder: folder of the project. Raises ValueError for a damaged file, OSError for a missing
+        one."""
         return _decode((folder / self.file).read_bytes(), self.name)
 
 
 def keep_picture(
     name: str, content: bytes, folder: Path, area: Float64[np.ndarray, "4"]
 ) -> GroundPicture:
-    """Keep a PNG or JPEG picture in a folder, as wide as an area (m) at first. Raises ValueError
-    for a long name, a damaged picture and one of more than `MOST_PICTURE_BYTES` or
-    `MOST_PIXELS`."""
+    """Write a PNG or JPEG picture to a folder, and return it placed over an area.
+
+    The file is a JPEG of at most `SHOWN_PIXELS` along its longer side, named by the content's hash.
+
+    Args:
+        name: Name of the file that was uploaded.
+        content: Bytes of the uploaded file.
+        folder: Folder of the project.
+        area: xmin, ymin, xmax and ymax (m) of the area; the picture gets its middle and width.
+
+    Raises:
+        ValueError: For a long name, a damaged picture, and one of more than `MOST_PICTURE_BYTES` or
+            `MOST_PIXELS`.
+    """
     check_name(name)
     if len(content) > MOST_PICTURE_BYTES:
         limit = f"{MOST_PICTURE_BYTES // 10**6} MB"
@@ -118,6 +134,7 @@ def keep_picture(
 
 
 def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
+    # RGB pixels of the bytes of a PNG or JPEG file; the name is for the error
     from PIL import Image
 
     try:

@@ -31,8 +31,8 @@ from placement_env.setting import Setting
 from toolkit.runtime.run import Run
 from toolkit.sites.site import Site
 
-LIVE_FRAMES = 60
-LIVE_SEED = 3
+LIVE_FRAMES = 60  # frames of traffic without a plan
+LIVE_SEED = 3  # seed of the traffic without a plan
 
 
 class LivePlanner(VariantEditor):
@@ -96,22 +96,22 @@ class LivePlanner(VariantEditor):
 
     @property
     def first(self) -> Setting:
-        """The question at the start."""
+        """Setting at the start, as it was given."""
         return self.scorer.first
 
     @property
     def asked(self) -> Setting:
-        """The present question."""
+        """Setting that `ask` has made, or the one at the start, as it was given."""
         return self.scorer.asked
 
     @property
     def setting(self) -> Setting:
-        """The present question, about the yard's stock, by the surrogate."""
+        """Present setting with the yard's stock as candidates, scored by the surrogate."""
         return self.scorer.setting
 
     @property
     def preparation(self) -> Preparation:
-        """Traffic of the present question."""
+        """Traffic and views of the present setting; only the first frames until all are viewed."""
         return self.scorer.preparation
 
     @property
@@ -128,7 +128,7 @@ class LivePlanner(VariantEditor):
 
     @property
     def unseen(self) -> Visibility:
-        """The road users that count, in all frames."""
+        """View without a sensor: the road users that count, in all frames."""
         return self.scorer.unseen
 
     @property
@@ -138,11 +138,11 @@ class LivePlanner(VariantEditor):
 
     @property
     def coarse(self) -> bool:
-        """True if the figures are of the first frames only, or a view is interpolated."""
+        """True if the shown figures are of the first frames only, or a view is interpolated."""
         return self.scorer.is_coarse(self.variant)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """Visibility of a variant's sensors, and whether any was interpolated between heights."""
+        """View of a variant's sensors, and True if one is interpolated between heights."""
         return self.scorer.views.look(candidates)
 
     def score(self) -> Score:
@@ -225,7 +225,7 @@ class LivePlanner(VariantEditor):
 
 
 def _check_detector(plan: PlanFolder, question: Setting) -> None:
-    """Raise ValueError if a plan names a detector that the setting lacks."""
+    """Raise ValueError if a plan was made with a detector that the setting lacks."""
     if plan.own_detector is not None and question.detector is None:
         loaded = (
             "LivePlanner(plan.ask(replace(plan.setting, detector=...))), plan = "
@@ -237,12 +237,14 @@ def _check_detector(plan: PlanFolder, question: Setting) -> None:
 
 
 def _find_setting(site: object) -> Setting:
+    # a setting as it is, or the usual one of a site, its name or file
     if isinstance(site, Setting):
         return site
     return Setting(site if isinstance(site, Site) else str(site))
 
 
 def _find_plan(site: object) -> PlanFolder | None:
+    # a plan that was read, or read from its folder; None for anything else
     if isinstance(site, PlanFolder):
         return site
     return read_plan_folder(str(site)) if is_plan_folder(site) else None

@@ -30,7 +30,7 @@ from toolkit.runtime.writing import take, write_text, writing_together
 from toolkit.sites.files import format_site
 
 PROJECT_VERSION = 1
-SAVED_STEPS = 100  # that can be undone after a reload
+SAVED_STEPS = 100  # steps that can be undone after a reload
 MOST_VARIANTS = 200
 PAUSE = 1.0  # s between two saves while a sensor is dragged
 BEFORE = ".last-good"  # ending of the state before the last save
@@ -39,8 +39,10 @@ BEFORE = ".last-good"  # ending of the state before the last save
 class ProjectFile:
     """File that keeps a planner's work, and from which the planner goes on.
 
-    last_good: go on from the state before the last save. Raises ValueError for a damaged file, the
-    file of another site, and a file that another process writes; OSError if it cannot be
+    The planner takes over what the file holds, if it exists, and each later change is saved. A lock
+    file keeps other processes from it until `close`. path: file, made with its folder if it is
+    missing; last_good: go on from the state before the last save. Raises ValueError for a damaged
+    file, the file of another site, and a file that another process writes; OSError if it cannot be
     written."""
 
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
@@ -53,9 +55,9 @@ class ProjectFile:
             raise ValueError(
                 f"{path} is open in another coview live: close that, or give another --project"
             )
-        self._held: int | None = lock
-        self._saved = ""
-        self._when = 0.0
+        self._held: int | None = lock  # file descriptor of the lock, None once closed
+        self._saved = ""  # text that was written last
+        self._when = 0.0  # time (s) of the last save, by the monotonic clock
         try:
             source = self.before if last_good else path
             if last_good or path.exists():
@@ -72,14 +74,17 @@ class ProjectFile:
         return self.path.with_name(f"{self.path.name}{BEFORE}")
 
     def save(self, dragging: bool = False) -> None:
-        """Write the state, unless it is written already. dragging: no more often than every
-        `PAUSE`."""
+        """Write the planner's state, unless it is written already or the file is closed.
+
+        The state of the save before is kept in a second file. dragging: True for a change during a
+        drag, which is skipped within `PAUSE` of the last save."""
         if self._held is None or (dragging and time.monotonic() - self._when < PAUSE):
             return
         text = self._format()
         if text == self._saved:
             return
         if self._saved and self.path.exists():
+            # a hard link that is renamed: both files exist at any time
             spare = self.path.with_name(f".{self.path.name}.spare")
             spare.unlink(missing_ok=True)
             os.link(self.path, spare)
@@ -89,12 +94,13 @@ class ProjectFile:
         self._when = time.monotonic()
 
     def close(self) -> None:
-        """Let others write the file."""
+        """Release the lock, so that others may write the file; nothing is saved any more."""
         if self._held is not None:
             os.close(self._held)
             self._held = None
 
     def _format(self) -> str:
+        # text of the project file; parts are joined so that variants are formatted once (`_format`)
         planner = self.planner
         picture = None if planner.picture is None else asdict(planner.picture)
         head = {
@@ -111,11 +117,13 @@ class ProjectFile:
             for name, variant in planner.past[-SAVED_STEPS:]
         )
         return (
+            # [:-1] drops the closing brace of the head
             f'{json.dumps(head, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": '
             f"[{past}]}}"
         )
 
     def _load(self, path: Path) -> None:
+        # let the planner go on from a file; errors name the file and the way out
         content = None
         try:
             content = read_json(path)
@@ -133,6 +141,7 @@ class ProjectFile:
             raise ValueError(f"{error};{spare or ' give another --project'}") from None
 
     def _take_over(self, content: object) -> None:
+        # give the planner the variants, steps, picture and question of a file's JSON content
         project = JsonObject(content)
         if project.value.get("coview_live") != PROJECT_VERSION:
             raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
@@ -159,6 +168,7 @@ class ProjectFile:
 
     @staticmethod
     def _read_step(step: object, number: int) -> tuple[str, Variant]:
+        # name and variant of a past step; its number is for errors
         if not isinstance(step, list) or len(step) != 2 or not isinstance(step[0], str):
             raise ValueError("a past step needs a name and a variant")
         return check_name(step[0]), Variant.from_dict(step[1], f"past[{number}]")
@@ -172,6 +182,7 @@ class ProjectFile:
             raise ValueError(f"a picture needs all its members, got {error}") from None
 
     def _ask(self, question: JsonObject) -> None:
+        # change the planner's question as `LivePlanner.question` wrote it
         question.check_keys(("classes", "iou", "errors", "scheme", "most_price"))
         cases: dict[str, Any] = {}
         if "iou" in question.value:
@@ -191,13 +202,15 @@ class ProjectFile:
 
 @lru_cache(maxsize=2 * SAVED_STEPS)
 def _format(variant: Variant) -> str:
+    # JSON text of a variant; most variants are in many saves, so texts are cached
     return json.dumps(variant.as_dict(), allow_nan=False)
 
 
 def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Write site.json, a map and a schedule of the variant that is shown; return their paths.
-    Raises ValueError without a sensor and for a folder with a site or plan that no export wrote,
-    OSError if it cannot be written."""
+
+    Views that are still coarse are made in full first. Raises ValueError without a sensor and for a
+    folder with a site or plan that no export wrote, OSError if it cannot be written."""
     variant = planner.variant
     site = planner.yard.site
     if not variant.sensors:
@@ -236,8 +249,9 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     """Judge the sensors of the variant that is shown on fresh traffic, and write the full report;
     return its paths.
 
-    The traffic is the plan's if there is one. It takes minutes. Raises ValueError without a sensor,
-    OSError if the folder cannot be written."""
+    All poles of the variant's sensors must carry one. The traffic is the plan's if the planner was
+    opened on one, else it has the usual number of frames. It takes minutes. Raises ValueError
+    without a sensor, OSError if the folder cannot be written."""
     from placement_env.report.planning.plan_writing import write_plan
     from placement_env.report.planning.planning import plan
     from placement_env.report.planning.question import Question

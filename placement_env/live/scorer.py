@@ -26,14 +26,17 @@ MAX_ANSWERS = 128  # figures of variants in memory
 
 
 class LiveScorer:
-    """Figures of variants by the surrogate.
+    """Figures of variants by the surrogate, for a question that may change.
 
-    A copy has the same views and figures, and goes on without the original.
+    A copy has the same views and figures, and goes on without the original. first_frames: number of
+    frames that figures come from until `fetch` has made the views of all, None for all from the
+    start; currency: currency of prices, "" for ordinary poles; max_sensors: greatest number of
+    sensors without a problem, inf for any.
 
     Attributes:
-        first: Setting at the start.
-        asked: Present setting.
-        setting: Present setting of the yard's stock, by the surrogate.
+        first: Setting at the start, as it was given.
+        asked: Present setting, as it was asked.
+        setting: Present setting with the yard's stock as candidates, scored by the surrogate.
         preparation: Traffic of the present setting.
         views: Views of sensors in that traffic.
         all_frames: All frames of traffic, while figures of the first few are shown.
@@ -68,7 +71,10 @@ class LiveScorer:
         return state
 
     def _open(self, question: Setting, run: Run, before: Preparation | None = None) -> None:
-        """Prepare for a question, in the traffic of the preparation before."""
+        """Prepare to score by a question, and forget the figures by the question before.
+
+        before: preparation whose traffic is used again, None to make traffic by `run`. Views of
+        sensors are kept if its panoramas are. Raises ValueError for several IoU thresholds."""
         if len(question.cases.ious) > 1:
             raise ValueError(f"live figures are of one IoU, got {question.cases.iou}: give one")
         setting = replace(question, candidates=self._yard.stock).with_fidelity("surrogate")
@@ -86,29 +92,36 @@ class LiveScorer:
             self.views = SensorViews(self._yard, self._meter)
 
     def ask(self, changes: dict[str, Any]) -> None:
-        """Score by another question, see `LivePlanner.ask`."""
+        """Score by another question in the same traffic.
+
+        changes: new values of `Setting` fields by name, such as classes, cases, scheme and
+        most_price. The next answer states no change."""
         before = self.preparation
         self._open(replace(self.asked, **changes), before.run, before)
         self._before = None
 
     @property
     def question(self) -> dict[str, object]:
-        """Changes of the question since the start, for JSON."""
+        """Changes of the question since the start, as JSON values: the new value by name.
+
+        Names are classes, iou, errors, scheme and most_price (None for any price)."""
         first = _describe_question(self.first)
         now = _describe_question(self.asked)
         return {name: value for name, value in now.items() if value != first[name]}
 
     @property
     def unseen(self) -> Visibility:
-        """The road users that count, in all frames."""
+        """View without a sensor: the road users that count, in all frames."""
         return self._meter.unseen
 
     def answer(self, variant: Variant, what: str) -> LiveAnswer:
-        """Figures of a variant, and their change since those before."""
+        """Figures of a variant, and their change since those given to `compare_with`.
+
+        what: words for the change that led to the variant, "" without one."""
         return self.estimate(variant).since(self._before, what)
 
     def compare_with(self, before: LiveAnswer | None) -> None:
-        """Let the next answers state the change since these figures."""
+        """Let the next answers state the change since these figures; None for no change."""
         self._before = before
 
     def recall(self, variant: Variant) -> LiveAnswer | None:
@@ -116,11 +129,12 @@ class LiveScorer:
         return self._answers.get(variant)
 
     def estimate(self, variant: Variant) -> LiveAnswer:
-        """Figures of any variant."""
+        """Figures of any variant, without a change; coarse ones in memory are made again."""
         answer = self._answers.get(variant)
         return answer if answer is not None and not answer.coarse else self._estimate(variant)
 
     def _estimate(self, variant: Variant) -> LiveAnswer:
+        # score a variant by its views, and keep its figures in memory
         view = self.views.see(variant)
         answer = self._meter.measure(view.candidates, view.seen, view.is_working)
         answer = replace(
@@ -149,7 +163,10 @@ class LiveScorer:
         return self.all_frames.are_awaited or self.views.see(variant).coarse
 
     def score(self, variant: Variant) -> Score:
-        """The objective's score of the sensors that work, see `LivePlanner.score`."""
+        """Score of the working sensors by the objective, on the same frames as live figures.
+
+        Views are from panoramas at the sensors' exact heights, or from rays if the setting's
+        rendering is "full"."""
         candidates = self._yard.candidates(variant.working)
         rendering = self.setting.rendering
         chosen_rendering: Rendering = "panorama" if rendering == "auto" else rendering
@@ -162,7 +179,10 @@ class LiveScorer:
         return self._meter.objective(candidates, seen).score(range(len(candidates)))
 
     def measure(self, variant: Variant, predicted: LiveAnswer) -> LiveAnswer:
-        """Figures by the detector in place of the surrogate's."""
+        """Figures of the working sensors by the detector, on the same frames.
+
+        predicted: the surrogate's figures of the variant; AP, its interval and recall are replaced,
+        all others are kept."""
         from placement_env.report.planning.judging import Judge
 
         working = variant.working
@@ -175,7 +195,9 @@ class LiveScorer:
         judge = Judge.from_preparation(
             Preparation(setting, self.preparation.run), self.preparation.run.seed
         )
-        judgement = judge.judge(np.ones((1, len(working.sensors)), np.bool_))[0]
+        judgement = judge.judge(np.ones((1, len(working.sensors)), np.bool_))[
+            0
+        ]  # one set: all sensors
         return replace(
             predicted,
             what="measured",
@@ -186,14 +208,19 @@ class LiveScorer:
         )
 
     def hold_back(self, hold: Callable[[], bool]) -> None:
-        """Let panoramas wait between frames while `hold` is true and no other needs rays."""
+        """Let the making of panoramas pause between frames while `hold()` is true.
+
+        It goes on nevertheless if another thread needs rays."""
         for preparation in (self.preparation, self.all_frames.preparation):
             hold_back(preparation, hold)
 
     def fetch(
         self, list_variants: Callable[[], tuple[Variant, ...]], lock: AbstractContextManager[object]
     ) -> None:
-        """Make one missing view of all frames, or show their figures, under a lock."""
+        """Make one missing view of all frames, or show their figures if no view is missing.
+
+        list_variants: function that returns the variants whose sensors need views; lock: held while
+        the figures of all frames replace those of the first."""
 
         def show(preparation: Preparation) -> None:
             with lock:
@@ -207,11 +234,14 @@ class LiveScorer:
         self.all_frames.fetch(list_candidates, show)
 
     def make_suggester(self, estimate: Callable[[Variant], LiveAnswer]) -> Suggester:
-        """Suggester by the present question. estimate: figures of any variant."""
+        """Suggester of changes by the present question.
+
+        estimate: function that returns the figures of any variant."""
         return Suggester(self._yard, self._meter, self.views, estimate)
 
 
 def _describe_question(setting: Setting) -> dict[str, object]:
+    # fields of a setting that `LiveScorer.question` compares, as JSON values; None for any price
     cases = setting.cases
     max_price = None if math.isinf(setting.most_price) else setting.most_price
     question = {"classes": [*setting.counted.names], "iou": [*cases.ious], "errors": [*cases.names]}

@@ -16,10 +16,10 @@ from toolkit.arrays import Bool, Float32, Float64, Shaped
 from toolkit.geometry import invert, transform
 from toolkit.sensors.sensor import Sensor
 
-CELL_M = 0.5
-MAP_FRAMES = 48  # of the traffic, evenly chosen; a bit of 64 each
+CELL_M = 0.5  # width of a cell
+MAP_FRAMES = 48  # frames of the traffic, evenly chosen; at most 64, as each is a bit of a uint64
 MAP_HEIGHTS = {"a child": 1.0, "a car": 1.5}  # m above the ground where a place must be seen
-MAX_BITS_BYTES = 20_000_000  # 8 for each cell and place of a sensor in memory
+MAX_BITS_BYTES = 20_000_000  # memory: 8 bytes for each cell and place of a sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,10 @@ class SeenMap:
     """Share of the frames in which sensors see each cell of the detection area.
 
     Attributes:
-        x: Centres of the columns (m).
-        y: Centres of the rows (m).
-        share: Share of the frames in which some sensor sees the cell, NaN inside buildings.
+        x: Centres of the columns along the site's x axis (m).
+        y: Centres of the rows along the site's y axis (m).
+        share: Share of the frames (0 to 1) in which some sensor sees the cell, NaN inside
+            buildings.
         height: Height above the ground at which the cell is seen (m).
         frames: Number of frames.
     """
@@ -42,7 +43,10 @@ class SeenMap:
 
 
 class SeenMaps:
-    """Maps of what sensors see at a site with traffic, over its frames."""
+    """Maps of the cells that sensors see at a site, over frames of its traffic.
+
+    preparation: site and traffic; height: height above the ground (m) at which a cell must be
+    seen."""
 
     def __init__(self, preparation: Preparation, height: float) -> None:
         self._preparation = preparation
@@ -51,44 +55,46 @@ class SeenMaps:
         self._targets = targets[self._open]
         count = min(MAP_FRAMES, preparation.frames)
         self._frames = np.linspace(0, preparation.frames - 1, count).round().astype(np.int64)
-        self._bits = Bounded()  # by eye
+        self._bits = Bounded()  # result of `_find_sight` by position of the eye
 
     def draw(self, sensors: Iterable[Sensor]) -> SeenMap:
-        """Map of some sensors."""
+        """Map of the cells that any of the sensors sees."""
         seen = np.zeros(len(self._targets), np.uint64)
         for sensor in sensors:
             seen |= np.where(self._in_view(sensor), self._find_sight(sensor.position), np.uint64(0))
         share = np.full(self._open.shape, np.nan, np.float32)
-        share[self._open] = np.bitwise_count(seen) / len(self._frames)
+        share[self._open] = np.bitwise_count(seen) / len(self._frames)  # a bit for each frame
         return SeenMap(self._x, self._y, share, self.height, len(self._frames))
 
     def _in_view(self, sensor: Sensor) -> Bool[np.ndarray, " cells"]:
-        """Mask of the cells in the field of view of a sensor, hidden or not."""
+        """Mask of the open cells in the field of view of a sensor, hidden or not."""
         return np.asarray(sensor.model.in_view(transform(invert(sensor.pose), self._targets)))
 
     def _find_sight(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
-        """Frames in which nothing hides each cell from an eye, a bit for each frame.
+        """Frames in which nothing hides each open cell from an eye, as uint64.
 
-        Bits of the latest eyes stay in memory."""
-        key = eye.round(3).tobytes()
+        Bit k of a cell is 1 if nothing hides it in the k-th frame of the map. Bits of the latest
+        eyes stay in memory. eye: position in the site's frame (m)."""
+        key = eye.round(3).tobytes()  # equal to a millimetre
         bits: Shaped[np.ndarray, " cells"] | None = self._bits.get(key)
         if bits is None:
             live = self._preparation.live
             with live.casting if live is not None else nullcontext():
                 bits = self._cast_sight(eye)
-        self._bits.keep({key: bits}, MAX_BITS_BYTES)
+        self._bits.keep({key: bits}, MAX_BITS_BYTES)  # known ones too: they become the latest
         return bits
 
     def _cast_sight(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
-        """Bits of `_find_sight`, from rays that end at the cells."""
+        """Bits for `_find_sight`, from rays that start at an eye (m) and end at the open cells."""
         traffic = self._preparation.traffic
         origins = np.broadcast_to(eye, self._targets.shape)
+        # rows of origin and direction; directions are not unit vectors: length 1 reaches the cell
         rays = np.concatenate([origins, self._targets - eye], axis=1).astype(np.float32)
         bits = np.zeros(len(rays), np.uint64)
-        # the still scene hides a cell in all frames; only the others are asked of each frame
+        # indices of cells that the still scene does not hide; only these may differ by frame
         free = np.flatnonzero(~build_renderer(traffic).still_hides(rays))
         for bit, frame in enumerate(self._frames.tolist()):
-            # length of the way to the first vehicle; 1 is the length of the ray
+            # way to the first vehicle in parts of the ray; from 1 on, none is before the cell
             _, length = build_moment(traffic, frame).met(rays[free])
             bits[free] |= np.where(length >= 1, np.uint64(1 << bit), np.uint64(0))
         return bits

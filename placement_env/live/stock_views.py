@@ -12,12 +12,14 @@ from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from toolkit.arrays import Bool, Int64
 
-VIEW_COLUMNS = ("points", "distance", "sent", "far")
+VIEW_COLUMNS = ("points", "distance", "sent", "far")  # fields of `Visibility` with a row a sensor
 
 
 def join_views(unseen: Visibility, rows: Sequence[tuple[np.ndarray, ...]]) -> Visibility:
-    """View of sensors from a row of points, distance, sent and far of each. unseen: the objects,
-    without a sensor."""
+    """View of several sensors on the same objects, joined from the row of each.
+
+    unseen: view of the objects without a sensor; rows: points, distance, sent and far of each
+    sensor, as arrays over objects or frames (fields of `Visibility`)."""
     if not rows:
         return unseen
     return replace(
@@ -26,15 +28,22 @@ def join_views(unseen: Visibility, rows: Sequence[tuple[np.ndarray, ...]]) -> Vi
 
 
 class StockViews:
-    """Views of the poses of a stock from panoramas, at one height of every pole first, those in the
-    middle of the area before others. known: number of poses."""
+    """Views of the poses of a stock from panoramas, made group by group.
+
+    A group is all poses at one height of one pole. Groups at the middle height come first, and
+    among them poles near the middle of the area. The stock is the preparation's candidates.
+
+    Attributes:
+        known: Number of poses whose views are made.
+    """
 
     def __init__(self, preparation: Preparation) -> None:
         self._preparation = preparation
         self._stock = preparation.setting.pool
+        # indices of poses in the stock, and their view
         self._rows: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
         self.known = 0
-        heights = self._stock.factors[:, 1]
+        heights = self._stock.factors[:, 1]  # step of each pose's height in the stock's axes
         middle = len(self._stock.axes.heights) // 2
         order = sorted(set(heights.tolist()), key=lambda height: abs(height - middle))
         middle_of = preparation.setting.place.area.reshape(2, 2).mean(axis=0)
@@ -44,24 +53,28 @@ class StockViews:
             for height in order
             for mount in np.argsort(away, kind="stable")
         ]
-        self._waiting = {int(group[0]): group for group in groups if len(group)}  # by first pose
-        self._first: dict[int, int] = {}  # key of what is looked at first from each mount
+        # groups without views, by the index of their first pose, which is their key
+        self._waiting = {int(group[0]): group for group in groups if len(group)}
+        self._first: dict[int, int] = {}  # by mount: key of the group that is viewed first
         for key in self._waiting:
             self._first.setdefault(int(self._stock.mount[key]), key)
 
     def __getstate__(self) -> dict[str, object]:
-        # threads change both
+        # copies, as other threads change both
         return {**self.__dict__, "_rows": list(self._rows), "_waiting": dict(self._waiting)}
 
     def look_further(self) -> bool:
-        """Make the views of the poses at one more height of a pole; False if all are known."""
+        """Make the views of the poses at one more height of a pole.
+
+        Returns False if all are known, or without panoramas."""
         key = next(iter(list(self._waiting)), None)
         return key is not None and self._look(key)
 
     def at_least_coarse(self, patience: float, free: Bool[np.ndarray, " M"]) -> bool:
-        """Make the views of the poses at one height of every free pole.
+        """Make the views of the poses at one height of every free pole that lacks them.
 
-        Returns True if `patience` (s) ended before all were made."""
+        patience: time (s) for that; at least one is made. free: True for mounts that a sensor may
+        use. Returns True if the time ended before all were made."""
         end = time.monotonic() + patience
         for key in [
             key for mount, key in self._first.items() if free[mount] and key in self._waiting
@@ -72,14 +85,15 @@ class StockViews:
         return False
 
     def _look(self, key: int) -> bool:
-        """Make the views of the poses of a key, once for all threads.
+        """Make the views of one group of poses, once for all threads.
 
-        Returns False if views are not looked up in panoramas."""
+        key: index of the group's first pose. Returns False if views are not looked up in
+        panoramas, so nothing was made."""
         live = self._preparation.live
         group = self._waiting.get(key)
         if live is not None and group is not None:
             seen = live.see(self._stock.select(group), reach="own")
-            if self._waiting.pop(key, None) is not None:
+            if self._waiting.pop(key, None) is not None:  # no other thread was faster
                 self._rows.append((group, seen))
                 self.known += len(group)
         return live is not None
@@ -91,10 +105,11 @@ class StockViews:
         is_working: Bool[np.ndarray, " B"],
         objective: Callable[[Candidates, Visibility], Objective],
     ) -> list[int]:
-        """Known poses that may join a set, the best first.
+        """Indices in the stock of known poses that may join a set, the greatest reward first.
 
-        base: sensors of the set; seen: their view; is_working: False for sensors that have
-        failed."""
+        base: sensors of the set; seen: their view; is_working: False for sensors that have failed,
+        which take up room but see nothing; objective: function that returns the objective of
+        candidates from their view."""
         rows = list(self._rows)
         if not rows:
             return []
@@ -110,16 +125,18 @@ class StockViews:
             replace(s, name=f"{s.name} of the stock") if s.name in names else s
             for s in stock.sensors
         ]
+        # aims do not matter: the views are known
         aim = np.zeros((count + len(indices), 3))
         mount = np.concatenate([base.mount, stock.mount])
         candidates = Candidates.from_poses(
             [*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts)
         )
         scored = objective(candidates, replace(seen, **columns))
+        # one set for each pose: all sensors of the base and this pose
         sets = np.zeros((len(indices), len(candidates)), np.bool_)
         sets[:, :count] = True
         sets[np.arange(len(indices)), count + np.arange(len(indices))] = True
-        fits = scored.feasible(sets)
+        fits = scored.feasible(sets)  # failed sensors need room too
         sets[:, :count] = is_working
         reward = np.where(fits, scored.scores(sets).reward, -np.inf)
         order = np.argsort(-reward, kind="stable")

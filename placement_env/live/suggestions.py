@@ -11,8 +11,8 @@ from placement_env.live.figures import LiveAnswer, Meter
 from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Yard, name_on_pole
 from placement_env.live.views import SensorViews
 
-MIN_HELPFUL_GAIN_AP = 1e-4  # a change that gains less does not help
-# rad of heading and tilt that a suggestion is turned by
+MIN_HELPFUL_GAIN_AP = 1e-4  # a change that gains less AP does not help
+# steps (heading, tilt) in rad by which a suggested sensor is turned while that helps
 TURNS_RAD = ((0.2, 0.0), (-0.2, 0.0), (0.0, 0.09), (0.0, -0.09))
 
 
@@ -21,10 +21,10 @@ class Suggestion:
     """Change that raises the AP.
 
     Attributes:
-        kind: add, move or remove.
-        sensor: Sensor after the change, or the one to remove.
-        answer: Figures after the change.
-        considered: Number of poses of the stock that were compared.
+        kind: "add", "move" or "remove".
+        sensor: Sensor in its pose after the change, or the one to remove.
+        answer: Figures of the variant after the change.
+        considered: Number of poses of the stock that were compared, 0 to remove a sensor.
     """
 
     kind: str
@@ -34,7 +34,10 @@ class Suggestion:
 
 
 class Suggester:
-    """Suggest changes of a variant. estimate: figures of any variant."""
+    """Suggest changes of a variant that raise its AP.
+
+    yard: site and stock of poses; meter: scores sensors whose views are known; views: views of
+    sensors and of the stock's poses; estimate: function that returns the figures of a variant."""
 
     def __init__(
         self,
@@ -51,7 +54,11 @@ class Suggester:
     def suggest(
         self, variant: Variant, kind: str, name: str | None, *, count: int, patience: float
     ) -> tuple[Suggestion, ...]:
-        """Return the best changes of a kind, see `LivePlanner.suggest`."""
+        """Return up to `count` changes of a kind, the greatest AP first.
+
+        kind: "add", "move" or "remove"; name: sensor to move, None for other kinds; patience: time
+        (s) to make views from poles without one, extended until a pose fits. Raises ValueError for
+        another kind, and an unknown or locked sensor to move."""
         if kind == "remove":
             suggestions = self._suggest_removals(variant)[:count]
         elif kind not in ("add", "move") or (kind == "move" and name is None):
@@ -68,6 +75,7 @@ class Suggester:
         return tuple(suggestions)
 
     def _suggest_removals(self, variant: Variant) -> list[Suggestion]:
+        # removal of each sensor that is not locked, the greatest remaining AP first
         suggestions = []
         for sensor in variant.sensors:
             if not sensor.locked:
@@ -78,16 +86,18 @@ class Suggester:
     def _suggest_poses(
         self, base: Variant, carried: LiveSensor | None, count: int, patience: float
     ) -> list[Suggestion]:
-        """Best poses for one more sensor, on different poles. carried: the sensor, None for a new
-        one."""
+        """Best poses for one more sensor, on different poles, the greatest AP first.
+
+        base: variant without this sensor; carried: sensor that is moved, None for a new one; count:
+        greatest number of poses; patience: time (s) to make views, extended until a pose fits."""
         kind = "add" if carried is None else "move"
         view = self._views.see(base)
         stock = self._yard.stock
         has_room = [self._yard.has_room(base, mount.name) for mount in stock.mounts]
         is_allowed = [not self._yard.bars(base, mount) for mount in stock.mounts]
         is_free = np.logical_and(has_room, is_allowed)
-        ranked = list[int]()
-        more = True
+        ranked = list[int]()  # indices of poses in the stock, the best first
+        more = True  # True while views of free poles are missing
         while more and not ranked:
             more = self._views.stock.at_least_coarse(patience, is_free)
             ranked = self._views.stock.rank(
@@ -106,14 +116,20 @@ class Suggester:
         return sorted(suggestions, key=_loss)
 
     def _hang(self, base: Variant, candidate: int, carried: LiveSensor | None) -> LiveSensor:
-        """Candidate of the stock as a sensor."""
+        """Sensor in the pose of a candidate of the stock.
+
+        base: variant that it joins, for a free name; candidate: index in the stock; carried: sensor
+        whose name and state it keeps, None for a new one."""
         (sensor,) = self._yard.place([self._yard.stock.sensors[candidate]]).sensors
         if carried is not None:
             return replace(sensor, name=carried.name, failed=carried.failed)
         return replace(sensor, name=name_on_pole(base, sensor.mount))
 
     def improve(self, kind: str, base: Variant, sensor: LiveSensor) -> Suggestion:
-        """Suggestion of a sensor, turned and tilted while that helps and makes no problem."""
+        """Suggestion of one more sensor, turned and tilted while that helps.
+
+        A turn helps if AP rises by more than `MIN_HELPFUL_GAIN_AP` and no problem is added. kind:
+        "add" or "move", for the suggestion; base: variant without the sensor."""
 
         def judge(candidate: LiveSensor) -> tuple[float, int]:
             view = self._views.see(replace(base, sensors=(*base.sensors, candidate)))
@@ -138,8 +154,10 @@ class Suggester:
 
 
 def apply_suggestion(yard: Yard, variant: Variant, suggestion: Suggestion) -> VariantChange:
-    """Make a suggested change. Raises ValueError if the variant has changed so that it does not
-    fit."""
+    """Make a suggested change of a variant, which may have changed since.
+
+    A sensor to add gets a free name. Raises ValueError if the suggestion no longer fits: its sensor
+    is missing or locked, or its pole has no room."""
     sensor = suggestion.sensor
     if suggestion.kind == "remove":
         return remove_sensor(yard, variant, sensor.name)
@@ -154,4 +172,5 @@ def apply_suggestion(yard: Yard, variant: Variant, suggestion: Suggestion) -> Va
 
 
 def _loss(suggestion: Suggestion) -> float:
+    # sort key: the greatest AP comes first
     return -suggestion.answer.ap

@@ -22,17 +22,17 @@ from toolkit.sites.site import Mount, Site
 
 TILT_SPAN = (float(np.deg2rad(-10.0)), float(np.deg2rad(89.0)))  # rad below the horizon
 SNAP = 1.5  # m from a pole within which a dragged sensor is taken to be on it
-PASSABLE = ("kerb", "island")  # solids that may carry a pole
+PASSABLE = ("kerb", "island")  # kinds of solids that may carry a pole
 KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
-FARTHEST = 100.0  # m between a pole and the detection area
+FARTHEST = 100.0  # greatest distance (m) of a pole from the detection area
 LONGEST_NAME = 60
-# in a variant
+# limits of a variant that is read
 MAX_VARIANT_SENSORS = 1000
 MAX_VARIANT_POLES = 1000
 MAX_TURN_RAD = 1000.0
-SLACK_M = 1e-6
+SLACK_M = 1e-6  # rounding that is forgiven, in m and rad
 MAX_FOOT_GAP_M = 20.0  # between the foot of a pole and the ground
-KEPT_OUT = "it is a keep-out area"
+KEPT_OUT = "it is a keep-out area"  # reason in errors
 Where = str | tuple[float, float]  # name of a pole, or x and y of a place (m)
 Corners = tuple[tuple[float, float], ...]  # x and y (m) of each corner of an area
 
@@ -45,10 +45,10 @@ class LiveSensor:
         name: Name of the sensor.
         model: Name of its model in the stock.
         mount: Name of its pole.
-        x: Position (m).
-        y: Position (m).
+        x: Position along the site's x axis (m), within `SNAP` of the pole.
+        y: Position along the site's y axis (m).
         height: Height above the foot of the pole (m).
-        heading: Heading (rad).
+        heading: Heading, counter-clockwise from the site's +x (rad).
         tilt: Tilt below the horizon (rad).
         locked: Whether it may not be moved.
         failed: Whether it is mounted, but sees and sends nothing.
@@ -68,7 +68,13 @@ class LiveSensor:
 
 @dataclass(frozen=True)
 class Variant:
-    """Sensors, additional poles for them, and keep-out areas that no pole may use."""
+    """Sensors on poles, as they are moved by hand; each change makes another variant.
+
+    Attributes:
+        sensors: Sensors on poles of the stock or on `poles`.
+        poles: Additional poles, which the stock lacks.
+        keep_out: Corners of each area that no pole may use.
+    """
 
     sensors: tuple[LiveSensor, ...] = ()
     poles: tuple[Mount, ...] = ()
@@ -90,7 +96,7 @@ class Variant:
         return sensor
 
     def with_sensor(self, sensor: LiveSensor) -> "Variant":
-        """Return the variant with a sensor in place of the one of its name."""
+        """Return the variant with a sensor in place of the one with the same name."""
         return replace(
             self,
             sensors=tuple(
@@ -99,7 +105,7 @@ class Variant:
         )
 
     def without_sensor(self, name: str) -> "Variant":
-        """Return the variant without a sensor."""
+        """Return the variant without the named sensor; unchanged if there is none."""
         return replace(self, sensors=tuple(s for s in self.sensors if s.name != name))
 
     def without_idle_poles(self) -> "Variant":
@@ -118,7 +124,7 @@ class Variant:
         return replace(self, sensors=tuple(s for s in self.sensors if not s.failed))
 
     def as_dict(self) -> dict[str, object]:
-        """Return what JSON keeps."""
+        """Return sensors, poles and keep-out areas as JSON values, which `from_dict` reads."""
         poles = [{**vars(pole), "position": pole.position.tolist()} for pole in self.poles]
         areas = [np.array(corners).tolist() for corners in self.keep_out]
         return {
@@ -129,8 +135,10 @@ class Variant:
 
     @staticmethod
     def from_dict(document: object, where: str = "") -> "Variant":
-        """Read what `as_dict` gave. where: its path in a file. Raises ValueError that names what
-        does not fit."""
+        """Read a variant from the JSON values that `as_dict` gave.
+
+        where: path of these values in a file, for errors. Raises ValueError that names what does
+        not fit."""
         variant = JsonObject(document, where)
         variant.check_keys(("sensors", "poles", "keep_out"))
         sensors = tuple(_read_sensor(row) for row in variant.nodes("sensors", MAX_VARIANT_SENSORS))
@@ -141,6 +149,7 @@ class Variant:
 
 
 def _read_sensor(row: JsonObject) -> LiveSensor:
+    # sensor from its JSON values; locked and failed may be missing
     row.check_keys([field.name for field in fields(LiveSensor)])
     members: dict[str, Any] = {key: row.get(key, str) for key in ("name", "model", "mount")}
     members |= {
@@ -154,6 +163,7 @@ def _read_sensor(row: JsonObject) -> LiveSensor:
 
 
 def _read_pole(row: JsonObject) -> Mount:
+    # additional pole from its JSON values; all but name and position may be missing
     row.check_keys([field.name for field in fields(Mount)])
     position = np.array(row.numbers("position", 3))
     name = row.get("name", str)
@@ -174,8 +184,10 @@ def check_name(name: str) -> str:
 
 
 def check_keep_out(corners: Iterable[Iterable[float]]) -> Corners:
-    """Return the corners of an area. Raises ValueError unless they are three or more around a plain
-    shape."""
+    """Return the corners (x, y in m) of a keep-out area as tuples of floats.
+
+    Raises ValueError unless they are three or more, at most `MAX_COORDINATE_M` from 0, and no edge
+    crosses another."""
     rule = "an area needs three corners or more (x, y), and no edge may cross another"
     try:
         rows = tuple((float(x), float(y)) for x, y in corners)
@@ -189,7 +201,13 @@ def check_keep_out(corners: Iterable[Iterable[float]]) -> Corners:
 
 @dataclass(frozen=True, eq=False)
 class Yard:
-    """Site, stock of candidates and keep-out areas: what variants are made of."""
+    """Site, stock and keep-out areas that variants are made of.
+
+    Attributes:
+        site: Site with its ground, lanes, solids and present sensors.
+        stock: Candidates, whose poles and models a variant may use in any pose.
+        keep_out: Areas where no new pole may be, for all variants.
+    """
 
     site: Site
     stock: Candidates
@@ -197,7 +215,7 @@ class Yard:
 
     @cached_property
     def models(self) -> dict[str, SensorModel]:
-        """Sensor models that may be bought, by name."""
+        """Sensor models of the stock, by names in words; repeated names get a number."""
         by_name: dict[str, SensorModel] = {}
         for model in self.stock.axes.models:
             plain = name_in_words(type(model).__name__)
@@ -214,7 +232,9 @@ class Yard:
         return {mount.name: mount for mount in self.stock.mounts}
 
     def find_mount(self, variant: Variant, name: str) -> Mount:
-        """Return a pole of the stock or an additional one. Raises ValueError for an unknown one."""
+        """Return a pole of the stock, or an additional one of the variant, by its name.
+
+        Raises ValueError for an unknown one."""
         mounts = self.mounts | {pole.name: pole for pole in variant.poles}
         if name not in mounts:
             raise ValueError(
@@ -223,7 +243,9 @@ class Yard:
         return mounts[name]
 
     def name_model(self, model: SensorModel) -> str:
-        """Return the name of a model. Raises ValueError if the stock lacks it."""
+        """Return the name of a sensor model in `models`.
+
+        Raises ValueError if the stock lacks the model."""
         for name, known_model in self.models.items():
             if known_model == model:
                 return name
@@ -236,9 +258,11 @@ class Yard:
         sensors: Iterable[Sensor],
         keep_out: Iterable[shapely.Geometry],
     ) -> "Yard":
-        """Yard of a stock, with the poles and models of present sensors.
+        """Yard of a stock, with the poles and models of present sensors added.
 
-        These models cost nothing, and a pole may carry as many sensors as it has now."""
+        These models cost nothing, and a pole may carry as many sensors as it has now. sensors:
+        present sensors, each on a pole within `SNAP` or on an additional one; keep_out: areas where
+        no new pole may be."""
         sensors = list(sensors)
         axes = stock.axes
         mounts = list(stock.mounts)
@@ -262,7 +286,10 @@ class Yard:
         return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
 
     def place(self, sensors: Iterable[Sensor]) -> Variant:
-        """Variant of sensors in their poses, each on the nearest pole or an additional one."""
+        """Variant of sensors in their poses, each on the nearest pole or an additional one.
+
+        Heights, headings and tilts that a step of the stock equals but for rounding become that
+        step. Raises ValueError for a model that the stock lacks."""
         variant = Variant()
         axes = self.stock.axes
         for sensor in sensors:
@@ -283,6 +310,8 @@ class Yard:
     def _mount_near(
         self, variant: Variant, spot: tuple[float, float], within: float
     ) -> tuple[Mount, Variant]:
+        # nearest pole and the same variant, if it is within a distance (m) of a spot (x, y in m);
+        # else a new pole on the ground there, like the nearest one, and the variant with it
         mounts = [*self.stock.mounts, *variant.poles]
         distances = [float(np.hypot(*(mount.position[:2] - spot))) for mount in mounts]
         nearest = mounts[int(np.argmin(distances))]
@@ -294,20 +323,28 @@ class Yard:
         while name in {mount.name for mount in mounts}:
             name = f"own pole {number + 1}"
             number = number + 1
-        price = max(mount.price for mount in self.stock.mounts)
+        price = max(mount.price for mount in self.stock.mounts)  # the dearest pole's
         pole = replace(nearest, name=name, position=foot, price=price, origin="drawn")
         return pole, replace(variant, poles=(*variant.poles, pole))
 
     def stand(self, variant: Variant, where: Where) -> tuple[Mount, Variant]:
-        """Pole of a name, or near a place (`SNAP`), else a new one there, and the variant with it.
+        """Find the pole of a name or near a place, or make one there.
 
-        Raises ValueError for a place that no pole may use."""
+        where: name of a pole, or x and y (m) of a place, from which a pole within `SNAP` is taken.
+
+        Returns:
+            The pole, and the variant: the same one, or with the new pole added.
+
+        Raises:
+            ValueError: For an unknown pole, and a place or pole that may not be used.
+        """
         if isinstance(where, str):
             mount = self.find_mount(variant, where)
             after = variant
         else:
             spot = float(where[0]), float(where[1])
             mount, after = self._mount_near(variant, spot, SNAP)
+            # another variant means a new pole
             if after is not variant and (reason := self.refuse(spot)):
                 raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {reason}")
         if self.bars(variant, mount):
@@ -315,17 +352,17 @@ class Yard:
         return mount, after
 
     def has_room(self, variant: Variant, mount: str) -> bool:
-        """True if a pole may carry one more sensor."""
+        """True if a pole, given by name, may carry one more sensor than it has in the variant."""
         max_sensors = self.find_mount(variant, mount).max_sensors
         return sum(sensor.mount == mount for sensor in variant.sensors) < max_sensors
 
     def check_room(self, variant: Variant, mount: str) -> None:
-        """Raise ValueError for a pole that carries as many sensors as it may."""
+        """Raise ValueError if a pole, given by name, carries as many sensors as it may."""
         if not self.has_room(variant, mount):
             raise ValueError(f"{mount} carries all the sensors that it may: take another pole")
 
     def bars(self, variant: Variant, mount: Mount) -> bool:
-        """True for a pole in a keep-out area of the variant."""
+        """True for a pole within `KERB_GAP` of a keep-out area of the variant."""
         point = shapely.Point(mount.position[:2])
         return any(
             shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out
@@ -340,7 +377,9 @@ class Yard:
         return names
 
     def refuse(self, spot: tuple[float, float]) -> str:
-        """Reason why no pole may use a place, "" if one may."""
+        """Reason why no new pole may be at a spot (x, y in m), "" if one may.
+
+        The keep-out areas are the yard's; a variant's areas are for `bars`."""
         point = shapely.Point(spot)
         xmin, ymin, xmax, ymax = self.site.area.tolist()
         if point.distance(shapely.box(xmin, ymin, xmax, ymax)) > FARTHEST:
@@ -352,6 +391,7 @@ class Yard:
 
     @cached_property
     def _barred(self) -> dict[str, shapely.Geometry]:
+        # area that no new pole may use, by the reason; prepared for many distance queries
         solid = [
             shapely.Polygon(shape.footprint)
             for shape in self.site.solids
@@ -367,7 +407,9 @@ class Yard:
         return barred
 
     def candidates(self, variant: Variant) -> Candidates:
-        """Sensors of a variant as candidates."""
+        """Sensors of a variant, failed ones included, as candidates in the same order.
+
+        Their mounts are the stock's poles and then the variant's."""
         mounts = (*self.stock.mounts, *variant.poles)
         index = {mount.name: k for k, mount in enumerate(mounts)}
         sensors = [self.build_sensor(variant, live_sensor) for live_sensor in variant.sensors]
@@ -382,14 +424,15 @@ class Yard:
         return Candidates.from_poses(sensors, rows, aim, stock)
 
     def build_sensor(self, variant: Variant, sensor: LiveSensor) -> Sensor:
-        """Build a sensor in its pose on the pole."""
+        """Build the sensor, with model and pose in the site's frame, that a variant describes."""
         foot = float(self.find_mount(variant, sensor.mount).position[2])
         return _hang(sensor, self.models[sensor.model], foot)
 
     def check(self, variant: Variant) -> Variant:
-        """Return a variant. Raises ValueError for an unknown model or pole, a repeated name, a
-        sensor that is not on its pole or beyond its heights, and a pole that is not at the
-        site."""
+        """Return a variant unchanged if it fits the yard.
+
+        Raises ValueError for an unknown model or pole, a repeated name, a sensor that is not on its
+        pole or beyond its heights, and a pole that is not at the site."""
         names = [sensor.name for sensor in variant.sensors]
         if len(set(names)) < len(names):
             raise ValueError(f"names of sensors must differ, got {', '.join(names)[:80]}")
@@ -410,6 +453,7 @@ class Yard:
         return variant
 
     def _check_pole(self, pole: Mount) -> None:
+        # raise ValueError for a pole far from the detection area, or with its foot off the ground
         foot_xy = pole.position[:2]
         is_present = any(np.hypot(*(spot - foot_xy)) <= SNAP for spot in self._present)
         distance_m = shapely.box(*self.site.area.tolist()).distance(shapely.Point(foot_xy))
@@ -424,6 +468,7 @@ class Yard:
             )
 
     def _check_place(self, sensor: LiveSensor, mount: Mount) -> None:
+        # raise ValueError for a sensor off its pole, beyond its heights, or tilted too far
         distance_m = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
         if distance_m > SNAP:
             problem = (
@@ -434,6 +479,7 @@ class Yard:
                 f"{problem}: give it the place of its pole, or carry it to another one"
             )
         usual = mount.min_height, mount.max_height
+        # a sensor of the site may keep its height beyond the usual ones
         low, high = (
             pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max)
         )
@@ -450,12 +496,12 @@ class Yard:
 
     @cached_property
     def _present(self) -> list[np.ndarray]:
-        """Places of the site's sensors."""
+        """Positions (x, y in m) of the site's present sensors."""
         return [sensor.position[:2] for sensor in self.site.sensors]
 
     @cached_property
     def _heights(self) -> dict[str, list[float]]:
-        """Heights of the site's sensors, by pole."""
+        """Heights (m above the foot) of the site's present sensors, by name of the pole."""
         heights = defaultdict[str, list[float]](list)
         for sensor in self.place(self.site.sensors).sensors:
             heights[sensor.mount].append(sensor.height)
@@ -463,16 +509,18 @@ class Yard:
 
 
 def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = math.inf) -> float:
-    """Return the step of the stock that a value is, but for rounding, else the value.
+    """Return the step of the stock that equals a value but for rounding, else the value.
 
     A sensor that was written to a file and read again is then the candidate that it was, with the
-    same noise."""
+    same noise. steps: heights (m), headings or tilts (rad) of the stock; period: turn after which
+    values are equal, 2 pi for headings, inf for none."""
     gaps = np.abs([math.remainder(step - value, period) for step in steps.tolist()])
     return float(steps[gaps.argmin()]) if len(gaps) and gaps.min() < SLACK_M else value
 
 
 @lru_cache(maxsize=64)
 def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
+    # sensor of a model in its pose; foot: z of the pole's foot (m). Cached: sensors rarely change
     plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
     return aim_sensor(
         plain, np.array([sensor.x, sensor.y, foot + sensor.height]), sensor.heading, sensor.tilt
@@ -480,7 +528,9 @@ def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
 
 
 def name_on_pole(variant: Variant, pole: str) -> str:
-    """Name of one more sensor on a pole: the pole's, with b, c, ... where another sensor has it."""
+    """Name of one more sensor on a pole that no sensor of the variant has.
+
+    It is made of the pole's name, with b, c, … after it if that is taken."""
     names = {sensor.name for sensor in variant.sensors}
     plain = name_sensor(pole)[:LONGEST_NAME]
     lettered = (f"{plain} {letter}" for letter in ascii_lowercase[1:])
@@ -490,7 +540,9 @@ def name_on_pole(variant: Variant, pole: str) -> str:
 
 
 def free_name(variant: Variant, stem: str) -> str:
-    """Name that no sensor has yet."""
+    """Name that no sensor of the variant has: a stem, with a number if that is taken.
+
+    A number at the end of the stem is replaced."""
     names = {sensor.name for sensor in variant.sensors}
     name = stem[:LONGEST_NAME]
     number = 1

@@ -23,7 +23,7 @@ from toolkit.sensors.sensor import Sensor
 MAX_PANORAMA_BYTES = 190_000_000  # all panoramas in memory
 MAX_LIVE_VIEWS = 512  # views of one sensor in memory
 USUAL_TILT_RAD = 0.3  # below the horizon, around which tables are made first
-# points, distance, sent, far of one sensor
+# fields of `Visibility` of one sensor: points and distance by object, sent and far by frame
 SensorRow = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -31,8 +31,8 @@ class VariantView(NamedTuple):
     """View of a variant.
 
     Attributes:
-        candidates: Sensors of the variant.
-        seen: View of each sensor.
+        candidates: Sensors of the variant, in its order.
+        seen: View of these sensors on the road users that count, also of failed ones.
         is_working: False for sensors that have failed.
         coarse: True if a view is interpolated between heights.
     """
@@ -44,15 +44,20 @@ class VariantView(NamedTuple):
 
 
 class SensorViews:
-    """Views of sensors in one traffic, by their poses. stock: views of the poses of the stock.
+    """Views of sensors in one traffic, kept in memory by model and pose.
 
-    A copy has the same views, and goes on without the original."""
+    A copy has the same views, and goes on without the original. meter: gives the traffic.
+
+    Attributes:
+        stock: Views of the poses of the stock.
+    """
 
     def __init__(self, yard: Yard, meter: Meter) -> None:
         self._yard = yard
         self._meter = meter
         self._preparation = meter.preparation
-        self._rows = dict[object, tuple[SensorRow, bool]]()  # and True if from its very height
+        # view by model and pose, the oldest first, and True if it is from the sensor's exact height
+        self._rows = dict[object, tuple[SensorRow, bool]]()
         self.stock = StockViews(self._preparation)
         if self._preparation.live is not None:
             self._preparation.live.limit(MAX_PANORAMA_BYTES)
@@ -61,14 +66,14 @@ class SensorViews:
         return {**self.__dict__, "_rows": self._rows.copy()}
 
     def see(self, variant: Variant) -> VariantView:
-        """View of a variant."""
+        """View of a variant's sensors, from memory or looked up now."""
         candidates = self._yard.candidates(variant)
         seen, coarse = self.look(candidates)
         is_working = np.array([not sensor.failed for sensor in variant.sensors], np.bool_)
         return VariantView(candidates, seen, is_working, coarse)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """View of the sensors of a variant, and True if one is interpolated between heights."""
+        """View of sensors, and True if one is interpolated between heights."""
         live = self._preparation.live
         coarse = False
         rows: list[SensorRow] = []
@@ -87,6 +92,7 @@ class SensorViews:
         return join_views(self._meter.unseen, rows), coarse
 
     def _look_at(self, candidate: Candidates) -> SensorRow:
+        # view of one candidate from the nearest panoramas, or from rays without panoramas
         live = self._preparation.live
         if live is None:
             labels = self._preparation.setting.counted.labels
@@ -97,10 +103,10 @@ class SensorViews:
         return seen.points[0], seen.distance[0], seen.sent[0], seen.far[0]
 
     def refine(self, variant: Variant) -> bool:
-        """Make one missing view; False if no view is missing.
+        """Make one missing panorama or table of rays; False if none is missing.
 
-        The sensors of the variant come first, then other heights of their poles, the nearest first,
-        then the stock."""
+        The sensors of the variant come first, then tables of rays of their models, other heights
+        of their poles (the nearest first), and at last the stock."""
         live = self._preparation.live
         if live is None:
             return False
@@ -121,7 +127,9 @@ class SensorViews:
 
 
 class AllFrames:
-    """All frames of traffic, while figures of the first few are shown.
+    """All frames of traffic, whose views are made while figures of the first few are shown.
+
+    A copy has a lock that is free.
 
     Attributes:
         preparation: Preparation of all frames, None once their figures are shown.
@@ -147,10 +155,10 @@ class AllFrames:
     def fetch(
         self, candidates: Callable[[], list[Candidates]], show: Callable[[Preparation], None]
     ) -> None:
-        """Make one missing view, or show the figures of all frames.
+        """Make one missing view of all frames, or show their figures if no view is missing.
 
-        candidates: function that lists the candidates to look from; show: function that shows the
-        figures and calls `end`."""
+        candidates: function that lists the sensors whose views are needed; show: function that
+        takes the preparation of all frames, shows its figures and calls `end`."""
         with self.fetching:
             preparation = self.preparation
             if preparation is None:
@@ -170,13 +178,16 @@ class AllFrames:
 
 
 def hold_back(preparation: Preparation | None, hold: Callable[[], bool]) -> None:
-    """Let panoramas wait between frames while `hold` is true and no other needs rays."""
+    """Let the making of panoramas pause between frames while `hold()` is true.
+
+    It goes on nevertheless if another thread needs rays. preparation: with the panoramas; None and
+    one without panoramas change nothing."""
     if preparation is not None and preparation.live is not None:
         preparation.live.hold = hold
 
 
 def make_view(live: TrafficView, candidates: Candidates, k: int, sensor: Sensor) -> bool:
-    """Make the view of a sensor on the mount of candidate k; False if it is known."""
+    """Make the panorama for a sensor on the mount of candidate k; False if it is known."""
     if live.knows(sensor):
         return False
     live.see(replace(candidates.select([k]), sensors=(sensor,)), reach="own")
@@ -184,13 +195,15 @@ def make_view(live: TrafficView, candidates: Candidates, k: int, sensor: Sensor)
 
 
 def _raise_sensors(candidates: Candidates) -> Iterator[tuple[int, Sensor]]:
-    """Numbers and sensors at the other heights of their poles, the nearest heights first."""
+    """Yield the sensors at the other heights of their poles, the nearest heights first.
+
+    Each comes with the index of its candidate. Their aim is 0: panoramas hold for any aim."""
     rises: list[tuple[float, int]] = []
     for k, sensor in enumerate(candidates.sensors):
         mount = candidates.mounts[candidates.mount[k]]
         foot_below = float(mount.position[2] - sensor.position[2])
         rises += [(foot_below + height, k) for height in list_heights(mount)]
     rises.sort(key=lambda rise: abs(rise[0]))
-    for up, k in rises:
+    for up, k in rises:  # way up (m) from the present height
         sensor = candidates.sensors[k]
         yield k, aim_sensor(sensor, sensor.position + np.array([0.0, 0.0, up]), 0.0, 0.0)

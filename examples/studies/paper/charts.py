@@ -24,7 +24,9 @@ PAPER_COLOUR = "#e69f00"
 
 
 def draw_pairs(names: Sequence[str], rows: Sequence[Compared], out: Path, *, title: str) -> None:
-    """Draw AP as pairs of bars, ours with its interval."""
+    """Draw AP as pairs of bars, ours with its interval.
+
+    names: label below each pair; rows: figures of each pair; out: picture to write."""
     with _chart(out, max(5.5, 0.55 * len(rows) + 1.5), 4.0) as axes:
         positions = np.arange(len(rows))
         ours = [np.nan if row.ours is None else row.ours for row in rows]
@@ -60,7 +62,10 @@ def draw_pairs(names: Sequence[str], rows: Sequence[Compared], out: Path, *, tit
 def draw_agreement(
     groups: Mapping[str, Sequence[tuple[str, float, float]]], out: Path, *, title: str
 ) -> None:
-    """Draw our figures over the paper's. groups: (name, paper, ours) of each marker."""
+    """Draw our AP over the paper's.
+
+    groups: name of the sensor set, paper's AP and our AP of each marker, by scheme; out: picture to
+    write."""
     with _chart(out, 6.0, 5.2) as axes:
         axes.plot([0, 1], [0, 1], color="#888888", linewidth=0.8, linestyle="dashed")
         styles = ((OUR_COLOUR, "o"), (PAPER_COLOUR, "^"))
@@ -95,7 +100,10 @@ def draw_log_fit(
     *,
     title: str,
 ) -> None:
-    """Draw mean IoU over point density, and its fit: intercept + slope · ln(density)."""
+    """Draw mean IoU over point density, and its fit: intercept + slope · ln(density).
+
+    density, iou: means of each bin; coefficients: intercept and slope, NaN for no fit; out: picture
+    to write."""
     with _chart(out, 6.0, 4.2) as axes:
         axes.scatter(density, iou, s=12, color=OUR_COLOUR, label="mean of a bin", zorder=3)
         intercept, slope = coefficients
@@ -118,7 +126,9 @@ def draw_log_fit(
 
 @contextmanager
 def _chart(out: Path, width: float, height: float) -> "Iterator[Axes]":
-    """Yield axes to draw on, and write the picture at the end."""
+    """Yield axes to draw on, and write the picture at the end.
+
+    width, height: inches. The same drawing gives the same SVG, byte for byte."""
     from matplotlib import rc_context
 
     with rc_context({"svg.hashsalt": "coview", "hatch.linewidth": 0.6}):

@@ -46,7 +46,7 @@ class Compared:
         ours: Our figure, None if missing.
         paper: The paper's figure, None if missing.
         interval: Interval of our figure; an interval that is NaN becomes None.
-        relation: Relation of the paper's statement to its figure.
+        relation: "is" if the paper states its figure, or "more than" or "less than" for a bound.
         reason: Reason for a large difference, "" without one."""
 
     labels: tuple[str, ...]
@@ -104,8 +104,8 @@ class Experiment:
         rows: Our figures and the paper's.
         basis: Data behind our figures.
         conclusion: Conclusion in a sentence or two.
-        draw: Function that writes its picture.
-        curves: More tables by file name, heads first."""
+        draw: Function that writes its picture to a path.
+        curves: More tables, each with the name of its file, and rows with the heads first."""
 
     name: str
     title: str
@@ -156,8 +156,12 @@ def to_csv(rows: Sequence[TableRow]) -> str:
 class RowEvidence(NamedTuple):
     """Measurements with the row's sensors, NaN if not measured.
 
-    visible: share of the vehicles with a point; recall: share of the vehicles that are found;
-    hit_iou: mean IoU of the hits; published: AP by the published protocol."""
+    Attributes:
+        visible: Share of the vehicles with a point.
+        recall: Share of the vehicles that are found.
+        hit_iou: Mean IoU of the hits.
+        published: AP by the published protocol.
+    """
 
     visible: float
     recall: float
@@ -170,7 +174,8 @@ def explain_difference(
 ) -> str:
     """Explain in one line a difference from the paper's AP.
 
-    Returns "" if it is no more than `LARGE_AP_DIFFERENCE`."""
+    ours, paper: both AP at the threshold `iou`. Letters in the text are the causes on the page.
+    Returns "" if the difference is no more than `LARGE_AP_DIFFERENCE`."""
     if isnan(ours) or abs(ours - paper) <= LARGE_AP_DIFFERENCE:
         return ""
     visible_share = evidence.visible

@@ -39,7 +39,12 @@ from toolkit.sites.site import Site
 
 
 class SchemeRun(NamedTuple):
-    """Name of a scheme, and its sensors as ascending numbers."""
+    """Fusion of one sensor set by one scheme.
+
+    Attributes:
+        scheme: Name of the scheme.
+        sensors: Indices of the sensors, ascending.
+    """
 
     scheme: str
     sensors: tuple[int, ...]
@@ -48,9 +53,13 @@ class SchemeRun(NamedTuple):
 class StoredTruth(NamedTuple):
     """Scored vehicles of one frame.
 
-    boxes: boxes of the vehicles; points: number of each sensor's points on each vehicle; sent:
-    number of each sensor's points in the crop, of points beyond the hybrid radius in the horizontal
-    plane, and of points beyond it as the published code measures (`toolkit.points.is_beyond`)."""
+    Attributes:
+        boxes: Boxes of the m vehicles.
+        points: Number of each sensor's points on each vehicle.
+        sent: Number of each sensor's points, in rows: in the crop, beyond the hybrid radius in the
+            horizontal plane, and beyond it as the published code measures
+            (`toolkit.points.is_beyond`).
+    """
 
     boxes: Float64[np.ndarray, "m 7"]
     points: Int64[np.ndarray, "m sensors"]
@@ -63,8 +72,9 @@ class FrameRun(NamedTuple):
     Attributes:
         boxes: Boxes of the detections.
         scores: Scores of the detections.
-        truth: Scored vehicle that each detection hits at each of `IOUS`, or FALSE_ALARM or IGNORED.
-        published: The same by the protocol `published`, with 0 for a hit.
+        truth: Index of the scored vehicle that each detection hits at each of `IOUS`, or
+            FALSE_ALARM or IGNORED.
+        published: Outcome by the protocol `published`: 0 for a hit, or FALSE_ALARM or IGNORED.
         best: IoU of each scored vehicle with the detection that overlaps it most.
         bits: Bits that each sensor sends.
         ms: Milliseconds from measurement to fused boxes."""
@@ -85,8 +95,8 @@ class StoredDetections:
     Attributes:
         site: The site.
         sensors: The sensors.
-        truths: Scored vehicles of each frame.
-        runs: Detections of each frame, by run.
+        truths: Scored vehicles of each frame, in order.
+        runs: Detections of each frame, in order, by run.
         detector: Digest of the detector.
         recording: Digest of the recording."""
 
@@ -113,7 +123,9 @@ class StoredDetections:
         return sum(self.to_find)
 
     def points(self, sensors: tuple[int, ...]) -> Int64[np.ndarray, " vehicles"]:
-        """Count the points on each vehicle in a set's fused cloud."""
+        """Count the points on each vehicle in a set's fused cloud, frame after frame.
+
+        sensors: indices of the set's sensors."""
         counts = [truth.points[:, list(sensors)].sum(axis=1) for truth in self.truths]
         return np.concatenate([np.zeros(0, np.int64), *counts])
 
@@ -130,9 +142,10 @@ def detect_runs(
 ) -> StoredDetections:
     """Detect each run in the first `frames` frames.
 
-    Runs in the memo are not detected again. stage: name of this work for the progress callback,
-    which is not called if the memo has all frames. Raises ValueError for a detector without
-    `digest`, or if fewer frames were recorded."""
+    Runs in the memo are not detected again; new ones are added to it frame by frame. renders:
+    recording; runs: sets and schemes, may be empty for the truth only; stage: name of this work for
+    the progress callback, which is not called if the memo has all frames. Raises ValueError for a
+    detector without `digest`, or if fewer frames were recorded."""
     digest = getattr(detector, "digest", None)
     if digest is None:
         raise ValueError(
@@ -147,7 +160,7 @@ def detect_runs(
     needed = [(k, run) for k in range(frames) for run in (None, *runs)]  # None: the truth
     keys = {frame_run: make_key("paper", depends_on, *frame_run) for frame_run in needed}
     stored = dict(zip(keys, memo.get(list(keys.values())), strict=True))
-    tasks = []
+    tasks = []  # frames with missing values, and their missing runs
     for k in range(frames):
         missing_runs = tuple(run for run in runs if stored[k, run] is None)
         if missing_runs or stored[k, None] is None:
@@ -172,7 +185,10 @@ def detect_runs(
 
 @dataclass(frozen=True)
 class _FrameJob:
-    """Work on one frame: its truth and its missing runs."""
+    """Work on one frame: its truth and its missing runs.
+
+    It is called with the number of a frame and the runs to detect, and returns the fields of
+    `StoredTruth`, and of `FrameRun` for each run. alone: False if other processes work too."""
 
     renders: Measured
     detector: Detector
@@ -206,6 +222,7 @@ class _FrameJob:
         return truth, [self._run(run, view, objects, counted) for run in runs]
 
     def _run(self, run: SchemeRun, view: View, objects: Objects, counted: Mask) -> Arrays:
+        # detections of one run in one frame; counted: mask of the objects that are scored
         fused: Fused = find_scheme(run.scheme).fuse(view, run.sensors)
         detections = fused.detections
         # index among the scored vehicles; the last entry is for index -1, no truth
@@ -236,8 +253,8 @@ class ApScore(NamedTuple):
     Attributes:
         ap: Average precision.
         interval: Interval of the AP.
-        recall: Share of the vehicles that are hit.
-        vehicles: Number of vehicles to find.
+        recall: Share of the vehicles that are hit at this IoU.
+        vehicles: Number of vehicles to find in all frames.
         hit_iou: Mean IoU of the vehicles that are hit with the detection that overlaps them most.
         tally: Tally of the detections that are not ignored."""
 
@@ -255,9 +272,9 @@ class ApScore(NamedTuple):
 
 
 def in_view_of_all(sensors: list[Sensor], boxes: Float64[np.ndarray, "n 7"]) -> Mask:
-    """Select boxes with their centre in every sensor's field of view, as in the paper's table 3.
+    """Mask of boxes with their centre in every sensor's field of view, as in the paper's table 3.
 
-    The centre may be occluded."""
+    The centre may be occluded. Without sensors all boxes are selected."""
     is_in_view = np.ones(len(boxes), bool)
     for sensor in sensors:
         is_in_view &= sensor.model.in_view(transform(invert(sensor.pose), boxes[:, :3]))
@@ -269,9 +286,9 @@ def score_run(
 ) -> ApScore:
     """Compute the AP of a run by the exact protocol. See `toolkit.detection.metrics.evaluate`.
 
-    region: sensors that must all have a place in view, () for the whole area. Only vehicles in the
-    region are to be found; a hit counts if it hits one of them, a false alarm if its centre is in
-    the region."""
+    iou: one of `IOUS`; region: indices of sensors that must all have a place in view, () for the
+    whole area. Only vehicles in the region are to be found; a hit counts if it hits one of them, a
+    false alarm if its centre is in the region."""
     row = IOUS.index(iou)
     sensors = [stored.sensors[c] for c in region]
     scores = []
@@ -282,6 +299,7 @@ def score_run(
         hit_truth = frame_run.truth[row]
         is_hit = hit_truth >= 0
         truth_in_region = in_view_of_all(sensors, truth.boxes)
+        # index -1, for no hit, reads the appended False
         hits_region = np.append(truth_in_region, False)[np.where(is_hit, hit_truth, -1)]
         centre_in_region = in_view_of_all(sensors, frame_run.boxes)
         is_in_region = np.where(is_hit, hits_region, centre_in_region)
@@ -299,7 +317,7 @@ def score_run(
 def compute_published_ap(stored: StoredDetections, run: SchemeRun, iou: float = 0.7) -> float:
     """Compute the AP of a run by protocol `published`, NaN without vehicles.
 
-    See `toolkit.detection.metrics`."""
+    Frames without vehicles do not count. iou: one of `IOUS`. See `toolkit.detection.metrics`."""
     row = IOUS.index(iou)
     frames = [
         frame_run
@@ -326,7 +344,9 @@ def compare_run(
 ) -> Compared:
     """Compare the AP of a run with the paper's.
 
-    labels: labels of the row; {} in the first becomes the number of vehicles to find."""
+    labels: labels of the row; {} in the first becomes the number of vehicles to find; paper: the
+    paper's AP; iou: one of `IOUS`; region: indices of sensors that must all have a vehicle in view,
+    () for the whole area."""
     ours = score_run(stored, run, iou, region)
     published = float("nan") if region else compute_published_ap(stored, run, iou)
     visible = visible_share(stored, run.sensors, region)
@@ -337,12 +357,12 @@ def compare_run(
 
 
 def kbit_per_sensor(stored: StoredDetections, run: SchemeRun) -> float:
-    """Return the mean kbit that a sensor sends per frame."""
+    """Return the data (kbit) that a sensor of a run sends per frame, on average."""
     return float(np.mean([frame_run.bits.mean() for frame_run in stored.runs[run]])) / 1000
 
 
 def ms_per_frame(stored: StoredDetections, run: SchemeRun) -> float:
-    """Return the median time from measurement to fused boxes, with sensors in parallel."""
+    """Return the median time (ms) from measurement to fused boxes, with sensors in parallel."""
     return float(np.median([frame_run.ms[0] for frame_run in stored.runs[run]]))
 
 
@@ -351,7 +371,8 @@ def visible_share(
 ) -> float:
     """Return the share of vehicles on which a set has a point, NaN without vehicles.
 
-    region: sensors that must all have a vehicle in view, () for all vehicles."""
+    sensors: indices of the set's sensors; region: indices of sensors that must all have a vehicle
+    in view, () for all vehicles."""
     boxes = np.concatenate([np.zeros((0, 7)), *(truth.boxes for truth in stored.truths)])
     is_in_region = in_view_of_all([stored.sensors[c] for c in region], boxes)
     points = stored.points(sensors)[is_in_region]

@@ -26,7 +26,13 @@ TARGET_IOUS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 class BinnedIou(NamedTuple):
-    """Bins with vehicles: mean density, mean IoU and vehicle count."""
+    """Bins of point density that have vehicles, ascending.
+
+    Attributes:
+        density: Mean number of points on a vehicle of each bin.
+        iou: Mean IoU of the vehicles of each bin.
+        vehicles: Number of vehicles of each bin.
+    """
 
     density: Float64[np.ndarray, " bins"]
     iou: Float64[np.ndarray, " bins"]
@@ -40,7 +46,9 @@ class LogFit(NamedTuple):
     slope: float
 
     def density_needed(self, iou: float) -> float:
-        """Return the points from which the fit reaches an IoU, infinite if it never does."""
+        """Return the number of points from which the fit reaches an IoU.
+
+        It is infinite if the fit never does, NaN without a fit."""
         if np.isnan(self.slope):
             return float("nan")
         if self.slope <= 0:
@@ -113,7 +121,10 @@ def iou_experiment(stored: StoredDetections, site: str, basis: str) -> Experimen
 def _average_iou(
     stored: StoredDetections, site: str, name: str, points_range: tuple[float, float]
 ) -> Compared:
-    """Average the IoU of vehicles with points in a half-open range, over the best sets."""
+    """Average the IoU of vehicles with points in a range, over the best sets.
+
+    name: label of the row; points_range: least number of points, and the number from which they are
+    too many."""
     low, high = points_range
     sums = np.zeros(stored.frames)
     counts = np.zeros(stored.frames)
@@ -132,7 +143,9 @@ def _average_iou(
 def densities_and_ious(
     stored: StoredDetections, site: str
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Return the point density and IoU of every vehicle, for each best set."""
+    """Return the number of points on every vehicle, and its IoU, for one best set after another.
+
+    The IoU is with the detection that overlaps the vehicle most, 0 without any."""
     density = [np.zeros(0)]
     iou = [np.zeros(0)]
     for run in curve_runs(site):
@@ -144,7 +157,10 @@ def densities_and_ious(
 def bin_iou(
     density: Float64[np.ndarray, " n"], iou: Float64[np.ndarray, " n"], bins: int = IOU_BINS
 ) -> BinnedIou:
-    """Average IoU over bins of equal width from 0 to the maximum density."""
+    """Average IoU over bins of equal width from 0 to the maximum density.
+
+    density: number of points on each vehicle; iou: IoU of each; bins: number of bins; empty ones
+    are left out."""
     width = float(density.max(initial=0)) / bins
     number = np.zeros(len(density), np.int64)
     if width:
@@ -158,12 +174,14 @@ def bin_iou(
 
 
 def fit_log(bins: BinnedIou) -> LogFit:
-    """Fit IoU to log density by weighted least squares over the bins whose density is above 0."""
+    """Fit IoU to log density by weighted least squares over the bins whose density is above 0.
+
+    Bins weigh as much as they have vehicles. The fit is NaN with fewer than two bins."""
     is_used = bins.density > 0
     if is_used.sum() < 2:
         return LogFit(float("nan"), float("nan"))
     log_density = np.log(bins.density[is_used])
-    weights = np.sqrt(bins.vehicles[is_used])
+    weights = np.sqrt(bins.vehicles[is_used])  # polyfit squares them
     slope, intercept = np.polyfit(log_density, bins.iou[is_used], 1, w=weights)
     return LogFit(float(intercept), float(slope))
 
@@ -173,7 +191,8 @@ def density_needed(
 ) -> float | None:
     """Return the lowest density at which the mean IoU, made monotone, reaches a target.
 
-    Returns None if it never does."""
+    density: number of points on each vehicle; iou: IoU of each. Returns None if it never
+    does."""
     densities, group, counts = np.unique(density, return_inverse=True, return_counts=True)
     if not len(densities):
         return None

@@ -18,7 +18,8 @@ def paper_page(
 ) -> str:
     """Build the page as HTML.
 
-    pictures: SVG by experiment; conditions: how the figures were computed; causes: by letter."""
+    pictures: SVG by name of the experiment; conditions: how the figures were computed, by name;
+    causes: causes of differences, by the letter that reasons use."""
     rows = [row for experiment in experiments for row in experiment.rows]
     compared_count = sum(row.unit == "AP" and row.difference is not None for row in rows)
     condition_rows = "".join(
@@ -51,6 +52,7 @@ def paper_page(
 
 
 def _section(experiment: Experiment, picture: bytes) -> str:
+    # HTML of one experiment: its conclusion, picture (SVG) and table
     def cells(tag: str, texts: Sequence[str]) -> str:
         # labels, unit and reason are words; the columns between unit and reason are numbers
         first_number = len(experiment.heads) + 1

@@ -12,7 +12,11 @@ Relation = Literal["is", "more than", "less than"]
 class SchemeRow(NamedTuple):
     """Fusion scheme of table 1.
 
-    ap: at IoU 0.7, 0.8 and 0.9; kbit: per sensor and frame; ms: on the authors' GPU."""
+    Attributes:
+        ap: AP at IoU 0.7, 0.8 and 0.9.
+        kbit: Data per sensor and frame.
+        ms: Time per frame on the authors' GPU.
+    """
 
     ap: tuple[float, float, float]
     kbit: float
@@ -20,7 +24,7 @@ class SchemeRow(NamedTuple):
 
 
 class SetRow(NamedTuple):
-    """Sensor set of table 2: early and late AP."""
+    """Sensor set of table 2, with its AP by early and by late fusion."""
 
     sensors: SensorSet
     early: float
@@ -28,7 +32,13 @@ class SetRow(NamedTuple):
 
 
 class RegionRow(NamedTuple):
-    """AP of table 3: early fusion in the region that both sensors of a pair have in view."""
+    """AP of table 3: early fusion in the region that both sensors of a pair have in view.
+
+    Attributes:
+        region: Pair of sensors.
+        sensors: Sensors that are fused: the pair, or one of them.
+        ap: AP at IoU 0.7.
+    """
 
     region: SensorSet
     sensors: SensorSet
@@ -36,7 +46,14 @@ class RegionRow(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """Figure that the paper's text gives or bounds."""
+    """Figure that the paper's text gives or bounds.
+
+    Attributes:
+        of: Figure: a share of vehicles by their points, or a value of the PR curve.
+        sensors: Sensor set that it is about.
+        relation: "is" for a figure, "more than" or "less than" for a bound.
+        value: Figure or bound.
+    """
 
     of: Literal["no points", "below 300 points", "greatest recall", "precision at recall 0.95"]
     sensors: SensorSet
@@ -45,7 +62,13 @@ class Statement(NamedTuple):
 
 
 class BenchmarkRow(NamedTuple):
-    """Method of table 4: its reported AP with one sensor and with two sensors."""
+    """Method of table 4, with its reported AP.
+
+    Attributes:
+        method: Name of the method.
+        single: Each AP reported with one sensor.
+        two: AP with two sensors, None if not reported.
+    """
 
     method: str
     single: tuple[float, ...]

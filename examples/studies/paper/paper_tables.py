@@ -24,6 +24,7 @@ PLACE_NAMES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 
 
 def _tuples(value: Any) -> Any:
+    # lists, also in lists, as tuples
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 

@@ -14,6 +14,7 @@ from toolkit.arrays import Bool
 from toolkit.plots.curves import draw_density_cdf
 
 FEW_POINTS = 300  # the paper's threshold in its text
+# numbers of points at which the file of curves has a row
 CURVE_POINTS = (
     *(0, 1, 2, 5, 10, 20, 50, 70, 100, 150, 200, 250, 300, 400, 500, 750),
     *range(1000, 4001, 250),
@@ -21,7 +22,9 @@ CURVE_POINTS = (
 
 
 def density_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare point densities of the best sensor sets."""
+    """Compare the numbers of points on vehicles with the best sensor sets.
+
+    site: one of the paper's sites; basis: words for the data behind our figures."""
     sets = sensor_sets(site).best["early"]
     stated = DENSITY_STATEMENTS[site]
     paper = {(str(statement.of), statement.sensors): statement for statement in stated}
@@ -71,4 +74,5 @@ def density_experiment(stored: StoredDetections, site: str, basis: str) -> Exper
 
 
 def _format_share(is_counted: Bool[np.ndarray, " n"]) -> float | str:
+    # share of the vehicles that count, "" without vehicles
     return round(float(is_counted.mean()), 6) if len(is_counted) else ""

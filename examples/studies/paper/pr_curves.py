@@ -23,7 +23,7 @@ RECALL_STEP = 0.001  # recall between the points of a curve in its file
 
 
 def curve_runs(site: str) -> list[SchemeRun]:
-    """List the runs that the figures need."""
+    """List early fusion of the paper's best set of each size, most sensors first."""
     return [SchemeRun("early", sensors) for sensors in sensor_sets(site).best["early"]]
 
 
@@ -32,7 +32,9 @@ def _round_values(values: Sequence[float]) -> list[float]:
 
 
 def curve_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare PR curves of early fusion at IoU 0.7."""
+    """Compare PR curves of early fusion at IoU 0.7.
+
+    site: one of the paper's sites; basis: words for the data behind our figures."""
     curves = {run.sensors: score_run(stored, run).curve for run in curve_runs(site)}
     paper = {row.sensors: row.early for row in sensor_sets(site).rows}
     rows = []
@@ -92,6 +94,6 @@ def interpolate_precision(curve: Curve, recall: float) -> float:
 
 
 def steps(curve: Curve) -> Bool[np.ndarray, " k"]:
-    """Select a curve's last point in each recall step."""
+    """Mask of a curve's points: the last one in each step of recall (`RECALL_STEP`)."""
     number = np.floor(curve.recall / RECALL_STEP)
     return np.append(number[1:] != number[:-1], True)[: len(number)]

@@ -19,7 +19,9 @@ from examples.studies.paper.paper_tables import (
 
 
 def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 3: gain from spatial diversity."""
+    """Compare table 3: gain of a second sensor that has the same region in view.
+
+    site: one of the paper's sites; basis: words for the data behind our figures."""
     rows = []
     names = []
     our_ap: dict[tuple[SensorSet, SensorSet], float] = {}
@@ -58,12 +60,16 @@ def region_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 
 def _find_gain(ap: Mapping[tuple[SensorSet, SensorSet], float], pair: SensorSet) -> float:
-    """Return what a pair adds to the better of its two sensors. ap: by region and sensors."""
+    """Return the AP that a pair adds to the better of its two sensors.
+
+    ap: AP by region (a pair) and fused sensors; pair: both sensors, and the region."""
     return ap[pair, pair] - max(ap[pair, pair[:1]], ap[pair, pair[1:]])
 
 
 def benchmark_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 4: the paper's figures, other methods', and ours for the same pair."""
+    """Compare table 4: the paper's figures, other methods', and ours for the same pair.
+
+    site: one of the paper's sites; basis: words for the data behind our figures."""
     pair = BENCHMARK_PAIR[site]
     paper = {row.sensors: row.ap for row in REGION_TABLE[site] if row.region == pair}
     rows = []

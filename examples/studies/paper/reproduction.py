@@ -53,7 +53,7 @@ FIGURES = "reproduction.json"
 
 
 def all_runs(site: str, sensors: int) -> list[SchemeRun]:
-    """List the runs that the experiments need."""
+    """List the runs that the experiments need. sensors: number of the site's sensors."""
     region_runs = [SchemeRun("early", row.sensors) for row in REGION_TABLE[site]]
     return scheme_runs(sensors) + curve_runs(site) + region_runs
 
@@ -61,7 +61,10 @@ def all_runs(site: str, sensors: int) -> list[SchemeRun]:
 def all_experiments(
     stored: StoredDetections, seen: StoredDetections, table: Table, site: str
 ) -> tuple[Experiment, ...]:
-    """Run every experiment, in the paper's order."""
+    """Compute every experiment, in the paper's order.
+
+    stored: detections; seen: frames of the table of sensor sets, for its reasons; table: AP of
+    every sensor set."""
     basis = f"{stored.frames} frames, {stored.vehicles} vehicles"
     return (
         scheme_experiment(stored, site, basis),
@@ -76,7 +79,15 @@ def all_experiments(
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Experiments at a site, and the path of the page."""
+    """Experiments at a site.
+
+    Attributes:
+        site: Name of the site.
+        frames: Number of frames.
+        vehicles: Number of scored vehicles in all frames.
+        experiments: Experiments in the paper's order.
+        page: Path of the page.
+    """
 
     site: str
     frames: int
@@ -86,7 +97,7 @@ class Reproduction:
 
     @property
     def summary(self) -> str:
-        """Table of the AP differences from the paper."""
+        """Table of the AP differences from the paper, as text with a line for each experiment."""
         large = f"beyond {LARGE_AP_DIFFERENCE:g}"
         table = [["experiment", "AP compared", large, "mean difference", "greatest"]]
         for experiment in self.experiments:
@@ -175,7 +186,9 @@ def run_reproduction(
 
 
 def _check_table(table: Table, place: str, digest: str | None) -> None:
-    """Raise ValueError for a table of other sensors or of another detector."""
+    """Raise ValueError for a table of other sensors or of another detector.
+
+    place: hash of site and sensors; digest: digest of the detector, None if it has none."""
     if table.origin.place != place:
         raise ValueError(
             f"the table is of {table.origin.site!r} with other sensors: make one with coview table"
@@ -201,7 +214,10 @@ def write_experiments(
     conditions: dict[str, str],
     causes: dict[str, str],
 ) -> None:
-    """Write the page, all figures as JSON, and CSV and SVG of each experiment."""
+    """Write the page, all figures as JSON, and CSV and SVG of each experiment.
+
+    All files appear together at the end. conditions: how the figures were computed, by name;
+    causes: causes of differences, by letter."""
     with writing_together(out) as folder:
         pictures = {}
         for experiment in experiments:
@@ -225,6 +241,7 @@ def write_experiments(
 
 
 def _conditions(stored: StoredDetections, table: Table, site: str) -> dict[str, str]:
+    # how the figures were computed, as texts by name
     origin = table.origin
     return {
         "test recording": (

@@ -17,12 +17,14 @@ from placement_env.fidelity.detector import IOUS
 
 
 def scheme_runs(sensors: int) -> list[SchemeRun]:
-    """List the runs that table 1 needs."""
+    """List the runs that table 1 needs: each scheme with all sensors. sensors: their number."""
     return [SchemeRun(scheme, tuple(range(sensors))) for scheme in ("late", "hybrid", "early")]
 
 
 def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experiment:
-    """Compare table 1: late, hybrid and early fusion of all sensors."""
+    """Compare table 1: late, hybrid and early fusion of all sensors.
+
+    site: one of the paper's sites; basis: words for the data behind our figures."""
     rows = []
     for run in scheme_runs(len(stored.sensors)):
         paper = SCHEME_TABLE[site][run.scheme]
@@ -52,7 +54,7 @@ def scheme_experiment(stored: StoredDetections, site: str, basis: str) -> Experi
 
 
 def _describe_order(rows: Sequence[Compared]) -> str:
-    """Describe whether the schemes have the paper's order at every IoU."""
+    """Sentence on whether the schemes have the paper's order of AP at every IoU."""
     ours = {row.labels: row.ours or 0.0 for row in rows}
     for iou in IOUS:
         figure = f"AP@{iou:g}"
@@ -68,6 +70,7 @@ def _describe_order(rows: Sequence[Compared]) -> str:
 
 
 def _describe_far_points(stored: StoredDetections) -> str:
+    # sentence on the share of points beyond the hybrid radius (rows of `StoredTruth.sent`)
     points = sum(int(truth.sent[0].sum()) for truth in stored.truths)
     if not points:
         return ""
@@ -76,6 +79,7 @@ def _describe_far_points(stored: StoredDetections) -> str:
 
 
 def _explain_kbit(stored: StoredDetections, run: SchemeRun, paper: float) -> str:
+    # reason for a difference from the paper's kbit; a box is 0.256 kbit, a point 96 bit
     if run.scheme == "late":
         boxes = kbit_per_sensor(stored, run) / 0.256
         return f"{boxes:.1f} boxes of 256 bit a sensor here, {paper / 0.256:.1f} in the paper"

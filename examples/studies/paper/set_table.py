@@ -22,7 +22,8 @@ SET_SCHEMES = ("early", "late")
 def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experiment:
     """Compare table 2: all sensor sets, and the best three of each size.
 
-    seen: detections whose points give the reasons."""
+    table: our AP of every sensor set; seen: stored frames whose points on vehicles give reasons for
+    differences; site: one of the paper's sites."""
     paper_list = sensor_sets(site)
     origin = table.origin
     names = [set_name(row.sensors) for row in paper_list.rows]
@@ -74,7 +75,9 @@ def set_experiment(table: Table, seen: StoredDetections, site: str) -> Experimen
 
 
 def _list_our_best(table: Table, scheme: str, paper_names: Sequence[str]) -> list[Compared]:
-    """List our best sets of each size, and whether they are in the paper's list."""
+    """List our best sets of each size, with a note on those in the paper's list.
+
+    paper_names: names of the sets that the paper lists."""
     rows = []
     for size, best in best_sets(table, scheme).items():
         for rank, sensor_set in enumerate(best, 1):
@@ -93,7 +96,9 @@ def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def places_of_best(table: Table, listed: Listed, scheme: str) -> dict[int, int]:
-    """Return the rank of the paper's best set of each size in our order."""
+    """Return the rank, from 1, of the paper's best set of each size among all our sets.
+
+    scheme: "early" or "late"."""
     ours = best_sets(table, scheme, top=1 << len(table.origin.sensors))
     ranks = {}
     for sensors in listed.best[scheme]:

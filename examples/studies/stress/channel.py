@@ -71,7 +71,9 @@ PERFECT = LinkChannel()
 
 
 class Line:
-    """Messages of one sensor through a channel, drawn from a seed."""
+    """Messages of one sensor through a channel, drawn from a seed.
+
+    Each message takes two draws, lost or not, so that channels with one seed share their draws."""
 
     def __init__(self, channel: LinkChannel, seed: int | list[int]) -> None:
         self.channel = channel
@@ -80,7 +82,9 @@ class Line:
         self._bad = bool(self._rng.random() < channel.loss)
 
     def arrival(self, time: float) -> float:
-        """Arrival (s) of a message, infinite if it is lost."""
+        """Arrival (s) of the next message, infinite if it is lost or not sent.
+
+        time: time of its measurement (s), from which the delay counts."""
         channel = self.channel
         number = self._sent
         self._sent += 1
@@ -97,8 +101,12 @@ class Line:
 class Lagged(NamedTuple):
     """Frame as the centre has it, and as the sensors measure now.
 
-    ages: age of each sensor's measurement (s), NaN without one; since: seconds since traffic
-    restarted; sent: the frame that the sensors measure now."""
+    Attributes:
+        frame: Newest arrived measurement of each sensor, with the objects of now.
+        ages: Age of each sensor's measurement (s), NaN without one.
+        since: Time since traffic restarted (s).
+        sent: Frame that the sensors measure now.
+    """
 
     frame: Frame
     ages: Float64[np.ndarray, " sensors"]
@@ -172,10 +180,10 @@ def _check_spacing(step: float, lines: Sequence[Line]) -> None:
 def _find_readable(
     candidates: Iterable[tuple[int, Sequence[int]]], times: Sequence[float], now: float
 ) -> int | None:
-    """First candidate whose needed messages have arrived, None without one.
+    """Number of the first candidate whose needed messages have arrived, None without one.
 
-    candidates: number of a frame, and numbers of the messages needed to read it; times: when
-    the messages arrive (s)."""
+    candidates: number of a frame, and numbers of the messages needed to read it; times: arrival of
+    each message (s); now: present time (s)."""
     for number, needed_numbers in candidates:
         if all(times[needed] <= now + 1e-9 for needed in needed_numbers):
             return number
@@ -185,6 +193,9 @@ def _find_readable(
 def _put_together(
     history: Sequence[Frame], newest: Sequence[int | None], frozen: Sequence[int]
 ) -> tuple[Frame, Float64[np.ndarray, " sensors"]]:
+    # frame of the newest measurements with the objects of now, and their ages (s); newest: number
+    # in `history` of each sensor's frame, None for a blank image; frozen: sensors that repeat the
+    # first frame
     now = history[-1]
     sensors = []
     measurements = []

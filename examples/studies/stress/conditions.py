@@ -36,12 +36,12 @@ from toolkit.sensors.error_profile import ErrorProfile
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration, ClockOffset
 
-POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # m and degrees
+POSE_LEVELS = (0.0, 0.1, 0.2, 0.4, 0.6, 1.0)  # root mean square errors in m and in degrees
 METRES_PER_DEGREE = 0.1  # offset of a crooked sensor
 DELAYS_S = (0.1, 0.2, 0.3)
 # share of lost messages, and lost messages in a burst
 LOSSES: tuple[tuple[float, float | None], ...] = ((0.1, None), (0.3, None), (0.3, 5.0))
-FRAME_STEPS = (2, 5)  # every n-th frame
+FRAME_STEPS = (2, 5)  # n, if sensors send every n-th frame
 CLOCK_OFFSETS_S = (0.02, 0.05, 0.1)
 IN_SEQUENCE = ("delay", "loss", "rate", "clock")  # kinds that need frames close together
 KINDS = ("bytes", "pose", "mounting", "silent", "pairs", "blinded", "frozen", *IN_SEQUENCE)
@@ -79,12 +79,12 @@ class Condition:
         level: Level in words.
         errors: Errors of the sensors.
         channel: Channel of their messages.
-        tracks: Whether the centre moves old detections to their present places.
+        tracks: True if the centre moves old detections to their present places.
         silent: Indices of sensors that send nothing.
         blinded: Indices of sensors that see nothing.
         frozen: Indices of sensors that repeat their first measurement.
-        amount: Level as a number, if the levels of the kind are ordered.
-        redrawn: Whether errors are drawn again for each block of frames."""
+        amount: Level as a number if the levels of the kind are ordered, else None.
+        redrawn: True if errors are drawn again for each block of frames."""
 
     kind: str
     level: str
@@ -135,6 +135,7 @@ def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
 
 
 def _make_pose_condition(kind: str, level: float) -> Condition:
+    # pose or mounting errors of a level in degrees, for pose also in m
     metres = level if kind == "pose" else METRES_PER_DEGREE * level
     words = f"{level:g} m, {level:g}°" if kind == "pose" else f"{level:g}°, {100 * metres:g} cm"
     errors = _add_error(f"{kind} {level:g}", Calibration(np.deg2rad(level), metres))
@@ -142,6 +143,7 @@ def _make_pose_condition(kind: str, level: float) -> Condition:
 
 
 def _make_clock_condition(kind: str, offset_s: float) -> Condition:
+    # clocks that are off by a standard deviation (s)
     errors = _add_error(f"clock {offset_s:g}", ClockOffset(offset_s))
     return Condition(kind, f"{1000 * offset_s:g} ms", errors)
 
@@ -160,12 +162,13 @@ def _list_channels(kind: str) -> dict[str, LinkChannel]:
 
 
 def _add_error(name: str, term: Calibration | ClockOffset) -> ErrorProfile:
+    # error profile of the paper with one more kind of error
     return ErrorProfile(name, (*PAPER_ERRORS.terms, term))
 
 
 @dataclass(frozen=True)
 class System:
-    """Fusion scheme and its codec, under its name in tables."""
+    """Fusion scheme and the codec of its messages, with the codec's name in tables."""
 
     scheme: Scheme
     codec: Codec
@@ -195,4 +198,5 @@ def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
 
 
 def _step_name(step: float) -> str:
+    # name of a codec by its step of distances (m)
     return f"{100 * step:g} cm"

@@ -28,7 +28,7 @@ from toolkit.runtime.run import Run
 
 ONSET_S = 2.0  # from the start of traffic to the fault
 MAX_NOTICE_S = 2.0  # a fault must be noticed within this time
-MIN_SUPPORT_POINTS = 10  # a sensor must see objects with so many points of other sensors
+MIN_SUPPORT_POINTS = 10  # points of other sensors from which a sensor must see an object
 FAULTS = (Fault.SILENT, Fault.FROZEN, Fault.BLINDED)
 SENT_AS = ("whole images", "foreground")
 
@@ -40,8 +40,8 @@ class Noticed:
     Attributes:
         fault: Name of the fault.
         sent_as: What sensors send, of `SENT_AS`.
-        cases: Number of cases.
-        noticed: Number of cases in which it was noticed.
+        cases: Number of cases: sensors times stretches of traffic.
+        noticed: Number of cases in which it was noticed within `MAX_NOTICE_S`.
         median: Median time (s), infinite if it was never noticed.
         worst: Longest time (s), infinite if it was not noticed in a case."""
 
@@ -57,7 +57,12 @@ class Noticed:
 class FalseAlarms:
     """Alarms about working sensors over one link.
 
-    sent_as: what sensors send, of `SENT_AS`; minutes: sensor-minutes watched."""
+    Attributes:
+        link: Link in words, such as "delay 0.1 s".
+        sent_as: What sensors send, of `SENT_AS`.
+        alarms: Number of alarms.
+        minutes: Time that sensors were watched, added up over sensors (min).
+    """
 
     link: str
     sent_as: str
@@ -82,7 +87,8 @@ def time_faults(
     """Time every fault of every sensor, and count false alarms over every link.
 
     recording: frames close together in time; run: its seed is for noise and links, its frames are
-    the number of first frames. Raises ValueError like `check_stretches`."""
+    the number of first frames. Returns a row for each fault and way of sending, and one for each
+    link and way of sending. Raises ValueError if no stretch of traffic is long enough."""
     check_stretches(recording, run)
     count = min(len(recording), run.frames_or(len(recording)))
     seed = run.seed
@@ -124,14 +130,19 @@ def time_faults(
 
 
 def _summarise_times(fault: Fault, sent_as: str, times: Sequence[float]) -> Noticed:
-    """Summarise the times (s) of a fault; of the middle two, the later is the median."""
+    """Summarise the times (s) until a fault was noticed, infinite if it was not.
+
+    The median is the later of the middle two times if their number is even."""
     noticed = int(np.isfinite(times).sum())
     median = sorted(times)[len(times) // 2]
     return Noticed(fault.value, sent_as, len(times), noticed, median, max(times))
 
 
 def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list[Frame]]:
-    """Yield runs of frames with continuous traffic."""
+    """Yield runs of frames with continuous traffic, among the first `count` frames.
+
+    Traffic restarts if a frame shares no road user with the frame before. seed: seed of the
+    noise."""
     stretch: list[Frame] = []
     for k in range(count):
         frame = read_frame(recording, k, noise_seed=seed)
@@ -144,7 +155,11 @@ def _stretches(recording: SiteRecording, count: int, seed: int) -> Iterator[list
 
 
 class _Centre:
-    """Fusion centre: messages it receives and detections it makes."""
+    """Fusion centre: messages it receives and detections it makes.
+
+    Attributes:
+        scenes: Empty scenes of the sensors.
+    """
 
     def __init__(self, recording: SiteRecording, detector: Detector, scenes: Scenes) -> None:
         self._site = recording.site
@@ -152,17 +167,20 @@ class _Centre:
         self.scenes = scenes
 
     def shown(self, frame: Frame, sensor: int, sent_as: str, time: float) -> Shown:
-        """Return a sensor's message: the whole image, or the foreground in the finest step."""
+        """Return a sensor's message: the whole image, or the foreground in the finest step.
+
+        sensor: index; sent_as: one of `SENT_AS`; time: time of measurement (s)."""
         if sent_as == SENT_AS[0]:
             return Shown(time, np.asarray(frame.images[sensor], np.float32))
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
         foreground = standing_out(captured, self.scenes(sensor))
         image = captured.sending(foreground.pixels).measurement
+        # distances in whole steps, as they are sent
         rounded = np.rint(image / STEPS_M[0]).astype(np.float32) * np.float32(STEPS_M[0])
         return Shown(time, rounded, image > 0, foreground.missing)
 
     def monitor(self, frame: Frame, sensor: int, start: float) -> SensorMonitor:
-        """Return the monitor of a sensor that starts sending at `start`.
+        """Return the monitor of a sensor (index) that starts sending at a time (s).
 
         frame: any frame with that sensor."""
         captured = frame_view(frame, self._detector, self._site).captured(sensor)
@@ -172,7 +190,9 @@ class _Centre:
         return SensorMonitor(scene, start=start, view=view.reshape(scene.first.shape))
 
     def covered(self, frame: Frame, sensor: int) -> ImageMask:
-        """Return the pixels in which a sensor must see what other sensors see."""
+        """Return the mask of the pixels in which a sensor must see objects that others see.
+
+        The objects are detected in the foreground of all sensors and have points of others."""
         view = frame_view(frame, self._detector, self._site, scene=self.scenes)
         boxes = Foreground().fuse(view, range(len(frame.sensors))).detections.boxes
         clouds = [np.zeros((0, 3))]
@@ -189,12 +209,15 @@ class _Centre:
 def _time_to_notice(
     centre: _Centre, stretch: Sequence[Frame], sensor: int, fault: Fault, sent_as: str
 ) -> float:
-    """Return the time until the monitor notices a fault, infinite if it does not."""
+    """Return the time (s) from a fault until the monitor notices it, infinite if it does not.
+
+    stretch: frames of continuous traffic; sensor: index of the failing sensor; sent_as: one of
+    `SENT_AS`."""
     start = stretch[0].time
     onset = next(k for k, frame in enumerate(stretch) if frame.time - start >= ONSET_S - 1e-9)
     monitor = centre.monitor(stretch[0], sensor, start)
     message: Shown | None = None
-    for k in range(max(0, onset - 2), len(stretch)):
+    for k in range(max(0, onset - 2), len(stretch)):  # two frames before the fault are enough
         frame = stretch[k]
         since_onset = stretch[k].time - stretch[onset].time
         if since_onset > MAX_NOTICE_S + 1e-9:
@@ -202,7 +225,7 @@ def _time_to_notice(
         if k >= onset and fault is not Fault.SILENT:
             images = list(frame.images)
             images[sensor] = stretch[onset].images[sensor]
-            if fault is Fault.BLINDED:
+            if fault is Fault.BLINDED:  # else it is frozen
                 images[sensor] = np.zeros_like(frame.images[sensor])
             frame = replace(frame, measurements=tuple(images))
         if k < onset or fault is not Fault.SILENT:
@@ -216,7 +239,10 @@ def _time_to_notice(
 def _count_alarms(
     centre: _Centre, arrivals: Sequence[tuple[Frame, np.ndarray]], sensor: int, sent_as: str
 ) -> int:
-    """Count how often the monitor of a working sensor begins an alarm."""
+    """Count how often the monitor of a working sensor begins an alarm.
+
+    arrivals: frames as they have arrived, and the age of each sensor's measurement in them (s), NaN
+    without one; sensor: index; sent_as: one of `SENT_AS`."""
     first_frame = arrivals[0][0]
     monitor = centre.monitor(first_frame, sensor, first_frame.time)
     count = 0

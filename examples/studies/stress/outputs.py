@@ -62,7 +62,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class BestScheme:
-    """Scheme with the highest AP between the levels `start` and `end`."""
+    """Scheme with the highest AP between the levels `start` and `end`, for a kind and IoU."""
 
     kind: str
     iou: float
@@ -72,7 +72,10 @@ class BestScheme:
 
 
 def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossing, ...]:
-    """Find every pair of schemes that change places."""
+    """Find every pair of schemes that change places, with the level at which they do.
+
+    Sorted by kind, IoU and level. seed: seed of the draws. Raises ValueError for rows without
+    a tally."""
     crossings: list[Crossing] = []
     for (kind, iou), levels, schemes in _group_by_scheme(rows):
         if any(row.tally is None for scheme_rows in schemes.values() for row in scheme_rows):
@@ -90,6 +93,7 @@ def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossin
             drawn_levels = _draw_levels(levels, drawn_aps[after] - drawn_aps[before])
             is_crossing = np.isfinite(drawn_levels)
             share = float(is_crossing.mean()) if len(drawn_levels) else 0.0
+            # the greatest float for infinity, so that percentiles can be interpolated
             finite_levels = np.where(is_crossing, drawn_levels, np.finfo(float).max)
             low, high = percentiles(finite_levels, confidence=CONFIDENCE)
             low = min(math.inf if low > 1e100 else low, level)
@@ -100,7 +104,7 @@ def find_crossings(rows: Sequence[StressRow], *, seed: int = 0) -> tuple[Crossin
 
 
 def _draw_aps(rows: Sequence[StressRow], seed: int) -> Float64[np.ndarray, "levels draws"]:
-    """Return the AP of each level in each resample of the frames."""
+    """Return the AP of each level in each resample of the frames. rows: one for each level."""
     tallies = [row.tally for row in rows if row.tally is not None]
     return np.stack([tally.resamples(seed=seed) for tally in tallies])
 
@@ -108,7 +112,7 @@ def _draw_aps(rows: Sequence[StressRow], seed: int) -> Float64[np.ndarray, "leve
 def _draw_levels(
     levels: _Levels, leads: Float64[np.ndarray, "levels draws"]
 ) -> Float64[np.ndarray, " n"]:
-    """Return the crossing level of each resample without NaN."""
+    """Return the crossing level of each resample without NaN, infinite if the lead never stays."""
     valid_leads = [lead for lead in leads.T if not np.isnan(lead).any()]
     return np.array([crossing_level(levels, lead) for lead in valid_leads])
 
@@ -124,7 +128,7 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
         changes = [levels]  # levels, and points between them at which a lead changes its sign
         for first, second in combinations(aps, 2):
             lead = first - second
-            k = np.flatnonzero(lead[1:] * lead[:-1] < 0)
+            k = np.flatnonzero(lead[1:] * lead[:-1] < 0)  # the sign changes after level k
             changes.append(_find_zero(levels, lead, k))
         best = 0
         for start, end in pairwise(np.unique(np.concatenate(changes)).tolist()):
@@ -140,21 +144,24 @@ def best_schemes(rows: Sequence[StressRow]) -> tuple[BestScheme, ...]:
 
 
 def _continues(before: BestScheme, after: BestScheme) -> bool:
-    """Return whether two ranges of levels have the same scheme, kind and IoU."""
+    """Return True if two neighbouring ranges of levels have the same scheme, kind and IoU."""
     return (before.kind, before.iou, before.scheme) == (after.kind, after.iou, after.scheme)
 
 
 def _find_zero(
     levels: _Levels, lead: Float64[np.ndarray, " levels"], k: Int64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, " k"]:
-    """Return the levels between levels `k` and the next ones at which a linear lead is 0."""
+    """Return the levels at which a lead, linear between levels, is 0.
+
+    k: index of the level before each; the lead changes its sign up to the next level."""
     return levels[k] + (levels[k + 1] - levels[k]) * lead[k] / (lead[k] - lead[k + 1])
 
 
 def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, " n"]) -> float:
     """Return the level from which a lead remains above 0 up to the last level.
 
-    The lead is linear between levels. The level is infinite if the lead never does."""
+    The lead is linear between levels. The result is infinite if the lead is not above 0 at the
+    last level. levels: ascending; lead: lead at each."""
     if not lead[-1] > 0:
         return math.inf
     behind = np.flatnonzero(lead <= 0)
@@ -166,7 +173,9 @@ def crossing_level(levels: Float64[np.ndarray, " n"], lead: Float64[np.ndarray, 
 def _group_by_scheme(
     rows: Sequence[StressRow],
 ) -> Iterator[tuple[tuple[str, float], _Levels, _Schemes]]:
-    """Yield kind and IoU, levels, and rows by scheme, if levels and schemes are at least two."""
+    """Yield kind and IoU, ascending levels, and rows by scheme in the order of levels.
+
+    Rows without a level as a number, and groups of one level or one scheme, are left out."""
     groups: dict[tuple[str, float], _Schemes] = {}
     for row in rows:
         if row.amount is not None:
@@ -180,6 +189,7 @@ def _group_by_scheme(
 
 
 def _aps(rows: Sequence[StressRow]) -> Float64[np.ndarray, " levels"]:
+    # AP of each row, 0 if it is undefined
     return np.nan_to_num(np.array([row.judged.ap for row in rows]))
 
 
@@ -210,8 +220,9 @@ class ExactFailure:
 def exact_failures(
     table: Table, *, ious: Sequence[float] = (0.7,), label: str = "vehicle"
 ) -> tuple[ExactFailure, ...]:
-    """Compute N-1 and N-2 of every scheme at these IoUs.
+    """Compute AP after all failures of one and of two sensors (N-1, N-2), of every scheme.
 
+    table: AP of all sensor sets; ious: thresholds; the table must hold one; label: class.
     Raises ValueError if a table has none of the IoUs, or not the class."""
     names = table.origin.sensors
     classes = table.origin.classes
@@ -286,6 +297,7 @@ class StressResults:
 
 
 def _values(row: StressRow | Crossing | Noticed | FalseAlarms | ExactFailure) -> dict[str, object]:
+    # values of a row for JSON, without tallies
     values = {name: value for name, value in vars(row).items() if name != "tally"}
     if isinstance(row, StressRow):
         values["judged"] = asdict(row.judged)
@@ -293,7 +305,7 @@ def _values(row: StressRow | Crossing | Noticed | FalseAlarms | ExactFailure) ->
 
 
 def format_stress_rows(rows: Sequence[StressRow]) -> str:
-    """Format a line per scheme, condition and IoU."""
+    """Format a table with a line for each scheme, condition and IoU."""
     table = [
         ["stress", "level", "scheme", "sent as", "IoU", "AP", "95 % interval", "kbit/sensor", "age"]
     ]

@@ -27,13 +27,13 @@ from toolkit.calibration.pixel_clusters import MIN_OPEN_SHARE, SCENE_SIGMAS
 from toolkit.sensors.sensor import Sensor, is_return
 
 DEFAULT_SILENT_AFTER_S = 0.5
-MAX_CLOCK_AHEAD_S = 0.1  # from the centre's clock to a sensor's
+MAX_CLOCK_AHEAD_S = 0.1  # by which a sensor's clock may be ahead of the centre's
 MIN_REPEATED_PX = 50  # pixels of a message whose repetition counts; below this, ask other sensors
-MIN_REPEATS = 2  # messages that repeat another
-MIN_FAULTY_MESSAGES = 3  # in a row that show a sensor blind or shifted
+MIN_REPEATS = 2  # messages in a row that repeat the one before them
+MIN_FAULTY_MESSAGES = 3  # messages in a row that show a sensor blind or shifted
 MIN_BLIND_SHARE = 0.5  # share of the pixels that should return something
 MIN_SHIFTED_SHARE = 0.1  # share of the pixels that return something
-MIN_COVERED_PX = 100  # covered by others' objects, for a sensor to be blind to them
+MIN_COVERED_PX = 100  # pixels covered by others' objects, for a sensor to be blind to them
 MIN_SEEN_SHARE = 0.1  # share of the covered pixels that a sensor must show
 _BODY_MARGIN_M = 0.2  # by which a body may be smaller than its box on each side
 _SCENE_GAP_M = 1.0  # between an object and the scene behind it
@@ -49,10 +49,14 @@ class Fault(Enum):
 
 
 class Shown(NamedTuple):
-    """Newest data of a sensor, measured at `time` (s).
+    """Newest data of a sensor.
 
-    image: 0 in pixels that returned nothing or were not sent; sent: mask of the pixels of a
-    foreground, None for a whole image; missing: mask of the pixels that it marks as missing."""
+    Attributes:
+        time: Time of measurement (s).
+        image: Measurement of each pixel (m), 0 if it returned nothing or was not sent.
+        sent: Mask of the pixels of a foreground, None for a whole image.
+        missing: Mask of the pixels that a foreground marks as missing, None for none.
+    """
 
     time: float
     image: ImageRanges
@@ -82,10 +86,12 @@ class SensorMonitor:
             )
         self._scene = scene
         self._silent_after = silent_after
-        self._newest = start
+        self._newest = start  # time (s) of the newest data
+        # pixels that should return something
         self._returns = (scene.first > 0) & (scene.share >= MIN_OPEN_SHARE)
         self._returns &= True if view is None else view
         self._pixels: ImageRanges | None = None
+        # numbers of messages in a row
         self._repeats = 0
         self._blind = 0
         self._shifted = 0
@@ -115,12 +121,15 @@ class SensorMonitor:
         return Fault.SHIFTED if self._shifted >= MIN_FAULTY_MESSAGES else None
 
     def _is_new(self, newest: Shown, now: float) -> bool:
+        # True for data that were not read yet, unless they are from the future
         if not newest.time <= now + MAX_CLOCK_AHEAD_S:
             return False
         return self._pixels is None or newest.time > self._newest
 
     def _read(self, newest: Shown, covered: Callable[[], ImageMask] | None) -> None:
-        """Count messages in a row that repeat another, or show the sensor blind or shifted."""
+        """Read new data, and count messages in a row that show the sensor frozen, blind or shifted.
+
+        covered: see `look`."""
         self._newest = newest.time
         is_returned = is_return(newest.image, self._scene.model.max_range)
         is_returned &= True if newest.sent is None else newest.sent
@@ -140,7 +149,10 @@ class SensorMonitor:
         self._shifted = self._shifted + 1 if is_shifted else 0
 
     def _misses_returns(self, newest: Shown, is_returned: ImageMask) -> bool:
-        """Return True if most pixels that should return something are missing."""
+        """Return True if most pixels that should return something are missing.
+
+        is_returned: mask of the pixels with a return. A foreground counts only the pixels that it
+        marks as missing."""
         is_missing = ~is_returned if newest.sent is None else newest.missing
         if is_missing is None:
             return False
@@ -149,14 +161,20 @@ class SensorMonitor:
 
 
 def _misses_objects(is_returned: ImageMask, is_covered: ImageMask) -> bool:
-    """Return True if hardly any pixel shows the objects that cover it."""
+    """Return True if hardly any of the covered pixels returns something.
+
+    is_covered: mask of the pixels in which objects that others see must be; below `MIN_COVERED_PX`
+    of them nothing is concluded."""
     if is_covered.sum() < MIN_COVERED_PX:
         return False
     return bool((is_returned & is_covered).sum() < MIN_SEEN_SHARE * is_covered.sum())
 
 
 def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
-    """Mask of pixels that measure beyond the empty scene."""
+    """Mask of pixels of an image (m) that measure beyond the empty scene.
+
+    Pixels in which the empty scene does not always return something are left out."""
+    # the farther of the two distances that a pixel of the scene may have, and its spread
     last = np.fmax(scene.first, np.nan_to_num(scene.second))
     spread = np.where(np.nan_to_num(scene.second) > scene.first, scene.second_spread, scene.spread)
     solid = (scene.first > 0) & (np.isnan(scene.second) | (scene.second > 0))
@@ -164,20 +182,23 @@ def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
 
 
 def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageMask:
-    """Mask of pixels in which a sensor must see a box, or something nearer, in front of its empty
-    scene."""
+    """Mask of pixels in which a sensor must see a box, or something nearer.
+
+    scene: empty scene of the sensor, at least `_SCENE_GAP_M` behind the box in these pixels; boxes:
+    rows of centre, size (m) and yaw (rad) in the site's frame."""
     nothing = np.float32(np.inf)
     behind = np.where(
         scene.first > 0,
         np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)),
         nothing,
     )
-    rays = sensor.world_rays.astype(np.float64)
+    rays = sensor.world_rays.astype(np.float64)  # ray for a measurement of 1 m; axes: xyz, pixel
     hit = np.zeros(behind.size, bool)
     for x, y, z, *size, yaw in boxes:
         cos = np.cos(yaw)
         sin = np.sin(yaw)
         turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        # sensor and rays in the frame of the box, then measurements at which rays meet its planes
         start = turn @ (sensor.position - [x, y, z])
         along = turn @ rays
         half = np.maximum(np.array(size) / 2 - _BODY_MARGIN_M, 0.05)[:, None]

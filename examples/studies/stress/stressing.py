@@ -43,7 +43,8 @@ from toolkit.sensors.track_velocities import MOST_APART
 from toolkit.sites.site import Site
 from toolkit.traffic.spawner import LIFE
 
-Needed = Callable[[int], Sequence[int]]  # returns the messages that are needed to read a message
+# called with the number of a message; returns the numbers of all messages needed to read it
+Needed = Callable[[int], Sequence[int]]
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class StressRow:
         codec: Name of its codec.
         judged: AP with its interval.
         kbit_per_sensor: Mean kbit per frame of a sensor that sends.
-        age: Mean age of the shown measurements, over sensors and frames (s).
+        age: Mean age of the shown measurements, over sensors and frames (s), NaN without any.
         label: Class of the road users to find.
         iou: IoU threshold.
         amount: Level as a number, None if it is no number.
@@ -77,7 +78,7 @@ class StressRow:
 
 
 def is_sequence(recording: SiteRecording) -> bool:
-    """Return whether frames are close enough together in time."""
+    """Return True if frames are close enough together in time to show late and lost messages."""
     return 0 < _frame_spacing(recording) <= MOST_APART
 
 
@@ -105,15 +106,21 @@ def choose_kinds(recording: SiteRecording, kinds: Sequence[str] | None = None) -
 
 
 def _frame_spacing(recording: SiteRecording) -> float:
+    # time between the first two frames (s), infinite with fewer
     return recording[1].time - recording[0].time if len(recording) > 1 else np.inf
 
 
 class KeptDetections:
     """Detector that keeps its detections, because most clouds return under other conditions.
 
-    cache: where detections are kept, None for memory only. With a cache on disk an interrupted
-    stress test resumes, and a test of other schemes, levels or IoU thresholds detects only what is
-    new. Raises ValueError for a cache with a path and a detector without `digest`."""
+    cache: memory or file that keeps detections, None for memory only. With a cache on disk an
+    interrupted stress test resumes, and a test of other schemes, levels or IoU thresholds detects
+    only in new clouds. Raises ValueError for a cache with a path and a detector without `digest`.
+
+    Attributes:
+        asked: Number of clouds that the detector was run on.
+        labels: Classes that the detector knows.
+    """
 
     def __init__(self, detector: Detector, cache: Cache | None = None) -> None:
         digest = getattr(detector, "digest", None)
@@ -136,7 +143,7 @@ class KeptDetections:
         return KeptDetections(detector, cache)
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
-        """Return the detections for these points, in this order."""
+        """Return the detections for these points; the same points in another order are new."""
         content = sha256(np.ascontiguousarray(points).tobytes()).hexdigest()
         key = make_key("detections", *self._depends_on, len(points), content)
         arrays = self._cache.get([key])[0]
@@ -202,7 +209,19 @@ def _check_scored(recording: SiteRecording, count: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _ConditionJob:
-    """Work on all systems under one of several conditions."""
+    """Work on all systems under one of several conditions.
+
+    It is called with the number of a condition, from 0, and the condition, and returns its rows.
+
+    Attributes:
+        recording: Recording whose frames are tested.
+        detector: Detector that keeps its detections.
+        question: Schemes, class and IoU thresholds.
+        frames: Number of first frames to test.
+        seed: Seed of noise, errors, channels and bootstrap.
+        scenes: Empty scenes of the sensors.
+        report: Function that is called with the number of frames done over all conditions.
+    """
 
     recording: SiteRecording
     detector: KeptDetections
@@ -235,11 +254,13 @@ class _ConditionJob:
         return [row for trial in trials for row in trial.rows(condition, self.seed)]
 
     def _delay_frames(self, condition: Condition, needed: Needed | None) -> Iterator[Lagged]:
-        """Yield the frames as they arrive under a condition."""
+        """Yield the frames as they arrive at the centre under a condition.
+
+        needed: function that returns the messages needed to read one, None for only that one."""
         recording: SiteRecording | _RedrawnErrors = self.recording
         errors = condition.errors
         noise_seed: int | None = self.seed
-        if condition.redrawn:
+        if condition.redrawn:  # errors and noise are in the frames already
             recording = _RedrawnErrors(self.recording, errors, self.seed)
             errors = PAPER_ERRORS
             noise_seed = None
@@ -263,12 +284,15 @@ class _ConditionJob:
         *,
         scored: bool,
     ) -> None:
-        """Fuse one frame by every system. Systems with one codec share views.
+        """Fuse one frame by every system, and add the detections to its trial.
 
-        Chained messages depend on all measured frames, arrived or not, and restore whole images."""
+        Systems with one codec share views. Chained messages depend on all measured frames, arrived
+        or not, and restore whole images. lagged: frame as it has arrived; memory: state of the
+        links of chained messages, changed in place; scored: False for a frame that only updates
+        tracks and links."""
         frame = lagged.frame
         site = self.recording.site
-        views = {}
+        views = {}  # by digest of the codec
         has_arrived = ~np.isnan(lagged.ages)
         sending = [k for k in np.flatnonzero(has_arrived).tolist() if k not in condition.silent]
         for trial in trials:
@@ -288,16 +312,17 @@ class _ConditionJob:
             detections = fused.detections
             if condition.tracks:
                 median_age = float(np.median(ages))  # one sensor may have been silent for long
-                begins = not lagged.since
+                begins = not lagged.since  # 0 s: traffic restarts with this frame
                 detections = trial.track(detections, frame.time, median_age, begins=begins)
             if scored:
                 trial.add(frame, site, detections, fused.kbit_per_sensor, float(ages.mean()))
 
 
 def _group_trials(trials: Sequence["Trial"]) -> list[tuple[list["Trial"], Needed | None]]:
-    """Group trials that can share frames, each group with the messages it needs.
+    """Group trials that can share frames.
 
-    All schemes without chained messages are one group."""
+    Each group comes with the function that returns the messages needed to read one, None if a
+    message needs no other. All schemes without chained messages are one group."""
     groups: list[tuple[list[Trial], Needed | None]] = []
     unchained = [trial for trial in trials if not isinstance(trial.system.scheme, Chained)]
     if unchained:
@@ -310,22 +335,27 @@ def _group_trials(trials: Sequence["Trial"]) -> list[tuple[list["Trial"], Needed
 
 
 class Trial:
-    """Detections of one system under one condition, by frame."""
+    """Detections of one system under one condition, by frame.
+
+    system: scheme and codec; label: class of the road users to find; ious: IoU thresholds."""
 
     def __init__(self, system: System, label: str, ious: Sequence[float]) -> None:
         self.system = system
         self._label = label
         self._ious = tuple(ious)
-        # scores and hits of each frame
+        # for each IoU: scores of the detections of each frame, and masks of the hits
         self._found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in ious]
         self._truths: list[int] = []
         self._kbit: list[float] = []
         self._ages: list[float] = []
         self._tracks = Tracks()
-        self._last = -np.inf
+        self._last = -np.inf  # time (s) of the newest measurement in the tracks
 
     def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
-        """Move detections of old measurements to their present places."""
+        """Move detections of old measurements to their present places, by tracks.
+
+        now: time of the frame (s); age: age of the measurements (s), NaN to change nothing; begins:
+        True to begin without tracks, as traffic restarts."""
         if begins:
             self._tracks = Tracks()
             self._last = -np.inf
@@ -338,7 +368,7 @@ class Trial:
     def add(
         self, frame: Frame, site: Site, detections: Detections, kbit: float, age: float
     ) -> None:
-        """Score one more frame."""
+        """Score one more frame. kbit: mean data of a sensor; age: mean age of measurements (s)."""
         counted = has_centre_inside(frame.objects.boxes, site.area)
         at_ious = matches(detections, frame.objects, self._ious, label=self._label, counted=counted)
         for iou_frames, matched in zip(self._found, at_ious, strict=True):
@@ -349,7 +379,7 @@ class Trial:
         self._ages.append(age)
 
     def rows(self, condition: Condition, seed: int) -> list[StressRow]:
-        """Return the figures over all frames, at each IoU."""
+        """Return the figures over all frames, a row for each IoU. seed: seed of the draws."""
         ages = np.array(self._ages)
         ages = ages[~np.isnan(ages)]
         rows = []
@@ -386,7 +416,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class _RedrawnErrors(RecordingView):
-    """A recording whose errors are drawn again for each block of frames."""
+    """A recording whose errors and noise are drawn again for each block of `LIFE` frames."""
 
     errors: ErrorProfile
     seed: int
@@ -397,12 +427,13 @@ class _RedrawnErrors(RecordingView):
 
 
 def _blind(lagged: Lagged, sensors: Sequence[int]) -> Lagged:
-    """Return frames without the measurements of these sensors."""
+    """Return both frames, the arrived and the sent one, with blank images of these sensors."""
     frame = _blank_images(lagged.frame, sensors)
     return lagged._replace(frame=frame, sent=_blank_images(lagged.sent, sensors))
 
 
 def _blank_images(frame: Frame, sensors: Sequence[int]) -> Frame:
+    # frame in which these sensors (indices) measure nothing in any pixel
     images = list(frame.images)
     for k in sensors:
         images[k] = np.zeros_like(images[k])

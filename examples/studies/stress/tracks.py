@@ -15,14 +15,14 @@ from toolkit.arrays import Float64, Int64
 from toolkit.boxes import check_boxes
 from toolkit.objects import Detections
 
-GATE_M = 1.0  # between a detection and the predicted position of its track
-MAX_GATE_M = 8.0
+GATE_M = 1.0  # least gate: distance between a detection and its track's predicted position
+MAX_GATE_M = 8.0  # greatest gate
 GATE_SIGMAS = 2.5  # standard deviations of the predicted position by which the gate widens
 CENTRE_SIGMA_M = 0.15  # standard deviation of a detected centre
 ACCELERATION_SIGMA_MPS2 = 3.0
 FIRST_SPEED_SIGMA_MPS = 8.0  # before a second detection
 MIN_SPEED_SIGMAS = 2.0  # standard deviations of a speed that counts
-MAX_UNSEEN_S = 1.0  # without a detection
+MAX_UNSEEN_S = 1.0  # time without a detection after which a track ends
 
 
 class Tracks:
@@ -35,7 +35,7 @@ class Tracks:
         labels: (n,) classes.
         seen: (n,) time of the last detection of each track.
         detected: Last detections.
-        rows: (m,) track of each last detection."""
+        rows: (m,) index of the track of each last detection."""
 
     def __init__(self) -> None:
         self.time = 0.0
@@ -50,8 +50,11 @@ class Tracks:
         return len(self.state)
 
     def update(self, detections: Detections, time: float) -> None:
-        """Update with detections of a time, not before the last. Raises ValueError for impossible
-        boxes."""
+        """Move all tracks to a time, and update them with its detections.
+
+        Detections without a track begin one, and tracks unseen for long end. time: s, not before
+        the last update; at the same time again, tracks are not corrected twice. Raises ValueError
+        for an earlier time and impossible boxes."""
         check_boxes(detections.boxes)
         if not (math.isfinite(time) and (time >= self.time or not len(self))):
             raise ValueError(
@@ -59,13 +62,13 @@ class Tracks:
             )
         step = time - self.time if len(self) else 0.0
         is_repeat = time == self.time
-        move = np.eye(4)
+        move = np.eye(4)  # from a state to the state after the step
         acceleration_step = np.array([step**2 / 2, step]) * ACCELERATION_SIGMA_MPS2
         move[[0, 1], [2, 3]] = step
         state = self.state @ move.T
         noise = np.kron(np.outer(acceleration_step, acceleration_step), np.eye(2))
         covariance = move @ self.covariance @ move.T + noise
-        rows = self._match(detections, state, covariance)
+        rows = self._match(detections, state, covariance)  # track of each detection, -1 for none
         if not is_repeat:  # repeated measurements add nothing
             matched = np.flatnonzero(rows >= 0)
             prior = covariance[rows[matched]]
@@ -85,7 +88,7 @@ class Tracks:
         self.time = time
         self.detected = detections
         self.seen = seen[is_kept]
-        self.rows = (np.cumsum(is_kept) - 1)[rows]
+        self.rows = (np.cumsum(is_kept) - 1)[rows]  # indices after ended tracks are removed
         self.state = np.concatenate([state, new_states])[is_kept]
         self.covariance = np.concatenate([covariance, new_covariance])[is_kept]
         self.labels = np.concatenate([self.labels, detections.labels[new_rows]])[is_kept]
@@ -96,7 +99,10 @@ class Tracks:
         state: Float64[np.ndarray, "n 4"],
         covariance: Float64[np.ndarray, "n 4 4"],
     ) -> Int64[np.ndarray, " m"]:
-        """Track of each detection, -1 without one: nearest pairs within the gate first."""
+        """Index of the track of each detection, -1 without one.
+
+        Pairs of one class within the gate are joined, the nearest first. state, covariance: the
+        tracks', predicted for the time of the detections."""
         distances = np.linalg.norm(detections.boxes[:, None, :2] - state[None, :, :2], axis=2)
         distances[detections.labels[:, None] != self.labels[None]] = np.inf
         variance = covariance[:, 0, 0]  # as much along y
@@ -111,7 +117,7 @@ class Tracks:
         return rows
 
     def at(self, time: float) -> Detections:
-        """Return the last detections, moved to another time."""
+        """Return the last detections, moved to another time (s) if their speed is certain."""
         speed = self.state[self.rows, 2:]
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)[self.rows, 2:].sum(axis=1)
         is_sure = np.linalg.norm(speed, axis=1) > MIN_SPEED_SIGMAS * np.sqrt(variance)
