@@ -260,8 +260,9 @@ class Candidates(Displayed):
         return np.where(first_match < len(self), first_match, -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Candidates":
-        """Some of the candidates, in the given order. Mounts and axes stay, so factors keep their
-        meaning."""
+        """Some of the candidates (indices), in this order.
+
+        Mounts and axes stay, even unused ones, so factors keep their meaning."""
         rows = np.asarray(indices, np.int64)
         return Candidates(
             tuple(self.sensors[i] for i in rows), self.mounts, self.factors[rows], self.axes
@@ -370,6 +371,7 @@ def paper_candidates(site: Site) -> Candidates:
         x, y, z = sensor.position.tolist()
 
         def distance(mount: Mount, xy: tuple[float, float] = (x, y)) -> float:
+            # m, seen from above; xy is bound as a default, as the loop changes x and y
             return float(np.hypot(*(mount.position[:2] - xy)))
 
         nearest = min(site.mounts, key=distance, default=None)

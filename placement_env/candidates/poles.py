@@ -64,17 +64,19 @@ IGNORED_KEYS = {"capacity", "kind", "origin", "layer", "used", *NAMING_KEYS}
 
 
 class _Feature(NamedTuple):
-    location: str  # in the file
+    # feature of a GeoJSON file that has a place
+    location: str  # path of the file and index of the feature, for errors
     name: str
-    properties: Json
+    properties: Json  # without null values
     geometry: Json
 
 
 class _Pole(NamedTuple):
-    location: str  # in the file
+    # one point of a Point or MultiPoint feature
+    location: str  # path of the file and index of the feature, for errors
     name: str
-    properties: Json
-    point: list[float]
+    properties: Json  # those of the feature
+    point: list[float]  # coordinates of the file, not checked yet
 
 
 def load_poles(
@@ -583,8 +585,9 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
 
 
 def _is_drawn(properties: Json, geometry: Json) -> bool:
-    """True if a feature is a line or area without a stated meaning, unlike areas of sites and
-    keep-out."""
+    """True if a feature is a line or area whose meaning no property states.
+
+    Areas of a saved site (`layer`) and keep-out areas have a meaning."""
     if {"layer", "kind"} & properties.keys() or properties.get("keep_out"):
         return False
     return any(word in str(geometry.get("type")) for word in ("LineString", "Polygon"))

@@ -245,6 +245,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
 
 
 def _price(value: object, where: str) -> float:
+    # number from 0 up; where: its place in the catalogue, for errors. bool is an int in Python
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
         raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
     return float(value)

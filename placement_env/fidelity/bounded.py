@@ -18,7 +18,7 @@ class Bounded(OrderedDict[Any, Any]):
         """Add values, or mark them as used; then drop the longest unused others beyond a limit.
 
         Args:
-            values: Values by key; these stay even if they alone exceed the limit.
+            values: Values by key; these stay even if they exceed the limit.
             max_bytes: Bytes that all values may take."""
         for key, value in values.items():
             self[key] = value

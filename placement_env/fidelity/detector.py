@@ -334,6 +334,7 @@ class Detected:
         return int(sum(self.to_find(k, label).sum() for k in frames))
 
     def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
+        # key of the outcome of a set (indices of candidates) in frame k
         return self.key(
             k, "outcome", members, self.scheme.digest, self.codec.digest, self.thresholds
         )
@@ -373,6 +374,7 @@ class Detected:
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
+        # digest of each candidate; the name counts, as errors may be drawn by it
         return [make_key(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
@@ -479,6 +481,7 @@ class _FrameDetections:
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
+        # for this frame, and for the memo of the caller
         self._detected[key] = detections
         self.new[key] = detections.boxes, detections.scores, detections.labels
 

@@ -161,10 +161,12 @@ class _Fitting:
         optimum = minimize(
             self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds
         )
+        # probabilities of each set's objects in descending order
         ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(optimum.x))]
         total = max(sum(sets.sum() for _, sets in weights), 1.0)
 
         def misfit(rate: float) -> float:
+            # mean squared error of the AP with this rate of false alarms
             parts = zip(ranked, self._observed, weights, strict=True)
             return sum(
                 float(np.square(compute_expected_ap(p, float(rate))[0] - observation.ap) @ sets)
@@ -238,6 +240,7 @@ def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weigh
         At each site, how often each object and each set is drawn."""
 
     def draw(total: int, count: int) -> np.ndarray:
+        # how often each of `count` things is drawn in `total` draws with replacement
         return rng.multinomial(total, np.full(count, 1 / count)) if count else np.zeros(0, np.int64)
 
     weights = []

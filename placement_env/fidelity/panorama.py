@@ -35,13 +35,14 @@ Reach = Literal["mount", "own", "nearest"]  # panoramas made for a sensor, see `
 
 
 def _never() -> bool:
+    # `hold` of a view that need not wait
     return False
 
 
 class TrafficView:
-    """Look at traffic from mounts, with sensors that measure all of the detection area
-    (`seeing.choose_quick`).
+    """Points of sensors that move on mounts, in all frames of traffic, from panoramas.
 
+    Only sensors that measure all of the detection area can be seen so (`seeing.choose_quick`).
     A copy, also one that is pickled, keeps the panoramas and goes on without the original: nobody
     waits for it.
 
@@ -218,6 +219,7 @@ class TrafficView:
         The caller holds `casting`. Arguments are those of `_prepare`."""
 
         def lacks(place: Place) -> bool:
+            # True without a panorama there, or with one that does not serve all of the models
             return place not in self._kept or not models <= self._kept[place].stills.keys()
 
         requested = dict.fromkeys(place for place, _ in wanted_places)
@@ -242,6 +244,7 @@ class TrafficView:
         """Return the strips seen from each place in all frames, from the cache or made now."""
 
         def make(missing: list[int]) -> list[Strips]:
+            # strips for the places of these indices
             successive = successive_strips(self.traffic, np.array(places)[missing])
             return place_strips(successive, self.traffic, self._in_turn(), len(missing))
 

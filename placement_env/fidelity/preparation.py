@@ -521,6 +521,7 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
 
 
 def _check_levels(setting: Setting, name: FidelityName) -> None:
+    # ValueError if the cases have levels of traffic and this kind of fidelity cannot score them
     if setting.cases.levels > 1 and name not in BY_LEVELS:
         raise ValueError(
             f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}"

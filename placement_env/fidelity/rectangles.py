@@ -23,7 +23,7 @@ class Rectangles(NamedTuple):
         left: Edge of the smaller azimuth, in places of azimuth from -pi on.
         right: Edge of the larger azimuth, up to a turn farther.
         low: Lower edge, in places of elevation from straight down on.
-        high: Upper edge, likewise.
+        high: Upper edge, in the same places.
         cos: Cosine of the azimuth of the middle.
         sin: Sine of the azimuth of the middle.
         tan: Tangent of the elevation of the middle, limited to 3."""

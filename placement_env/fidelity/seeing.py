@@ -186,6 +186,7 @@ class _Look:
         raise NotImplementedError
 
     def _depends_on(self, sensors: Sequence[Sensor]) -> tuple[object, ...]:
+        # parts of a cache key: source code, sensors and classes
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
         return code, [sensor.digest for sensor in sensors], self.labels
 
@@ -243,10 +244,12 @@ class _RoundLook(_Look):
 
     @cached_property
     def _lookups(self) -> list[Lookup]:
+        # aim of each sensor in its table of rays
         return [Lookup.of(sensor) for sensor in self.sensors]
 
     @cached_property
     def _strips(self) -> SuccessiveStrips:
+        # kept from block to block: it reuses strips of objects that do not move
         return successive_strips(self.traffic, self._places[0])
 
     @cached_property

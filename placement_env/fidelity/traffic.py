@@ -59,8 +59,9 @@ class Traffic:
         return traffic
 
     def digest(self) -> str:
-        """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might
-        see is equal."""
+        """SHA-256 (hexadecimal) over site, bodies and frames.
+
+        Equal digests mean that everything a sensor might see is equal."""
         return self._digest
 
     @cached_property

@@ -113,8 +113,9 @@ class Visibility:
 
     @staticmethod
     def load(path: str | Path) -> "Visibility":
-        """Read a file that `save` wrote. Raises FileNotFoundError; ValueError for a damaged or
-        foreign file."""
+        """Read a file that `save` wrote.
+
+        Raises FileNotFoundError; ValueError for a damaged or foreign file."""
         arrays = read_arrays(path)
         names = {field.name for field in fields(Visibility)}
         if arrays.keys() not in (

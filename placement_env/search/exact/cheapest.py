@@ -159,8 +159,7 @@ def search(
     demand: Demand = Demand(),
     effort: float | None = None,
 ) -> Result:
-    """Cheapest set of at most `budget` sensors that meets a demand, with a certificate of its
-    price.
+    """Cheapest set of sensors that meets a demand, with a certificate of its price.
 
     Of equally cheap sets the one with the fewest sensors is chosen; the empty set means that no set
     that meets the demand exists, or none was found in time. The note of the certificate names the
@@ -249,6 +248,7 @@ def _by_surrogate(
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
     def score_ap(sets: Sets) -> Float64[np.ndarray, " n"]:
+        # AP of each set; the lowest over failures and shares if the demand has conditions
         return objective.scores(sets).ap if is_plain else demand.reach(shares, sets)
 
     condition = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"

@@ -99,6 +99,7 @@ def search(
     )
 
     def covered(sets: Sets) -> Int64[np.ndarray, " n"]:
+        # worth that each set (row of booleans) covers
         totals = np.zeros(len(sets), np.int64)
         for n, row in enumerate(sets):
             totals[n] = (worth @ (seen[row].sum(axis=0) >= views)).min()
@@ -343,6 +344,7 @@ def prove_bound(
     """
 
     def largest(gains: np.ndarray) -> float:
+        # sum of the `budget` largest gains of candidates, at most one on each mount
         best = np.zeros(int(mount.max(initial=-1)) + 1)
         np.maximum.at(best, mount, gains)
         return float(np.sort(best)[::-1][:budget].sum())

@@ -72,6 +72,7 @@ def search(
     bound = max(value, solution.bound) if solution.chosen is not None else levels.whole
 
     def worth(sets: Sets) -> Int64[np.ndarray, " n"]:
+        # worth of the levels that each set (row of booleans) reaches
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
     progress.settle(improve_among_equals(progress, members, worth))

@@ -494,6 +494,7 @@ def _surviving(
     gain = levels.gain[0]
 
     def sum_gains(variables: "list[IntVar]", objects: Int64[np.ndarray, " _"]) -> "LinearExpr":
+        # sum of the gains of those of some objects whose variable is 1
         return linear.weighted_sum([variables[o] for o in objects], gain[objects].tolist())
 
     for party in levels.parties:
