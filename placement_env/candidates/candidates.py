@@ -33,13 +33,13 @@ from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor, SensorModel, tabulate_sensors
 from toolkit.sites.site import Mount, Site
 
-DEFAULT_HEIGHTS_M = (4.0, 6.0, 8.0)  # above the foot of the mount
-DEFAULT_TILTS_DEG = (5.0, 15.0, 25.0)  # below the horizon
+DEFAULT_HEIGHTS_M = (4.0, 6.0, 8.0)  # heights of a pool above the foot of the mount
+DEFAULT_TILTS_DEG = (5.0, 15.0, 25.0)  # tilts of a pool below the horizon
 DEFAULT_TILTS_RAD = tuple(float(np.deg2rad(tilt)) for tilt in DEFAULT_TILTS_DEG)
 MAX_MOUNT_DISTANCE_M = 1.0  # from a present sensor to the foot of its mount, seen from above
 AREA_CELLS = 16  # the area is checked at 16 x 16 points for poses that see nothing of it
 AREA_HEIGHT_M = 1.0  # height of these points above the street
-PAPER = (DepthCamera(),)
+PAPER = (DepthCamera(),)  # the paper's camera, the model if none is given
 MAX_RANDOM_POSES = 8  # pool poses in one random set
 # sensor models, or their prices by model if sensors cost anything
 Models = Sequence[SensorModel] | Mapping[SensorModel, float]
@@ -146,7 +146,7 @@ class Candidates(Displayed):
         return len(self.sensors)
 
     def _card(self) -> Card:
-        # head, facts and table for a display, such as in a notebook
+        # title, facts and table for a display, such as in a notebook
         kinds = ", ".join(dict.fromkeys(model.kind for model in self.axes.models))
         names = ("mount", "height", "heading", "tilt")
         facts = [
@@ -182,7 +182,7 @@ class Candidates(Displayed):
 
     @cached_property
     def mount_prices(self) -> Float64[np.ndarray, " M"]:
-        """Price of each mount."""
+        """Price of each mount, paid once for all sensors on it."""
         return np.array([mount.price for mount in self.mounts], np.float64)
 
     @cached_property
@@ -212,7 +212,7 @@ class Candidates(Displayed):
         return np.array([self.mounts[mount].capacity for mount in self.mount], np.float64)
 
     def find_mounts(self, names: Sequence[str]) -> Int64[np.ndarray, " k"]:
-        """Indices of mounts by name. Raises ValueError for an unknown name."""
+        """Index of the mount with each name. Raises ValueError for an unknown name."""
         indices = {mount.name: m for m, mount in enumerate(self.mounts)}
         for name in names:
             if name not in indices:
@@ -269,7 +269,9 @@ class Candidates(Displayed):
         )
 
     def digest(self) -> str:
-        """SHA-256 over sensors, mounts and factors; the same on every machine."""
+        """SHA-256 (hexadecimal) over sensors, mounts, axes and factors, alike on every machine.
+
+        Places and prices of models count only if they are not all 1, and not all 0."""
         sha = sha256(repr([(sensor.name, sensor.digest) for sensor in self.sensors]).encode())
         for mount in self.mounts:
             terms = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
@@ -357,10 +359,11 @@ class NoCandidates(ValueError):
 
 
 def paper_candidates(site: Site) -> Candidates:
-    """Present sensors of a site, each on a separate mount.
+    """Candidates that are the present sensors of a site, each on a separate mount.
 
-    The mount is the nearest within `MAX_MOUNT_DISTANCE_M` (a copy for a second sensor), or a new
-    one at the sensor. Raises ValueError if the site has no sensors.
+    The mount is the site's nearest one within `MAX_MOUNT_DISTANCE_M` (a copy with another name for
+    a second sensor), or a new one at the sensor. Axes hold the heights, headings and tilts that
+    occur, to 1e-6. Raises ValueError if the site has no sensors.
     """
     if not site.sensors:
         raise ValueError(

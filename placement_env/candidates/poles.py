@@ -46,15 +46,15 @@ from toolkit.runtime.text_values import read_json, read_own_table
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 
-MAX_FILE_POLES = 5000
-MAX_POLE_DISTANCE_M = 300.0  # from the detection area to a pole
+MAX_FILE_POLES = 5000  # poles in a file
+MAX_POLE_DISTANCE_M = 300.0  # largest distance from the detection area to a pole
 SAME_POLE_M = 0.1  # largest distance between two poles that are one
 MIN_AREA_M2 = 0.01  # smallest keep-out area
 MAX_SNAP_M = 1.0  # distance to the edge over which a pole moves off the carriageway
 OFF_EDGE_M = 0.05  # distance of a moved pole from the carriageway
 MAX_POLE_HEIGHT_M = 60.0  # sensors above the foot; masts of motorways and stadiums are lower
 CHECKED_ANGLES = 16  # directions from the edge in which a place off the carriageway is looked for
-NAMING_KEYS = ("ref", "id", "@id", "fid", "osm_id")  # that name a feature without a name, in order
+NAMING_KEYS = ("ref", "id", "@id", "fid", "osm_id")  # names of features without a name, in order
 MAX_ABOVE_GROUND_M = 20.0  # a foot that is farther off the ground must be an altitude above the sea
 Json = dict[str, Any]
 _TABLES = read_own_table(__file__, "poles.toml")
@@ -332,6 +332,8 @@ def _check_system(element: Json, where: str) -> None:
     """Raise ValueError for a collection, feature or geometry in another system than WGS84.
 
     Before RFC 7946 each of them could name a separate system (geojson.org, 2008, section 3).
+
+    where: Its place in the file, for the error.
     """
     system = re.sub(r"\W+", ":", str(element.get("crs") or "CRS84"))
     if not re.search(r"CRS:?84|EPSG:(0:)?4326\b", system, re.IGNORECASE):

@@ -42,10 +42,10 @@ RATES = {  # unit of each rate, and whether it is yearly
     "power": ("sensor", True),
     "upkeep": ("sensor", True),
 }
-_HEAD_KEYS = ("title", "client", "author", "date", "logo")
+_HEAD_KEYS = ("title", "client", "author", "date", "logo")  # keys of the table [report]
 _MAX_LOGO_BYTES = 200_000
-MAX_LOGO_PX = 4000
-_MAX_HEAD_LETTERS = 200
+MAX_LOGO_PX = 4000  # largest width and height of a logo
+_MAX_HEAD_LETTERS = 200  # largest number of characters of an entry of [report]
 DEFAULT_YEARS = 10.0  # over which yearly rates are added up
 SENSOR_KEYS = ("name", "model", "price")  # in addition to the fields of a model
 DEGREE_SUFFIX = "_deg"
@@ -83,7 +83,7 @@ class SensorCatalogue:
     report: dict[str, str] = field(default_factory=dict)
 
     def get_name(self, model: SensorModel) -> str:
-        """Catalogue name of a model. Raises ValueError if it is unknown."""
+        """Name of a model in the catalogue. Raises ValueError if the catalogue lacks it."""
         for priced in self.models:
             if priced.model == model:
                 return priced.name
@@ -94,8 +94,9 @@ class SensorCatalogue:
 
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
-    """Load the catalogue in a TOML file.
+    """Load a catalogue of sensor models with prices from a TOML file.
 
+    The format is in this module's docstring; a logo is looked for in the file's folder.
     Raises OSError, and ValueError in one line that names the wrong entry.
     """
     content = read_bytes(path)

@@ -43,7 +43,7 @@ from toolkit.runtime.run import Processes
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-IOUS = (0.7, 0.8, 0.9)
+IOUS = (0.7, 0.8, 0.9)  # thresholds for vehicles at which every outcome is matched
 FALSE_ALARM = -1  # for a detection that hits no object
 IGNORED = -2  # for one that counts neither as hit nor as false alarm
 AT_ONCE = 500  # sets whose outcomes are held in memory
@@ -108,7 +108,9 @@ class Outcome(NamedTuple):
 
 
 class Detected:
-    """AP of sensor sets by detection, which the other fidelities approximate.
+    """Score sets by running the detector on all that their sensors measure.
+
+    Other fidelities approximate this one.
 
     Args:
         renders: Measurements of the candidates.
@@ -330,7 +332,7 @@ class Detected:
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
     def _count_to_find(self, frames: Iterable[int], label: int) -> int:
-        """Number of objects of one class to be found in some frames."""
+        """Number of objects of one class (number) to be found in some frames (indices)."""
         return int(sum(self.to_find(k, label).sum() for k in frames))
 
     def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
@@ -487,7 +489,7 @@ class _FrameDetections:
 
 
 class _Unknown(Exception):
-    """A needed detection is left for a later batch."""
+    """Signal within `_FrameDetections` that a needed detection is left for the next batch."""
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:

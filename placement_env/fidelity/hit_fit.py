@@ -34,7 +34,7 @@ START_BOX_NORM = 4.0  # the same for schemes that send boxes
 CEILING_LOGIT_RANGE = (-4.0, 7.0)
 START_FLOOR_POINTS = 10.0  # floor that a fit starts from
 FLOOR_LOG_RANGE = (-1.0, 5.0)
-DEFAULT_FIT_FRAMES = 100  # of each site
+DEFAULT_FIT_FRAMES = 100  # frames of traffic at each site
 
 
 class Observed(NamedTuple):

@@ -72,7 +72,7 @@ NUMBERS = (  # fields of a `HitModel` that a row of `HitModel.resampled` holds, 
     "bulk",
 )
 BULKY_M3 = 16.0  # volume of a box (m³) above which a hit is less likely
-MAX_OUTSIDE_SHARE = 0.05  # share of the view that may lie outside the domain without a warning
+MAX_OUTSIDE_SHARE = 0.05  # share of pairs with points that may exceed a range without a warning
 RANGE_SLACK = 1.1  # factor on a range before it counts as exceeded
 OPTIONAL_FIELDS = {
     "label",
@@ -268,7 +268,7 @@ def load_models(
 
 
 def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
-    """Write models as JSON, completely or not."""
+    """Write models to a JSON file, which is replaced whole or not at all."""
     write_text(
         path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n"
     )

@@ -28,7 +28,7 @@ from toolkit.sites.site import Mount
 
 HEIGHT_STEP_M = 0.5  # m between the panoramas of a mount
 MAX_HEIGHT_GAP_M = 1.5  # m of height within which a first view is taken from another panorama
-DEFAULT_PANORAMA_BYTES = 600_000_000  # of the panoramas kept in memory
+DEFAULT_PANORAMA_BYTES = 600_000_000  # memory of the panoramas that are kept
 Place = tuple[float, float, float]  # x, y, z (m, world frame), rounded to 1e-6 m
 _Wanted = list[tuple[Place, Mount]]  # places of panoramas, each with the mount it belongs to
 Reach = Literal["mount", "own", "nearest"]  # panoramas made for a sensor, see `TrafficView.see`

@@ -74,12 +74,12 @@ class CasesFidelity:
 
     @property
     def name(self) -> str:
-        """Name of the fidelity."""
+        """Name of the fidelity that all cases are scored by."""
         return self._first.name
 
     @property
     def classes(self) -> Classes:
-        """Classes that count."""
+        """Classes of the objects that count, and how they are combined."""
         return cast(ByClass, self._first).classes
 
     def __call__(self, subsets: Sets, /) -> Estimate:

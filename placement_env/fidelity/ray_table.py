@@ -17,7 +17,7 @@ from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor, SensorModel
 
 TABLE_TILT_STEP_RAD = float(np.deg2rad(1.0))  # rad between the tilts of tables
-MAX_TABLE_BYTES = 220_000_000  # of the tables kept at a time, 3 to 12 MB each
+MAX_TABLE_BYTES = 220_000_000  # memory of the tables kept at a time, 3 to 12 MB each
 Counts = Shaped[np.ndarray, " m"]  # rays in each rectangle
 RAY_TABLES = Bounded()  # `RayTable` by model, tilt and roll (rad), shared by all threads
 _LOCK = Lock()

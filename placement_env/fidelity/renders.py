@@ -40,8 +40,9 @@ from toolkit.sensors.track_velocities import velocities
 from toolkit.sites.files import format_site
 from toolkit.traffic.spawner import LIFE
 
-IN_MEMORY = 2048  # parts held in memory when a cache keeps them
-# of the frames, rendered separately: a race looks at one frame of every block of so many first
+IN_MEMORY = 2048  # parts of candidates' frames held in memory if a cache keeps them too
+# parts of the frames, rendered separately: part p has the frames whose number modulo this is p. A
+# race of sets scores one frame of every block of so many first
 RENDER_PARTS = 2 * LIFE
 
 
@@ -254,10 +255,10 @@ class Renders:
         return rig.pixels[0], rig.depth[0]
 
     def _render_part(self, c: int, part: int) -> Arrays:
-        """Render every `RENDER_PARTS`-th frame of sensor c, from frame `part` on.
+        """Render every `RENDER_PARTS`-th frame of candidate c, from frame `part` on.
 
-        Returns pixels, steps and ends of `_Packed`: what differs from the empty site, frame after
-        frame."""
+        Returns pixels, steps and ends as in `_Packed`: the pixels that differ from the empty site,
+        frame after frame."""
         renderer = build_renderer(self.traffic).looking([self.sensors[c]])
         empty_image = renderer.background[0].ravel().astype(np.float32)
         rig = self._rig(c)

@@ -84,5 +84,5 @@ class Still:
 
 @lru_cache(maxsize=8)
 def _mean_length(model: SensorModel) -> np.floating:
-    """Metres along a ray per unit of measurement, on average."""
+    """Mean length of a model's rays: metres from the sensor for a measurement of 1 m."""
     return np.linalg.norm(model.rays(), axis=-1).mean()

@@ -27,7 +27,8 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS_M
 
 MAX_OBJECT_POINTS = 1e5  # points on an object: powers and their sums fit float32
-# multiplications that BLAS does in one thread: waiting for a busy core takes far longer
+# multiplications up to which BLAS takes one thread for a product: waiting for a busy core to
+# share the work takes far longer
 MAX_ONE_THREAD_PRODUCT = 1 << 18
 
 
@@ -205,7 +206,7 @@ class _SizeFactors:
 
     @cached_property
     def factor(self) -> Float64[np.ndarray, " O"]:
-        """Factor of each object."""
+        """Factor of each object, 1 unless it is bulky."""
         return self.model.of_size(self.boxes)
 
     @cached_property
@@ -246,7 +247,7 @@ class _Part:
         return self.sums.rows[:, : self.objects].copy()
 
     def expected(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
-        """AP and recall of each set, NaN without an object."""
+        """AP and recall (rows) of each set by the formula of this module, NaN without an object."""
         figures = np.full((2, len(subsets)), np.nan)
         for block, sums in self.sums.blocks(subsets if self.objects else subsets[:0]):
             if self.model.floor > 0 or self.model.bulk:

@@ -236,7 +236,7 @@ class TableFidelity:
 
 
 class Best(NamedTuple):
-    """A sensor set (indices) and its AP."""
+    """One of the best sets: indices of its sensors, and its AP."""
 
     sensors: tuple[int, ...]
     ap: float
@@ -364,7 +364,7 @@ def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
 
 
 def save_table(table: Table, path: str | Path) -> None:
-    """Write a table as a .npz file, completely or not."""
+    """Write a table to a .npz file, which is replaced whole or not at all."""
     origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
     more = (
         {"more_ap": table.more_ap, "more_recall": table.more_recall}

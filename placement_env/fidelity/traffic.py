@@ -23,7 +23,7 @@ from toolkit.traffic.spawner import LIFE
 if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer
 
-FRAMES = 200  # of traffic unless a run says otherwise
+FRAMES = 200  # frames of traffic unless a run has another number
 KEPT_TRAFFIC = 4  # simulations held in memory
 _KEPT: "dict[tuple[str, int, int], Traffic]" = {}  # by text of the site's file, frames and seed
 
@@ -66,7 +66,7 @@ class Traffic:
 
     @cached_property
     def _scene(self) -> bytes:
-        """SHA-256 over site and bodies."""
+        """SHA-256 (bytes) over site and bodies, shared by parts of the same traffic."""
         sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
             sha.update(

@@ -108,7 +108,7 @@ class Visibility:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write a file, completely or not. `load` reads it."""
+        """Write a file that `load` reads; it is replaced whole or not at all."""
         write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @staticmethod

@@ -51,7 +51,9 @@ ROUNDING_AP = 1e-9  # largest effect of rounding
 
 @dataclass(frozen=True)
 class Demand:
-    """Conditions that the cheapest set must meet. Raises ValueError if they do not fit.
+    """AP that the cheapest set must reach, and the conditions under which it must.
+
+    Raises ValueError if they do not fit.
 
     Attributes:
         at_least: AP, or covered share.
