@@ -102,7 +102,7 @@ class SensorRays:
             parts = []
             owners = []
             for model, alike in self._alike:
-                # all boxes in the first axis, then all sensors of the model; divmod undoes it
+                # row: box * number of sensors of the model + sensor, which divmod takes apart below
                 corners = in_sensor[:, alike].reshape(-1, 8, 3)
                 nearest_lengths[:, alike] = nearest(model, corners).reshape(count, -1)
                 windowed = model.windows(corners)
