@@ -362,7 +362,7 @@ def _osm(path: Path) -> None:
 
 def _osm_packed(path: Path) -> None:
     _osm(path)
-    path.write_bytes(gzip.compress(path.read_bytes()))
+    path.write_bytes(gzip.compress(path.read_bytes(), mtime=0))
 
 
 def _overpass(path: Path) -> None:

@@ -1046,7 +1046,7 @@ def osm_gz_change(content: bytes, rng: Rng) -> tuple[str, bytes]:
     text = gzip.decompress(content)
     if rng.random() < 0.6:
         what, changed = xml_change(text, rng)
-        return what, gzip.compress(changed)
+        return what, gzip.compress(changed, mtime=0)
     head, body = text.split(b"\n", 1)
     stream, filling = io.BytesIO(), pick(rng, (b"-", b"<", b" ", b"\n"))
     with gzip.GzipFile(fileobj=stream, mode="w") as file:
