@@ -435,7 +435,8 @@ class _FrameDetections:
         """Fuse sets with shared batches of detections, if the detector is a `UnionDetector`.
 
         In each round every set advances until it needs an unknown detection; all of these are then
-        made together. When a round asks for fewer than two, the remaining sets are left to `fused`."""
+        made together. When a round asks for fewer than two, the remaining sets are left to
+        `fused`."""
         waiting = [members for members in sets if members]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
             requests = self._asked = {}
