@@ -39,7 +39,7 @@ DEFAULT_TILTS_RAD = tuple(float(np.deg2rad(tilt)) for tilt in DEFAULT_TILTS_DEG)
 MAX_MOUNT_DISTANCE_M = 1.0  # from a present sensor to the foot of its mount, seen from above
 AREA_CELLS = 16  # the area is checked at 16 x 16 points for poses that see nothing of it
 AREA_HEIGHT_M = 1.0  # height of these points above the street
-PAPER = (DepthCamera(),)  # the paper's camera, the model if none is given
+PAPER = (DepthCamera(),)  # the paper's camera, the default model
 MAX_RANDOM_POSES = 8  # pool poses in one random set
 # sensor models, or their prices by model if sensors cost anything
 Models = Sequence[SensorModel] | Mapping[SensorModel, float]
@@ -248,7 +248,7 @@ class Candidates(Displayed):
         tilt: ArrayLike,
         model: ArrayLike,
     ) -> np.int64 | Int64[np.ndarray, "..."]:
-        """Index of the first candidate with these factors, -1 if there is none.
+        """Index of the first candidate with these factors, -1 without one.
 
         The arguments are indices in `mounts` and `axes`, as in `factors`; arrays are broadcast, and
         the result has their shape."""
@@ -335,7 +335,7 @@ def room_beside(
 ) -> Sets:
     """Mask (n, C) of candidates outside each set that fit on their mounts in addition to it.
 
-    Arguments are those of `fit_together`.
+    Arguments are as in `fit_together`.
     """
     mount = candidates.mount
     count = candidates.per_mount(subsets)
@@ -575,7 +575,7 @@ def random_sets(candidates: Candidates, present: int, count: int, rng: np.random
 
 
 def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models) -> Axes:
-    # axes of a pool: heights and tilts ascending, each once. Arguments are those of `pool`
+    # axes of a pool: heights and tilts ascending, each once. Arguments are as in `pool`
     if headings < 1 or not (len(heights) and len(tilts) and len(models)):
         raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
     if not (np.isfinite(heights).all() and min(heights) >= 0):
@@ -594,7 +594,7 @@ def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], model
 def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
     """Each height (m above the foot), clipped to the range of each mount.
 
-    Several heights may be clipped to the same one; all but the nearest of them are NaN."""
+    Several heights may be clipped to the same one; all but the nearest are then NaN."""
     mounted = np.full((len(mounts), len(heights)), np.nan)
     for row, mount in enumerate(mounts):
         clipped = np.clip(heights, mount.min_height, mount.max_height)
@@ -614,7 +614,7 @@ def _sees_area(
     """Mask of poses with a part of the area in view, without occlusion.
 
     Args:
-        site: Site with the area, of which `AREA_CELLS` x `AREA_CELLS` points are checked.
+        site: Site with the area, checked at `AREA_CELLS` x `AREA_CELLS` points.
         position: (C, 3) position of each pose (m, world frame).
         factors: (C, 5) indices of each pose's mount, height, heading, tilt and model.
         rotations: (headings, tilts, models, 3, 3) world axes from sensor axes.

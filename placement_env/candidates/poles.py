@@ -75,7 +75,7 @@ class _Pole(NamedTuple):
     # one point of a Point or MultiPoint feature
     location: str  # path of the file and index of the feature, for errors
     name: str
-    properties: Json  # those of the feature
+    properties: Json  # as in the feature
     point: list[float]  # coordinates of the file, not checked yet
 
 
@@ -286,7 +286,7 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
 
     Args:
         properties: Properties of each feature.
-        areas: True for polygons, of which only properties that may mean keep_out are listed."""
+        areas: True for polygons: only properties that may mean keep_out are listed."""
     keys = dict.fromkeys(chain.from_iterable(properties))
     unknown = [key for key in keys if key not in KNOWN_PROPERTIES and key not in IGNORED_KEYS]
     guesses = {key: guess_property(key) for key in unknown}
@@ -385,7 +385,7 @@ def _features(collection: Json, where: str) -> Iterator[_Feature]:
 def _naming_keys(collection: Json) -> list[str]:
     """Keys of `NAMING_KEYS` whose values can serve as names of the unnamed features.
 
-    No two of these have the same value, and none has the name of another feature."""
+    All values differ, also from the names of other features."""
     features = [feature for feature in collection["features"] if isinstance(feature, dict)]
     rows = [_naming_values(feature) for feature in features]
     names = {row["name"] for row in rows if "name" in row}
@@ -511,7 +511,7 @@ def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: st
 def _mount(
     properties: Json, name: str, foot: Float64[np.ndarray, "3"], price: float, where: str
 ) -> Mount:
-    # mount of a pole with these properties; heights are 3 to 8 m if the file has none
+    # mount of a pole with these properties; heights are 3 to 8 m without a property
     top = _number(properties, where, 8.0, "max_height", "height")
     heights = _number(properties, where, min(3.0, top), "min_height"), top
     capacity = _number(properties, where, 2000.0, "capacity_kbit", "capacity")

@@ -59,7 +59,7 @@ def sent_per_frame(
 class Coverage:
     """Score sets by the share of objects that enough of their sensors see well enough.
 
-    This share is given as AP and as recall; kbit are those of `SentData`.
+    This share is given as AP and as recall; kbit are as in `SentData`.
 
     Args:
         visibility: Points of the candidates on objects.

@@ -45,7 +45,7 @@ from toolkit.sites.site import Site
 
 IOUS = (0.7, 0.8, 0.9)  # thresholds for vehicles at which every outcome is matched
 FALSE_ALARM = -1  # for a detection that hits no object
-IGNORED = -2  # for one that counts neither as hit nor as false alarm
+IGNORED = -2  # for a detection that counts neither as hit nor as false alarm
 AT_ONCE = 500  # sets whose outcomes are held in memory
 
 
@@ -163,7 +163,7 @@ class Detected:
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
         """Copy whose figures are for another IoU threshold; it shares measurements and memo.
 
-        also: Further thresholds at which outcomes are matched, as well as those of `ious`."""
+        also: Further thresholds at which outcomes are matched, as well as at `ious`."""
         check_iou(iou)
         detected = copy(self)
         detected.iou = iou
@@ -200,12 +200,12 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """AP, recall and kbit of each set, by IoU threshold (those of `ious`).
+        """AP, recall and kbit of each set, by IoU threshold (`ious`).
 
         Args:
             subsets: Sets as rows of booleans, one column per candidate.
             frames: Number of frames from the first on, or their indices; None for all.
-            progress: Called with the number of frames done, of those not scored yet."""
+            progress: Called with the number of new frames done."""
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: estimates.combined(self.classes) for iou, estimates in by_class.items()}
 
@@ -217,7 +217,7 @@ class Detected:
     ) -> dict[float, ClassEstimates]:
         """AP and recall of each set for each class, and its kbit, by IoU threshold of vehicles.
 
-        Arguments are those of `estimates`. Other classes are matched at the threshold that
+        Arguments are as in `estimates`. Other classes are matched at the threshold that
         `Classes.get_iou` gives for a key."""
         sets = self._sets(subsets)
         numbers = _indices(self.frames, frames)
@@ -262,7 +262,7 @@ class Detected:
         Args:
             sets: Sets as ascending indices of candidates.
             frames: Indices of frames.
-            progress: Called with the number of frames done, of those with an unknown outcome."""
+            progress: Called with the number of frames done that had an unknown outcome."""
         by_set: dict[tuple[int, ...], list[Outcome | None]] = {}
         for members in sets:
             cached = self.memo.get([self._outcome_key(members, k) for k in frames])
@@ -434,9 +434,8 @@ class _FrameDetections:
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
         """Fuse sets with shared batches of detections, if the detector is a `UnionDetector`.
 
-        In each round every set advances until it needs an unknown detection; all of these are then
-        made together. When a round asks for fewer than two, the remaining sets are left to
-        `fused`."""
+        In each round every set advances until it needs an unknown detection; these are then made
+        together. When a round asks for fewer than two, the remaining sets are left to `fused`."""
         waiting = [members for members in sets if members]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
             requests = self._asked = {}
@@ -519,7 +518,7 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
 def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
     """Indices of frames: of all for None, of the first for a number, else those given.
 
-    Raises ValueError if there is none."""
+    Raises ValueError without any."""
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
     numbers = range(available)[:frames] if frames is None or isinstance(frames, int) else frames

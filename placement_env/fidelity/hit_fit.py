@@ -84,7 +84,7 @@ def fit(
         resamples: Number of further fits to sites (unless there is one), blocks of frames and sets
             drawn with replacement. They give the model's uncertainty, and its error at the sites
             left out of each draw (at the sets left out for a single site); 0 for none.
-        seed: Seed of these draws.
+        seed: Seed of the draws.
 
     Raises ValueError if the data are empty, do not fit together, or are all hits or all misses."""
     for observation in observed:
@@ -279,7 +279,7 @@ def fit_detected(
         detected_sites: At each site the visibility, the fidelity `Detected` of the same candidates,
             frames and classes, and the sets as rows of booleans.
         source: Fitted data in words, for the models.
-        ious: IoU thresholds of vehicles, from those of `Detected`; all of them if empty. Other
+        ious: IoU thresholds of vehicles, from the ones of `Detected`; all if empty. Other
             classes are fitted at the thresholds that `Classes.get_iou` gives for them.
         resamples: Number of fits to resampled data for each model, see `fit`.
         seed: Seed of the resamples.
@@ -349,7 +349,7 @@ class Sampling:
 
     Attributes:
         poses: Random poses of a site's pool, in addition to the site's sensors.
-        sets: Sets of these sensors, at most.
+        sets: Sets of sensors, at most.
         models: Sensor models of the random poses; empty for the paper's camera.
         resamples: Fits to resampled data for each model, see `fit`."""
 

@@ -177,8 +177,10 @@ class SeenPoints(NamedTuple):
     """Points of S sensors on the O scored objects of all frames, and in each of F frames."""
 
     points: Float32[np.ndarray, "S O"]  # without noise, objects frame after frame
-    sent: Float32[np.ndarray, "S F"]  # points expected in the crop, lifted out of it or in by noise
-    far: Float32[np.ndarray, "S F"]  # those of them beyond the site's hybrid radius
+    sent: Float32[
+        np.ndarray, "S F"
+    ]  # points expected in the crop, with noise that lifts some out or in
+    far: Float32[np.ndarray, "S F"]  # the ones beyond the site's hybrid radius
 
 
 class _Part(NamedTuple):
@@ -250,7 +252,7 @@ class _Scene:
     Attributes:
         views: Rays of the S sensors.
         sent: (S,) points of each sensor sent at the empty site.
-        far: (S,) those of them beyond the site's hybrid radius."""
+        far: (S,) the ones beyond the site's hybrid radius."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site = site

@@ -70,7 +70,7 @@ class TrafficView:
         self._stand_alone()
 
     def _stand_alone(self) -> None:
-        """Set lock, queue and `hold` to those of an object that no thread uses."""
+        """Set lock, queue and `hold` as in an object that no thread uses."""
         self.casting = Lock()  # held while rays are cast: others may look at what is there
         # one for each thread that waits to cast; a list, as threads may change it
         self._queue: list[None] = []
@@ -153,8 +153,8 @@ class TrafficView:
     def _find_near(self, sensor_place: Place, model: SensorModel) -> Place | None:
         """Return the place of the nearest known panorama within `MAX_HEIGHT_GAP_M` above or below.
 
-        A panorama is known if it is in memory with the static scene for this model. None if there
-        is none."""
+        A panorama is known if it is in memory with the static scene for this model. None
+        without one."""
         x, y, z = sensor_place
         near_places = [
             place
@@ -214,9 +214,9 @@ class TrafficView:
     def _make(
         self, wanted_places: _Wanted, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
-        """Make missing surrounds, keep them in memory, and return those of the wanted places.
+        """Make missing surrounds, keep them in memory, and return the wanted ones.
 
-        The caller holds `casting`. Arguments are those of `_prepare`."""
+        The caller holds `casting`. Arguments are as in `_prepare`."""
 
         def lacks(place: Place) -> bool:
             # True without a panorama there, or with one that does not serve all of the models
@@ -244,7 +244,7 @@ class TrafficView:
         """Return the strips seen from each place in all frames, from the cache or made now."""
 
         def make(missing: list[int]) -> list[Strips]:
-            # strips for the places of these indices
+            # strips for places by index
             successive = successive_strips(self.traffic, np.array(places)[missing])
             return place_strips(successive, self.traffic, self._in_turn(), len(missing))
 
@@ -260,7 +260,7 @@ class TrafficView:
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
     """Places of the panoramas below and above a position on a mount, each with its weight.
 
-    Weights are those of linear interpolation by height; one place if the position is at a half
+    Weights interpolate linearly by height; one place if the position is at a half
     metre above the mount's foot."""
     x, y, z = position.tolist()
     foot = float(mount.position[2])

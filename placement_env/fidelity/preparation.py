@@ -59,7 +59,7 @@ class ProfileFidelities:
 class CasesFidelity:
     """Score sets over all cases: error profiles, IoU thresholds, levels of traffic and failures.
 
-    kbit are those of the intact set in all traffic: of the error profile with the least AP, or
+    kbit are for the intact set in all traffic: at the error profile with the least AP, or
     means over the profiles, as the cases combine them.
 
     Args:
@@ -132,7 +132,7 @@ class CasesFidelity:
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
     ) -> list[_Estimated]:
         # figures of each set at each error profile, over thresholds, levels and failures. Rows are
-        # the sets, then what each failure leaves of them
+        # the sets, then what remains after each failure
         rows, owners = self.cases.expand(subsets)
         by_profile = []
         for profile in self._profiles:
@@ -357,7 +357,7 @@ class Preparation:
     def build_fidelity(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
         """Scorer of sets of other candidates, with the setting's fidelity and cases.
 
-        visibility: Points of these candidates on the objects of the same traffic."""
+        visibility: Their points on the objects of the same traffic."""
         if self._empty_surrogate is not None:
             return self._empty_surrogate.over(visibility)
         return self.at(candidates, visibility).fidelity()
@@ -533,7 +533,7 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
 
     Args:
         setting: Fusion scheme, classes and path of a file of hit models.
-        iou: IoU threshold of vehicles; `Classes.get_iou` gives those of other classes.
+        iou: IoU threshold of vehicles; `Classes.get_iou` gives the ones for other classes.
         network: Name of the network whose shipped models are taken.
 
     Raises ValueError for a missing model, FileNotFoundError for a missing file."""
@@ -574,8 +574,8 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
     """Name of the shipped network for some sensors at a site.
 
-    It is the site's name, for a network trained there, if each of them is one of the site's
-    sensors; else `GENERAL`."""
+    It is the site's name, for a network trained there, if the site has
+    all these sensors; else `GENERAL`."""
     is_trained_here = (
         set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
     )

@@ -82,7 +82,7 @@ class Lookup(NamedTuple):
 class RayTable:
     """Number of rays of a model in each direction, tilted and rolled (rad), heading 0.
 
-    Places are those of `rectangles`: azimuth from straight behind on, elevation from straight down.
+    Places are as in `rectangles`: azimuth from straight behind on, elevation from straight down.
 
     Attributes:
         first_column: First place of azimuth with rays.
@@ -90,7 +90,7 @@ class RayTable:
         first_row: Lowest place of elevation with rays.
         cells: Numbers of the cells (see `cells`) with rays: column * `CELL_ROWS` + row, columns by
             azimuth from the heading.
-        cell_rays: Number of rays in each of these cells, float32.
+        cell_rays: Number of rays in each such cell, float32.
         nbytes: Bytes of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
@@ -192,7 +192,7 @@ def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around:
         around: Tilt whose nearest tables come first (rad).
 
     Returns:
-        True if a table was made; False if none is missing, or memory is 85 % full."""
+        True if a table was made; False if all are there, or memory is 85 % full."""
     steps = range(round(lowest / TABLE_TILT_STEP_RAD), round(steepest / TABLE_TILT_STEP_RAD) + 1)
     for step in sorted(steps, key=lambda tilt_step: abs(tilt_step - around / TABLE_TILT_STEP_RAD)):
         key = (model, step * TABLE_TILT_STEP_RAD, 0.0)

@@ -170,7 +170,7 @@ class Renders:
     def _reading(self, k: int, c: int) -> Frame:
         """Frame k with one sensor, candidate c: its whole image with noise and errors.
 
-        For errors that need velocities, those of the objects come from the frames before and
+        For errors that need velocities, the objects' ones come from the frames before and
         after."""
         snapshots = self.traffic.snapshots
         sensor = self.sensors[c]

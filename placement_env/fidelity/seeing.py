@@ -165,7 +165,7 @@ class _Look:
         Args:
             blocks: First index and the one after the last, ascending without gaps.
             run: Processes, progress and cache.
-            total: End of the last block; progress is the done part of it, in sensors."""
+            total: End of the last block; the share that is done gives the progress, in sensors."""
         report = run.stage("poses rendered", len(self.sensors))
         seen = []
         computed = recall(

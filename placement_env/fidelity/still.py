@@ -21,7 +21,7 @@ CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
 class Still:
     """Static scene seen from one place by one sensor model: a chance for each cell of directions.
 
-    Cells are those of `cells`, numbered column * `CELL_ROWS` + row. Chances are whole numbers of
+    Cells are as in `cells`, numbered column * `CELL_ROWS` + row. Chances are whole numbers of
     1 / `CHANCE_STEPS`."""
 
     sent: UInt8[np.ndarray, " cells"]  # chance that a ray in the cell gives a point that is sent

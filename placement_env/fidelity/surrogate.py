@@ -70,7 +70,7 @@ class Surrogate:
     def over(self, visibility: Visibility) -> "Surrogate":
         """Copy with the same models for other candidates in the same traffic.
 
-        visibility: Points of these candidates. If it shares the array of boxes, factors of the
+        visibility: Their points. If it shares the array of boxes, factors of the
         objects' sizes are shared too."""
         surrogate = copy(self)
         surrogate._look(visibility, [part.sizes for part in self._parts])
@@ -174,7 +174,7 @@ def _choose_models(
 ) -> tuple[HitModel, ...]:
     """Hit model of each class, from those given or the shipped ones.
 
-    Arguments are those of `Surrogate`. Raises ValueError for a missing one, or one of another
+    Arguments are as in `Surrogate`. Raises ValueError for a missing one, or one of another
     scheme."""
     name = surrogate_name(scheme)
     if model is None:

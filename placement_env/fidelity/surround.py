@@ -35,7 +35,7 @@ class ScoredItems(NamedTuple):
 
     Attributes:
         place: Index of each object among the scored ones, or `items` if it is not scored.
-        frame: Frame of each object, counted from the first of these frames.
+        frame: Frame of each object, counted from the first one here.
         items: Number of scored objects.
         frames: Number of frames."""
 
@@ -70,14 +70,14 @@ class Surround:
     Points of any sensor at this place are counted from it, without another cast of rays.
 
     Attributes:
-        scored: Scored objects of these frames.
+        scored: Scored objects of the frames.
         rectangles: Azimuth and elevation of each strip, left edges ascending within one turn.
         item: Index of each strip's object among the scored ones; `scored.items` if the object is
             not scored or the strip is outside the crop.
         frame: Frame of each strip.
         widest: Width of the widest strip, in places of azimuth.
         gains: By sensor model, points sent (n,) and far points (n,) that a ray in each strip adds
-            to those of the static scene behind it, -1 to 1.
+            to the static scene's behind it, -1 to 1.
         stills: Static scene seen from this place, by sensor model."""
 
     scored: ScoredItems
@@ -198,7 +198,7 @@ def place_strips(
         places: Number of places.
 
     Returns:
-        Strips of each place; `item` counts the objects of these frames, frame after frame."""
+        Strips of each place; `item` counts all their objects, frame after frame."""
     parts = []
     first = 0
     for k in frames:
@@ -214,5 +214,5 @@ def place_strips(
 
 @lru_cache(maxsize=MAX_MOMENTS)
 def build_moment(traffic: Traffic, k: int) -> Moment:
-    """Scene of the moving objects in frame k; those of the last `MAX_MOMENTS` uses are kept."""
+    """Scene of the moving objects in frame k; the last `MAX_MOMENTS` are kept."""
     return build_renderer(traffic).moment(traffic.snapshots[k])

@@ -56,7 +56,7 @@ class TableOrigin:
         hybrid_radius: Radius of hybrid fusion (m).
         errors: Name of the sensors' error profile.
         classes: Classes that the table has figures for.
-        ious: For each class, the IoU thresholds that it has for those of vehicles (`IOUS`)."""
+        ious: For each class, its IoU threshold for each of `IOUS`."""
 
     site: str
     sensors: tuple[str, ...]
@@ -86,8 +86,8 @@ class TableOrigin:
 class Table:
     """AP, recall and data of all 2^C sets of C sensors, measured with a detector.
 
-    Row number r is the set of the sensors c for which r has bit c. Schemes are those of
-    `PAPER_SCHEMES`, IoU thresholds those of `TableOrigin.ious`, in this order. Figures of a class
+    Row number r is the set of the sensors c for which r has bit c. Schemes are as in
+    `PAPER_SCHEMES`, IoU thresholds as in `TableOrigin.ious`. Figures of a class
     without an object are all NaN.
 
     Attributes:
@@ -194,7 +194,7 @@ class TableFidelity:
     Args:
         table: Table of all sets of the sensors.
         scheme: Fusion scheme, or its name.
-        iou: IoU threshold of vehicles; `Classes.get_iou` gives those of other classes.
+        iou: IoU threshold of vehicles; `Classes.get_iou` gives the ones for other classes.
         codec: Codec of the data sent, which must be the paper's.
         classes: Classes that count; several are combined.
 

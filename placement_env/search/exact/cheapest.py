@@ -132,7 +132,7 @@ class Demand:
 class DemandFidelity:
     """Score sets by the lowest AP over the failures and shares of a demand.
 
-    Recall and kbit are those of intact sets in all frames.
+    Recall and kbit are for intact sets in all frames.
 
     Args:
         whole: Scorer of sets in all frames.
@@ -171,8 +171,8 @@ def search(
         objective: Candidates, their prices, and the fidelity that scores sets.
         budget: Largest number of sensors.
         seed: Seed of the solver and of a search by swaps.
-        seconds: Limit of the search, 60 if None; if there are conditions the bound may take
-            `BOUND_TIME_SHARE` of it.
+        seconds: Limit of the search, 60 if None; if there are conditions, the bound may take
+            the share `BOUND_TIME_SHARE`.
         evaluations: Limit on scored sets in the search for an answer by a surrogate, None for none.
         demand: AP, or share of covered objects, to be reached, and conditions.
         effort: Limit of each programme in OR-Tools' deterministic seconds, None for none.
@@ -348,7 +348,7 @@ def _solve(
 
     Args:
         progress: Objective and time of the search.
-        programme: Candidates, constraints and worth of sets.
+        programme: Candidates, constraints and levels.
         need: Worth that a set must have, in whole units.
         prices: Prices that are minimised.
         limits: Seed and effort of the solver; its seconds are replaced.

@@ -46,7 +46,7 @@ WORTH_UNITS = 10**9  # whole units of the sum over several classes
 _Seen = Bool[np.ndarray, "C O"]  # candidates × objects, True if seen
 _PerCandidate = Int64[np.ndarray, " C"]  # such as mounts or prices
 _Weight = Int64[np.ndarray, " O"]  # worth of covering each object
-_Worth = Int64[np.ndarray, "k O"]  # the same for k groups, of which the lowest sum counts
+_Worth = Int64[np.ndarray, "k O"]  # the same for k groups; the lowest sum counts
 
 
 def search(
@@ -138,7 +138,7 @@ def cover_most(
     worth: _Worth | None = None,
     limits: SolverLimits = SolverLimits(),
 ) -> Solved:
-    """Choose candidates that cover the most objects, each object seen by at least `views` of them.
+    """Choose candidates that cover the most objects, each seen by at least `views` candidates.
 
     The solver starts from the set of `greedy_cover`, so the answer covers no less, unless some
     mounts must carry a sensor.
@@ -150,12 +150,12 @@ def cover_most(
         views: Number of candidates that must see an object to cover it.
         may_stand: Mask of candidates that may be built, None for all.
         prices: Prices with their limit, None for no limit.
-        worth: Worth of covering each object, for k groups of which the lowest sum counts
+        worth: Worth of covering each object, for k groups; the lowest sum counts
             (`compute_worth`); None to count objects.
         limits: Time and seed of the solver.
 
     Returns:
-        Indices of candidates, ascending, and the worth that they cover.
+        Indices of candidates, ascending, and what they cover.
     """
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
@@ -193,7 +193,7 @@ def cover_most(
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
-    """Worth of covering each object in whole numbers, and the worth of covering all.
+    """Worth of covering each object in whole numbers, and the total of all.
 
     With one class each object counts 1. With several the total is `WORTH_UNITS`, and the objects
     of a class share its units equally: in one row by the weights of classes for their mean, in one
@@ -370,7 +370,7 @@ def _model(
 
     Args:
         seen: Candidates × objects, True if seen.
-        weights: Weight of each object, for k groups of which the lowest sum is maximised.
+        weights: Weight of each object, for k groups; the lowest sum is maximised.
         poles: Places and links of the candidates' mounts.
         budget: Largest number of candidates.
         views: Views that cover an object.

@@ -61,7 +61,7 @@ def search(
     best = [rows[figures.reward[rows].argmax()] for rows in of_size]
 
     def scores(rows: np.ndarray | list[np.intp]) -> tuple[Score, ...]:
-        # scores of these rows of `subsets`
+        # scores of some rows of `subsets`
         return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in rows)
 
     return progress.result("exhaustive", certificate, scores(front), scores(best))

@@ -286,7 +286,7 @@ class Programme:
     """Integer programme over sets of at most `budget` of C candidates, solved by `solve`.
 
     Attributes:
-        levels: Levels of evidence on the objects, and their worth.
+        levels: Levels of evidence on the objects, and their gains.
         budget: Largest number of sensors.
         poles: Places and links of the mounts.
         may_stand: Mask of candidates that may be built.
@@ -328,7 +328,7 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
     """Steps that approximate each object's hit probability, as levels of evidence.
 
     The first step begins at any evidence, the others at the shares `HIT_STEPS` of the highest
-    probability. A sure hit of every object is worth about `GAIN_UNITS` in all; sizes of objects
+    probability. Sure hits of all objects gain about `GAIN_UNITS` in all; sizes of objects
     are not considered.
 
     Args:
@@ -375,7 +375,7 @@ def solve(
     """Find the set with the most worth, or the cheapest set with enough worth, by CP-SAT.
 
     Args:
-        programme: Candidates, their constraints and the worth of sets.
+        programme: Candidates, their constraints and levels.
         limits: Time and seed of the solver.
         at_least: Worth that the set must have if `cost` is given; otherwise not used.
         cost: Prices whose total is minimised; of equally cheap sets the smallest is best. None to
@@ -494,7 +494,7 @@ def _surviving(
     gain = levels.gain[0]
 
     def sum_gains(variables: "list[IntVar]", objects: Int64[np.ndarray, " _"]) -> "LinearExpr":
-        # sum of the gains of those of some objects whose variable is 1
+        # sum of the gains of some objects, each if its variable is 1
         return linear.weighted_sum([variables[o] for o in objects], gain[objects].tolist())
 
     for party in levels.parties:
