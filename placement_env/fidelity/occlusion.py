@@ -177,9 +177,7 @@ class SeenPoints(NamedTuple):
     """Points of S sensors on the O scored objects of all frames, and in each of F frames."""
 
     points: Float32[np.ndarray, "S O"]  # without noise, objects frame after frame
-    sent: Float32[
-        np.ndarray, "S F"
-    ]  # points expected in the crop, with noise that lifts some out or in
+    sent: Float32[np.ndarray, "S F"]  # points expected in the crop under noise
     far: Float32[np.ndarray, "S F"]  # the ones beyond the site's hybrid radius
 
 

@@ -336,7 +336,7 @@ class Preparation:
         return preparation
 
     def with_traffic(self, traffic: Traffic, *, detector: Detector | None = None) -> "Preparation":
-        """Copy in given traffic of this site; everything else is made anew when needed.
+        """Copy in given traffic of this site; everything else is made again when needed.
 
         detector: Detector to use if it is open already, None to open the setting's when needed."""
         preparation = replace(self)
@@ -402,7 +402,7 @@ class Preparation:
         return over_cases(profiles, cases)
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
-        """Scorer of sets in undivided traffic at each IoU threshold of the cases.
+        """Scorer of sets at each IoU threshold of the cases, without failures or levels of traffic.
 
         Args:
             name: Kind of fidelity.
@@ -574,8 +574,8 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
     """Name of the shipped network for some sensors at a site.
 
-    It is the site's name, for a network trained there, if the site has
-    all these sensors; else `GENERAL`."""
+    It is the site's name, for a network trained there, if the site has all these sensors; else
+    `GENERAL`."""
     is_trained_here = (
         set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
     )
