@@ -140,8 +140,8 @@ def cover_most(
 ) -> Solved:
     """Choose candidates that cover the most objects, each seen by at least `views` candidates.
 
-    The solver starts from the set of `greedy_cover`, so the answer covers no less, unless some
-    mounts must carry a sensor.
+    The solver starts from the set of `greedy_cover`, so the answer covers no less if that
+    set satisfies all constraints.
 
     Args:
         seen: Candidates × objects, True if seen.
@@ -302,7 +302,8 @@ def greedy_cover(
         mount: Index of each candidate's mount.
         budget: Largest number of candidates.
         views: Views that an object needs.
-        prices: Prices with their limit, None for no limit.
+        prices: Prices with their limit, None for no limit. Only `Prices.each` counts, not the shared
+            price of a mount with several places.
     """
     missing = np.full(len(weight), views)
     is_free = np.ones(len(seen), bool)
