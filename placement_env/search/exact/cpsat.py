@@ -302,8 +302,8 @@ def greedy_cover(
         mount: Index of each candidate's mount.
         budget: Largest number of candidates.
         views: Views that an object needs.
-        prices: Prices with their limit, None for no limit. Only `Prices.each` counts, not the shared
-            price of a mount with several places.
+        prices: Prices with their limit, None for no limit. Only `Prices.each` counts, not the
+            shared price of a mount with several places.
     """
     missing = np.full(len(weight), views)
     is_free = np.ones(len(seen), bool)
