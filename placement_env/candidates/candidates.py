@@ -33,26 +33,28 @@ from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor, SensorModel, tabulate_sensors
 from toolkit.sites.site import Mount, Site
 
-DEFAULT_HEIGHTS_M = (4.0, 6.0, 8.0)  # above the foot of the mount
-DEFAULT_TILTS_DEG = (5.0, 15.0, 25.0)  # below the horizon
+DEFAULT_HEIGHTS_M = (4.0, 6.0, 8.0)  # heights of a pool above the foot of the mount
+DEFAULT_TILTS_DEG = (5.0, 15.0, 25.0)  # tilts of a pool below the horizon
 DEFAULT_TILTS_RAD = tuple(float(np.deg2rad(tilt)) for tilt in DEFAULT_TILTS_DEG)
 MAX_MOUNT_DISTANCE_M = 1.0  # from a present sensor to the foot of its mount, seen from above
 AREA_CELLS = 16  # the area is checked at 16 x 16 points for poses that see nothing of it
 AREA_HEIGHT_M = 1.0  # height of these points above the street
-PAPER = (DepthCamera(),)
+PAPER = (DepthCamera(),)  # the paper's camera, the default model
 MAX_RANDOM_POSES = 8  # pool poses in one random set
-# with their prices, if sensors cost anything
+# sensor models, or their prices by model if sensors cost anything
 Models = Sequence[SensorModel] | Mapping[SensorModel, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Values of the factors after the mount. Raises ValueError if they do not fit.
+    """Values that the factors of candidates (except the mount) are indices of.
+
+    Raises ValueError if models and prices do not fit.
 
     Attributes:
         heights: Heights above the foot of the mount (m).
-        headings: Headings (rad).
-        tilts: Tilts (rad).
+        headings: Headings, counter-clockwise from +x (rad).
+        tilts: Tilts below the horizon (rad).
         models: Sensor models.
         prices: Price of each model, in the unit of the mounts' prices, or empty.
     """
@@ -84,11 +86,12 @@ class Candidates(Displayed):
     Raises ValueError if the fields do not fit together.
 
     Attributes:
-        sensors: Sensors.
-        mounts: Mounts.
-        factors: Index of each sensor's mount, and its index on each of the `axes`; the range of a
-            mount may have moved its height.
-        axes: Heights, headings, tilts and models.
+        sensors: The C sensors.
+        mounts: The M mounts; some may have no candidate.
+        factors: Index of each sensor's mount, then its indices of height, heading, tilt and model
+            in `axes`. The sensor is lower or higher than its height there if the mount's range does
+            not hold it.
+        axes: Heights, headings, tilts and models, with the models' prices.
     """
 
     sensors: tuple[Sensor, ...]
@@ -119,7 +122,15 @@ class Candidates(Displayed):
         aim: Float64[np.ndarray, "n 3"],
         pool: "Candidates",
     ) -> "Candidates":
-        """Candidates in any poses on a pool's mounts. aim: height, heading and tilt of each."""
+        """Candidates in any poses on the mounts of a pool, with the pool's prices.
+
+        Each has separate entries of heights, headings and tilts in the axes.
+
+        Args:
+            sensors: Sensors, whose names differ.
+            mount: Index of each sensor's mount in the pool.
+            aim: Height above the mount's foot (m), heading and tilt (rad) of each sensor.
+            pool: Pool with the mounts, and with prices of all these models if it has any."""
         models = tuple(dict.fromkeys(sensor.model for sensor in sensors))
         number = np.arange(len(sensors))
         model_index = [models.index(sensor.model) for sensor in sensors]
@@ -135,6 +146,7 @@ class Candidates(Displayed):
         return len(self.sensors)
 
     def _card(self) -> Card:
+        # title, facts and table for a display, such as in a notebook
         kinds = ", ".join(dict.fromkeys(model.kind for model in self.axes.models))
         names = ("mount", "height", "heading", "tilt")
         facts = [
@@ -148,6 +160,7 @@ class Candidates(Displayed):
         )
 
     def _tabulate(self) -> Table:
+        # columns of a table with a row for each candidate
         heading, tilt = self.factors[:, 2:4].T
         axes = self.axes
         degrees = {
@@ -169,7 +182,7 @@ class Candidates(Displayed):
 
     @cached_property
     def mount_prices(self) -> Float64[np.ndarray, " M"]:
-        """Price of each mount."""
+        """Price of each mount, paid once for all sensors on it."""
         return np.array([mount.price for mount in self.mounts], np.float64)
 
     @cached_property
@@ -190,7 +203,7 @@ class Candidates(Displayed):
 
     @cached_property
     def several(self) -> bool:
-        """True if some mount may carry more than one sensor."""
+        """True if at least one mount can carry more than one sensor."""
         return bool((self.places > 1).any())
 
     @cached_property
@@ -199,7 +212,7 @@ class Candidates(Displayed):
         return np.array([self.mounts[mount].capacity for mount in self.mount], np.float64)
 
     def find_mounts(self, names: Sequence[str]) -> Int64[np.ndarray, " k"]:
-        """Indices of mounts by name. Raises ValueError for an unknown name."""
+        """Index of the mount with each name. Raises ValueError for an unknown name."""
         indices = {mount.name: m for m, mount in enumerate(self.mounts)}
         for name in names:
             if name not in indices:
@@ -216,7 +229,11 @@ class Candidates(Displayed):
     def per_mount(
         self, subsets: Sets, figure: Float64[np.ndarray, " C"] | None = None
     ) -> Shaped[np.ndarray, "n M"]:
-        """Number of sensors of each set on each mount, or the sum of a figure of theirs."""
+        """Number of sensors of each set on each mount, or the sum of their figures.
+
+        Args:
+            subsets: n sets as rows of booleans.
+            figure: Figure of each candidate to add up, such as its data; None to count."""
         set_row, candidate = np.nonzero(subsets)
         cells = set_row * len(self.mounts) + self.mount[candidate]
         shape = (len(subsets), len(self.mounts))
@@ -231,23 +248,30 @@ class Candidates(Displayed):
         tilt: ArrayLike,
         model: ArrayLike,
     ) -> np.int64 | Int64[np.ndarray, "..."]:
-        """Index of the candidate with these factors, -1 for no candidate."""
+        """Index of the first candidate with these factors, -1 without one.
+
+        The arguments are indices in `mounts` and `axes`, as in `factors`; arrays are broadcast, and
+        the result has their shape."""
         requested = np.stack(np.broadcast_arrays(mount, height, heading, tilt, model), axis=-1)
+        # (..., 1, 5) with (C, 5); a last column that is always True makes "none" index C
         is_same = (requested[..., None, :] == self.factors).all(axis=-1)
         no_match = np.ones((*requested.shape[:-1], 1), np.bool_)
         first_match = np.concatenate([is_same, no_match], axis=-1).argmax(axis=-1)
         return np.where(first_match < len(self), first_match, -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Candidates":
-        """Some of the candidates, in the given order. Mounts and axes stay, so factors keep their
-        meaning."""
+        """Some of the candidates (indices), in this order.
+
+        Mounts and axes stay, even unused ones, so factors keep their meaning."""
         rows = np.asarray(indices, np.int64)
         return Candidates(
             tuple(self.sensors[i] for i in rows), self.mounts, self.factors[rows], self.axes
         )
 
     def digest(self) -> str:
-        """SHA-256 over sensors, mounts and factors; the same on every machine."""
+        """SHA-256 (hexadecimal) over sensors, mounts, axes and factors, alike on every machine.
+
+        Places and prices of models count only if they are not all 1, and not all 0."""
         sha = sha256(repr([(sensor.name, sensor.digest) for sensor in self.sensors]).encode())
         for mount in self.mounts:
             terms = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
@@ -261,15 +285,15 @@ class Candidates(Displayed):
 
 
 def find_repeat(names: Iterable[str]) -> str:
-    """First name that occurs twice."""
+    """First name that occurs for the second time; StopIteration if all differ."""
     seen: set[str] = set()
     return next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
 
 
 def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Heading and tilt below the horizon (rad) of each sensor."""
+    """Headings counter-clockwise from +x, and tilts below the horizon, of sensors (rad)."""
     turns = np.array([sensor.pose[:3, :3] for sensor in sensors]).reshape(-1, 3, 3)
-    # sensor frames
+    # optical axes in the sensors' frames
     forward = np.array([sensor.model.body_SE3_sensor[0, :3] for sensor in sensors]).reshape(-1, 3)
     x, y, z = np.einsum("nij,nj->in", turns, forward)
     return np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
@@ -278,7 +302,7 @@ def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[
 def aim_sensor(
     sensor: Sensor, position: Float64[np.ndarray, "3"], heading: float, tilt: float
 ) -> Sensor:
-    """Sensor at another position and aim."""
+    """Copy of a sensor at another position (m, world) with this heading and tilt (rad), no roll."""
     x, y, z = position.tolist()
     return replace(
         sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor
@@ -290,7 +314,12 @@ def fit_together(
 ) -> Mask:
     """Mask of sets that fit on their mounts and shared links.
 
-    sent: kbit per frame, None if links always suffice.
+    A lone sensor on a mount always fits its link here: `FeasibleSets.linked` checks that.
+
+    Args:
+        candidates: C candidates.
+        subsets: n sets as rows of booleans.
+        sent: kbit per frame of each candidate, None if links always suffice.
     """
     per_mount = candidates.per_mount(subsets)
     is_fitting = np.asarray((per_mount <= candidates.places).all(axis=1))
@@ -304,7 +333,10 @@ def fit_together(
 def room_beside(
     candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None
 ) -> Sets:
-    """Mask of candidates that have room in addition to each set."""
+    """Mask (n, C) of candidates outside each set that fit on their mounts in addition to it.
+
+    Arguments are as in `fit_together`.
+    """
     mount = candidates.mount
     count = candidates.per_mount(subsets)
     has_room = np.asarray((count < candidates.places)[:, mount] & ~subsets)
@@ -315,20 +347,23 @@ def room_beside(
 
 
 def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
-    """Price that each candidate adds to a set. A mount that carries a sensor already is paid."""
+    """Price that each candidate adds to a set; a mount that carries a sensor already is paid.
+
+    row: True for the candidates of the set."""
     is_paid = np.isin(candidates.mount, candidates.mount[row])
     return np.where(is_paid, candidates.model_prices, candidates.prices)
 
 
 class NoCandidates(ValueError):
-    """No mount or pose remains for a sensor."""
+    """Error of a pool if no mount or pose remains for a sensor."""
 
 
 def paper_candidates(site: Site) -> Candidates:
-    """Present sensors of a site, each on a separate mount.
+    """Candidates that are the present sensors of a site, each on a separate mount.
 
-    The mount is the nearest within `MAX_MOUNT_DISTANCE_M` (a copy for a second sensor), or a new
-    one at the sensor. Raises ValueError if the site has no sensors.
+    The mount is the site's nearest one within `MAX_MOUNT_DISTANCE_M` (a copy with another name for
+    a second sensor), or a new one at the sensor. Axes hold the heights, headings and tilts that
+    occur, to 1e-6. Raises ValueError if the site has no sensors.
     """
     if not site.sensors:
         raise ValueError(
@@ -339,6 +374,7 @@ def paper_candidates(site: Site) -> Candidates:
         x, y, z = sensor.position.tolist()
 
         def distance(mount: Mount, xy: tuple[float, float] = (x, y)) -> float:
+            # m, seen from above; xy is bound as a default, as the loop changes x and y
             return float(np.hypot(*(mount.position[:2] - xy)))
 
         nearest = min(site.mounts, key=distance, default=None)
@@ -373,13 +409,20 @@ def pool(
     mounts: Sequence[Mount] | None = None,
     blind: bool = False,
 ) -> Candidates:
-    """Every model on every mount, at every height, heading and tilt.
+    """Candidates with every model on every mount, at every height, heading and tilt.
 
-    heights: m, clipped to the range of the mount; equal ones are kept once; headings: number of
-    them, evenly spaced from +x on; tilts: rad below the horizon; models: with their prices, or
-    without if only mounts cost; keep_out: areas whose mounts are not used; mounts: None for the
-    site's; blind: keep poses whose field of view misses the whole detection area. Raises ValueError
-    if an argument does not fit, `NoCandidates` if nothing remains.
+    Args:
+        site: Site with the detection area.
+        heights: Heights above the mount's foot (m), clipped to the range of the mount; equal ones
+            are kept once.
+        headings: Number of headings, evenly spaced counter-clockwise from +x on.
+        tilts: Tilts below the horizon (rad).
+        models: Sensor models, or their prices by model; without prices only mounts cost.
+        keep_out: Areas (m, world frame) whose mounts are not used.
+        mounts: Mounts of the sensors, None for the site's.
+        blind: True to keep poses whose field of view misses the whole detection area.
+
+    Raises ValueError if an argument does not fit, `NoCandidates` if nothing remains.
     """
     available = site.mounts if mounts is None else mounts
     if len({mount.name for mount in available}) < len(available):
@@ -408,6 +451,7 @@ def pool(
     for number, heading in enumerate(axes.headings.tolist()):
         for tilt_number, tilt in enumerate(axes.tilts.tolist()):
             bodies[number, tilt_number] = pose(yaw=heading, pitch=tilt)[:3, :3]
+    # (headings, tilts, models, 3, 3): world axes from sensor axes
     rotations = np.stack([bodies @ model.body_SE3_sensor[:3, :3] for model in axes.models], axis=2)
     if not blind:
         is_visible = _sees_area(site, position, factors, rotations, axes.models)
@@ -436,11 +480,17 @@ def choose_candidates(
 ) -> Candidates:
     """Candidates that a user names.
 
-    which: "pool" for every pose on the site's mounts, "paper" for the site's present sensors, else
-    a GeoJSON file of poles; models: empty for the paper's camera; catalogue: models with prices, in
-    place of `models`; keep_out: areas in addition to those in the file. A warning gives the number
-    of mounts in them. Raises ValueError if models or areas are given for present sensors, and the
-    errors of `load_poles` and `pool`.
+    Args:
+        site: Site of the candidates.
+        which: "pool" for every pose on the site's mounts, "paper" for the site's present sensors,
+            else the path of a GeoJSON file of poles.
+        models: Sensor models, empty for the paper's camera.
+        catalogue: Models with prices, in place of `models`; it also prices the poles of a file.
+        keep_out: Areas in addition to those in the file (m, world frame). A warning gives the
+            number of mounts in them.
+
+    Raises ValueError if models or areas are given for present sensors, and the errors of
+    `load_poles` and `pool`.
     """
     if which == "paper":
         if models:
@@ -474,8 +524,16 @@ def own_and_random(
 ) -> Candidates:
     """Present sensors of a site, each on a separate mount, then random poses of its pool.
 
-    models: empty for the paper's camera. Raises ValueError if the pool has fewer poses, or there
-    would be no sensor.
+    With present sensors the factors after the mount are all 0: axes do not describe the random
+    poses.
+
+    Args:
+        site: Site with the sensors and mounts.
+        poses: Number of random poses.
+        rng: Generator that draws them.
+        models: Sensor models of the random poses, empty for the paper's camera.
+
+    Raises ValueError if the pool has fewer poses, or there would be no sensor.
     """
     random_poses = pool(site, models=tuple(models) or PAPER)
     min_poses = 0 if site.sensors else 1
@@ -499,10 +557,11 @@ def own_and_random(
 
 
 def random_sets(candidates: Candidates, present: int, count: int, rng: np.random.Generator) -> Sets:
-    """Draw up to `count` different sets.
+    """Draw up to `count` different sets, as rows of booleans in ascending order.
 
     Half of them are from the first `present` candidates, if there are any. The others have 1 to
-    `MAX_RANDOM_POSES` of the other candidates, at most one on a mount.
+    `MAX_RANDOM_POSES` of the other candidates, at most one on a mount. The order of the draws from
+    `rng` fixes the sets of a seed.
     """
     sets = np.zeros((count, len(candidates)), bool)
     present_count = count // 2 if present else 0
@@ -516,6 +575,7 @@ def random_sets(candidates: Candidates, present: int, count: int, rng: np.random
 
 
 def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models) -> Axes:
+    # axes of a pool: heights and tilts ascending, each once. Arguments are as in `pool`
     if headings < 1 or not (len(heights) and len(tilts) and len(models)):
         raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
     if not (np.isfinite(heights).all() and min(heights) >= 0):
@@ -532,9 +592,9 @@ def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], model
 
 
 def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
-    """Each height, clipped to the range of each mount.
+    """Each height (m above the foot), clipped to the range of each mount.
 
-    NaN if clipping gives the same as for a nearer height."""
+    Several heights may be clipped to the same one; all but the nearest are then NaN."""
     mounted = np.full((len(mounts), len(heights)), np.nan)
     for row, mount in enumerate(mounts):
         clipped = np.clip(heights, mount.min_height, mount.max_height)
@@ -551,7 +611,14 @@ def _sees_area(
     rotations: np.ndarray,
     models: Sequence[SensorModel],
 ) -> Bool[np.ndarray, " C"]:
-    """Mask of poses with some of the area in view, without occlusion."""
+    """Mask of poses with a part of the area in view, without occlusion.
+
+    Args:
+        site: Site with the area, checked at `AREA_CELLS` x `AREA_CELLS` points.
+        position: (C, 3) position of each pose (m, world frame).
+        factors: (C, 5) indices of each pose's mount, height, heading, tilt and model.
+        rotations: (headings, tilts, models, 3, 3) world axes from sensor axes.
+        models: Sensor models."""
     xmin, ymin, xmax, ymax = site.area
     middles = (np.arange(AREA_CELLS) + 0.5) / AREA_CELLS
     x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
@@ -568,7 +635,16 @@ def _sees_area(
 def _names(
     mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np.ndarray
 ) -> list[str]:
-    """Names such as post07_6.0m_h90_t15_camera."""
+    """Name of each candidate, such as post07_6.0m_h90_t15_camera.
+
+    Its parts are mount, height above the foot, heading and tilt (deg), and kind of model, numbered
+    from 0 if several models are of one kind.
+
+    Args:
+        mounts: The M mounts.
+        mounted: (M, H) heights above the foot (m), clipped to the mount's range.
+        axes: Headings, tilts and models.
+        factors: (C, 5) indices of each candidate's mount, height, heading, tilt and model."""
     heights, height_index = np.unique(mounted[factors[:, 0], factors[:, 1]], return_inverse=True)
     height_texts = _format(heights, 1)
     heading_texts = _format(np.rad2deg(axes.headings), 0)
@@ -588,12 +664,12 @@ def _names(
 
 
 def name_sensor(pole: str) -> str:
-    """Name of a pole as it occurs in names of sensors and groups of a recording: with - for /."""
+    """Name of a pole as names of sensors and of groups in a recording have it: with - for /."""
     return pole.replace("/", "-")
 
 
 def _format(values: np.ndarray, decimals: int) -> list[str]:
-    """Different numbers with the fewest decimals that distinguish them."""
+    """Texts of different numbers with `decimals` decimals, or with more if needed to differ."""
     texts = [f"{value:.{decimals}f}" for value in values]
     if len(set(texts)) == len(texts) or decimals > 15:
         return texts
@@ -601,7 +677,12 @@ def _format(values: np.ndarray, decimals: int) -> list[str]:
 
 
 def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:
-    """Candidates with mounts priced in a currency. capacity: for all links, None to keep theirs."""
+    """Copy of candidates with mounts priced in a currency, and another capacity of links.
+
+    Args:
+        candidates: Candidates whose mounts are priced in ordinary poles.
+        pole_price: Price of an ordinary pole in the currency; 1 keeps prices.
+        capacity: Capacity of all links (kbit per frame), None to keep theirs."""
     mounts = []
     for mount in candidates.mounts:
         new_capacity = mount.capacity if capacity is None else capacity

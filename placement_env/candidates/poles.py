@@ -46,35 +46,37 @@ from toolkit.runtime.text_values import read_json, read_own_table
 from toolkit.sites.georeference import site_metres
 from toolkit.sites.site import Mount, Site
 
-MAX_FILE_POLES = 5000
-MAX_POLE_DISTANCE_M = 300.0  # from the detection area to a pole
+MAX_FILE_POLES = 5000  # poles in a file
+MAX_POLE_DISTANCE_M = 300.0  # largest distance from the detection area to a pole
 SAME_POLE_M = 0.1  # largest distance between two poles that are one
 MIN_AREA_M2 = 0.01  # smallest keep-out area
 MAX_SNAP_M = 1.0  # distance to the edge over which a pole moves off the carriageway
 OFF_EDGE_M = 0.05  # distance of a moved pole from the carriageway
 MAX_POLE_HEIGHT_M = 60.0  # sensors above the foot; masts of motorways and stadiums are lower
-CHECKED_ANGLES = 16  # directions off the edge that are tried
-NAMING_KEYS = ("ref", "id", "@id", "fid", "osm_id")  # that name a feature without a name, in order
+CHECKED_ANGLES = 16  # directions from the edge in which a place off the carriageway is looked for
+NAMING_KEYS = ("ref", "id", "@id", "fid", "osm_id")  # names of features without a name, in order
 MAX_ABOVE_GROUND_M = 20.0  # a foot that is farther off the ground must be an altitude above the sea
 Json = dict[str, Any]
 _TABLES = read_own_table(__file__, "poles.toml")
 KNOWN_PROPERTIES: dict[str, str] = _TABLES["understood"]
-# written by coview itself, or names
+# properties without a warning although they are no known ones: written by coview itself, or names
 IGNORED_KEYS = {"capacity", "kind", "origin", "layer", "used", *NAMING_KEYS}
 
 
 class _Feature(NamedTuple):
-    location: str  # in the file
+    # feature of a GeoJSON file that has a place
+    location: str  # path of the file and index of the feature, for errors
     name: str
-    properties: Json
+    properties: Json  # without null values
     geometry: Json
 
 
 class _Pole(NamedTuple):
-    location: str  # in the file
+    # one point of a Point or MultiPoint feature
+    location: str  # path of the file and index of the feature, for errors
     name: str
-    properties: Json
-    point: list[float]
+    properties: Json  # as in the feature
+    point: list[float]  # coordinates of the file, not checked yet
 
 
 def load_poles(
@@ -82,12 +84,18 @@ def load_poles(
 ) -> tuple[Mount, ...]:
     """Load the poles in `path` as mounts at a site.
 
-    catalogue: gives the currency of their prices and the price of an ordinary pole. Unnamed poles
-    are called pole and their number in the file. Poles in a keep-out area of the file or on the
-    carriageway are left out, with a warning; poles near its edge move there. Raises ValueError in
-    one line if the file is damaged, has no pole, the same pole twice, names that look alike, a
-    pole far from the site, or an invalid price; ImportError if the site's map projection needs
-    pyproj."""
+    Unnamed poles are called pole and their number in the file. Poles in a keep-out area of the file
+    or on the carriageway are left out, with a warning; poles on it but near its edge move there.
+
+    Args:
+        path: GeoJSON file, see this module's docstring.
+        site: Site in whose frame (m) the mounts are.
+        catalogue: Gives the currency of the poles' prices and the price of an ordinary pole; None
+            for prices in ordinary poles.
+
+    Raises ValueError in one line if the file is damaged, has no pole, the same pole twice, names
+    that look alike, a pole far from the site, or an invalid price; ImportError if the site's map
+    projection needs pyproj."""
     collection = _read(Path(path))
     where = str(path)
     features = list(_features(collection, where))
@@ -130,6 +138,7 @@ def load_poles(
 
 
 def _list_poles(features: Sequence[_Feature]) -> list[_Pole]:
+    # poles of Point and MultiPoint features; several points of one feature are numbered from 1
     poles = []
     for feature in features:
         points: Any = feature.geometry.get("coordinates")  # checked later
@@ -150,7 +159,15 @@ def _list_poles(features: Sequence[_Feature]) -> list[_Pole]:
 def _warn_of_ignored(
     collection: Json, features: Sequence[_Feature], poles: Sequence[_Pole], where: str
 ) -> None:
-    """Warn of ignored properties and features. Raises ValueError if there are no poles at all."""
+    """Warn of properties and features of a file that are not used.
+
+    Raises ValueError if there are no poles at all.
+
+    Args:
+        collection: The whole file.
+        features: Its features with a place.
+        poles: Poles found in these.
+        where: Path of the file, for texts."""
     types = [str(feature.geometry.get("type")) for feature in features]
     points = [
         feature.properties for feature, kind in zip(features, types, strict=True) if "Point" in kind
@@ -194,9 +211,16 @@ def _warn_of_ignored(
 def _snap(
     mounts: Sequence[Mount], carriageway: shapely.Geometry, barred: Mask, site: Site, where: str
 ) -> list[Mount]:
-    """Move poles on the carriageway to its edge if that is near.
+    """Mounts in the same order; those on the carriageway near its edge are moved off it.
 
-    barred: poles that are left out in any case.
+    A moved foot keeps its height above the ground. A warning names the moved poles.
+
+    Args:
+        mounts: Mounts of a file.
+        carriageway: All lanes (m, world frame).
+        barred: Mask of mounts that are left out in any case, so they do not move.
+        site: Site with the ground.
+        where: Path of the file, for the warning.
     """
     snapped = list(mounts)
     notes = []
@@ -218,8 +242,10 @@ def _snap(
 
 
 def _step_off(spot: shapely.Point, carriageway: shapely.Geometry) -> shapely.Point | None:
-    """Nearest point off the carriageway to a spot on it; None in a very narrow gap between
-    lanes."""
+    """Point `OFF_EDGE_M` beyond the carriageway's edge that is nearest to a spot on it.
+
+    The direction straight off the edge is tried first, then others; None if all end on the
+    carriageway, as in a very narrow gap between lanes."""
     edge = shapely.get_point(shapely.shortest_line(carriageway.boundary, spot), 0)
     for angle in np.linspace(0, 2 * np.pi, CHECKED_ANGLES, endpoint=False):
         direction = np.arctan2(edge.y - spot.y, edge.x - spot.x) + angle
@@ -232,7 +258,7 @@ def _step_off(spot: shapely.Point, carriageway: shapely.Geometry) -> shapely.Poi
 
 
 def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
-    """Load all areas in `path`, in the site's metres.
+    """Load all polygons of a GeoJSON file as keep-out areas (m, frame of the site).
 
     Raises ValueError in one line if there is no area, or for a damaged one.
     """
@@ -256,9 +282,11 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 
 
 def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
-    """List unknown properties, each once, with a guess of their meaning.
+    """List unknown properties in one text, each once, with a guess of its meaning; empty if none.
 
-    For polygons (`areas`) only those that may mean keep_out."""
+    Args:
+        properties: Properties of each feature.
+        areas: True for polygons: only properties that may mean keep_out are listed."""
     keys = dict.fromkeys(chain.from_iterable(properties))
     unknown = [key for key in keys if key not in KNOWN_PROPERTIES and key not in IGNORED_KEYS]
     guesses = {key: guess_property(key) for key in unknown}
@@ -271,7 +299,9 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
 
 
 def guess_property(key: str) -> str | None:
-    """Property that a name with other letters, words or units may mean, or None."""
+    """Known property that an unknown one may mean, written in other letters, words or units.
+
+    None without a guess."""
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key)
     words = [word.lower() for word in re.findall(r"[^\W\d_]+", spaced)]
     joined = {*words, "".join(words)}
@@ -282,6 +312,7 @@ def guess_property(key: str) -> str | None:
 
 
 def _read(path: Path) -> Json:
+    # content of a GeoJSON file; ValueError unless it is a FeatureCollection in WGS84
     if not path.is_file():
         raise FileNotFoundError(f"no file {str(path)!r}: give a GeoJSON of poles")
     if path.suffix.lower() in (".osm", ".xodr", ".csv", ".shp", ".kml"):
@@ -301,6 +332,8 @@ def _check_system(element: Json, where: str) -> None:
     """Raise ValueError for a collection, feature or geometry in another system than WGS84.
 
     Before RFC 7946 each of them could name a separate system (geojson.org, 2008, section 3).
+
+    where: Its place in the file, for the error.
     """
     system = re.sub(r"\W+", ":", str(element.get("crs") or "CRS84"))
     if not re.search(r"CRS:?84|EPSG:(0:)?4326\b", system, re.IGNORECASE):
@@ -310,7 +343,7 @@ def _check_system(element: Json, where: str) -> None:
 
 
 def _list_placeless(collection: Json) -> list[int]:
-    """Numbers of the features without a place, which RFC 7946 allows (section 3.2)."""
+    """Indices of the features whose geometry is null, which RFC 7946 allows (section 3.2)."""
     features = enumerate(collection["features"])
     return [
         i
@@ -320,7 +353,12 @@ def _list_placeless(collection: Json) -> list[int]:
 
 
 def _features(collection: Json, where: str) -> Iterator[_Feature]:
-    """Yield the features of a collection, except the sensors and bays of a site."""
+    """Yield the features of a collection that have a place, with a name and without null values.
+
+    Sensors and parking bays of a saved site are left out. A feature without a name is called pole
+    and its index in the file. Raises ValueError for a damaged feature.
+
+    where: Path of the file, for texts."""
     placeless = set(_list_placeless(collection))
     keys = _naming_keys(collection)
     for i, feature in enumerate(collection["features"]):
@@ -345,8 +383,9 @@ def _features(collection: Json, where: str) -> Iterator[_Feature]:
 
 
 def _naming_keys(collection: Json) -> list[str]:
-    """Keys of `NAMING_KEYS` with a different value for each unnamed feature, other than all
-    names."""
+    """Keys of `NAMING_KEYS` whose values can serve as names of the unnamed features.
+
+    All values differ, also from the names of other features."""
     features = [feature for feature in collection["features"] if isinstance(feature, dict)]
     rows = [_naming_values(feature) for feature in features]
     names = {row["name"] for row in rows if "name" in row}
@@ -360,7 +399,7 @@ def _naming_keys(collection: Json) -> list[str]:
 
 
 def _naming_values(feature: Json) -> dict[str, str]:
-    """Values by which a feature may be named, as texts that are not only blanks."""
+    """Texts by which a feature may be named, by key: "name" and `NAMING_KEYS`, blanks left out."""
     properties = feature.get("properties")
     values = {"id": feature.get("id")} | (properties if isinstance(properties, dict) else {})
     texts = {key: str(values[key]) for key in ("name", *NAMING_KEYS) if values.get(key) is not None}
@@ -368,7 +407,13 @@ def _naming_values(feature: Json) -> dict[str, str]:
 
 
 def _pole_name(properties: Json, feature: Json, keys: Sequence[str], location: str) -> str:
-    """Name or id of a feature as the file writes it, empty for none or blanks."""
+    """Name of a feature as the file writes it, or its value of the first key; empty for neither.
+
+    Args:
+        properties: Properties of the feature.
+        feature: The feature, whose member `id` counts as a property.
+        keys: Keys whose values can serve as names, in order.
+        location: Place of the feature in the file, for errors."""
     values = {"id": feature.get("id")} | properties
     for key in ("name", *keys):
         name = values.get(key)
@@ -381,13 +426,22 @@ def _pole_name(properties: Json, feature: Json, keys: Sequence[str], location: s
 
 
 def _is_number(value: object) -> bool:
+    # finite number; bool is an int in Python. Integers above 1e300 may not fit a float
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def _in_site(
     coordinates: Float64[np.ndarray, "n 2"], collection: Json, site: Site, where: str
 ) -> Float64[np.ndarray, "n 2"]:
-    """Coordinates of the collection in the site's metres."""
+    """Coordinates in the frame of the site (m).
+
+    Args:
+        coordinates: Longitude and latitude (deg), or metres if the collection has `coview_site`.
+        collection: The whole file.
+        site: Site with the map projection.
+        where: Path of the file, for errors.
+
+    Raises ValueError for angles out of range, or a site that is not georeferenced."""
     if "coview_site" in collection:
         return coordinates
     wrong = np.flatnonzero((np.abs(coordinates) > [180.0, 90.0]).any(axis=1))
@@ -406,6 +460,7 @@ def _in_site(
 
 
 def _number(properties: Json, where: str, default: float, *keys: str) -> float:
+    # value of the first of the keys that a feature has, else the default; all must be numbers
     for key in keys:
         if key in properties and not _is_number(properties[key]):
             raise ValueError(
@@ -416,7 +471,11 @@ def _number(properties: Json, where: str, default: float, *keys: str) -> float:
 
 
 def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: str) -> float:
-    """Price of a pole in ordinary poles, or in the currency of a catalogue without a pole_price."""
+    """Price of a pole in ordinary poles, or in the currency of a catalogue without a pole_price.
+
+    It is 0 for a pole that exists. Raises ValueError if properties and catalogue do not fit.
+
+    where: Place of the feature in the file, for errors."""
     existing = properties.get("existing", False)
     if not isinstance(existing, bool):
         raise ValueError(f"{where}.properties.existing must be true or false, got {existing!r:.60}")
@@ -452,6 +511,7 @@ def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: st
 def _mount(
     properties: Json, name: str, foot: Float64[np.ndarray, "3"], price: float, where: str
 ) -> Mount:
+    # mount of a pole with these properties; heights are 3 to 8 m without a property
     top = _number(properties, where, 8.0, "max_height", "height")
     heights = _number(properties, where, min(3.0, top), "min_height"), top
     capacity = _number(properties, where, 2000.0, "capacity_kbit", "capacity")
@@ -481,7 +541,12 @@ def _mount(
 
 
 def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
-    """Raise ValueError for poles that coincide or are out of place."""
+    """Raise ValueError for poles that are far from the site or the ground, or hard to distinguish.
+
+    Names must differ, also in the form that files have them, and feet must be more than
+    `SAME_POLE_M` apart.
+
+    where: Path of the file, for errors."""
     names = [mount.name for mount in mounts]
     feet = np.array([mount.position for mount in mounts])
     distance = shapely.distance(shapely.box(*site.area), shapely.points(feet[:, :2]))
@@ -522,22 +587,31 @@ def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
 
 
 def _is_drawn(properties: Json, geometry: Json) -> bool:
-    """True if a feature is a line or area without a stated meaning, unlike areas of sites and
-    keep-out."""
+    """True if a feature is a line or area whose meaning no property states.
+
+    Areas of a saved site (`layer`) and keep-out areas have a meaning."""
     if {"layer", "kind"} & properties.keys() or properties.get("keep_out"):
         return False
     return any(word in str(geometry.get("type")) for word in ("LineString", "Polygon"))
 
 
 def _file_name(name: str) -> str:
-    """Name in the form that sensors take it over, in Unicode's form NFC."""
+    """Name of a pole as file names have it: Unicode's form NFC, - for /, single spaces."""
     return " ".join(unicodedata.normalize("NFC", name).replace("/", "-").split())
 
 
 def _keep_out(
     collection: Json, site: Site, where: str, *, every: bool = False
 ) -> Iterator[shapely.Geometry]:
-    """Yield keep-out areas in the site's metres. every: unmarked ones too."""
+    """Yield the keep-out areas of a file (m, frame of the site).
+
+    Raises ValueError for a damaged area; warns after the last one if all are far from the site.
+
+    Args:
+        collection: The whole file.
+        site: Site in whose frame the areas are.
+        where: Path of the file, for texts.
+        every: True to yield polygons that are not marked as keep-out areas too."""
     surroundings = shapely.box(*site.area).buffer(MAX_POLE_DISTANCE_M)
     is_near = []
     for location, drawn_area in _list_keep_out(collection, where, every=every):
@@ -566,7 +640,13 @@ def _keep_out(
 def _is_exchanged(
     drawn: shapely.Geometry, collection: Json, site: Site, surroundings: shapely.Geometry
 ) -> bool:
-    """True if an area would be near the site with longitude and latitude exchanged."""
+    """True if an area would be near the site with longitude and latitude exchanged.
+
+    Args:
+        drawn: Area in the coordinates of the file.
+        collection: The whole file; False if it is in metres.
+        site: Site with the map projection.
+        surroundings: Surroundings of the site (m, its frame)."""
     if "coview_site" in collection:
         return False
     swapped = shapely.get_coordinates(drawn)[:, ::-1]
@@ -581,7 +661,10 @@ def _is_exchanged(
 def _list_keep_out(
     collection: Json, where: str, *, every: bool
 ) -> Iterator[tuple[str, shapely.Geometry]]:
-    """Yield locations in the file and keep-out areas as they are drawn there."""
+    """Yield each keep-out area's place in the file, for errors, and the area in its coordinates.
+
+    every: True to yield polygons that are not marked as keep-out areas too. Raises ValueError for a
+    damaged area."""
     for feature in _features(collection, where):
         properties = feature.properties
         geometry = feature.geometry

@@ -42,10 +42,10 @@ RATES = {  # unit of each rate, and whether it is yearly
     "power": ("sensor", True),
     "upkeep": ("sensor", True),
 }
-_HEAD_KEYS = ("title", "client", "author", "date", "logo")
+_HEAD_KEYS = ("title", "client", "author", "date", "logo")  # keys of the table [report]
 _MAX_LOGO_BYTES = 200_000
-MAX_LOGO_PX = 4000
-_MAX_HEAD_LETTERS = 200
+MAX_LOGO_PX = 4000  # largest width and height of a logo
+_MAX_HEAD_LETTERS = 200  # largest number of characters of an entry of [report]
 DEFAULT_YEARS = 10.0  # over which yearly rates are added up
 SENSOR_KEYS = ("name", "model", "price")  # in addition to the fields of a model
 DEGREE_SUFFIX = "_deg"
@@ -53,11 +53,11 @@ DEGREE_SUFFIX = "_deg"
 
 @dataclass(frozen=True)
 class PricedModel:
-    """Sensor model that may be bought. name: in tables; price: in the catalogue's currency."""
+    """Sensor model that may be bought."""
 
-    name: str
+    name: str  # in tables
     model: SensorModel
-    price: float
+    price: float  # in the catalogue's currency
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class SensorCatalogue:
         currency: Currency of the prices.
         pole_price: Price of one ordinary mount, None if mounts are priced in the currency.
         digest: SHA-256 of the file and the logo.
-        rates: Some of `RATES`, yearly ones for `years`.
-        years: Years of yearly rates.
+        rates: Amounts in the currency by name, some of `RATES`; yearly ones are for one year.
+        years: Years over which yearly rates are added up.
         report: Head of a report: some of title, client, author, date, logo (a data URI).
     """
 
@@ -83,7 +83,7 @@ class SensorCatalogue:
     report: dict[str, str] = field(default_factory=dict)
 
     def get_name(self, model: SensorModel) -> str:
-        """Catalogue name of a model. Raises ValueError if it is unknown."""
+        """Name of a model in the catalogue. Raises ValueError if the catalogue lacks it."""
         for priced in self.models:
             if priced.model == model:
                 return priced.name
@@ -94,8 +94,9 @@ class SensorCatalogue:
 
 
 def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
-    """Load the catalogue in a TOML file.
+    """Load a catalogue of sensor models with prices from a TOML file.
 
+    The format is in this module's docstring; a logo is looked for in the file's folder.
     Raises OSError, and ValueError in one line that names the wrong entry.
     """
     content = read_bytes(path)
@@ -145,7 +146,10 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
 
 
 def _read_logo(path: Path, where: str) -> str:
-    """Picture as a data URI, after a check that it is complete."""
+    """Read a PNG or JPEG picture as a data URI, after a check that it is complete.
+
+    where: Place in the catalogue, for errors. Raises FileNotFoundError; ValueError for another kind
+    of file or one that is too large."""
     from PIL import Image
 
     if not path.is_file():
@@ -184,6 +188,8 @@ def _read_logo(path: Path, where: str) -> str:
 def _table(
     document: Mapping[str, object], path: str | Path, name: str, keys: Sequence[str]
 ) -> Iterable[tuple[str, object]]:
+    # keys and values of a table of the catalogue; none if it is missing. ValueError for others
+    # than `keys`
     rows = document.get(name, {})
     if not isinstance(rows, Mapping):
         raise ValueError(
@@ -196,6 +202,7 @@ def _table(
 
 
 def _read_sensor(row: object, where: str) -> PricedModel:
+    # model of one [[sensor]]; where: its place in the file, for errors
     if not isinstance(row, Mapping):
         raise ValueError(f"{where} must be a table, got {row!r:.60}: begin it with [[sensor]]")
     for key in ("model", "price"):
@@ -211,6 +218,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
         angles = find_angles(find_model_class(row["model"]))
     except ValueError as error:
         raise ValueError(f"{where}.model: {error}") from None
+    # fields of the model as the file names them (angles with `DEGREE_SUFFIX`), True for angles
     written = {
         f"{field}{DEGREE_SUFFIX}" if is_angle else field: is_angle
         for field, is_angle in angles.items()
@@ -238,6 +246,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
 
 
 def _price(value: object, where: str) -> float:
+    # number from 0 up; where: its place in the catalogue, for errors. bool is an int in Python
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
         raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
     return float(value)

@@ -10,13 +10,16 @@ CELL_COLUMNS = 240  # columns of cells over all directions, for the standing sce
 # finest towards the horizon
 CELL_EDGES = np.deg2rad(np.r_[-90.0:-30.0:0.5, -30.0:5.0:0.1, 5.0:90.5:0.5])
 CELL_ROWS = len(CELL_EDGES) - 1
-Angles = Float[np.ndarray, " n"]
+Angles = Float[np.ndarray, " n"]  # rad
 
 
 def find_cells(
     azimuth: Angles, elevation: Angles
 ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
-    """Column and row of the cells of directions."""
+    """Column and row of the cell of each direction.
+
+    Columns go by azimuth (rad, counter-clockwise) from -pi on, rows by elevation (rad) from
+    straight down."""
     column = (
         np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi))).astype(np.int64) % CELL_COLUMNS
     )
@@ -26,15 +29,16 @@ def find_cells(
 
 
 def cell_elevations() -> Float64[np.ndarray, " rows"]:
-    """Elevations of the middle of each row of cells."""
+    """Elevation of the middle of each row of cells (rad), from straight down on."""
     return (CELL_EDGES[1:] + CELL_EDGES[:-1]) / 2
 
 
 @lru_cache(maxsize=1)
 def list_cell_directions() -> Float32[np.ndarray, "cells 3"]:
-    """Directions through the middle of each cell."""
+    """Unit vectors through the middle of each cell, column after column (column * rows + row)."""
     azimuth = (np.arange(CELL_COLUMNS) + 0.5)[:, None] * (2 * np.pi / CELL_COLUMNS) - np.pi
     elevation = cell_elevations()
     flat = np.cos(elevation)
+    # azimuth (columns, 1), elevation (rows,); + 0 * azimuth gives the sine both axes
     axes = (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth)
     return np.stack(axes, axis=-1).reshape(-1, 3).astype(np.float32)

@@ -19,8 +19,13 @@ LEAST = 20.0  # points on a vehicle that make a view
 
 
 class SentData:
-    """Data sent by sets, with a box from each sensor for every object that it sees with `least`
-    points."""
+    """Data that sensor sets send, if each sensor sends a box for every object that it sees.
+
+    Args:
+        visibility: Points of the candidates on objects, and points sent.
+        scheme: Fusion scheme, or its name.
+        codec: Codec of the data.
+        min_points: Points on an object from which a sensor sends a box."""
 
     def __init__(
         self,
@@ -34,15 +39,14 @@ class SentData:
         self._frames = visibility.frames
 
     def kbit(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """kbit of each set in a frame."""
+        """Data of each set (kbit per frame, mean of all frames)."""
         return np.asarray(subsets @ self._bits / (1000 * self._frames))
 
 
 def sent_per_frame(
     visibility: Visibility, scheme: Scheme, codec: Codec
 ) -> Float64[np.ndarray, "C F"]:
-    """kbit of each candidate in each frame. A box is sent for each object seen with `LEAST`
-    points."""
+    """Data of each candidate in each frame (kbit), with a box for each object of `LEAST` points."""
     boxes = np.zeros((len(visibility), visibility.frames))
     for row, points in zip(boxes, visibility.points if scheme.sends_boxes else (), strict=False):
         row += np.bincount(visibility.frame[points >= LEAST], minlength=visibility.frames)
@@ -53,11 +57,19 @@ def sent_per_frame(
 
 
 class Coverage:
-    """Share of scored objects with at least `least` points from each of at least `views` sensors,
-    as AP and recall.
+    """Score sets by the share of objects that enough of their sensors see well enough.
 
-    The data sent is as of `SentData`. classes: of the objects that count, several combined. Raises
-    ValueError for `least` that is not positive or fewer views than 1."""
+    This share is given as AP and as recall; kbit are as in `SentData`.
+
+    Args:
+        visibility: Points of the candidates on objects.
+        scheme: Fusion scheme, or its name, for the data sent.
+        min_points: Points on an object from which a sensor sees it.
+        views: Number of sensors that must see an object.
+        codec: Codec of the data sent.
+        classes: Classes of the objects that count; the shares of several are combined.
+
+    Raises ValueError for `min_points` that is not positive or fewer views than 1."""
 
     name = "coverage"
 
@@ -82,17 +94,17 @@ class Coverage:
         self._sums = MemberSums((visibility.points >= min_points).astype(np.uint16))
         self._sent = SentData(visibility, scheme, codec, min_points)
         masks = [visibility.labels == label for label in classes.labels]
+        # for each class, the columns of its objects and their number
         self._own = [
             (slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks
         ]
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Share of objects covered by each set. For several classes their shares are combined; 0
-        without an object."""
+        """Share of objects that each set covers, classes combined; 0 without an object."""
         return self.by_class(subsets).combined(self.classes).without_nan()
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Share of the objects of each class. NaN if the class has none."""
+        """Share of the objects of each class that each set covers; NaN if the class has none."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
         for block, views in self._sums.blocks(subsets):
             for k, (of_class, count) in enumerate(self._own):

@@ -43,16 +43,17 @@ from toolkit.runtime.run import Processes
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 
-IOUS = (0.7, 0.8, 0.9)
-FALSE_ALARM = -1
-IGNORED = -2
+IOUS = (0.7, 0.8, 0.9)  # thresholds for vehicles at which every outcome is matched
+FALSE_ALARM = -1  # for a detection that hits no object
+IGNORED = -2  # for a detection that counts neither as hit nor as false alarm
 AT_ONCE = 500  # sets whose outcomes are held in memory
 
 
 @runtime_checkable
 class Measured(Protocol):
-    """Measurements of candidates in frames at a site, such as
-    `placement_env.fidelity.renders.Renders`."""
+    """Measurements of candidates in frames at a site.
+
+    One is `placement_env.fidelity.renders.Renders`. Frames and candidates are numbered from 0."""
 
     site: Site
     sensors: tuple[Sensor, ...]
@@ -60,10 +61,10 @@ class Measured(Protocol):
 
     @property
     def digest(self) -> str:
-        """Digest of everything behind the measurements except the sensors."""
+        """Digest of everything that the measurements depend on except the sensors."""
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
-        """Noisy points of candidate c in frame k, inside the crop."""
+        """Noisy points of candidate c in frame k inside the crop (m, world frame)."""
 
     def objects(self, k: int) -> Objects:
         """All objects present in frame k."""
@@ -71,20 +72,25 @@ class Measured(Protocol):
 
 @runtime_checkable
 class MeasuredImages(Protocol):
-    """Measurements of schemes and codecs that send images."""
+    """Images of candidates in frames, for schemes and codecs that send images."""
 
     @property
     def scene(self) -> Callable[[int], EmptyScene]:
-        """Return the empty scene of candidate c."""
+        """Function that returns the scene without moving objects of candidate c."""
 
     def captured(self, k: int, c: int) -> Captured:
-        """Image behind candidate c's points in frame k."""
+        """Image of candidate c in frame k, from which its points come."""
 
 
 class Outcome(NamedTuple):
-    """Detections of one set in one frame, and bits sent by each sensor of the set. truth: at each
-    IoU threshold the index of the frame's scored object that each hit, or FALSE_ALARM or
-    IGNORED."""
+    """The n detections of one set in one frame, matched with the frame's objects.
+
+    Attributes:
+        scores: Score of each detection.
+        truth: At each IoU threshold and for each detection, the index of the object that it hits
+            among the frame's scored objects, or `FALSE_ALARM` or `IGNORED`.
+        bits: Bits sent by each sensor of the set.
+        labels: Class (number) of each detection."""
 
     scores: Float64[np.ndarray, " n"]
     truth: Shaped[np.ndarray, "ious n"]
@@ -92,7 +98,9 @@ class Outcome(NamedTuple):
     labels: Shaped[np.ndarray, " n"]
 
     def of_class(self, label: int) -> "Outcome":
-        """Outcome of one class. `truth` still counts the objects of all classes."""
+        """Outcome of the detections of one class (number).
+
+        Indices in `truth` remain those among the scored objects of all classes; `bits` stay."""
         of_class = self.labels == label
         return Outcome(
             self.scores[of_class], self.truth[:, of_class], self.bits, self.labels[of_class]
@@ -100,7 +108,9 @@ class Outcome(NamedTuple):
 
 
 class Detected:
-    """AP of sensor sets by detection, which the other fidelities approximate.
+    """Score sets by running the detector on all that their sensors measure.
+
+    Other fidelities approximate this one.
 
     Args:
         renders: Measurements of the candidates.
@@ -151,8 +161,9 @@ class Detected:
             )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
-        """Same fidelity at another IoU threshold. also: further thresholds at which outcomes are
-        matched."""
+        """Copy whose figures are for another IoU threshold; it shares measurements and memo.
+
+        also: Further thresholds at which outcomes are matched, as well as at `ious`."""
         check_iou(iou)
         detected = copy(self)
         detected.iou = iou
@@ -160,7 +171,7 @@ class Detected:
         return detected
 
     def of_classes(self, classes: Classes) -> "Detected":
-        """Same fidelity for other classes. Detections are shared."""
+        """Copy whose figures are for other classes; it shares measurements and kept detections."""
         check_known(self.detector, classes.names)
         detected = copy(self)
         detected.classes = classes
@@ -168,16 +179,19 @@ class Detected:
         return detected
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Figures of each set over all frames. AP and recall are NaN if no objects count."""
+        """AP, recall and kbit of each set over all frames at the IoU threshold `iou`.
+
+        AP and recall are NaN if there is no object to find."""
         return self.estimates(subsets)[self.iou]
 
     def partial(self, subsets: Sets, frames: int | Sequence[int]) -> Estimate:
-        """Figures of each set over some first frames, or those given. Adding frames costs only the
-        added ones."""
+        """AP, recall and kbit of each set over some frames; only frames not scored before cost.
+
+        frames: Number of frames from the first on, or a list of their indices."""
         return self.estimates(subsets, frames)[self.iou]
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Figures of each set over all frames for each class."""
+        """AP and recall of each set over all frames for each class, and kbit of the set."""
         return self.class_estimates(subsets)[self.iou]
 
     def estimates(
@@ -186,8 +200,12 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, Estimate]:
-        """Figures of each set at each of `ious`. progress: called with the frames done, of those
-        not scored yet."""
+        """AP, recall and kbit of each set, by IoU threshold (`ious`).
+
+        Args:
+            subsets: Sets as rows of booleans, one column per candidate.
+            frames: Number of frames from the first on, or their indices; None for all.
+            progress: Called with the number of new frames done."""
         by_class = self.class_estimates(subsets, frames, progress)
         return {iou: estimates.combined(self.classes) for iou, estimates in by_class.items()}
 
@@ -197,10 +215,14 @@ class Detected:
         frames: int | Sequence[int] | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> dict[float, ClassEstimates]:
-        """Figures like those of `estimates`, class by class."""
+        """AP and recall of each set for each class, and its kbit, by IoU threshold of vehicles.
+
+        Arguments are as in `estimates`. Other classes are matched at the threshold that
+        `Classes.get_iou` gives for a key."""
         sets = self._sets(subsets)
         numbers = _indices(self.frames, frames)
         to_find = [self._count_to_find(numbers, label) for label in self.classes.labels]
+        # last axis: AP, recall, kbit
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
         for first in range(0, len(sets), AT_ONCE):
             block = sets[first : first + AT_ONCE]
@@ -217,7 +239,10 @@ class Detected:
         }
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> Bool[np.ndarray, "ious objects"]:
-        """Mask of the scored objects, frame after frame, that one set hit at each of `ious`."""
+        """Mask of the scored objects that one set hits, a row for each of `ious`.
+
+        Columns are the scored objects of all frames, frame after frame. subset: True for the
+        candidates of the set."""
         (members,) = self._sets(subset[None])
         masks = []
         for k, outcome in enumerate(self.outcomes([members], range(self.frames))[members]):
@@ -232,11 +257,17 @@ class Detected:
         frames: Sequence[int],
         progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
-        """Outcome of each set in each frame, computed once."""
+        """Outcomes of each set, one per frame in the order of `frames`, from the memo or made now.
+
+        Args:
+            sets: Sets as ascending indices of candidates.
+            frames: Indices of frames.
+            progress: Called with the number of frames done that had an unknown outcome."""
         by_set: dict[tuple[int, ...], list[Outcome | None]] = {}
         for members in sets:
             cached = self.memo.get([self._outcome_key(members, k) for k in frames])
             by_set[members] = [None if arrays is None else Outcome(*arrays) for arrays in cached]
+        # one task per frame with unknown outcomes: index in `frames`, frame and sets
         tasks = []
         for column, k in enumerate(frames):
             unknown_sets = [members for members, row in by_set.items() if row[column] is None]
@@ -254,17 +285,17 @@ class Detected:
         return {members: cast(list[Outcome], row) for members, row in by_set.items()}
 
     def detections(self, members: tuple[int, ...], k: int) -> Detections:
-        """Detections of a set in frame k, as in `Outcome`."""
+        """Fused detections of a set (ascending indices of candidates) in frame k, not matched."""
         frame = _FrameDetections(self, k)
         detections = frame.fused(members).detections
         self.memo.put(frame.new)
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
-        """Matched detections of a set in frame k."""
+        """Match the fused detections of a set with the objects of frame k at all thresholds."""
         objects = self.renders.objects(k)
         counted = self.scored(k)
-        # index among the scored; the last stands for no truth
+        # index among the scored objects; a match of -1 (no object) reads the last entry
         scored_index = np.append(np.cumsum(counted) - 1, FALSE_ALARM)
         truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
         for label, ious in self.thresholds:
@@ -277,13 +308,19 @@ class Detected:
         )
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: object) -> bytes:
-        """Cache key of a frame's value for some sensors."""
+        """Cache key of a value of frame k.
+
+        Args:
+            k: Index of the frame.
+            kind: Kind of value, "detections" or "outcome".
+            sensors: Indices of the candidates that it depends on.
+            more: Further things that it depends on."""
         return make_key(
             kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more
         )
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
-        """Mask of the objects of frame k to be found."""
+        """Mask of the objects of frame k to be found: of the classes and centred in the area."""
         if k not in self._scored:
             self._scored[k] = scored(
                 self.renders.objects(k), self.renders.site, self.classes.labels
@@ -291,21 +328,22 @@ class Detected:
         return self._scored[k]
 
     def to_find(self, k: int, label: int) -> Bool[np.ndarray, " objects"]:
-        """Mask of the objects of one class to be found."""
+        """Mask of the objects of frame k to be found that have one class (number)."""
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
     def _count_to_find(self, frames: Iterable[int], label: int) -> int:
-        """Number of objects of one class to be found in some frames."""
+        """Number of objects of one class (number) to be found in some frames (indices)."""
         return int(sum(self.to_find(k, label).sum() for k in frames))
 
     def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
+        # key of the outcome of a set (indices of candidates) in frame k
         return self.key(
             k, "outcome", members, self.scheme.digest, self.codec.digest, self.thresholds
         )
 
     @property
     def thresholds(self) -> list[tuple[int, list[float]]]:
-        """IoU thresholds at which outcomes are matched, class after class."""
+        """Number of each class, with its IoU thresholds in the order of `ious`."""
         thresholds = []
         for label in self.classes.labels:
             of_class = [self.classes.get_iou(LABELS[label], iou) for iou in self.ious]
@@ -313,6 +351,7 @@ class Detected:
         return thresholds
 
     def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
+        # each row's candidates as ascending indices
         if subsets.shape[1] != len(self.renders.sensors):
             raise ValueError(
                 f"sets must be rows of {len(self.renders.sensors)} candidates, got {subsets.shape}"
@@ -321,13 +360,13 @@ class Detected:
 
     @cached_property
     def _depends_on(self) -> str:
-        """Digest of everything that all values depend on."""
+        """Digest of everything that the values of all frames and sets depend on."""
         parts = [
             self.renders.digest,
             getattr(self.detector, "digest", ""),
             self.renders.site.hybrid_radius,
         ]
-        # for a detector that knows its background
+        # the inner detector of one that wraps another, such as to give it a known background
         bare_detector = getattr(self.detector, "detector", self.detector)
         code = code_digest(
             __name__,
@@ -337,13 +376,16 @@ class Detected:
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
+        # digest of each candidate; the name counts, as errors may be drawn by it
         return [make_key(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
 def _score(
     rules: Detected, task: tuple[int, int, list[tuple[int, ...]]]
 ) -> tuple[list[Outcome], dict[bytes, Arrays]]:
-    """Outcomes and new detections of some sets in one frame."""
+    """Outcomes of some sets in one frame, and the detections that the memo did not hold, by key.
+
+    task: Index that is not used here, index of the frame, and sets as indices of candidates."""
     if not rules.processes.alone and "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)  # each core already has a process
     _, k, sets = task
@@ -353,8 +395,10 @@ def _score(
 
 
 class _FrameDetections:
-    """Joint detections of sensor sets in one frame. Those that were not kept are gathered in
-    `new`."""
+    """Detections of sensor sets in frame k, each union of clouds detected in once.
+
+    Attributes:
+        new: Arrays of the detections that the memo did not hold, by key; the caller keeps them."""
 
     def __init__(self, rules: Detected, k: int) -> None:
         self._rules = rules
@@ -362,7 +406,7 @@ class _FrameDetections:
         self._site = rules.renders.site
         self._detected: dict[bytes, Detections] = {}
         self._asked: dict[bytes, list[Cloud]] | None = (
-            None  # for the next round, of `fuse_together`
+            None  # unknown detections by key, gathered during a round of `fuse_together`
         )
         self._fused: dict[tuple[int, ...], Fused] = {
             (): Fused(Detections.empty(), np.zeros(0, np.int64))
@@ -382,14 +426,16 @@ class _FrameDetections:
         )
 
     def fused(self, members: tuple[int, ...]) -> Fused:
+        # fused detections of a set (indices of candidates), kept; `_Unknown` during a round
         if members not in self._fused:
             self._fused[members] = self._rules.scheme.fuse(self._view, members)
         return self._fused[members]
 
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
-        """Fuse sets with shared batches of detections, for a detector that gains from many clouds
-        at once. Each set advances until it needs an unknown detection; all of these are then made
-        together."""
+        """Fuse sets with shared batches of detections, if the detector is a `UnionDetector`.
+
+        In each round every set advances until it needs an unknown detection; these are then made
+        together. When a round asks for fewer than two, the remaining sets are left to `fused`."""
         waiting = [members for members in sets if members]
         while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
             requests = self._asked = {}
@@ -409,6 +455,7 @@ class _FrameDetections:
                 self._keep(key, detections)
 
     def _goes_through(self, members: tuple[int, ...]) -> bool:
+        # True if the set is fused; False if it waits for a detection, now in `_asked`
         try:
             self.fused(members)
         except _Unknown:
@@ -416,6 +463,8 @@ class _FrameDetections:
         return True
 
     def _detections(self, clouds: Sequence[Cloud]) -> Detections:
+        # detections in the points of some clouds together: known, from the memo or made now;
+        # during a round of `fuse_together` unknown ones are noted and `_Unknown` is raised
         adding = [cloud for cloud in clouds if len(cloud.points)]
         key = self._rules.key(
             self._k, "detections", [c.sensor for c in adding], [c.history for c in adding]
@@ -433,17 +482,23 @@ class _FrameDetections:
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
+        # for this frame, and for the memo of the caller
         self._detected[key] = detections
         self.new[key] = detections.boxes, detections.scores, detections.labels
 
 
 class _Unknown(Exception):
-    """A needed detection is left for a later batch."""
+    """Signal within `_FrameDetections` that a needed detection is left for the next batch."""
 
 
 def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
-    """AP, recall and kbit of one set at each IoU threshold, pooled as in
-    `toolkit.detection.metrics.evaluate`."""
+    """AP, recall and kbit of one set, a row for each IoU threshold, over all frames together.
+
+    Detections are pooled as in `toolkit.detection.metrics.evaluate`.
+
+    Args:
+        outcomes: Outcome of the set in each frame, of one class.
+        to_find: Number of objects of this class in these frames; if 0, AP and recall are NaN."""
     scores = np.concatenate([outcome.scores for outcome in outcomes])
     truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
@@ -461,7 +516,9 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
 
 
 def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
-    """Indices of the first frames, of all, or those given."""
+    """Indices of frames: of all for None, of the first for a number, else those given.
+
+    Raises ValueError without any."""
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
     numbers = range(available)[:frames] if frames is None or isinstance(frames, int) else frames

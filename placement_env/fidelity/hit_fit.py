@@ -27,28 +27,26 @@ from toolkit.sensors.sensor import SensorModel
 from toolkit.sites.site import HYBRID_RADIUS_M, Site
 from toolkit.traffic.spawner import LIFE
 
-# plus ceiling as a logit, floor as a logarithm
+# the optimiser's numbers: these, then the logit of the ceiling and the logarithm of the floor
 FITTED_NUMBERS = ("intercept", "density", "norm", "reach", "oblique", "bulk")
-# to start from
-START_POINT_NORM = 0.8
-START_BOX_NORM = 4.0
+START_POINT_NORM = 0.8  # norm that a fit starts from, for schemes that send points
+START_BOX_NORM = 4.0  # the same for schemes that send boxes
 CEILING_LOGIT_RANGE = (-4.0, 7.0)
-# to start from, and the range of its logarithm
-START_FLOOR_POINTS = 10.0
+START_FLOOR_POINTS = 10.0  # floor that a fit starts from
 FLOOR_LOG_RANGE = (-1.0, 5.0)
-DEFAULT_FIT_FRAMES = 100  # of each site
+DEFAULT_FIT_FRAMES = 100  # frames of traffic at each site
 
 
 class Observed(NamedTuple):
-    """Hits and AP of sensor sets at one site.
+    """Hits and AP of n sensor sets at one site, measured with a detector.
 
     Attributes:
-        visibility: View of the candidates.
-        subsets: The sets.
-        hits: Whether each set hits each object.
+        visibility: Points of the C candidates on the O scored objects, all of one class.
+        subsets: Sets as rows of booleans, one column per candidate.
+        hits: True if a set hits an object.
         ap: AP of each set.
         radius: Radius of hybrid fusion (m).
-        sensors: Names of the sensor models."""
+        sensors: Names of the classes of the candidates' sensor models."""
 
     visibility: Visibility
     subsets: Sets
@@ -58,7 +56,7 @@ class Observed(NamedTuple):
     sensors: tuple[str, ...] = ()
 
 
-# of each object and each set of a site
+# how often each object, and each set, of a site counts in a resample
 _Weights = tuple[Float64[np.ndarray, " _"], Float64[np.ndarray, " _"]]
 
 
@@ -72,12 +70,23 @@ def fit(
     resamples: int = 0,
     seed: int = 0,
 ) -> HitModel:
-    """Model that best explains the hits at some sites, and then has the least mean squared error of
-    the AP.
+    """Fit a model to hits and AP of sensor sets at some sites.
 
-    resamples: repeated fits to sites (unless single), blocks of frames and sets drawn with
-    replacement, from which the model states its uncertainty and its error at the sites (of a single
-    one, sets) left out. Raises ValueError if the data are empty."""
+    Its numbers have the maximum likelihood of the hits, except for the false alarms: these have the
+    least mean squared error of the AP.
+
+    Args:
+        observed: Hits and AP at each site, of one class.
+        scheme: Fusion scheme of the sets, or its name.
+        iou: IoU threshold of the hits.
+        source: Fitted data in words, for the model.
+        label: Name of the class of the objects.
+        resamples: Number of further fits to sites (unless there is one), blocks of frames and sets
+            drawn with replacement. They give the model's uncertainty, and its error at the sites
+            left out of each draw (at the sets left out for a single site); 0 for none.
+        seed: Seed of the draws.
+
+    Raises ValueError if the data are empty, do not fit together, or are all hits or all misses."""
     for observation in observed:
         _check(observation)
     hits = sum(int(observation.hits.sum()) for observation in observed)
@@ -88,6 +97,7 @@ def fit(
     scheme = find_scheme(scheme)
     fitting = _Fitting(observed, scheme, {"iou": iou, "source": source, "label": label})
     norm = START_BOX_NORM if scheme.sends_boxes else START_POINT_NORM
+    # `FITTED_NUMBERS`, then logit of the ceiling and logarithm of the floor
     starts = [
         (-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 0.2, 3.0, float(np.log(START_FLOOR_POINTS)))
         for reach in (0.0, 1.0)
@@ -116,12 +126,17 @@ def fit(
 
 
 def _round_numbers(model: HitModel) -> tuple[float, ...]:
-    """`NUMBERS` of a model, to six digits."""
+    """Numbers of a model in the order of `NUMBERS`, to six significant digits."""
     return tuple(float(f"{getattr(model, name):.6g}") for name in NUMBERS)
 
 
 class _Fitting:
-    """Likelihood and misfit of models of one scheme, IoU threshold and class."""
+    """Fits of models for one scheme, IoU threshold and class to the same data.
+
+    Args:
+        observed: Hits and AP at each site.
+        scheme: Fusion scheme of the sets.
+        names: Fields of each model that are not fitted, except the scheme."""
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
         self._observed = observed
@@ -133,15 +148,25 @@ class _Fitting:
     def fit(
         self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
-        """Best numbers from a start, their model, and the hits' unlikelihood under it."""
+        """Fit a model to weighted data.
+
+        Args:
+            start: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor (p = 8).
+            weights: At each site, how often each object and each set counts.
+
+        Returns:
+            Best numbers, in the form of `start`; their model with its false alarms; and the mean
+            negative log-likelihood of the hits under it, the less the better."""
         bounds = [*(RANGES[name] for name in FITTED_NUMBERS), CEILING_LOGIT_RANGE, FLOOR_LOG_RANGE]
         optimum = minimize(
             self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds
         )
+        # probabilities of each set's objects in descending order
         ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(optimum.x))]
         total = max(sum(sets.sum() for _, sets in weights), 1.0)
 
         def misfit(rate: float) -> float:
+            # mean squared error of the AP with this rate of false alarms
             parts = zip(ranked, self._observed, weights, strict=True)
             return sum(
                 float(np.square(compute_expected_ap(p, float(rate))[0] - observation.ap) @ sets)
@@ -152,8 +177,14 @@ class _Fitting:
         return optimum.x, self._model(optimum.x, float(rate)), float(optimum.fun)
 
     def find_error(self, models: Sequence[HitModel], draws: Sequence[Sequence[_Weights]]) -> float:
-        """Error of models, as `HitModel` has it, at what each was not drawn from; 0 where that is
-        nothing."""
+        """Error of the AP (`HitModel.error`) of refitted models at the data left out of each draw.
+
+        Left out are the sets that were not drawn, at sites that were not drawn (or at the only
+        site). 0 if nothing is left out.
+
+        Args:
+            models: Model of each draw.
+            draws: For each draw and site, how often each object and each set was drawn."""
         squares = 0.0
         scale = 1e-9
         for model, site_weights in zip(models, draws, strict=True):
@@ -167,6 +198,7 @@ class _Fitting:
         return min(float(np.sqrt(squares / scale)), RANGES["error"][1])
 
     def _model(self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0) -> HitModel:
+        # model of numbers in the form of `fit`'s start
         by_name: dict[str, Any] = dict(zip(FITTED_NUMBERS, map(float, numbers[:-2]), strict=True))
         ceiling = float(1 / (1 + np.exp(-numbers[-2])))
         floor = float(np.exp(numbers[-1]))
@@ -175,6 +207,7 @@ class _Fitting:
         )
 
     def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
+        # at each site, the hit probability of each object for each set (rows)
         probabilities = []
         for evidence, observation in zip(self._evidence, self._observed, strict=True):
             sums = MemberSums(evidence.rows(model, np.float64))(observation.subsets)
@@ -187,6 +220,7 @@ class _Fitting:
     def _unlikelihood(
         self, numbers: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> float:
+        # mean negative log-likelihood of the hits; an object counts by its weight, for every set
         total = count = 0.0
         chances = self._probabilities(self._model(numbers))
         for p, observation, (objects, _) in zip(chances, self._observed, weights, strict=True):
@@ -197,9 +231,16 @@ class _Fitting:
 
 
 def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weights]:
-    """Sites drawn with replacement, with their blocks and sets."""
+    """Draw sites with replacement, and at each as many blocks of frames and sets as it has.
+
+    A block is `LIFE` frames, as long as a vehicle may be seen. A site that is drawn k times gives k
+    times as many. The order of draws fixes the figures of a seed.
+
+    Returns:
+        At each site, how often each object and each set is drawn."""
 
     def draw(total: int, count: int) -> np.ndarray:
+        # how often each of `count` things is drawn in `total` draws with replacement
         return rng.multinomial(total, np.full(count, 1 / count)) if count else np.zeros(0, np.int64)
 
     weights = []
@@ -218,8 +259,7 @@ def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weigh
 
 
 class Fitted(NamedTuple):
-    """A model and its root-mean-square AP error against the detector, on the sets that it was
-    fitted to."""
+    """A hit model, and the root mean square error of its AP on the sets that it was fitted to."""
 
     model: HitModel
     rms: float
@@ -233,11 +273,18 @@ def fit_detected(
     resamples: int = 0,
     seed: int = 0,
 ) -> tuple[Fitted, ...]:
-    """Models of each class at each IoU threshold.
+    """Fit a model to a detector for each class at each of its IoU thresholds.
 
-    detected_sites: at each site the visibility, the detections of the same candidates, frames and
-    classes, and the sets; ious: of vehicles, from those of `Detected`, all if empty. Raises
-    ValueError where the data of a class are empty."""
+    Args:
+        detected_sites: At each site the visibility, the fidelity `Detected` of the same candidates,
+            frames and classes, and the sets as rows of booleans.
+        source: Fitted data in words, for the models.
+        ious: IoU thresholds of vehicles, from the ones of `Detected`; all if empty. Other
+            classes are fitted at the thresholds that `Classes.get_iou` gives for them.
+        resamples: Number of fits to resampled data for each model, see `fit`.
+        seed: Seed of the resamples.
+
+    Raises ValueError if the data of a class are empty."""
     first = detected_sites[0][1]
     estimates = [detected.class_estimates(sets) for _, detected, sets in detected_sites]
     hits = []
@@ -298,8 +345,13 @@ def fit_detected(
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sensors and sets for a fit beside a site's own. sets: of 1 to 8 sensors; models: empty for
-    the paper's camera."""
+    """Numbers of sensors and sets to draw for a fit.
+
+    Attributes:
+        poses: Random poses of a site's pool, in addition to the site's sensors.
+        sets: Sets of sensors, at most.
+        models: Sensor models of the random poses; empty for the paper's camera.
+        resamples: Fits to resampled data for each model, see `fit`."""
 
     poses: int = 60
     sets: int = 60
@@ -307,7 +359,10 @@ class Sampling:
     resamples: int = 20
 
     def draw(self, site: Site, frames: int, seed: int) -> tuple[Traffic, Candidates, Sets]:
-        """Draw traffic, poses and sets of them at a site."""
+        """Draw traffic, candidates and sets at a site.
+
+        Candidates are the site's sensors, then random poses. Sets have a sensor or more. Poses are
+        drawn before sets from the same generator, so this order fixes the result of a seed."""
         rng = np.random.default_rng(seed)
         candidates = own_and_random(site, self.poses, rng, models=self.models)
         subsets = random_sets(candidates, len(site.sensors), self.sets, rng)
@@ -325,11 +380,20 @@ def fit_sites(
     source: str = "",
     run: Run = Run(seed=1000),
 ) -> tuple[Fitted, ...]:
-    """Models of a detector's hits at some sites, for each scheme, class and IoU threshold.
+    """Fit models to a detector's hits at some sites, for each scheme, class and IoU threshold.
 
-    ious: of vehicles; run: its seed, plus the place of a site in the list, draws traffic, poses and
-    sets; its cache keeps detections, so an interrupted run resumes. Raises ValueError if a class
-    is absent or is always hit."""
+    Args:
+        sites: Sites whose traffic is simulated.
+        detector_of: Returns the detector to use at a site.
+        schemes: Fusion schemes, or their names.
+        classes: Classes of the objects.
+        ious: IoU thresholds of vehicles; see `fit_detected` for other classes.
+        sampling: Numbers of poses, sets and resamples to draw.
+        source: Fitted data in words, for the models.
+        run: Frames, processes, progress, cache and seed. Seed plus index of a site draws its
+            traffic, poses and sets; the cache keeps detections, so an interrupted run resumes.
+
+    Raises ValueError if a class is absent or is always hit."""
     from placement_env.fidelity.seeing import see
 
     observed = []
@@ -364,6 +428,7 @@ def fit_sites(
 
 
 def _check(observation: Observed) -> None:
+    # ValueError unless sets, hits, AP and visibility have fitting shapes and each AP is finite
     shape = (len(observation.subsets), observation.visibility.points.shape[1])
     ap = observation.ap
     hits = observation.hits

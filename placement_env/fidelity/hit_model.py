@@ -47,7 +47,7 @@ from toolkit.runtime.text_values import read_json
 from toolkit.runtime.writing import write_text
 
 SURROGATE_FOLDER = Path(__file__).parent / "surrogates"
-RANGES = {
+RANGES = {  # allowed values of the numbers of a `HitModel`, and bounds of a fit
     "iou": (0.0, 1.0),
     "intercept": (-30.0, 30.0),
     "density": (0.0, 20.0),
@@ -60,7 +60,7 @@ RANGES = {
     "bulk": (0.0, 5.0),
     "error": (0.0, 2.0),
 }
-NUMBERS = (
+NUMBERS = (  # fields of a `HitModel` that a row of `HitModel.resampled` holds, in this order
     "intercept",
     "density",
     "ceiling",
@@ -71,8 +71,8 @@ NUMBERS = (
     "floor",
     "bulk",
 )
-BULKY_M3 = 16.0  # m³
-MAX_OUTSIDE_SHARE = 0.05  # share of the view that may lie outside the domain without a warning
+BULKY_M3 = 16.0  # volume of a box (m³) above which a hit is less likely
+MAX_OUTSIDE_SHARE = 0.05  # share of pairs with points that may exceed a range without a warning
 RANGE_SLACK = 1.1  # factor on a range before it counts as exceeded
 OPTIONAL_FIELDS = {
     "label",
@@ -86,8 +86,18 @@ OPTIONAL_FIELDS = {
 
 @dataclass(frozen=True)
 class HitDomain:
-    """Range of data (99 % quantiles, m) that a hit model was fitted to. Raises ValueError unless
-    positive."""
+    """Range of the data that a hit model was fitted to.
+
+    Raises ValueError for a number that is not positive or finite.
+
+    Attributes:
+        farthest: 99 % quantile of the distance from a sensor to an object that it has points on
+            (m).
+        most_points: 99 % quantile of a sensor's points on an object that it has points on.
+        sensors: Names of the classes of sensor models.
+        sites: Number of sites.
+        objects: Number of objects at all sites, each counted in every frame.
+        sets: Number of sensor sets at all sites."""
 
     farthest: float
     most_points: float
@@ -115,7 +125,14 @@ class HitDomain:
         distance: Float32[np.ndarray, "C O"],
         sensors: Iterable[str] = (),
     ) -> tuple[str, ...]:
-        """Sentences on how a question differs; empty if not. sensors: kinds of models."""
+        """Sentences on how candidates and objects exceed this range, empty if they do not.
+
+        A range is exceeded if more than `MAX_OUTSIDE_SHARE` of the pairs with points are beyond it.
+
+        Args:
+            points: Points of each candidate on each object.
+            distance: Horizontal distance of each candidate and object (m).
+            sensors: Names of the classes of the candidates' sensor models."""
         sentences = []
         seen = points > 0
         for figure, limit, words in (
@@ -139,11 +156,15 @@ class HitDomain:
 
 @dataclass(frozen=True)
 class HitModel:
-    """Numbers of the formula above, for one scheme (its name), IoU threshold and class of objects.
+    """Numbers of this module's formula of the hit probability.
 
-    Fields that are not listed are numbers of the formula.
+    They hold for one fusion scheme, IoU threshold and class of objects. Fields that are not listed
+    are numbers of the formula.
 
     Attributes:
+        scheme: Name of the fusion scheme.
+        iou: IoU from which a detection is a hit.
+        label: Name of the class of objects.
         false_alarms: Number of false alarms that outrank a hit, for each object that is less surely
             found and not hit.
         source: The fitted data in words.
@@ -189,7 +210,7 @@ class HitModel:
 
     @cached_property
     def resamples(self) -> "tuple[HitModel, ...]":
-        """The models of the resamples."""
+        """A model for each row of `resampled`, with all other fields as here."""
         rows: list[dict[str, Any]] = [
             dict(zip(NUMBERS, row, strict=True)) for row in self.resampled
         ]
@@ -198,8 +219,14 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p of objects up to `BULKY_M3` from Σ n_i ^ norm, with which it grows.
-        raw: Σ N_i ^ norm, for the floor; None for enough points to meet it."""
+        """Hit probability p of objects up to `BULKY_M3`; of others see `of_size`.
+
+        Args:
+            powers: Σ n_i ^ norm of the set's sensors for each object; p grows with it, from 0.
+            raw: Σ N_i ^ norm of the same shape, which lowers p below the floor; None if all objects
+                have enough points to meet it."""
+        # one array, changed in place to spare memory: z is minus the argument of the sigmoid, then
+        # its exponential, then p
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
@@ -212,7 +239,9 @@ class HitModel:
         return z
 
     def of_size(self, boxes: Float[np.ndarray, "O 7"]) -> Float[np.ndarray, " O"]:
-        """Per-object factor on `probability`; 1 unless the object is bulky."""
+        """Factor of each object's volume on `probability`: 1 up to `BULKY_M3`, less above.
+
+        boxes: x, y, z, length, width, height (m), yaw (rad)."""
         if not self.bulk:
             return np.ones(len(boxes))
         volume = boxes[:, 3:6].astype(np.float64).prod(axis=1)
@@ -222,8 +251,10 @@ class HitModel:
 def load_models(
     path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)
 ) -> tuple[HitModel, ...]:
-    """Models of a file for schemes with these names. Raises FileNotFoundError; ValueError for
-    another kind of file."""
+    """Load the hit models in a JSON file, as `save_models` writes it.
+
+    schemes: Names of fusion schemes that the models may be for. Raises FileNotFoundError;
+    ValueError for another kind of file or another scheme."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with coview surrogate")
@@ -237,7 +268,7 @@ def load_models(
 
 
 def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
-    """Write models as JSON, completely or not."""
+    """Write models to a JSON file, which is replaced whole or not at all."""
     write_text(
         path, json.dumps([asdict(model) for model in models], indent=1, allow_nan=False) + "\n"
     )
@@ -246,8 +277,16 @@ def save_models(models: tuple[HitModel, ...], path: str | Path) -> None:
 def shipped_model(
     scheme: str, iou: float = 0.7, detector: str = "general", *, label: str = LABELS[VEHICLE]
 ) -> HitModel:
-    """Shipped model of a shipped detector, or of the general one. Raises ValueError for an unknown
-    choice."""
+    """Hit model that comes with coview.
+
+    Args:
+        scheme: Name of the fusion scheme.
+        iou: IoU threshold of a hit.
+        detector: Name of a shipped detector; without models under this name the general ones are
+            taken.
+        label: Name of the class of objects.
+
+    Raises ValueError, with the choices, if no model fits."""
     path = SURROGATE_FOLDER / f"{detector}.json"
     models = load_models(path if path.is_file() else SURROGATE_FOLDER / "general.json")
     return find_hit_model(models, scheme, iou, label, source=detector)
@@ -256,9 +295,9 @@ def shipped_model(
 def find_hit_model(
     models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str
 ) -> HitModel:
-    """Find the model for a scheme, IoU threshold and class.
+    """Find the first model for the names of a scheme and a class and an IoU threshold.
 
-    source: name of the models' file for the error. Raises ValueError, with the choices, if no model
+    source: Name of the models' file for the error. Raises ValueError, with the choices, if no model
     fits."""
     models = list(models)
     for model in models:
@@ -279,6 +318,7 @@ def find_hit_model(
 
 
 def _model(document: object, schemes: Collection[str]) -> HitModel:
+    # model from a row of a file, whose keys are the fields of `HitModel`; ValueError if it is not
     names = {field.name for field in fields(HitModel)}
     if not isinstance(document, dict) or set(document) | OPTIONAL_FIELDS != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {document!s:.80}")
@@ -295,7 +335,7 @@ def _model(document: object, schemes: Collection[str]) -> HitModel:
         raise ValueError(
             f"resampled must be lists of numbers and domain a table of numbers, got {error}"
         ) from None
-    # there was no bulk
+    # files from before `bulk` have rows without it at the end
     rows = [(*row, 0.0) if len(row) == len(NUMBERS) - 1 else row for row in rows]
     model = HitModel(**document | {"domain": domain, "resampled": tuple(rows)})
     _ = model.resamples  # in their ranges, too
@@ -308,7 +348,15 @@ def build_domain(
     sensors: Iterable[str],
     sets: int,
 ) -> HitDomain:
-    """Domain of the data that sensors of several sites saw."""
+    """Range of the data that sensors at several sites saw.
+
+    Args:
+        points: At each site the points of its candidates (rows) on its objects (columns).
+        distance: At each site the horizontal distance of candidates and objects (m).
+        sensors: Names of the classes of sensor models, in any order and with repetitions.
+        sets: Number of sensor sets at all sites.
+
+    Raises ValueError if no sensor has a point on an object."""
     seen = np.concatenate([site_points[site_points > 0].ravel() for site_points in points])
     distances = np.concatenate(
         [

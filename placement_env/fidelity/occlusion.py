@@ -26,8 +26,13 @@ BOXES_TOGETHER = 512  # boxes whose windows are found together
 
 
 class Silhouette(NamedTuple):
-    """Pixels that meet an object in front of the static scene: numbers, sensors, depth (m), world
-    points."""
+    """Pixels that meet one object in front of the static scene, one row per pixel.
+
+    Attributes:
+        pixels: Numbers among the pixels of all sensors, as rows of `SensorRays.rays`.
+        sensors: Index of each pixel's sensor.
+        depth: Measurement of the object (m).
+        points: Points on the object (m, world frame)."""
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -36,17 +41,25 @@ class Silhouette(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Rectangles of pixels around one box, in all sensors."""
+    """Rectangles of pixels around one box in the images of all sensors.
 
-    rows: Int64[np.ndarray, "m 5"]  # sensor, top, bottom, left, right (pixels)
-    least: Float32[np.ndarray, " S"]  # lower bound of each sensor's measurement of it (m)
+    A sensor that cannot meet the box has no rectangle; a spinning lidar has two across its seam."""
+
+    rows: Int64[np.ndarray, "m 5"]  # sensor index, top, bottom, left, right (pixels, ends excluded)
+    least: Float32[np.ndarray, " S"]  # lower bound of each sensor's measurement of the box (m)
 
 
 class SensorRays:
-    """Rays of sensors, and their lengths at the empty site.
+    """Rays of S sensors, P pixels in all, and what they measure at the empty site.
 
-    rays: (P, 3) of the pixels of all sensors, world axes; still: (P,) measurements of the empty
-    site (m, 0 for none); first: (S + 1,) where the pixels of each sensor begin."""
+    Pixels are numbered sensor after sensor, and row after row in an image.
+
+    Attributes:
+        sensors: The S sensors.
+        rays: (P, 3) ray of each pixel, world axes, float32; ray times measurement is the offset of
+            a point from its sensor.
+        still: (P,) measurements of the empty site (m, 0 for no return).
+        first: (S + 1,) number of the first pixel of each sensor, then P."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self.sensors = tuple(sensors)
@@ -71,7 +84,11 @@ class SensorRays:
         self._alike = [(model, np.array(numbers)) for model, numbers in models.items()]
 
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
-        """Windows of bodies of the renderer in their boxes."""
+        """Rectangles of pixels around each body in its box, for all sensors.
+
+        Args:
+            bodies: Index of each body among the renderer's bodies.
+            boxes: Box of each body (x, y, z, length, width, height, yaw; world frame)."""
         windows: list[Windows] = []
         rotations = self._poses[:, :3, :3]
         positions = self._poses[:, None, :3, 3]
@@ -85,6 +102,7 @@ class SensorRays:
             parts = []
             owners = []
             for model, alike in self._alike:
+                # row: box * number of sensors of the model + sensor, which divmod takes apart below
                 corners = in_sensor[:, alike].reshape(-1, 8, 3)
                 nearest_lengths[:, alike] = nearest(model, corners).reshape(count, -1)
                 windowed = model.windows(corners)
@@ -105,8 +123,12 @@ class SensorRays:
     def silhouette(
         self, body: int, box: Float64[np.ndarray, "7"], windows: Windows | None = None
     ) -> Silhouette:
-        """Silhouette of a body of the renderer in its box, alone on the site. windows: of that box,
-        if known."""
+        """Pixels that meet a body in its box, with no other object on the site.
+
+        Args:
+            body: Index among the renderer's bodies.
+            box: x, y, z, length, width, height (m), yaw (rad); world frame.
+            windows: Windows of this box from `windows`, None to find them here."""
         (around,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
         pixels, sensors = self._in_windows(around)
         if not len(pixels):
@@ -116,6 +138,7 @@ class SensorRays:
         body_from_world = self._renderer.body_from_world(box)
         turn = body_from_world[:3, :3].T.astype(np.float32)
         starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
+        # start and direction in the body's frame; rays start `NEAR` ahead of the sensor
         lines = np.empty((len(pixels), 6), np.float32)
         np.matmul(self.rays.take(pixels, axis=0), turn, out=lines[:, 3:])
         np.multiply(lines[:, 3:], np.float32(NEAR), out=lines[:, :3])
@@ -130,7 +153,9 @@ class SensorRays:
         return Silhouette(pixels, sensors, depth, points)
 
     def _in_windows(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels that may meet a box, and their sensors."""
+        """Numbers of the pixels whose rays may meet a box, and the index of each pixel's sensor.
+
+        Rays that end at the static scene or their range before they can reach it are left out."""
         sensor, top, bottom, left, right = windows.rows.T
         has_one_window_each = len(set(sensor.tolist())) == len(sensor)
         rows = bottom - top
@@ -149,17 +174,23 @@ class SensorRays:
 
 
 class SeenPoints(NamedTuple):
-    """Points on the scored objects of all frames, points in the crop per frame, and the far ones;
-    see `Visibility`."""
+    """Points of S sensors on the O scored objects of all frames, and in each of F frames."""
 
-    points: Float32[np.ndarray, "S O"]
-    sent: Float32[np.ndarray, "S F"]
-    far: Float32[np.ndarray, "S F"]
+    points: Float32[np.ndarray, "S O"]  # without noise, objects frame after frame
+    sent: Float32[np.ndarray, "S F"]  # points expected in the crop under noise
+    far: Float32[np.ndarray, "S F"]  # the ones beyond the site's hybrid radius
 
 
 class _Part(NamedTuple):
-    """Pixels of one silhouette: whether each counts, and the points it adds to those sent and far
-    (or hides, < 0)."""
+    """Pixels of one silhouette, and what each adds to the points of its sensor.
+
+    Attributes:
+        pixels: Numbers among the pixels of all sensors.
+        sensors: Index of each pixel's sensor.
+        depth: Measurement of the object (m).
+        counted: True for pixels whose point is in the crop.
+        sent: Points sent more than at the empty site, < 0 if the object hides one.
+        far: Far points more than at the empty site, < 0 if the object hides one."""
 
     pixels: Int64[np.ndarray, " n"]
     sensors: Int64[np.ndarray, " n"]
@@ -175,8 +206,13 @@ def look_at(
     sensors: Sequence[Sensor],
     labels: Sequence[int] = (VEHICLE,),
 ) -> SeenPoints:
-    """View of the sensors on all frames. renderer: of the traffic's site and bodies; labels: of the
-    scored objects."""
+    """Points of each sensor on the scored objects, and in the crop, for all frames.
+
+    Args:
+        traffic: Frames to look at.
+        renderer: Renderer of the traffic's site and bodies; its sensors do not matter.
+        sensors: Sensors in the order of the result's rows.
+        labels: Classes (numbers) of the scored objects."""
     scene = _Scene(traffic.site, renderer, sensors)
     frames = []
     for snapshot in traffic.snapshots:
@@ -185,13 +221,14 @@ def look_at(
     standing = {key: (body, box) for frame in frames for key, body, box in frame}
     bodies = np.array([body for body, _ in standing.values()], np.int64)
     boxes = np.array([box for _, box in standing.values()]).reshape(-1, 7)
-    # one for what stands still
+    # a vehicle that does not move has the same key in each frame, so its windows are found once
     windows = dict(zip(standing, scene.views.windows(bodies, boxes), strict=True))
     points = [np.zeros((len(sensors), 0))]
     sent = []
     far = []
     parts: dict[tuple[int, bytes], _Part] = {}
     for snapshot, frame in zip(traffic.snapshots, frames, strict=True):
+        # only parts of the frame before are reused; older ones are dropped to spare memory
         parts = {
             key: parts[key] if key in parts else scene.part(body, box, windows[key])
             for key, body, box in frame
@@ -208,7 +245,12 @@ def look_at(
 
 
 class _Scene:
-    """Sensors of a block at the empty site."""
+    """Sensors at the empty site, to which the objects of a frame are added.
+
+    Attributes:
+        views: Rays of the S sensors.
+        sent: (S,) points of each sensor sent at the empty site.
+        far: (S,) the ones beyond the site's hybrid radius."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site = site
@@ -232,10 +274,12 @@ class _Scene:
             np.bincount(owner_of_pixel, still, len(sensors))
             for still in (self._still_sent, self._still_far)
         )
+        # scratch arrays of `compose`, one entry per pixel
         self._front = np.full(len(views.still), np.inf, np.float32)
         self._owner = np.zeros(len(views.still), np.int32)
 
     def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:
+        # part of a body (index in the renderer) in its box, as if no other object were there
         pixels, sensors, depth, points = self.views.silhouette(body, box, windows)
         if not len(pixels):
             return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)
@@ -246,8 +290,16 @@ class _Scene:
         return _Part(pixels, sensors, depth, counted, more_sent, more_far)
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (S, n) on each object, and the sums that all objects add to each sensor's points
-        sent and far. The nearest hit counts; of equally near ones the first object's."""
+        """Points of S sensors on the n objects of a frame, and what they add to those sent and far.
+
+        The nearest hit of a pixel counts; of equally near ones the first object's.
+
+        Args:
+            parts: Part of each object.
+
+        Returns:
+            (S, n) points in the crop on each object; (S,) points sent more than at the empty site;
+            (S,) far points more than at the empty site."""
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
@@ -257,7 +309,8 @@ class _Scene:
         objects = np.repeat(np.arange(len(parts)), [len(part.pixels) for part in parts])
         np.minimum.at(self._front, pixels, depth)
         hits = np.flatnonzero(depth == self._front.take(pixels))
-        self._front[pixels] = np.inf
+        self._front[pixels] = np.inf  # ready for the next frame
+        # assigned in reverse: of equally near hits of a pixel the first object's is written last
         self._owner[pixels[hits[::-1]]] = hits[::-1]
         hits = hits[self._owner.take(pixels[hits]) == hits]
         cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
@@ -270,6 +323,8 @@ class _Scene:
     def _worth(
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
+        # chances (n,) that points are sent and far, as in `worth`; rays: of their pixels, world
+        # axes; depth: their measurements (m), whose noise may lift points out of the crop
         deviation: np.ndarray | np.float32 = self._models[0].deviation(depth)
         if len(self._models) > 1:
             model_of_point = self._model.take(sensors)
@@ -287,11 +342,20 @@ def worth(
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
 ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """Chance of each point to be sent and far, given the deviation (`spread`) of its height and its
-    sensor's place."""
+    """Chance of each point to be sent, and to be sent and far.
+
+    A point is sent if it is in the site's area, below the crop's height without noise, and above
+    the ground with noise. It is far beyond the site's hybrid radius from its sensor.
+
+    Args:
+        points: Points without noise (m, world frame).
+        spread: Standard deviation of each point's height (m).
+        positions: x and y of each point's sensor (m, world frame).
+        site: Site with the area, height, slope and hybrid radius."""
     above = level_rows(points, site.relief.slope)
     within = is_inside(above, site.area, site.height, -np.inf)
     z = above[:, 2]
+    # height in deviations; beyond 8 the chance is 0 or 1 in float32
     x = np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8)
     # the standard normal distribution function, within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)
     lifted = 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))

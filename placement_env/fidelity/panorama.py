@@ -28,25 +28,34 @@ from toolkit.sites.site import Mount
 
 HEIGHT_STEP_M = 0.5  # m between the panoramas of a mount
 MAX_HEIGHT_GAP_M = 1.5  # m of height within which a first view is taken from another panorama
-DEFAULT_PANORAMA_BYTES = 600_000_000  # of the panoramas kept in memory
-Place = tuple[float, float, float]
-_Wanted = list[tuple[Place, Mount]]
-Reach = Literal["mount", "own", "nearest"]
+DEFAULT_PANORAMA_BYTES = 600_000_000  # memory of the panoramas that are kept
+Place = tuple[float, float, float]  # x, y, z (m, world frame), rounded to 1e-6 m
+_Wanted = list[tuple[Place, Mount]]  # places of panoramas, each with the mount it belongs to
+Reach = Literal["mount", "own", "nearest"]  # panoramas made for a sensor, see `TrafficView.see`
 
 
 def _never() -> bool:
+    # `hold` of a view that need not wait
     return False
 
 
 class TrafficView:
-    """Look at traffic from mounts, with sensors that measure all of the detection area
-    (`seeing.choose_quick`).
+    """Points of sensors that move on mounts, in all frames of traffic, from panoramas.
 
+    Only sensors that measure all of the detection area can be seen so (`seeing.choose_quick`).
     A copy, also one that is pickled, keeps the panoramas and goes on without the original: nobody
     waits for it.
 
-    labels: classes (numbers) of the objects that count; cache: keeps panoramas for other processes
-    too, None to keep them in this object's memory only."""
+    Args:
+        traffic: Frames to look at.
+        labels: Classes (numbers) of the objects that count.
+        cache: Keeps panoramas for other processes too, None to keep them in this object's memory
+            only.
+
+    Attributes:
+        casting: Lock that a thread holds while it casts rays.
+        hold: Function that is asked before each frame of a panorama; while it returns True, the
+            thread that casts waits, unless another thread waits to cast."""
 
     def __init__(
         self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None
@@ -55,13 +64,13 @@ class TrafficView:
         self._cache = cache
         self._unseen = Visibility.unseen(traffic, (), labels)
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        # surrounds by place
+        # `Surround` by `Place`, longest unused first
         self._kept = Bounded()
         self._most = DEFAULT_PANORAMA_BYTES
         self._stand_alone()
 
     def _stand_alone(self) -> None:
-        """Begin without threads that cast, wait or are waited for."""
+        """Set lock, queue and `hold` as in an object that no thread uses."""
         self.casting = Lock()  # held while rays are cast: others may look at what is there
         # one for each thread that waits to cast; a list, as threads may change it
         self._queue: list[None] = []
@@ -81,11 +90,17 @@ class TrafficView:
         self._stand_alone()
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
-        """Return the view of candidates. The first from a mount makes panoramas of all its heights.
+        """Return the visibility of all scored objects from candidates.
 
-        reach: "own" makes one panorama, at the sensor's height; "nearest" takes the next within
-        `MAX_HEIGHT_GAP_M` if those at its height and at the half metres below and above are
-        unknown, else makes one at the nearest half metre.
+        Between two panoramas of a mount, points are interpolated by height.
+
+        Args:
+            candidates: Candidates whose sensors measure all of the detection area.
+            reach: Panoramas to use. "mount" takes those at the half metres below and above each
+                sensor; the first sensor of a mount makes panoramas at all of its half metres. "own"
+                takes one at the sensor's height. "nearest" takes known ones at that height, or
+                at the half metres below and above, or the nearest within `MAX_HEIGHT_GAP_M`; if
+                there is none, it makes one at the nearest half metre.
         """
         sensors = candidates.sensors
         mounts = [candidates.mounts[index] for index in candidates.mount.tolist()]
@@ -119,7 +134,9 @@ class TrafficView:
     def _share_places(
         self, sensor: Sensor, mount: Mount, reach: Reach
     ) -> list[tuple[Place, float]]:
-        """Return the panorama places from which a sensor is seen, and the share of each."""
+        """Return the places of the panoramas to use for a sensor, each with its weight.
+
+        The weights (0 to 1) add up to 1. See `see` for `reach`."""
         shares = _between(sensor.position, mount)
         if reach == "mount":
             return shares
@@ -134,7 +151,10 @@ class TrafficView:
         return [(near_place, 1.0)]
 
     def _find_near(self, sensor_place: Place, model: SensorModel) -> Place | None:
-        """Return the nearest known panorama above or below a place, None without one."""
+        """Return the place of the nearest known panorama within `MAX_HEIGHT_GAP_M` above or below.
+
+        A panorama is known if it is in memory with the static scene for this model. None
+        without one."""
         x, y, z = sensor_place
         near_places = [
             place
@@ -145,27 +165,33 @@ class TrafficView:
         return min(known_places, key=lambda place: abs(place[2] - z), default=None)
 
     def knows(self, sensor: Sensor) -> bool:
-        """True if the view from a sensor's height needs no new panorama."""
+        """True if a panorama at the sensor's exact position is in memory, for its model."""
         return self._knows([(_place(*sensor.position.tolist()), 1.0)], sensor.model)
 
     def limit(self, max_bytes: int) -> None:
-        """Keep panoramas of at most so many bytes in memory."""
+        """Limit the memory of panoramas to so many bytes, from the next one that is made on."""
         self._most = max_bytes
 
     @property
     def full(self) -> bool:
-        """True if memory has hardly room for another panorama."""
+        """True if panoramas fill more than 90 % of their memory, so that another may drop one."""
         return self._kept.nbytes > 0.9 * self._most
 
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
+        # True if panoramas at all of the places are in memory, for this model; weights do not count
         return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
 
     def _prepare(
         self, places: _Wanted, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
-        """Return the views from places; missing ones are made."""
+        """Return the surround of each place, from memory or made now under the lock `casting`.
+
+        Args:
+            places: Requested places, each with its mount; repetitions do not matter.
+            models: Sensor models that each surround must serve.
+            all_heights: Make missing panoramas at all half metres of the mount too."""
         requested = dict.fromkeys(place for place, _ in places)
-        # held, whatever is dropped
+        # references keep these alive even if another thread drops them from memory
         surrounds = {place: self._kept[place] for place in requested if place in self._kept}
         if len(surrounds) == len(requested) and all(
             models <= surround.stills.keys() for surround in surrounds.values()
@@ -177,7 +203,9 @@ class TrafficView:
             return surrounds | self._make(places, models, all_heights=all_heights)
 
     def _in_turn(self) -> Iterator[int]:
-        """Frames, each when nobody is to be answered first."""
+        """Indices of all frames, each yielded when `hold` allows the next one.
+
+        A thread that waits to cast overrides `hold`, so that it need not wait for a held one."""
         for k in range(len(self.traffic)):
             while self.hold() and not self._queue:
                 time.sleep(0.001)
@@ -186,9 +214,12 @@ class TrafficView:
     def _make(
         self, wanted_places: _Wanted, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
-        """Make the missing views from places, and keep them in memory."""
+        """Make missing surrounds, keep them in memory, and return the wanted ones.
+
+        The caller holds `casting`. Arguments are as in `_prepare`."""
 
         def lacks(place: Place) -> bool:
+            # True without a panorama there, or with one that does not serve all of the models
             return place not in self._kept or not models <= self._kept[place].stills.keys()
 
         requested = dict.fromkeys(place for place, _ in wanted_places)
@@ -210,9 +241,10 @@ class TrafficView:
         return surrounds
 
     def _panoramas(self, places: list[Place]) -> list[Strips]:
-        """Return the strips seen from each place in all frames, from the cache if there."""
+        """Return the strips seen from each place in all frames, from the cache or made now."""
 
         def make(missing: list[int]) -> list[Strips]:
+            # strips for places by index
             successive = successive_strips(self.traffic, np.array(places)[missing])
             return place_strips(successive, self.traffic, self._in_turn(), len(missing))
 
@@ -226,7 +258,10 @@ class TrafficView:
 
 
 def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Place, float]]:
-    """Panorama places below and above a position on a mount."""
+    """Places of the panoramas below and above a position on a mount, each with its weight.
+
+    Weights interpolate linearly by height; one place if the position is at a half
+    metre above the mount's foot."""
     x, y, z = position.tolist()
     foot = float(mount.position[2])
     steps = round((z - foot) / HEIGHT_STEP_M, 6)
@@ -241,16 +276,19 @@ def _between(position: Float64[np.ndarray, "3"], mount: Mount) -> list[tuple[Pla
 
 
 def _places(place: Place, mount: Mount) -> list[Place]:
-    """Panorama places for all heights of a sensor on a mount."""
+    """Places of panoramas at all heights of a mount (`list_heights`), at the x and y of a place."""
     return [_place(*place[:2], float(mount.position[2]) + height) for height in list_heights(mount)]
 
 
 def list_heights(mount: Mount) -> list[float]:
-    """Heights of panoramas above a mount's foot (m), which hold all of its sensors between them."""
+    """Heights of panoramas above a mount's foot (m): multiples of `HEIGHT_STEP_M`, ascending.
+
+    The first is at or below the lowest sensor of the mount, the last at or above the highest."""
     low, high = (h / HEIGHT_STEP_M for h in (mount.min_height, mount.max_height))
     steps = range(int(np.floor(low + 1e-6)), int(np.ceil(high - 1e-6)) + 1)
     return [step * HEIGHT_STEP_M for step in steps]
 
 
 def _place(x: float, y: float, z: float) -> Place:
+    # key of a place: rounded, so that equal places from different sums are equal
     return round(x, 6), round(y, 6), round(z, 6)

@@ -30,15 +30,20 @@ from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.schemes import find_scheme
 
-SLOPE = 0.152
-OFFSET = 0.659
-LOWEST = 0.001
-HIGHEST = 0.999
-UNSEEN_SPREAD = 1 / LOWEST - 1
+SLOPE = 0.152  # a of AP = a ln m + b
+OFFSET = 0.659  # b
+LOWEST = 0.001  # AP of an object without points
+HIGHEST = 0.999  # largest AP
+UNSEEN_SPREAD = 1 / LOWEST - 1  # σ of an object without points
 
 
 class PerceptionEntropy:
-    """Perception entropy (Ma, Liu and Li): how well vehicles are seen."""
+    """Score sets by perception entropy (Ma, Liu and Li), scaled to 0 to 1.
+
+    Args:
+        visibility: Points of the candidates on objects.
+        scheme: Fusion scheme, or its name; one that sends boxes is treated as late fusion.
+        codec: Codec of the data sent."""
 
     name = "perception entropy"
 
@@ -53,7 +58,7 @@ class PerceptionEntropy:
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Scaled entropy score of each set. It is 1 for the least entropy, 0 for nothing seen."""
+        """Score of each set: 1 for the least entropy, 0 for the greatest, if nothing is seen."""
         score = np.zeros(len(subsets))
         (max_entropy, min_entropy), objects = (
             2 * np.log(_spread(np.array([0.0, np.inf]))),
@@ -75,6 +80,6 @@ class PerceptionEntropy:
 
 
 def _spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """σ = 1/AP - 1 of a number of points."""
+    """σ = 1/AP - 1 for a number of points; AP = a ln points + b, kept in `LOWEST` to `HIGHEST`."""
     with np.errstate(divide="ignore"):
         return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1

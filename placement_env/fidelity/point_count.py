@@ -16,11 +16,11 @@ ENOUGH_POINTS = 299.0  # on an object, beyond which more points add nothing
 
 
 class PointCount:
-    """Mean of min(log(1 + points), log(1 + `ENOUGH_POINTS`)) over the objects, as a share of its
-    greatest value.
+    """Score sets by the logarithm of their points on each object, up to `ENOUGH_POINTS`.
 
-    It is monotone and submodular. kbit is as in `placement_env.fidelity.coverage`, recall is the
-    same figure as AP."""
+    The score is the mean of min(log(1 + points), log(1 + `ENOUGH_POINTS`)) over the objects, as a
+    share of its greatest value. It is monotone and submodular. kbit is as in
+    `placement_env.fidelity.coverage`, recall is the same figure as AP."""
 
     name = "point count"
 

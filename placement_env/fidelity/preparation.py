@@ -50,15 +50,21 @@ _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
 @dataclass(frozen=True)
 class ProfileFidelities:
-    """Fidelities at one error profile."""
+    """Scorers of sets with sensor errors of one profile."""
 
-    whole: Fidelity
-    levels: tuple[tuple[Fidelity, ...], ...]
+    whole: Fidelity  # in all frames, at the first IoU threshold
+    levels: tuple[tuple[Fidelity, ...], ...]  # for each level of traffic, one for each threshold
 
 
 class CasesFidelity:
-    """Score sets over all cases; kbit are those of the intact set, by the error profile of least
-    AP, or means."""
+    """Score sets over all cases: error profiles, IoU thresholds, levels of traffic and failures.
+
+    kbit are for the intact set in all traffic: at the error profile with the least AP, or
+    means over the profiles, as the cases combine them.
+
+    Args:
+        profiles: Scorers at each error profile, in the order of `cases.profiles`.
+        cases: Cases, and how they are combined."""
 
     def __init__(self, profiles: Sequence[ProfileFidelities], cases: Cases) -> None:
         self._profiles = tuple(profiles)
@@ -68,21 +74,23 @@ class CasesFidelity:
 
     @property
     def name(self) -> str:
-        """Name of the fidelity."""
+        """Name of the fidelity that all cases are scored by."""
         return self._first.name
 
     @property
     def classes(self) -> Classes:
-        """Classes that count."""
+        """Classes of the objects that count, and how they are combined."""
         return cast(ByClass, self._first).classes
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Figures of each set."""
+        """AP, recall and kbit of each set over all cases."""
         return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Figures of each set for each class. The worst failure or level of one class need not be
-        that of another; the worst error profile is that of all classes together."""
+        """AP and recall of each set for each class over all cases, and kbit of the set.
+
+        Each class has its worst failure and level; the worst error profile is the one of all
+        classes together."""
         by_profile = self._at_profiles(
             subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows)
         )
@@ -93,22 +101,28 @@ class CasesFidelity:
         )
 
     def at_each(self, subsets: Sets) -> dict[str, Estimate]:
-        """Figures of each set at each error profile, by its name."""
+        """AP, recall and kbit of each set over the other cases, by name of the error profile."""
         by_profile = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, by_profile, strict=True))
 
     def _reduce(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
     ) -> Estimate:
+        # figures of each set over all cases. score: returns a scorer's figures of rows of booleans
         by_profile = self._at_profiles(subsets, score)
         return Estimate(*self._over_profiles(by_profile, [estimate.ap for estimate in by_profile]))
 
     def _over_profiles(
         self, by_profile: list[_Estimated], ap: list[np.ndarray]
     ) -> list[np.ndarray]:
-        """Figures over the error profiles, weighed by set."""
+        """Each figure (AP, recall, kbit) of n sets over the error profiles.
+
+        Args:
+            by_profile: Figures at each profile.
+            ap: AP (n,) at each profile, which chooses the worst profile of each set."""
         shares = self.cases.shares(np.stack(ap))  # (profile, set)
         figures = [np.stack(figure) for figure in zip(*by_profile, strict=True)]
+        # weights get an axis of length 1 for each further axis of a figure, such as classes
         return [
             (shares.reshape(*shares.shape, *[1] * (figure.ndim - 2)) * figure).sum(axis=0)
             for figure in figures
@@ -117,6 +131,8 @@ class CasesFidelity:
     def _at_profiles(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
     ) -> list[_Estimated]:
+        # figures of each set at each error profile, over thresholds, levels and failures. Rows are
+        # the sets, then what remains after each failure
         rows, owners = self.cases.expand(subsets)
         by_profile = []
         for profile in self._profiles:
@@ -136,7 +152,12 @@ class CasesFidelity:
         figure: Literal["ap", "recall"],
         owners: Int64[np.ndarray, " m"],
     ) -> np.ndarray:
-        """A figure of each set over levels and failures, from those by level and IoU threshold."""
+        """One figure of each set over levels, IoU thresholds and failures.
+
+        Args:
+            scored: Figures of m rows for each level (outer list) and threshold (inner list).
+            figure: Name of the figure.
+            owners: Index of the set that each row belongs to."""
         by_level = []
         for level in scored:
             by_level.append([getattr(estimate, figure) for estimate in level])
@@ -144,7 +165,7 @@ class CasesFidelity:
 
 
 class CasesByFrames(CasesFidelity):
-    """`CasesFidelity` that can score some frames alone."""
+    """`CasesFidelity` that can also score sets on only some of the frames."""
 
     @property
     def frames(self) -> int:
@@ -152,14 +173,16 @@ class CasesByFrames(CasesFidelity):
         return cast(ByFrames, self._first).frames
 
     def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
-        """Figures of each set over these frames."""
+        """AP, recall and kbit of each set over all cases, in these frames (indices)."""
         return self._reduce(
             subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames)
         )
 
 
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
-    """Fidelity over the cases."""
+    """Scorer of sets over all cases, from the scorers at each error profile.
+
+    If there is only one case, it is that scorer itself. It can score some frames if all can."""
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole
     fidelities = [
@@ -175,14 +198,22 @@ def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
 
 GENERAL = "general"  # the network not trained at any site
 KEPT_DETECTORS = 4  # sites whose shipped detector is held in memory
-BY_LEVELS = ("coverage", "surrogate")  # fidelities that know levels of traffic
+BY_LEVELS = ("coverage", "surrogate")  # fidelities that can score levels of traffic separately
 _DETECTORS: dict[tuple[str, str], Detector] = {}  # by network and text of the site's file
 
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Shared parts of a setting's fidelities. stride: step between the frames that count; compares:
-    sets are compared, which is left to `quick_detector`."""
+    """Traffic, visibility, detector and models of a setting, each made when first needed.
+
+    Fidelities (scorers of sets) of the setting are built from these and share them.
+
+    Attributes:
+        setting: Site, candidates, fusion scheme, fidelity and cases.
+        run: Number of frames, seed, cache and processes.
+        stride: Step between the simulated frames that count.
+        compares: True if sets are only compared, for which the detector is replaced by its
+            `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
@@ -191,19 +222,22 @@ class Preparation:
 
     @property
     def frames(self) -> int:
-        """Number of frames of traffic."""
+        """Number of frames that count."""
+        # -(-a // b) rounds a / b up
         return -(-self.run.frames_or(FRAMES) // self.stride)
 
     @cached_property
     def traffic(self) -> Traffic:
-        """Simulated frames."""
+        """Simulated frames that count."""
         return simulate_traffic(
             self.setting.place, self.run.frames_or(FRAMES), self.run.seed
         ).every(self.stride)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each level of traffic. The level is the number of road users of any class in
-        the site's area."""
+        """Indices of the frames of each level of traffic, thin traffic first.
+
+        Frames are ranked by the number of road users of any class in the site's area, and split in
+        nearly equal parts."""
         snapshots = self.traffic.snapshots
         everyone = range(len(LABELS))
         road_users = [
@@ -213,20 +247,20 @@ class Preparation:
 
     @cached_property
     def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
-        """Frames of each requested level; empty without levels."""
+        """Indices of the frames of each level of the setting's cases; empty without levels."""
         count = self.setting.cases.levels
         return self.split(count) if count > 1 else ()
 
     @property
     def plain(self) -> "Preparation":
-        """Same parts for intact sets in undivided traffic."""
+        """New preparation for intact sets in undivided traffic; nothing made here is shared."""
         return replace(
             self,
             setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)),
         )
 
     def count_at_levels(self) -> dict[str, int]:
-        """Objects that count at each level of traffic, by its name."""
+        """Number of objects that count at each level of traffic, by name of the level."""
         names = LEVEL_NAMES[self.setting.cases.levels]
         frame = self.visibility.frame
         return {
@@ -236,12 +270,12 @@ class Preparation:
 
     @cached_property
     def unseen(self) -> Visibility:
-        """Road users that count, without a sensor to see them."""
+        """Visibility without candidates: only the objects that count."""
         return Visibility.unseen(self.traffic, (), self.setting.counted.labels)
 
     @cached_property
     def visibility(self) -> Visibility:
-        """View of each candidate."""
+        """Points of each candidate on the objects that count, rendered once."""
         from placement_env.fidelity.seeing import see
 
         setting = self.setting
@@ -252,13 +286,15 @@ class Preparation:
 
     @cached_property
     def live(self) -> "TrafficView | None":
-        """View of moving sensors, from panoramas of the mounts. None where rays must be cast: where
-        the setting's `rendering` is "full", or the range of a candidate ends within the site."""
+        """View for sensors that move on the mounts, from panoramas.
+
+        None if rays must be cast: if the setting's `rendering` is "full", or the range of a
+        candidate ends within the site."""
         from placement_env.fidelity.panorama import TrafficView
         from placement_env.fidelity.seeing import choose_quick
 
         requested = self.setting.rendering
-        # sensors that move come back
+        # a panorama pays for moving sensors however few there are, as they come back to a place
         rendering: Rendering = "panorama" if requested == "auto" else requested
         if not choose_quick(self.setting.pool.sensors, self.traffic, rendering).all():
             return None
@@ -266,36 +302,43 @@ class Preparation:
 
     @cached_property
     def network(self) -> str:
-        """Name of the network that scores the candidates."""
+        """Name of the shipped network for the candidates, see `find_network`."""
         return find_network(self.setting.place, self.setting.pool.sensors)
 
     @cached_property
     def detector(self) -> Detector:
-        """The setting's detector, or the shipped one."""
+        """The setting's detector, or the shipped one; its `quick_detector` if sets are compared."""
         detector = self.setting.detector or load_shipped_detector(self.network, self.setting.place)
         return quick_detector(detector) if self.compares else detector
 
     @cached_property
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:
+        # hit models of all classes by IoU threshold, filled by `at_thresholds` and shared by copies
         return {}
 
     def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
-        """Same traffic and network for other candidates."""
+        """Preparation for other candidates, with their visibility, in the same traffic.
+
+        The network and the hit models stay too, whatever the candidates."""
         return self._share(self.setting.with_candidates(candidates), visibility)
 
     def at_cases(self, cases: Cases) -> "Preparation":
-        """Same traffic, network and view of the candidates over other cases."""
+        """Preparation for other cases, with the same traffic, network and visibility."""
         return self._share(replace(self.setting, cases=cases), self.visibility)
 
     def _share(self, setting: Setting, visibility: Visibility) -> "Preparation":
-        """Preparation of another setting in the same traffic."""
+        """Preparation of another setting with this one's traffic, network and hit models.
+
+        visibility: Points of the other setting's candidates on the objects."""
         preparation = replace(self, setting=setting)
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
         set_cached(preparation, **shared, visibility=visibility)
         return preparation
 
     def with_traffic(self, traffic: Traffic, *, detector: Detector | None = None) -> "Preparation":
-        """Preparation in known traffic of this site. detector: the setting's, if it is open."""
+        """Copy in given traffic of this site; everything else is made again when needed.
+
+        detector: Detector to use if it is open already, None to open the setting's when needed."""
         preparation = replace(self)
         set_cached(preparation, traffic=traffic)
         if detector is not None:
@@ -303,23 +346,27 @@ class Preparation:
         return preparation
 
     def share_traffic(self, preparation: "Preparation") -> "Preparation":
-        """Preparation in the traffic of another one at this site.
+        """Copy in the traffic of another preparation at this site.
 
-        It has the other's live view if the same classes count."""
+        It shares the other's view for moving sensors if the same classes count."""
         shared = self.with_traffic(preparation.traffic)
         if self.setting.counted.labels == preparation.setting.counted.labels:
             set_cached(shared, live=preparation.live)
         return shared
 
     def build_fidelity(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
-        """Fidelity of the setting for other candidates, with a known view of the same traffic."""
+        """Scorer of sets of other candidates, with the setting's fidelity and cases.
+
+        visibility: Their points on the objects of the same traffic."""
         if self._empty_surrogate is not None:
             return self._empty_surrogate.over(visibility)
         return self.at(candidates, visibility).fidelity()
 
     @cached_property
     def _empty_surrogate(self) -> Surrogate | None:
-        """Surrogate without candidates; None unless it alone scores the setting."""
+        """Surrogate without candidates, from which those with candidates are copied quickly.
+
+        None unless the setting is scored by one surrogate: that fidelity, and one case."""
         setting = self.setting
         if setting.fidelity != "surrogate" or not setting.cases.plain:
             return None
@@ -327,13 +374,17 @@ class Preparation:
         return fidelity if isinstance(fidelity, Surrogate) else None
 
     def check(self) -> None:
-        """Raise ValueError unless its fidelity can score this setting. Nothing is rendered."""
+        """Raise ValueError unless the setting's fidelity can score its candidates and cases.
+
+        Nothing is rendered."""
         check_scorable(self.setting)
         _check_levels(self.setting, _checked_name(self.setting, None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
-        """Fidelity of that name, or the setting's own, over its cases. Raises ValueError for
-        unknown cases."""
+        """Scorer of sets of the candidates over the setting's cases.
+
+        name: Kind of fidelity, None for the setting's. Raises ValueError for cases that it cannot
+        score."""
         name = _checked_name(self.setting, name)
         cases = self.setting.cases
         _check_levels(self.setting, name)
@@ -351,7 +402,11 @@ class Preparation:
         return over_cases(profiles, cases)
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
-        """Separate fidelity of that name at each IoU threshold."""
+        """Scorer of sets at each IoU threshold of the cases, without failures or levels of traffic.
+
+        Args:
+            name: Kind of fidelity.
+            errors: Error profile of the sensors, which only a detector takes into account."""
         setting = self.setting
         ious = self.setting.cases.ious
         scheme = setting.fusion
@@ -380,7 +435,9 @@ class Preparation:
         return tuple(surrogates)
 
     def detected(self, errors: ErrorProfile) -> Detected:
-        """Detector's fidelity at one error profile and IoU threshold."""
+        """Scorer of sets by the detector, with sensor errors of one profile.
+
+        Its IoU threshold is the first one of the cases."""
         from placement_env.fidelity.renders import Renders
 
         setting = self.setting
@@ -398,6 +455,7 @@ class Preparation:
 
     @cached_property
     def _table(self) -> Table:
+        # table of the setting or the site; ValueError if it was measured with other sensors
         site = self.setting.place
         path = self.setting.table
         table = load_table(site.name if path is None else path)
@@ -413,8 +471,11 @@ class Preparation:
 
 
 def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> None:
-    """Raise ValueError if no table, surrogate or detector scores the candidates. Nothing is
-    rendered."""
+    """Raise ValueError if the table, surrogate or detector of a setting cannot score its sets.
+
+    Nothing is rendered.
+
+    fidelity: Kind of fidelity to check, None for the setting's."""
     name = _checked_name(setting, fidelity)
     for path, site_names, what in (
         (setting.surrogate, "surrogate", "file of surrogates"),
@@ -443,8 +504,10 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
 
 
 def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
-    """Name of a fidelity, None for the setting's own. Raises ValueError for errors that it does not
-    know."""
+    """Return the kind of fidelity, after a check that it can score the setting's sensor errors.
+
+    name: Kind of fidelity, None for the setting's. Raises ValueError if the setting has a scorer
+    and no name, or for errors that only a detector can score."""
     if name is None and not isinstance(setting.fidelity, str):
         raise ValueError(
             f"a preparation makes fidelities by name, got {setting.fidelity!r}: give its name"
@@ -458,6 +521,7 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
 
 
 def _check_levels(setting: Setting, name: FidelityName) -> None:
+    # ValueError if the cases have levels of traffic and this kind of fidelity cannot score them
     if setting.cases.levels > 1 and name not in BY_LEVELS:
         raise ValueError(
             f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}"
@@ -465,8 +529,14 @@ def _check_levels(setting: Setting, name: FidelityName) -> None:
 
 
 def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitModel, ...]:
-    """Hit model of each class, of the setting's file or shipped. Raises ValueError,
-    FileNotFoundError if missing."""
+    """Hit model of each class that counts, from the setting's file or the shipped ones.
+
+    Args:
+        setting: Fusion scheme, classes and path of a file of hit models.
+        iou: IoU threshold of vehicles; `Classes.get_iou` gives the ones for other classes.
+        network: Name of the network whose shipped models are taken.
+
+    Raises ValueError for a missing model, FileNotFoundError for a missing file."""
     classes = setting.counted
     scheme = setting.fusion
     path = setting.surrogate
@@ -484,9 +554,12 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
 
 
 def load_shipped_detector(network: str, site: Site) -> Detector:
-    """Shipped network as it detects at a site, made once for all preparations. The general one was
-    not trained there and would take some hedge for a vehicle in every frame, so it gets the empty
-    site."""
+    """Load a shipped network as the detector at a site, once for all preparations.
+
+    The general network was not trained there and would take a hedge for a vehicle in every frame,
+    so it gets the empty site as background. The last `KEPT_DETECTORS` are kept.
+
+    network: Name of the network, from `find_network`."""
     from models.detector import load_detector
 
     key = network, format_site(site)
@@ -499,8 +572,10 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
 
 
 def find_network(site: Site, sensors: Iterable[Sensor]) -> str:
-    """Name of the shipped network for these sensors. It is the site's, trained with its own
-    sensors, or `GENERAL`."""
+    """Name of the shipped network for some sensors at a site.
+
+    It is the site's name, for a network trained there, if the site has all these sensors; else
+    `GENERAL`."""
     is_trained_here = (
         set(sensors) <= set(site.sensors) and (SHIPPED / f"{site.name}.safetensors").exists()
     )

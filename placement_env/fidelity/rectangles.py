@@ -20,10 +20,10 @@ class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
     Attributes:
-        left: Left edge, in places of azimuth.
-        right: Right edge, up to a turn farther.
-        low: Lower edge, in places of elevation.
-        high: Upper edge.
+        left: Edge of the smaller azimuth, in places of azimuth from -pi on.
+        right: Edge of the larger azimuth, up to a turn farther.
+        low: Lower edge, in places of elevation from straight down on.
+        high: Upper edge, in the same places.
         cos: Cosine of the azimuth of the middle.
         sin: Sine of the azimuth of the middle.
         tan: Tangent of the elevation of the middle, limited to 3."""
@@ -40,7 +40,7 @@ class Rectangles(NamedTuple):
     def of(
         left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray
     ) -> "Rectangles":
-        """Build from angles (n,) (rad, float32)."""
+        """Build from edges (rad, float32): azimuths left < right, elevations bottom < top."""
         middle = (left + right) / 2
         tan = np.clip(np.tan((bottom + top) / 2), -3, 3)
         azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
@@ -48,8 +48,14 @@ class Rectangles(NamedTuple):
         return Rectangles(*azimuths, *elevations, np.cos(middle), np.sin(middle), tan)
 
     def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
-        """Left, right, low and high from the heading on, to first order in the extra tilt of the
-        middle."""
+        """Edges left, right, low and high as a sensor sees them, in places of its table of rays.
+
+        Azimuth is counted from the sensor's heading. The rectangles are turned by the extra tilt,
+        to first order, by as much as their middles.
+
+        Args:
+            heading: Heading of the sensor, in places of azimuth.
+            more: Places of elevation by which the sensor is tilted more than the table."""
         left = self.left - heading
         right = self.right - heading
         if not more:

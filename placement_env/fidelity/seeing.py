@@ -40,15 +40,21 @@ def see(
     run: Run = Run(),
     rendering: Rendering = "auto",
 ) -> Visibility:
-    """View of the candidates on the traffic.
+    """Visibility of all scored objects of the traffic from each candidate.
 
-    rendering: "full" casts every ray of every candidate. "panorama" looks once from each place and
-    counts the rays of all its sensors in that view; this is much faster where many candidates share
-    a place, and nearly always agrees within 3 % or 8 points of an object. "auto" uses panoramas
-    where places have at least four candidates on average, as in a pool. A candidate whose range
-    ends within the site is always rendered in full. labels: classes (numbers) of the objects that
-    count; run: its cache keeps the finished blocks of candidates, so an interrupted run resumes
-    there. Raises ValueError without candidates and for an unknown rendering."""
+    Args:
+        traffic: Frames to look at.
+        candidates: Candidates in the order of the result's rows.
+        labels: Classes (numbers) of the objects that count.
+        run: Processes, progress and cache; the cache keeps finished blocks of candidates or frames,
+            so an interrupted run resumes there.
+        rendering: "full" casts every ray of every candidate. "panorama" looks once from each place
+            and counts the rays of all its sensors in that view; this is much faster if many
+            candidates share a place, and nearly always agrees within 3 % or 8 points of an object.
+            "auto" uses panoramas if places have at least four candidates on average, as in a pool.
+            A candidate whose range ends within the site is always rendered in full.
+
+    Raises ValueError without candidates and for an unknown rendering."""
     if not len(candidates):
         raise ValueError("there must be a candidate to see, got none")
     check_choice("rendering", rendering, get_args(Rendering))
@@ -59,6 +65,7 @@ def see(
     for look, mask in ((look_round, quick), (look_in_full, ~quick)):
         if mask.any():
             seen = look(traffic, [sensors[c] for c in np.flatnonzero(mask)], labels, run)
+            # rows of the arrays are filled in place
             visibility.points[mask], visibility.sent[mask], visibility.far[mask] = seen
     return visibility
 
@@ -66,11 +73,16 @@ def see(
 def choose_quick(
     sensors: Sequence[Sensor], traffic: Traffic, rendering: Rendering
 ) -> Bool[np.ndarray, " S"]:
-    """Mask of sensors to see in panoramas.
+    """Mask of the sensors whose view comes from panoramas rather than from casting all their rays.
 
-    "auto" takes panoramas where many sensors share their places, as in a pool. Only far-sighted
-    sensors are seen so, those that measure the whole detection area: panoramas have no limited
-    range."""
+    Panoramas have no limited range, so only sensors qualify that measure all of the detection area,
+    to its farthest corner and 10 m above and below all objects.
+
+    Args:
+        sensors: Sensors to choose from.
+        traffic: Traffic on the site.
+        rendering: "full" for none; "auto" for none unless places have at least
+            `MIN_SENSORS_PER_PLACE` sensors on average; "panorama" for all that qualify."""
     places = {sensor.position.round(6).tobytes() for sensor in sensors}
     if rendering == "full" or (
         rendering == "auto" and len(sensors) < MIN_SENSORS_PER_PLACE * len(places)
@@ -80,6 +92,7 @@ def choose_quick(
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
     across = np.linalg.norm(positions[:, None, :2] - corners, axis=2).max(axis=1)
+    # z of all objects (m), then the lowest and highest height to be measured
     ends = np.concatenate(
         [snapshot.objects.boxes[:, 2] for snapshot in traffic.snapshots] or [np.zeros(0)]
     )
@@ -91,8 +104,15 @@ def choose_quick(
 def look_in_full(
     traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()
 ) -> SeenPoints:
-    """View of sensors on all frames, ray by ray, in blocks of at most `MAX_BLOCK_PIXELS` pixels, or
-    one sensor."""
+    """Points of sensors on objects and in the crop, in all frames, by casting all their rays.
+
+    Sensors are handled in blocks of at most `MAX_BLOCK_PIXELS` pixels, or one by one if larger.
+
+    Args:
+        traffic: Frames to look at.
+        sensors: One or more sensors, in the order of the result's rows.
+        labels: Classes (numbers) of the scored objects.
+        run: Processes, progress, and the cache that keeps finished blocks."""
     blocks = list[Block]()
     first = 0
     pixels = 0
@@ -111,8 +131,15 @@ def look_in_full(
 def look_round(
     traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int], run: Run = Run()
 ) -> SeenPoints:
-    """View of far-sighted sensors on all frames, from panoramas: each place is rendered once for
-    all sensors there."""
+    """Points of sensors on objects and in the crop, in all frames, from panoramas.
+
+    Each place is rendered once for all sensors there, in blocks of `VIEW_BLOCK_FRAMES` frames.
+
+    Args:
+        traffic: Frames to look at.
+        sensors: Sensors that measure all of the detection area, in the order of the result's rows.
+        labels: Classes (numbers) of the scored objects.
+        run: Processes, progress, and the cache that keeps finished blocks."""
     blocks = [
         (k, min(k + VIEW_BLOCK_FRAMES, len(traffic)))
         for k in range(0, len(traffic), VIEW_BLOCK_FRAMES)
@@ -123,15 +150,22 @@ def look_round(
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """View of traffic from sensors, block by block. Each worker gets a copy, without what it has
-    computed."""
+    """Points of sensors in traffic, computed block by block.
+
+    Each worker process gets a copy without cached properties. A subclass defines a block, of
+    sensors or frames: calling it with one returns its points, `key` its cache key."""
 
     traffic: Traffic
     sensors: tuple[Sensor, ...]
     labels: tuple[int, ...]
 
     def see(self, blocks: Sequence[Block], run: Run, total: int) -> list[SeenPoints]:
-        """Views of each block, from the run's cache or computed now. total: last index of all."""
+        """Points in each block, from the run's cache or computed now by its processes.
+
+        Args:
+            blocks: First index and the one after the last, ascending without gaps.
+            run: Processes, progress and cache.
+            total: End of the last block; the share that is done gives the progress, in sensors."""
         report = run.stage("poses rendered", len(self.sensors))
         seen = []
         computed = recall(
@@ -152,6 +186,7 @@ class _Look:
         raise NotImplementedError
 
     def _depends_on(self, sensors: Sequence[Sensor]) -> tuple[object, ...]:
+        # parts of a cache key: source code, sensors and classes
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
         return code, [sensor.digest for sensor in sensors], self.labels
 
@@ -160,7 +195,7 @@ class _Look:
 
 
 class _FullLook(_Look):
-    """View of all frames from blocks of sensors."""
+    """Points in all frames, by casting all rays; a block is a range of sensors."""
 
     def __call__(self, block: Block) -> SeenPoints:
         return look_at(
@@ -174,9 +209,10 @@ class _FullLook(_Look):
 
 
 class _RoundLook(_Look):
-    """View of blocks of frames from all sensors."""
+    """Points of all sensors, from panoramas; a block is a range of frames."""
 
     def __call__(self, block: Block) -> SeenPoints:
+        # viewpoint: index of each sensor's place
         scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
         places, viewpoint = self._places
         seen = SeenPoints(
@@ -201,23 +237,26 @@ class _RoundLook(_Look):
 
     @cached_property
     def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:
-        """Places of the sensors, and that of each."""
+        """Distinct places of the sensors (m, to 1e-6 m), and the index of each sensor's place."""
         positions = np.array([sensor.position for sensor in self.sensors]).round(6)
         places, viewpoint = np.unique(positions, axis=0, return_inverse=True)
         return places, viewpoint.ravel()
 
     @cached_property
     def _lookups(self) -> list[Lookup]:
+        # aim of each sensor in its table of rays
         return [Lookup.of(sensor) for sensor in self.sensors]
 
     @cached_property
     def _strips(self) -> SuccessiveStrips:
+        # kept from block to block: it reuses strips of objects that do not move
         return successive_strips(self.traffic, self._places[0])
 
     @cached_property
     def _stills(self) -> list[dict[SensorModel, Still]]:
-        """Standing scene seen from each place by its sensors' models, looked at once for all
-        traffic of the site."""
+        """Static scene seen from each place, by model of the sensors there.
+
+        It is computed once in a process for all traffic of the same site."""
         site = self.traffic.site
         cached = _known_stills(format_site(site))
         stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
@@ -236,6 +275,9 @@ class _RoundLook(_Look):
 
 @lru_cache(maxsize=1)
 def _known_stills(site: str) -> dict[tuple[bytes, SensorModel], Still]:
-    """Standing scenes that were looked at, by place and model, of a site known by the text of its
-    file."""
+    """Dictionary of the static scenes known for a site, by bytes of the place and by model.
+
+    The caller adds to it. `lru_cache` returns the same one until another site is asked for.
+
+    site: Text of the site's file."""
     return {}

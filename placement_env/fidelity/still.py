@@ -19,17 +19,26 @@ CHANCE_STEPS = np.float32(250.0)  # steps of chances, so that one half is exact
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """Chances of a point to be sent, and to be sent and far, in 250ths, for each cell."""
+    """Static scene seen from one place by one sensor model: a chance for each cell of directions.
 
-    sent: UInt8[np.ndarray, " cells"]
-    far: UInt8[np.ndarray, " cells"]
+    Cells are as in `cells`, numbered column * `CELL_ROWS` + row. Chances are whole numbers of
+    1 / `CHANCE_STEPS`."""
+
+    sent: UInt8[np.ndarray, " cells"]  # chance that a ray in the cell gives a point that is sent
+    far: UInt8[np.ndarray, " cells"]  # chance that it is also beyond the hybrid radius
 
     @staticmethod
     def of(
         renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel
     ) -> "Still":
-        """Chances seen from a viewpoint, with a model's noise. The noise is the same everywhere in
-        its image."""
+        """Cast a ray through each cell from a viewpoint and find the chances of its point.
+
+        Args:
+            renderer: Renderer of the static scene.
+            site: Site with the crop and the hybrid radius.
+            viewpoint: Place of the sensors (m, world frame).
+            model: Sensor model with range and noise. Its rays are taken to have their mean length
+                for a measurement everywhere in its image."""
         rays = list_cell_directions()
         mean = _mean_length(model)
         images = np.zeros((2, len(rays)), np.uint8)
@@ -48,9 +57,12 @@ class Still:
         return Still(*images)
 
     def alone(self, lookup: Lookup) -> tuple[float, float]:
-        """Points that a sensor sends in a still scene, and the far ones."""
+        """Points that a sensor sends if no object is there, and the far ones among them.
+
+        lookup: Aim of the sensor, which must be at this place."""
         table = lookup.table
         columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
+        # turned by whole columns; cells beyond the last column wrap round
         cell = table.cells + columns * CELL_ROWS
         sums = (
             float(table.cell_rays @ image.take(cell, mode="wrap"))
@@ -62,7 +74,9 @@ class Still:
     def behind(
         self, azimuth: Float32[np.ndarray, " n"], elevation: Float32[np.ndarray, " n"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Chances of the scene in some directions (rad)."""
+        """Chances (0 to 1) that a ray in each direction is sent, and is sent and far.
+
+        Directions are azimuth from the x axis of the world, and elevation (rad)."""
         column, row = find_cells(azimuth, elevation)
         cell = column * CELL_ROWS + row
         return self.sent.take(cell) / CHANCE_STEPS, self.far.take(cell) / CHANCE_STEPS
@@ -70,5 +84,5 @@ class Still:
 
 @lru_cache(maxsize=8)
 def _mean_length(model: SensorModel) -> np.floating:
-    """Metres along a ray per unit of measurement, on average."""
+    """Mean length of a model's rays: metres from the sensor for a measurement of 1 m."""
     return np.linalg.norm(model.rays(), axis=-1).mean()

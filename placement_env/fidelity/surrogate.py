@@ -27,17 +27,25 @@ from toolkit.detection.schemes import find_scheme
 from toolkit.sites.site import HYBRID_RADIUS_M
 
 MAX_OBJECT_POINTS = 1e5  # points on an object: powers and their sums fit float32
-# multiplications that BLAS does in one thread: waiting for a busy core takes far longer
+# multiplications up to which BLAS takes one thread for a product: waiting for a busy core to
+# share the work takes far longer
 MAX_ONE_THREAD_PRODUCT = 1 << 18
 
 
 class Surrogate:
-    """Expected AP of sets of the candidates of `visibility`, by a hit model of each class.
+    """Score sets by the AP that is expected from their points on each object.
 
-    model: Model of vehicles or of each class, None for the shipped ones of `scheme` at the IoU
-    threshold of the class; radius: hybrid radius of the site (m); codec: codec of the data sent;
-    classes: classes of objects that count, several combined. Raises ValueError for a model that is
-    missing or of another scheme."""
+    Args:
+        visibility: Points of the candidates on objects.
+        scheme: Fusion scheme, or its name.
+        model: Hit model of vehicles, or one of each class; None for the shipped ones of the scheme
+            at the IoU threshold of each class.
+        iou: IoU threshold of vehicles for shipped models, not used otherwise.
+        radius: Hybrid radius of the site (m).
+        codec: Codec of the data sent.
+        classes: Classes of the objects that count; several are combined.
+
+    Raises ValueError for a model that is missing or of another scheme."""
 
     name = "surrogate"
 
@@ -60,13 +68,21 @@ class Surrogate:
         self._look(visibility, [None] * len(classes))
 
     def over(self, visibility: Visibility) -> "Surrogate":
-        """Surrogate with the same models over another view of the same traffic."""
+        """Copy with the same models for other candidates in the same traffic.
+
+        visibility: Their points. If it shares the array of boxes, factors of the
+        objects' sizes are shared too."""
         surrogate = copy(self)
         surrogate._look(visibility, [part.sizes for part in self._parts])
         return surrogate
 
     def _look(self, visibility: Visibility, sizes: Sequence["_SizeFactors | None"]) -> None:
-        """Take the view of the candidates. sizes: factors of each class in another view."""
+        """Set the points that sets are scored by.
+
+        Args:
+            visibility: Points of the candidates on objects.
+            sizes: Factors of the objects' sizes for each class, used if they are of the same boxes;
+                None to compute them."""
         visibility = visibility.of_classes(self.classes.labels)
         self._parts = []
         for label, model, known_sizes in zip(self.classes.labels, self.models, sizes, strict=True):
@@ -77,17 +93,18 @@ class Surrogate:
         self._sent = SentData(visibility, self._scheme, self._codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Expected AP and recall of each set."""
+        """Expected AP and recall, and kbit, of each set; several classes are combined."""
         return self.by_class(subsets).combined(self.classes).without_nan()
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Expected AP and recall of each class; NaN without objects."""
+        """Expected AP and recall of each set for each class; NaN for a class without objects."""
         ap, recall = np.stack([part.expected(subsets) for part in self._parts], axis=2)
         return ClassEstimates(ap, recall, self._sent.kbit(subsets))
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> list[Float64[np.ndarray, " _"]]:
-        """Probability that a set hits each object, by class, in the order of the class's
-        objects."""
+        """Probability that a set hits each object, one array per class in the objects' order.
+
+        subset: True for the candidates of the set."""
         return [
             part.probability(part.sums(subset[None]))[0].astype(np.float64) for part in self._parts
         ]
@@ -95,11 +112,13 @@ class Surrogate:
     def evidence(
         self,
     ) -> list[tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"], HitModel, float]]:
-        """Evidence n ^ norm of each candidate and object, by class.
+        """Evidence that adds up over the sensors of a set, for each class that has objects.
 
-        It comes with the factor of an object's size on its hit probability, the model of the class,
-        and its weight among classes. Raises ValueError where the centre's data make it no sum over
-        sensors."""
+        Raises ValueError in hybrid fusion, whose evidence is no sum over sensors.
+
+        Returns:
+            For each class: evidence n ^ norm of each candidate and object; factor of each object's
+            size on its hit probability; the hit model; the weight of the class, 1 in all."""
         has_objects = np.array([part.objects > 0 for part in self._parts])
         weights = np.where(has_objects, self.classes.weights, 0.0)
         shares = weights / max(float(weights.sum()), 1e-300)
@@ -110,7 +129,7 @@ class Surrogate:
         ]
 
     def in_frames(self, frames: Int64[np.ndarray, " _"]) -> "Surrogate":
-        """Surrogate over some of the frames, ascending; kbit are still the mean of all frames."""
+        """Copy over some of the frames (indices, ascending); kbit remain the mean of all frames."""
         surrogate = copy(self)
         surrogate._parts = []
         for part in self._parts:
@@ -120,8 +139,10 @@ class Surrogate:
         return surrogate
 
     def spread(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
-        """Standard error of each set's AP: of the fit, from its resamples, and against the
-        detector, the greatest of a class; NaN where a model knows neither."""
+        """Standard error of each set's AP, NaN if a model knows none.
+
+        It is the root of two squares: the deviation over the resampled fits, and the error against
+        the detector, the largest of all classes."""
         if any(len(model.resampled) < 2 and not model.error for model in self.models):
             return np.full(len(subsets), np.nan)
         count = min(len(model.resampled) for model in self.models)
@@ -135,7 +156,9 @@ class Surrogate:
         return np.hypot(fit, np.nan_to_num(errors).max(axis=1))
 
     def doubts(self, sensors: Iterable[str] = ()) -> tuple[str, ...]:
-        """Sentences on differences from the fitted data. sensors: kinds of their models."""
+        """Sentences on how candidates and objects exceed the fitted data, empty if they do not.
+
+        sensors: Names of the classes of the candidates' sensor models."""
         sentences: dict[str, None] = {}
         for part in self._parts:
             if part.model.domain is not None:
@@ -149,7 +172,10 @@ class Surrogate:
 def _choose_models(
     scheme: Scheme, model: HitModel | Sequence[HitModel] | None, classes: Classes, iou: float
 ) -> tuple[HitModel, ...]:
-    """Hit model of each class. Raises ValueError for a missing one, or one of another scheme."""
+    """Hit model of each class, from those given or the shipped ones.
+
+    Arguments are as in `Surrogate`. Raises ValueError for a missing one, or one of another
+    scheme."""
     name = surrogate_name(scheme)
     if model is None:
         model = [
@@ -172,7 +198,7 @@ def _choose_models(
 
 
 class _SizeFactors:
-    """Factors of the sizes of objects on their hit probabilities, by one model."""
+    """Factors of objects' sizes on their hit probabilities by one model, computed when needed."""
 
     def __init__(self, model: HitModel, boxes: Float64[np.ndarray, "O 7"]) -> None:
         self.model = model
@@ -180,7 +206,7 @@ class _SizeFactors:
 
     @cached_property
     def factor(self) -> Float64[np.ndarray, " O"]:
-        """Factor of each object."""
+        """Factor of each object, 1 unless it is bulky."""
         return self.model.of_size(self.boxes)
 
     @cached_property
@@ -190,12 +216,19 @@ class _SizeFactors:
 
     @cached_property
     def resampled(self) -> list[Float32[np.ndarray, " O"]]:
-        """Factor of each object by each resample of the fit."""
+        """Factors of all objects for each resampled fit of the model."""
         return [model.of_size(self.boxes).astype(np.float32) for model in self.model.resamples]
 
 
 class _Part:
-    """Objects of one class, and their model."""
+    """Objects of one class with their hit model, and the evidence of the candidates on them.
+
+    Attributes:
+        evidence: Evidence of each candidate on each object.
+        sizes: Factors of the objects' sizes.
+        model: Hit model of the class.
+        sums: Sums of the evidence's rows over the members of a set.
+        objects: Number of objects."""
 
     def __init__(self, evidence: "Evidence", sizes: _SizeFactors) -> None:
         self.evidence = evidence
@@ -205,6 +238,8 @@ class _Part:
         self.objects = evidence.visibility.points.shape[1]
 
     def powers(self) -> Float32[np.ndarray, "C O"]:
+        # n ^ norm of each candidate and object; with a floor the rows hold N ^ norm after it, and
+        # in hybrid fusion the centre's points too
         if self.sums.rows.shape[1] != self.objects * (2 if self.model.floor > 0 else 1):
             raise ValueError(
                 "in hybrid fusion evidence is no sum over sensors: say --scheme early or late"
@@ -212,7 +247,7 @@ class _Part:
         return self.sums.rows[:, : self.objects].copy()
 
     def expected(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
-        """AP and recall of each set, NaN without an object."""
+        """AP and recall (rows) of each set by the formula of this module, NaN without an object."""
         figures = np.full((2, len(subsets)), np.nan)
         for block, sums in self.sums.blocks(subsets if self.objects else subsets[:0]):
             if self.model.floor > 0 or self.model.bulk:
@@ -220,6 +255,7 @@ class _Part:
                 probability.sort(axis=1)
                 probability = probability[:, ::-1]
             else:
+                # without floor and sizes, p grows with the evidence: sorting this is the same
                 powers, _ = self.evidence.joined(sums, self.model)
                 powers.sort(axis=1)
                 probability = self.model.probability(powers[:, ::-1])
@@ -229,7 +265,7 @@ class _Part:
     def resampled(
         self, subsets: Bool[np.ndarray, "n C"], count: int
     ) -> Float64[np.ndarray, "count n"]:
-        """AP of each set by the first resamples of the fit, NaN without an object."""
+        """AP of each set by each of the first `count` resampled fits, NaN without an object."""
         if not self.objects:
             return np.full((count, len(subsets)), np.nan)
         models = self.model.resamples[:count]
@@ -255,7 +291,9 @@ class _Part:
         return ap.reshape(count, -1)
 
     def probability(self, sums: Float32[np.ndarray, "n w"]) -> Float32[np.ndarray, "n O"]:
-        """Hit probability of each object, from the sums of each set's rows."""
+        """Hit probability of each object for each of n sets.
+
+        sums: Sums of `Evidence.rows` over the members of each set."""
         probability = self.model.probability(*self.evidence.joined(sums, self.model))
         probability *= self.sizes.single
         return probability
@@ -264,7 +302,11 @@ class _Part:
 def compute_expected_ap(
     probability: Float[np.ndarray, "n O"], false_alarms: float | Float32[np.ndarray, "n 1"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """AP and recall by the formula above, from hit probabilities in descending order."""
+    """Expected AP and recall of n sets by the formula of this module; 0 without an object.
+
+    Args:
+        probability: Hit probability of each object, in descending order for each set.
+        false_alarms: λ of the formula, one for all sets or a column with one for each."""
     n, objects = probability.shape
     if not objects:
         return np.zeros(n), np.zeros(n)
@@ -281,10 +323,17 @@ def resample_ap(
     draws: Float32[np.ndarray, "n B"],
     block: Int64[np.ndarray, " O"],
 ) -> Float64[np.ndarray, " n"]:
-    """AP by the formula above where the objects of each block occur as often as it is drawn; NaN
-    without any."""
+    """AP of one set in n resamples of the traffic, NaN for a resample without an object.
+
+    It follows the formula of this module, with each object as often as its block is drawn.
+
+    Args:
+        probability: Hit probability of each object.
+        false_alarms: λ of the formula.
+        draws: How often each of B blocks is drawn in each resample.
+        block: Index of each object's block."""
     order = np.argsort(-probability, kind="stable")
-    # objects of each block
+    # (B, O): 1 for the objects of each block, best objects first
     in_block = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)
     expected = in_block * probability[order].astype(np.float32)
     hits = np.cumsum(expected, axis=1)
@@ -307,9 +356,14 @@ def resample_ap(
 class Evidence:
     """Evidence of each candidate on each object, which adds up over the members of a set.
 
-    radius: the site's hybrid radius (m). The sums of `rows` over a set, `joined`, are the model's Σ
-    n_i ^ norm and, where it has a floor, Σ N_i ^ norm. Where points reach the centre beside boxes,
-    it counts as one more sensor that holds them all."""
+    The sums of `rows` over a set go to `joined`, which gives Σ n_i ^ norm of the hit model and, if
+    it has a floor, Σ N_i ^ norm. In hybrid fusion the centre counts as one more sensor that has the
+    far points of all.
+
+    Attributes:
+        visibility: Points of the candidates on objects of one class.
+        scheme: Fusion scheme.
+        radius: Hybrid radius of the site (m)."""
 
     visibility: Visibility
     scheme: Scheme
@@ -317,17 +371,22 @@ class Evidence:
 
     @cached_property
     def _pooled(self) -> Bool[np.ndarray, "C O"] | None:
+        # pairs whose points the centre gets in addition to boxes; None in a scheme without such
         return self.scheme.mask_pooled(self.visibility.distance, self.radius)
 
     @cached_property
     def _place(self) -> tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"]]:
-        """Distance in 20 m, and how far each object is turned from both axes."""
+        """Distance of each pair in units of 20 m, at least 1 m; |sin 2ψ| of each object's yaw ψ."""
         seen = self.visibility
         return np.maximum(seen.distance, 1) / 20, np.abs(np.sin(2 * seen.boxes[:, 6]))
 
     def rows(self, model: HitModel, dtype: type = np.float32) -> Float[np.ndarray, "C w"]:
-        """Evidence n ^ norm, beside it n where the centre gets the points, then both of N where
-        there is a floor."""
+        """Columns of each candidate that are summed over the members of a set.
+
+        These are n ^ norm of each object; in hybrid fusion then n of each object whose points the
+        centre gets, else 0. If the model has a floor the same follows for N, the mere points.
+
+        dtype: Type of the result, float64 for a fit."""
         points: np.ndarray = self.visibility.points.astype(dtype)
         away, aside = self._place
         raw = self._columns(points, model) if model.floor > 0 else []
@@ -337,14 +396,16 @@ class Evidence:
         return columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
 
     def _columns(self, points: np.ndarray, model: HitModel) -> list[np.ndarray]:
+        # columns of `rows` for n or N
         powers = np.minimum(points, MAX_OBJECT_POINTS) ** model.norm
         return [powers] if self._pooled is None else [powers, np.where(self._pooled, points, 0)]
 
     def joined(
         self, sums: Float[np.ndarray, "n w"], model: HitModel
     ) -> tuple[Float[np.ndarray, "n O"], Float[np.ndarray, "n O"] | None]:
-        """Σ n_i ^ norm, and Σ N_i ^ norm where the model has a floor, from the sums of the members'
-        rows."""
+        """Σ n_i ^ norm, and Σ N_i ^ norm if the model has a floor (else None), of n sets.
+
+        sums: Sums of `rows` over the members of each set, for the same model."""
         if model.floor > 0:
             dense, raw = np.split(sums, 2, axis=1)
             return self._with_centre(dense, model), self._with_centre(raw, model)
@@ -353,6 +414,7 @@ class Evidence:
     def _with_centre(
         self, sums: Float[np.ndarray, "n w"], model: HitModel
     ) -> Float[np.ndarray, "n O"]:
+        # Σ over the sensors, and the centre as one more in hybrid fusion
         if self._pooled is None:
             return sums
         near, centre = np.split(sums, 2, axis=1)

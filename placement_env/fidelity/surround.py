@@ -31,11 +31,11 @@ MAX_MOMENTS = 64  # frames whose scenes are kept
 
 
 class ScoredItems(NamedTuple):
-    """Scored objects among all objects of some frames.
+    """Scored objects among all n objects of some frames, frame after frame.
 
     Attributes:
-        place: Index of each object among the scored ones, or their number if it is not scored.
-        frame: Frame of each object.
+        place: Index of each object among the scored ones, or `items` if it is not scored.
+        frame: Frame of each object, counted from the first one here.
         items: Number of scored objects.
         frames: Number of frames."""
 
@@ -46,7 +46,12 @@ class ScoredItems(NamedTuple):
 
     @staticmethod
     def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> "ScoredItems":
-        """Scored objects of some classes (numbers) in some frames."""
+        """Scored objects of some classes.
+
+        Args:
+            traffic: Traffic on the site in whose area scored objects are centred.
+            snapshots: Frames that are searched.
+            labels: Classes (numbers) of the scored objects."""
         masks = [scored(snapshot.objects, traffic.site, labels) for snapshot in snapshots]
         counts = np.concatenate([np.zeros(0, np.bool_), *masks])
         frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
@@ -60,17 +65,20 @@ class ScoredItems(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Surround:
-    """Strips of one place, ready for lookup.
+    """Moving objects of all frames seen from one place, as n upright strips by azimuth.
+
+    Points of any sensor at this place are counted from it, without another cast of rays.
 
     Attributes:
-        scored: Scored objects.
-        rectangles: Azimuth and elevation of each strip.
-        item: Index of each strip's object among the scored ones, or their number if not scored.
+        scored: Scored objects of the frames.
+        rectangles: Azimuth and elevation of each strip, left edges ascending within one turn.
+        item: Index of each strip's object among the scored ones; `scored.items` if the object is
+            not scored or the strip is outside the crop.
         frame: Frame of each strip.
-        widest: Width of the widest strip (places).
-        gains: Points sent, and far ones, that a ray in each strip has over the background, by
-            sensor model.
-        stills: Background by sensor model."""
+        widest: Width of the widest strip, in places of azimuth.
+        gains: By sensor model, points sent (n,) and far points (n,) that a ray in each strip adds
+            to the static scene's behind it, -1 to 1.
+        stills: Static scene seen from this place, by sensor model."""
 
     scored: ScoredItems
     rectangles: Rectangles
@@ -85,8 +93,12 @@ class Surround:
 
     @staticmethod
     def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
-        """Surround of the strips of one place. stills: standing scene seen from there, by sensor
-        model."""
+        """Sort the strips seen from one place, and compare them with the static scene behind.
+
+        Args:
+            strips: Strips of all frames; `item` counts the objects frame after frame.
+            scored: Scored objects among these.
+            stills: Static scene seen from the same place, by sensor model."""
         rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
         turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
         rectangles = rectangles._replace(
@@ -112,7 +124,7 @@ class Surround:
 
     @cached_property
     def nbytes(self) -> int:
-        """Memory of the arrays."""
+        """Bytes of memory of the arrays, by which `Bounded` limits how many are kept."""
         pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
         return sum(
             array.nbytes for array in (*self.rectangles, self.item, self.frame, *sum(pairs, ()))
@@ -125,10 +137,15 @@ class Surround:
         Float64[np.ndarray, " frames"],
         Float64[np.ndarray, " frames"],
     ]:
-        """Points of a sensor on each scored object, points sent in each frame, and the far ones
-        among them."""
+        """Points of a sensor at this place on each scored object, and points sent in each frame.
+
+        Args:
+            lookup: Aim of the sensor; its model must be in `stills`.
+
+        Returns:
+            Points on each scored object; points sent in each frame; the far ones among these."""
         table = lookup.table
-        items = self.scored.items + 1
+        items = self.scored.items + 1  # the last one gathers strips that are not scored
         frames = self.scored.frames
         points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
         sent, far = (np.full(frames, chance) for chance in self.stills[lookup.model].alone(lookup))
@@ -142,7 +159,11 @@ class Surround:
         return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
 
     def _ahead(self, table: RayTable, heading: float) -> list[slice]:
-        """Strips that rays of a table may fall on."""
+        """Ranges of strips that rays of a table may fall on: two across the seam of azimuth.
+
+        Args:
+            table: Rays of the sensor at heading 0.
+            heading: Heading of the sensor, in places of azimuth."""
         before = self.widest + TILT_MARGIN_COLUMNS
         length = table.columns + before + TILT_MARGIN_COLUMNS
         if length >= AZIMUTHS:
@@ -157,7 +178,9 @@ class Surround:
 
 
 def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> SuccessiveStrips:
-    """Finder of strips seen from places."""
+    """Finder of the strips seen from V places (x, y, z; m, world frame), frame after frame.
+
+    Each strip shows an object outside the crop, in it, or in it and beyond the hybrid radius."""
     return SuccessiveStrips(
         build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius)
     )
@@ -166,7 +189,16 @@ def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> S
 def place_strips(
     successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
 ) -> list[Strips]:
-    """Strips of each place in some frames."""
+    """Strips seen from each place in some frames.
+
+    Args:
+        successive: Finder of strips from these places.
+        traffic: Traffic with the frames.
+        frames: Indices of frames, ascending; each is asked for when the one before is done.
+        places: Number of places.
+
+    Returns:
+        Strips of each place; `item` counts all their objects, frame after frame."""
     parts = []
     first = 0
     for k in frames:
@@ -182,5 +214,5 @@ def place_strips(
 
 @lru_cache(maxsize=MAX_MOMENTS)
 def build_moment(traffic: Traffic, k: int) -> Moment:
-    """Scene of what moves in a frame, made once for the latest ones."""
+    """Scene of the moving objects in frame k; the last `MAX_MOMENTS` are kept."""
     return build_renderer(traffic).moment(traffic.snapshots[k])

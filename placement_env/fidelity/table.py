@@ -33,20 +33,22 @@ from toolkit.sites.files import format_site, load_site
 from toolkit.sites.site import HYBRID_RADIUS_M, Site
 
 SHIPPED = Path(__file__).parent / "exact"
-MOST_KBIT = 1e6  # of one sensor in a frame: ten million points
-_no_more = partial(np.zeros, (0, 0, 0, 0))  # of classes beside the first
+MOST_KBIT = 1e6  # data of one sensor in a frame: ten million points
+_no_more = partial(np.zeros, (0, 0, 0, 0))  # figures of further classes if there is only one
 
 
 @dataclass(frozen=True)
 class TableOrigin:
-    """Origin of a table.
+    """Sensors, frames and detector that a table of all sensor sets was measured with.
+
+    Raises ValueError unless there are IoU thresholds for each class.
 
     Attributes:
         site: Name of the site.
-        sensors: Names of the sensors.
+        sensors: Names of the sensors; their order gives the bits of a row's number.
         place: Digest of site and sensors (`hash_site`).
         frames: Number of frames.
-        objects: Number of objects.
+        objects: Number of objects to be found in all frames.
         recording: Digest of the recording.
         detector: Digest of the detector.
         seed: Seed of the noise.
@@ -54,7 +56,7 @@ class TableOrigin:
         hybrid_radius: Radius of hybrid fusion (m).
         errors: Name of the sensors' error profile.
         classes: Classes that the table has figures for.
-        ious: IoU threshold of each class that replaces each of `IOUS`."""
+        ious: For each class, its IoU threshold for each of `IOUS`."""
 
     site: str
     sensors: tuple[str, ...]
@@ -82,12 +84,21 @@ class TableOrigin:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Figures of all 2^C sets of C sensors, by scheme (of `PAPER_SCHEMES`) and IoU threshold (of
-    `IOUS`).
+    """AP, recall and data of all 2^C sets of C sensors, measured with a detector.
 
-    kbit: total of a set in a frame by the paper's codec. `ap` and `recall` are of the first class,
-    more_ap and more_recall of the others, NaN throughout for a class without an object. Raises
-    ValueError where the shapes do not fit, and for figures that cannot be."""
+    Row number r is the set of the sensors c for which r has bit c. Schemes are as in
+    `PAPER_SCHEMES`, IoU thresholds as in `TableOrigin.ious`. Figures of a class
+    without an object are all NaN.
+
+    Attributes:
+        origin: Sensors, frames and detector.
+        ap: AP for the first class.
+        recall: Recall for the first class.
+        kbit: Data of all sensors of a set per frame, by the paper's codec.
+        more_ap: AP for the other classes.
+        more_recall: Recall for the other classes.
+
+    Raises ValueError if the shapes do not fit, and for figures that are impossible."""
 
     origin: TableOrigin
     ap: Float64[np.ndarray, "sets schemes ious"] = field(repr=False)
@@ -127,8 +138,14 @@ class Table:
     ) -> tuple[
         Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]
     ]:
-        """AP, recall and kbit of all sets for a class, scheme and IoU. Raises ValueError for one
-        not measured."""
+        """AP, recall and kbit of all sets, row by row, for one scheme, class and IoU threshold.
+
+        Args:
+            scheme: Fusion scheme, or its name.
+            name: Name of the class.
+            iou: IoU threshold of this class.
+
+        Raises ValueError for a scheme, class or threshold that was not measured."""
         if name not in self.origin.classes:
             problem = f"this table holds {', '.join(self.origin.classes)}, not {name}"
             raise ValueError(
@@ -159,11 +176,11 @@ class Table:
 
     @property
     def subsets(self) -> Bool[np.ndarray, "sets C"]:
-        """Set of each row, the empty one first."""
+        """Set of each row of the table, as rows of booleans; the empty one is first."""
         return all_subsets(len(self.origin.sensors))
 
     def row(self, subsets: Sets) -> Int64[np.ndarray, " n"]:
-        """Row of each set."""
+        """Number of the table's row for each set, given as rows of booleans."""
         if subsets.shape[1] != len(self.origin.sensors):
             raise ValueError(
                 f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}"
@@ -172,9 +189,16 @@ class Table:
 
 
 class TableFidelity:
-    """Score sets by looking them up, as exactly as by detection, at no cost. classes: that count,
-    several combined. Raises ValueError for a scheme, IoU threshold, class or codec that the table
-    lacks."""
+    """Score sets of a site's sensors by looking them up in a table measured with a detector.
+
+    Args:
+        table: Table of all sets of the sensors.
+        scheme: Fusion scheme, or its name.
+        iou: IoU threshold of vehicles; `Classes.get_iou` gives the ones for other classes.
+        codec: Codec of the data sent, which must be the paper's.
+        classes: Classes that count; several are combined.
+
+    Raises ValueError for a scheme, IoU threshold, class or codec that the table lacks."""
 
     name = "table"
 
@@ -197,14 +221,14 @@ class TableFidelity:
             )
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Figures of each set, of several classes combined."""
+        """AP, recall and kbit of each set; several classes are combined."""
         if len(self.classes.names) > 1:
             return self.by_class(subsets).combined(self.classes)
         rows = self.table.row(subsets)
         return Estimate(self._ap[0][rows], self._recall[0][rows], self._kbit[rows])
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
-        """Figures of each set for each class."""
+        """AP and recall of each set for each class, and kbit of the set."""
         rows = self.table.row(subsets)
         ap = np.stack([column[rows] for column in self._ap], axis=1)
         recall = np.stack([column[rows] for column in self._recall], axis=1)
@@ -212,7 +236,7 @@ class TableFidelity:
 
 
 class Best(NamedTuple):
-    """A sensor set (indices) and its AP."""
+    """One of the best sets: indices of its sensors, and its AP."""
 
     sensors: tuple[int, ...]
     ap: float
@@ -226,8 +250,14 @@ def best_sets(
     *,
     classes: Classes = VEHICLES,
 ) -> dict[int, list[Best]]:
-    """Best sets of each number of sensors, best first, as the paper's table lists them: all sensors
-    come first."""
+    """Best sets by number of sensors, as the paper's table lists them: all sensors come first.
+
+    Args:
+        table: Table of all sets.
+        scheme: Fusion scheme, or its name.
+        iou: IoU threshold of vehicles.
+        top: Number of sets to give for each number of sensors, best first.
+        classes: Classes that count."""
     subsets = table.subsets
     ap = TableFidelity(table, scheme, iou, classes=classes)(subsets).ap
     sizes = subsets.sum(axis=1)
@@ -254,8 +284,18 @@ def make_table(
 ) -> Table:
     """Score every sensor set by detection, in each scheme and for each class, and write the table.
 
-    frames: number of first frames to use; seed: of their noise, written down. Detections are kept
-    beside `out` until the table is complete, so a killed run resumes with the same table."""
+    Detections are kept in a file next to `out` until the table is complete, so a killed run
+    resumes with the same table.
+
+    Args:
+        renders: Measurements of the sensors.
+        detector: Detector that scores the sets.
+        out: Path of the .npz file.
+        frames: Number of frames from the first on, None for all.
+        seed: Seed of the noise in `renders`, only written down.
+        commit: Commit of this project, only written down.
+        classes: Classes of the objects.
+        processes: Processes that work on the frames."""
     out = Path(out)
     subsets = all_subsets(len(renders.sensors))
     count = len(range(renders.frames)[:frames])
@@ -294,23 +334,28 @@ def make_table(
 
 
 def _list_thresholds(classes: Classes, name: str) -> tuple[float, ...]:
-    """IoU thresholds of a class for those of vehicles."""
+    """IoU threshold of a class (name) for each of `IOUS`, the thresholds of vehicles."""
     return tuple(classes.get_iou(name, iou) for iou in IOUS)
 
 
 def _stack_classes(
     columns: list[list[ClassEstimates]], figure: str
 ) -> Float64[np.ndarray, "classes sets schemes ious"]:
-    """A figure of the estimates of each scheme and IoU threshold."""
+    """Stack one figure of the estimates for each scheme (outer list) and IoU threshold (inner).
+
+    figure: Name of the field, "ap" or "recall"."""
     by_scheme = []
     for column in columns:
         by_scheme.append([getattr(estimates, figure) for estimates in column])
+    # from (schemes, ious, sets, classes)
     return np.transpose(by_scheme, (3, 2, 0, 1)).copy()
 
 
 def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
-    """SHA-256 over a site and its sensors. A table applies to no others. The hybrid radius is
-    stored beside it."""
+    """SHA-256 (hexadecimal) over a site and its sensors; a table applies to no others.
+
+    The hybrid radius is left out: `TableOrigin` has it in a separate field."""
+    # + 0.0 makes -0.0 to 0.0
     mounted = [
         (type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist())
         for s in sensors
@@ -319,7 +364,7 @@ def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
 
 
 def save_table(table: Table, path: str | Path) -> None:
-    """Write a table as a .npz file, completely or not."""
+    """Write a table to a .npz file, which is replaced whole or not at all."""
     origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
     more = (
         {"more_ap": table.more_ap, "more_recall": table.more_recall}
@@ -332,8 +377,10 @@ def save_table(table: Table, path: str | Path) -> None:
 
 
 def load_table(name: str | Path) -> Table:
-    """Table of a built-in site (its name) or a .npz file. Raises FileNotFoundError, ValueError for
-    a damaged file."""
+    """Load the shipped table of a built-in site, or the table in a file.
+
+    name: Name of the site, or a path that ends in .npz. Raises FileNotFoundError; ValueError for a
+    damaged file."""
     path = Path(name) if Path(name).suffix == ".npz" else SHIPPED / f"{name}.npz"
     if not path.is_file():
         shipped = ", ".join(sorted(file.stem for file in SHIPPED.glob("*.npz"))) or "none yet"

@@ -23,14 +23,19 @@ from toolkit.traffic.spawner import LIFE
 if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer
 
-FRAMES = 200
+FRAMES = 200  # frames of traffic unless a run has another number
 KEPT_TRAFFIC = 4  # simulations held in memory
 _KEPT: "dict[tuple[str, int, int], Traffic]" = {}  # by text of the site's file, frames and seed
 
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """Frames of traffic on a site."""
+    """Frames of traffic on a site, which all sensor sets are scored on.
+
+    Attributes:
+        site: Site of the traffic.
+        bodies: Bodies whose indices the frames give for their objects.
+        snapshots: The frames in order of time."""
 
     site: Site
     bodies: tuple[Body, ...]
@@ -40,26 +45,28 @@ class Traffic:
         return len(self.snapshots)
 
     def every(self, stride: int) -> "Traffic":
-        """Same traffic with every stride-th frame alone, from the first."""
+        """Same traffic with only every stride-th frame, from the first on."""
         return self if stride == 1 else self._of(self.snapshots[::stride])
 
     def part(self, first: int, end: int) -> "Traffic":
-        """Some successive frames of the same traffic."""
+        """Same traffic with only the frames from `first` to before `end` (indices)."""
         return self._of(self.snapshots[first:end])
 
     def _of(self, snapshots: tuple[Snapshot, ...]) -> "Traffic":
+        # same site and bodies, so their digest is shared
         traffic = replace(self, snapshots=snapshots)
         set_cached(traffic, _scene=self._scene)
         return traffic
 
     def digest(self) -> str:
-        """SHA-256 over site, bodies and frames. Equal digests mean that everything a sensor might
-        see is equal."""
+        """SHA-256 (hexadecimal) over site, bodies and frames.
+
+        Equal digests mean that everything a sensor might see is equal."""
         return self._digest
 
     @cached_property
     def _scene(self) -> bytes:
-        """SHA-256 over site and bodies."""
+        """SHA-256 (bytes) over site and bodies, shared by parts of the same traffic."""
         sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
             sha.update(
@@ -82,11 +89,12 @@ class Traffic:
 
 
 def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic:
-    """Frames of simulated traffic, all bodies drawn afresh, the same for the same seed.
+    """Simulate frames of traffic, the same for the same seed.
 
-    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks
-    of that length, which a van parked there throughout would bias unnoticed. Raises ValueError for
-    fewer frames than one, and errors of `toolkit.traffic.snapshots.simulate`."""
+    The last `KEPT_TRAFFIC` results are kept. The bodies of all objects are drawn afresh. Parked
+    vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that
+    length, which a van parked there throughout would bias unnoticed. Raises ValueError for fewer
+    frames than one, and errors of `toolkit.traffic.snapshots.simulate`."""
     check_whole("frames", frames, least=1)
     key = format_site(site), frames, seed
     if key not in _KEPT:
@@ -107,6 +115,7 @@ def build_renderer(traffic: Traffic) -> "Renderer":
 
 
 def scored(objects: Objects, site: Site, labels: Sequence[int] = (VEHICLE,)) -> Mask:
-    """Mask of the objects of some classes (numbers) centred in the area, as in
-    `toolkit.detection.evaluation`."""
+    """Mask of the objects that are scored, as in `toolkit.detection.evaluation`.
+
+    These have one of the classes `labels` (numbers) and are centred in the area of the site."""
     return np.isin(objects.labels, labels) & has_centre_inside(objects.boxes, site.area)

@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
-    """View of C candidates on the O scored objects.
+    """Points of C candidates on the O scored objects of F frames.
 
-    The objects have some classes, are centred in the area, and come frame after frame, for F
-    frames.
+    Objects are scored if they have some classes and are centred in the site's area. They come frame
+    after frame.
 
     Attributes:
         points: Noise-free points of each candidate on each object inside the crop.
         distance: Horizontal distance from sensor to centre of the object (m), seen or not.
-        frame: Frame of each object, ascending.
-        boxes: Box of each object.
+        frame: Index of each object's frame, ascending.
+        boxes: Box of each object (x, y, z, length, width, height, yaw; m, rad, world frame).
         sent: Expected points of each candidate in the crop of each frame.
-        far: Sent points that are horizontally beyond the radius of hybrid fusion.
-        labels: Class of each object; all are vehicles if not given."""
+        far: Sent points that are horizontally beyond the radius of hybrid fusion from the sensor.
+        labels: Class (number) of each object; all are vehicles if not given."""
 
     points: Float32[np.ndarray, "C O"]
     distance: Float32[np.ndarray, "C O"]
@@ -60,7 +60,7 @@ class Visibility:
 
     @property
     def on_objects(self) -> Float32[np.ndarray, "C F"]:
-        """Points on all scored objects of each frame together."""
+        """Points of each candidate on all scored objects of each frame together."""
         sums = np.zeros((self.frames, len(self.points)), np.float32)
         np.add.at(sums, self.frame, self.points.T)
         return np.ascontiguousarray(sums.T)
@@ -70,7 +70,9 @@ class Visibility:
 
     @staticmethod
     def unseen(traffic: Traffic, sensors: Sequence[Sensor], labels: Sequence[int]) -> "Visibility":
-        """Objects of some classes in traffic, all unseen."""
+        """Visibility of sensors without a point: points, sent and far are 0, to be filled in.
+
+        labels: Classes (numbers) of the scored objects."""
         objects = [
             snapshot.objects[scored(snapshot.objects, traffic.site, labels)]
             for snapshot in traffic.snapshots
@@ -84,7 +86,7 @@ class Visibility:
         )
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Visibility":
-        """View of some of the candidates, in the order given."""
+        """Visibility from some of the candidates (indices), in this order."""
         rows = np.asarray(indices, np.int64)
         return replace(
             self,
@@ -92,11 +94,12 @@ class Visibility:
         )
 
     def of_classes(self, labels: Sequence[int]) -> "Visibility":
-        """View on the objects of some classes (numbers)."""
+        """Visibility of the objects of some classes (numbers); points sent stay."""
         of_classes = np.isin(self.labels, labels)
         return self if of_classes.all() else self._with_objects(of_classes)
 
     def _with_objects(self, objects: Bool[np.ndarray, " O"]) -> "Visibility":
+        # copy with the objects of a mask
         per_pair = {name: getattr(self, name)[:, objects] for name in ("points", "distance")}
         return replace(
             self,
@@ -105,13 +108,14 @@ class Visibility:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write a file, completely or not. `load` reads it."""
+        """Write a file that `load` reads; it is replaced whole or not at all."""
         write_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @staticmethod
     def load(path: str | Path) -> "Visibility":
-        """Read a file that `save` wrote. Raises FileNotFoundError; ValueError for a damaged or
-        foreign file."""
+        """Read a file that `save` wrote.
+
+        Raises FileNotFoundError; ValueError for a damaged or foreign file."""
         arrays = read_arrays(path)
         names = {field.name for field in fields(Visibility)}
         if arrays.keys() not in (
@@ -132,9 +136,14 @@ class Visibility:
         noise_seed: int | None = 0,
         labels: Sequence[int] = (VEHICLE,),
     ) -> "Visibility":
-        """View of a recording's sensors on its objects of some classes, counted in the clouds of
-        the first `frames`. Points sent are counted with the noise that
-        `toolkit.detection.evaluation` adds, None for none, as kbit are."""
+        """Visibility from a recording's sensors, counted in its clouds.
+
+        Args:
+            recording: The recording.
+            frames: Number of frames from the first on, None for all.
+            noise_seed: Seed of the noise with which points sent are counted, as
+                `toolkit.detection.evaluation` adds it; None for no noise.
+            labels: Classes (numbers) of the scored objects."""
         from toolkit.datasets.recording_views import with_errors
 
         site = recording.site
@@ -166,7 +175,7 @@ class Visibility:
 
 
 def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
-    """View on some of the frames, ascending."""
+    """Visibility in some of the frames (indices, ascending), which are numbered from 0 then."""
     view = visibility._with_objects(np.isin(visibility.frame, frames))
     per_frame = {"sent": visibility.sent[:, frames], "far": visibility.far[:, frames]}
     return replace(view, frame=np.searchsorted(frames, view.frame), **per_frame)
@@ -179,7 +188,14 @@ def _join(
     sent: np.ndarray,
     far: np.ndarray,
 ) -> Visibility:
-    """View of sensors on the objects of each frame, in frames one after the other."""
+    """Visibility from counts of single frames.
+
+    Args:
+        sensors: The C sensors.
+        objects: Scored objects of each frame.
+        points: For each frame (C, objects) points on these.
+        sent: (C, F) points sent.
+        far: (C, F) far points sent."""
     on_objects = np.concatenate([np.zeros((len(sensors), 0)), *points], axis=1).astype(np.float32)
     boxes = np.concatenate([np.zeros((0, 7)), *(frame_objects.boxes for frame_objects in objects)])
     kinds = np.concatenate(
@@ -192,6 +208,6 @@ def _join(
 def distances(
     sensors: Sequence[Sensor], boxes: Float64[np.ndarray, "O 7"]
 ) -> Float32[np.ndarray, "C O"]:
-    """Horizontal distance (m) from sensors to box centres."""
+    """Horizontal distance (m) from each of C sensors to the centre of each of O boxes."""
     positions = np.array([sensor.position[:2] for sensor in sensors]).reshape(-1, 1, 2)
     return np.linalg.norm(boxes[:, :2] - positions, axis=2).astype(np.float32)

@@ -43,15 +43,17 @@ from placement_env.subsets import SetFunction, Sets
 from toolkit.arrays import Bool, Float64, Int64
 
 MAX_TRIES = 10  # tries with steps in the middle of the curve
-DEMAND_STEP_SHARE = 0.5  # part of the missing AP that the next try adds to its demand
+DEMAND_STEP_SHARE = 0.5  # share of the missing AP that the next try adds to its demand
 PRICE_UNITS = 1 << 30  # whole units of the highest price
-BOUND_TIME_SHARE = 0.5  # that a bound under conditions may take
+BOUND_TIME_SHARE = 0.5  # share of the time that a bound may take if there are conditions
 ROUNDING_AP = 1e-9  # largest effect of rounding
 
 
 @dataclass(frozen=True)
 class Demand:
-    """Conditions that the cheapest set must meet. Raises ValueError if they do not fit.
+    """AP that the cheapest set must reach, and the conditions under which it must.
+
+    Raises ValueError if they do not fit.
 
     Attributes:
         at_least: AP, or covered share.
@@ -82,15 +84,22 @@ class Demand:
             )
 
     def describe(self, shares: int) -> str:
-        """Conditions in words. shares: number of parts or levels."""
+        """Describe the conditions in words that continue a sentence, empty without any.
+
+        shares: Number of parts or levels of traffic that have an object."""
         conditions = f" in each of {shares} parts of the traffic" if self.parts > 1 else ""
         conditions += f" at each of {shares} levels of traffic" if self.levels > 1 else ""
         return conditions + (", whichever sensor fails" if self.failing else "")
 
     def shares(self, objective: Objective, seen: Visibility) -> list[Int64[np.ndarray, " _"]]:
-        """Frames of each share of the traffic with a counted object.
+        """Indices of the frames of each part, or each level, of the traffic.
 
-        seen: visibility of these objects; it gives levels without traffic.
+        Shares without a counted object are left out. Without conditions all frames are one share.
+
+        Args:
+            objective: Objective whose preparation splits the frames into levels of traffic.
+            seen: Visibility of the counted objects, whose number in each frame gives the levels if
+                there is no preparation.
         """
         object_counts = np.bincount(seen.frame, minlength=seen.frames)
         shares: Sequence[Int64[np.ndarray, " _"]]
@@ -104,9 +113,13 @@ class Demand:
         return [frames for frames in shares if object_counts[frames].any()]
 
     def reach(self, fidelities: Sequence[Fidelity], sets: Sets) -> Float64[np.ndarray, " n"]:
-        """Lowest AP of each set over failures and shares; 0 if a failure leaves nothing.
+        """Lowest AP of each set over failures and shares of the traffic.
 
-        fidelities: one for each share.
+        It is 0 if a failure leaves no sensor.
+
+        Args:
+            fidelities: Scorer of sets in each share of the traffic.
+            sets: n sets as rows of booleans.
         """
         if not len(sets):
             return np.zeros(0)
@@ -117,7 +130,14 @@ class Demand:
 
 
 class DemandFidelity:
-    """Score sets by the lowest AP of a demand over shares; recall and kbit are for intact sets."""
+    """Score sets by the lowest AP over the failures and shares of a demand.
+
+    Recall and kbit are for intact sets in all frames.
+
+    Args:
+        whole: Scorer of sets in all frames.
+        fidelities: Scorer of sets in each share of the traffic.
+        demand: Demand with the failures."""
 
     def __init__(self, whole: Fidelity, fidelities: Sequence[Fidelity], demand: Demand) -> None:
         self._whole = whole
@@ -126,7 +146,7 @@ class DemandFidelity:
         self.name = whole.name
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Lowest AP of each set. A trace of the intact set's AP separates equal ones."""
+        """Lowest AP of each set; `TIE_SHARE` of the intact set's AP is added to separate equals."""
         intact = self._whole(subsets)
         return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE_SHARE * intact.ap)
 
@@ -141,14 +161,24 @@ def search(
     demand: Demand = Demand(),
     effort: float | None = None,
 ) -> Result:
-    """Cheapest set of at most `budget` sensors that meets a demand, with a certificate of its
-    price.
+    """Cheapest set of sensors that meets a demand, with a certificate of its price.
 
     Of equally cheap sets the one with the fewest sensors is chosen; the empty set means that no set
-    meets the demand. seconds: 60 if None; under conditions the bound may take `BOUND_TIME_SHARE` of
-    it; evaluations: for the search for an answer by a surrogate; effort: OR-Tools' deterministic
-    seconds of each programme, None for unlimited. Raises ValueError for fidelities other than
-    coverage and surrogate (early, late fusion), ImportError without OR-Tools.
+    that meets the demand exists, or none was found in time. The note of the certificate names the
+    reason.
+
+    Args:
+        objective: Candidates, their prices, and the fidelity that scores sets.
+        budget: Largest number of sensors.
+        seed: Seed of the solver and of a search by swaps.
+        seconds: Limit of the search, 60 if None; if there are conditions, the bound may take
+            the share `BOUND_TIME_SHARE`.
+        evaluations: Limit on scored sets in the search for an answer by a surrogate, None for none.
+        demand: AP, or share of covered objects, to be reached, and conditions.
+        effort: Limit of each programme in OR-Tools' deterministic seconds, None for none.
+
+    Raises ValueError for fidelities other than coverage and surrogate (early, late fusion),
+    ImportError without OR-Tools.
     """
     progress = Progress(
         objective, budget, DEFAULT_SOLVER_S if seconds is None else seconds, evaluations
@@ -173,6 +203,8 @@ def search(
 def _by_coverage(
     progress: Progress, cover: Coverage, prices: Prices, demand: Demand, limits: SolverLimits
 ) -> Result:
+    # cheapest set that covers a share of the objects: one exact programme. A need is the number of
+    # objects to be covered in each share of the traffic, and each share is a group of `Levels`
     objective = progress.objective
     if objective.visibility is None or cover.views != 1 or len(objective.classes.names) > 1:
         raise ValueError(
@@ -203,6 +235,8 @@ def _by_coverage(
 def _by_surrogate(
     progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, limits: SolverLimits
 ) -> Result:
+    # cheapest set that reaches an AP by a surrogate: bound by steps above the curve, then a set by
+    # steps in its middle or by swaps, then pruned. `shares`: surrogate in each share of the traffic
     objective = progress.objective
     shares = [surrogate]
     is_plain = demand == Demand(demand.at_least)
@@ -216,9 +250,11 @@ def _by_surrogate(
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
     def score_ap(sets: Sets) -> Float64[np.ndarray, " n"]:
+        # AP of each set; the lowest over failures and shares if the demand has conditions
         return objective.scores(sets).ap if is_plain else demand.reach(shares, sets)
 
     condition = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
+    # both programmes share this list, and `_solve` extends it in place
     lost_cases: list[Bool[np.ndarray, " C"]] | None = [] if demand.failing else None
     above = join_levels([build_levels(share, above=True) for share in shares])
     middle = join_levels([build_levels(share, above=False) for share in shares])
@@ -264,9 +300,19 @@ def _raise_demand(
     at_least: float,
     score_ap: SetFunction,
 ) -> list[int] | None:
-    """Cheapest set of the programme whose AP reaches a value, with a demand that rises until then.
+    """Cheapest set of a programme that reaches an AP, found with a worth that rises until then.
 
-    None if the tries or the time run out."""
+    Args:
+        progress: Objective and limits of the search.
+        programme: Programme whose worth only approximates the AP.
+        prices: Prices that are minimised.
+        limits: Limits of the solver in each try.
+        at_least: AP that the set must reach.
+        score_ap: Returns the true AP of sets, given as rows of booleans.
+
+    Returns:
+        Indices of candidates; None if the programme has no such set, or the tries or the time run
+        out."""
     demanded_ap = at_least
     for _ in range(MAX_TRIES):
         solution = _solve(progress, programme, math.ceil(demanded_ap * GAIN_UNITS), prices, limits)
@@ -275,11 +321,14 @@ def _raise_demand(
         missing_ap = at_least - _score_one(progress.objective, score_ap, solution.chosen)
         if missing_ap <= ROUNDING_AP:
             return solution.chosen
-        demanded_ap += max(0.002, DEMAND_STEP_SHARE * missing_ap)
+        demanded_ap += max(
+            0.002, DEMAND_STEP_SHARE * missing_ap
+        )  # 0.002: few tries for a tiny lack
     return None
 
 
 def _score_one(objective: Objective, score_ap: SetFunction, members: list[int]) -> float:
+    # AP of one set (indices of candidates)
     return float(score_ap(objective.row(members)[None])[0])
 
 
@@ -291,10 +340,19 @@ def _solve(
     limits: SolverLimits,
     time_share: float = 1.0,
 ) -> Solved:
-    """Cheapest set that meets the need in all cases that may be `lost`, within a share of the time.
+    """Cheapest set whose worth meets a need, also after any failure if `programme.lost` is a list.
 
-    Cases that an answer violates are added to `lost`. No set is cheaper than the bound, even if
-    time runs out before a set satisfies all cases."""
+    The programme is solved again and again: cases of failure that an answer violates are added to
+    `programme.lost` in place. No set is cheaper than the bound, even if time runs out before a set
+    satisfies all cases.
+
+    Args:
+        progress: Objective and time of the search.
+        programme: Candidates, constraints and levels.
+        need: Worth that a set must have, in whole units.
+        prices: Prices that are minimised.
+        limits: Seed and effort of the solver; its seconds are replaced.
+        time_share: Share of the whole search's time at which this must end."""
     bound = 0
     while True:
         remaining_s = max(0.1, time_share * progress.limits.seconds - progress.limits.elapsed)
@@ -314,7 +372,15 @@ def _solve(
 def _list_violated(
     progress: Progress, programme: Programme, members: list[int], need: int
 ) -> list[Bool[np.ndarray, " C"]]:
-    """New cases of failure in which a set does not meet the need, as rows of lost candidates."""
+    """Failures after which a set does not meet the need, as masks of the lost candidates.
+
+    Cases in `programme.lost` already are left out; none if that is None.
+
+    Args:
+        progress: Objective with the candidates.
+        programme: Worth of sets, and known cases.
+        members: Set, as indices of candidates.
+        need: Worth that the remaining set must have, in whole units."""
     if programme.lost is None:
         return []
     candidates = progress.objective.candidates
@@ -334,10 +400,11 @@ def _list_violated(
 
 
 def join_levels(groups: Sequence[Levels]) -> Levels:
-    """Join groups of objects, seen by the same candidates, into one: object after object.
+    """Join levels of several groups of objects, seen by the same candidates, into one.
 
-    A group holds the objects of one class or one level of traffic. It keeps its parties: the sums
-    of worth that its objects count in."""
+    Objects follow group after group. Each group, such as the objects of one class or one level of
+    traffic, has the same number of levels. Its `parties` are kept, as rows that hold no object of
+    another group."""
     return Levels(
         known=np.concatenate([group.known for group in groups], axis=1),
         threshold=np.concatenate([group.threshold for group in groups], axis=1),
@@ -347,7 +414,14 @@ def join_levels(groups: Sequence[Levels]) -> Levels:
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
-    """Steps of all classes. The mean of classes forms one party, the worst class one party each."""
+    """Steps of the hit probability of all objects of a surrogate, class after class.
+
+    Gains include the size of an object and, for the mean of classes, the weight of its class. The
+    mean of classes is one group (`Levels.parties`); for the worst class each class is one.
+
+    Args:
+        surrogate: Surrogate with the evidence of each candidate on each object.
+        above: True for steps nowhere below the curve, False for steps that cut it in the middle."""
     is_worst = surrogate.classes.combine == "worst"
     class_levels = []
     scales = []
@@ -364,7 +438,18 @@ def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
 def _prune(
     objective: Objective, members: list[int], at_least: float, score_ap: SetFunction
 ) -> list[int]:
-    """Drop unneeded sensors or replace them by cheaper ones, as long as the set gets cheaper."""
+    """Drop unneeded sensors or replace them by cheaper ones, as long as the set keeps its AP.
+
+    In each round the cheapest of all such changes of one sensor is made.
+
+    Args:
+        objective: Candidates, prices and mounts that must carry a sensor.
+        members: Set to begin with, as indices of candidates.
+        at_least: AP that every set must reach.
+        score_ap: Returns the AP of sets, given as rows of booleans.
+
+    Returns:
+        Indices of candidates, ascending."""
     prices = objective.candidates.prices
     while True:
         options: list[list[int]] = []
@@ -383,6 +468,8 @@ def _prune(
 def _result(
     progress: Progress, solution: Solved, unit: float, condition: str, remark: str = ""
 ) -> Result:
+    # result with a certificate of the price. unit: price of a whole unit in the solution;
+    # condition: what the set does, such as "reaches AP 0.9"; remark: added to the note
     bound = solution.bound * unit
     if solution.chosen is None:
         claim = (

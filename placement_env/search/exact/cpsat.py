@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 WORTH_UNITS = 10**9  # whole units of the sum over several classes
 _Seen = Bool[np.ndarray, "C O"]  # candidates × objects, True if seen
 _PerCandidate = Int64[np.ndarray, " C"]  # such as mounts or prices
-_Weight = Int64[np.ndarray, " O"]
-_Worth = Int64[np.ndarray, "k O"]
+_Weight = Int64[np.ndarray, " O"]  # worth of covering each object
+_Worth = Int64[np.ndarray, "k O"]  # the same for k groups; the lowest sum counts
 
 
 def search(
@@ -60,13 +60,22 @@ def search(
     views: int = 1,
     effort: float | None = None,
 ) -> Result:
-    """Set that covers most, and its score, with a certificate of the coverage.
+    """Set that covers the most objects, with a certificate of the coverage.
 
     Among equally good sets that are tried, the objective picks the best, unless that takes a
-    detector. visibility: of the candidates, None for the objective's; views: k; effort: limit of
-    solving in OR-Tools' deterministic seconds, None for unlimited; seconds: 60 if None;
-    evaluations: for the choice among equals. The same seed gives the same set as long as `seconds`
-    do not stop the solver. Raises ValueError without visibility, and ImportError without OR-Tools.
+    detector. The same seed gives the same set as long as `seconds` do not stop the solver.
+
+    Args:
+        objective: Candidates, their constraints, and the score of the result.
+        budget: Largest number of sensors.
+        seed: Seed of the solver.
+        seconds: Limit of the search, 60 if None.
+        evaluations: Limit on scored sets in the choice among equals, None for none.
+        visibility: Points of the candidates on the objects, None for the objective's.
+        views: Number of sensors that must see an object, each with `LEAST` points or more.
+        effort: Limit of solving in OR-Tools' deterministic seconds, None for unlimited.
+
+    Raises ValueError without visibility, and ImportError without OR-Tools.
     """
     visibility = objective.visibility if visibility is None else visibility
     if visibility is None:
@@ -90,6 +99,7 @@ def search(
     )
 
     def covered(sets: Sets) -> Int64[np.ndarray, " n"]:
+        # worth that each set (row of booleans) covers
         totals = np.zeros(len(sets), np.int64)
         for n, row in enumerate(sets):
             totals[n] = (worth @ (seen[row].sum(axis=0) >= views)).min()
@@ -128,12 +138,24 @@ def cover_most(
     worth: _Worth | None = None,
     limits: SolverLimits = SolverLimits(),
 ) -> Solved:
-    """Choose at most `budget` candidates that cover the most objects, each by at least `views` of
-    them.
+    """Choose candidates that cover the most objects, each seen by at least `views` candidates.
 
-    seen: candidates × objects; may_stand: candidates that may be built, all if None; prices: with
-    their limit; worth: k parties × objects, of which the lowest sum counts (`compute_worth`), None
-    to count objects. The solver starts from greedy's set, so the answer covers no less.
+    The solver starts from the set of `greedy_cover`, so the answer covers no less if that
+    set satisfies all constraints.
+
+    Args:
+        seen: Candidates × objects, True if seen.
+        poles: Places and links of the candidates' mounts.
+        budget: Largest number of candidates.
+        views: Number of candidates that must see an object to cover it.
+        may_stand: Mask of candidates that may be built, None for all.
+        prices: Prices with their limit, None for no limit.
+        worth: Worth of covering each object, for k groups; the lowest sum counts
+            (`compute_worth`); None to count objects.
+        limits: Time and seed of the solver.
+
+    Returns:
+        Indices of candidates, ascending, and what they cover.
     """
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
@@ -171,11 +193,13 @@ def cover_most(
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
-    """Whole worth of covering each object, and the total.
+    """Worth of covering each object in whole numbers, and the total of all.
 
-    The total is the number of objects if one class counts, otherwise `WORTH_UNITS`. The objects of
-    a class share its units equally. The mean of classes is one row; the worst has one row per
-    class.
+    With one class each object counts 1. With several the total is `WORTH_UNITS`, and the objects
+    of a class share its units equally: in one row by the weights of classes for their mean, in one
+    row for each class, with all units, for the worst class. Classes without an object are left out.
+
+    labels: Class (number) of each object.
     """
     present = [
         (label, weight)
@@ -198,9 +222,19 @@ def drop_dominated(
     prices: _PerCandidate | None = None,
     is_required: Bool[np.ndarray, " C"] | None = None,
 ) -> Int64[np.ndarray, " k"]:
-    """Candidates that see something, and more than any on their mount for no higher a price.
+    """Indices of candidates without those that another one on the same mount makes useless.
 
-    The first of equal ones stays. is_required: candidates that stay even if they see nothing.
+    A candidate is useless if it sees nothing, or if another one on its mount sees all the same
+    objects for no higher a price; of equal ones the first stays.
+
+    Args:
+        seen: Candidates × objects, True if seen.
+        mount: Number of each candidate's mount; at most one candidate of a mount is built.
+        prices: Price of each candidate, None if prices do not matter.
+        is_required: Mask of candidates that are useful even if they see nothing.
+
+    Returns:
+        Indices, ascending.
     """
     is_useful = np.asarray(
         seen.any(axis=1) if is_required is None else seen.any(axis=1) | is_required
@@ -221,8 +255,16 @@ def drop_dominated(
 def merge_objects(
     seen: _Seen, mount: _PerCandidate, views: int, worth: _Worth
 ) -> tuple[Bool[np.ndarray, "C m"], Int64[np.ndarray, "k m"]]:
-    """Kinds of objects, each seen by the same candidates and at least `views` mounts, with total
-    worth."""
+    """Merge objects that the same candidates see, and leave out those that cannot be covered.
+
+    Args:
+        seen: Candidates × objects, True if seen.
+        mount: Number of each candidate's mount; at most one candidate of a mount is built.
+        views: Number of mounts that must see an object to cover it.
+        worth: Worth of each object, for k groups.
+
+    Returns:
+        Candidates × m kinds of objects, True if seen; k groups × m, sum of their objects' worth."""
     observers = np.zeros(seen.shape[1])
     for mount_number in np.unique(mount):
         observers = observers + seen[mount == mount_number].any(axis=0)
@@ -231,6 +273,7 @@ def merge_objects(
     worth = worth[:, is_coverable]
     if not seen.size:
         return seen[:, :0], worth[:, :0]
+    # each object's column of bits as one opaque value, which np.unique can compare
     packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
     keys = packed.view(np.dtype((np.void, packed.shape[1])))[:, 0]
     _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
@@ -248,9 +291,19 @@ def greedy_cover(
     *,
     prices: Prices | None = None,
 ) -> list[int]:
-    """Cover objects greedily within the money, by most views of objects with fewer than `views`.
+    """Set that covers objects greedily, as indices of candidates in the order of choice.
 
-    Each mount carries one of the chosen candidates.
+    Each step adds the candidate with the largest weight of seen objects that have fewer than
+    `views` views so far. A mount carries at most one candidate.
+
+    Args:
+        seen: Candidates × objects, True if seen.
+        weight: Weight of each object.
+        mount: Index of each candidate's mount.
+        budget: Largest number of candidates.
+        views: Views that an object needs.
+        prices: Prices with their limit, None for no limit. Only `Prices.each` counts, not the
+            shared price of a mount with several places.
     """
     missing = np.full(len(weight), views)
     is_free = np.ones(len(seen), bool)
@@ -277,13 +330,22 @@ def prove_bound(
     views: int,
     chosen: list[int],
 ) -> int:
-    """Upper bound on the weight that any set can cover with `views` views.
+    """Upper bound on the weight that any set of at most `budget` candidates can cover.
 
-    For one view the coverage of `chosen` plus the largest gains, one per mount, is another bound
-    (Leskovec et al., KDD 2007).
+    It is the lowest of some bounds. For one view the coverage of `chosen` plus the largest gains,
+    one per mount, is another one (Leskovec et al., KDD 2007).
+
+    Args:
+        seen: Candidates × objects, True if seen.
+        weight: Weight of each object.
+        mount: Number of each candidate's mount; at most one candidate of a mount is built.
+        budget: Largest number of candidates.
+        views: Views that cover an object.
+        chosen: Any set, as indices of candidates; the better it is, the tighter the bound.
     """
 
     def largest(gains: np.ndarray) -> float:
+        # sum of the `budget` largest gains of candidates, at most one on each mount
         best = np.zeros(int(mount.max(initial=-1)) + 1)
         np.maximum.at(best, mount, gains)
         return float(np.sort(best)[::-1][:budget].sum())
@@ -305,7 +367,17 @@ def _model(
     start: list[int],
     bound: int,
 ) -> "tuple[CpModel, list[IntVar]]":
-    """Programme and its variables x. The set `start` is a complete hint."""
+    """CP-SAT's model of the largest coverage, and its variable for each candidate.
+
+    Args:
+        seen: Candidates × objects, True if seen.
+        weights: Weight of each object, for k groups; the lowest sum is maximised.
+        poles: Places and links of the candidates' mounts.
+        budget: Largest number of candidates.
+        views: Views that cover an object.
+        start: Set (indices of candidates) at which the solver begins; values are hinted for all
+            variables.
+        bound: Known upper bound on the covered weight."""
     cp = cp_model()
     model = cp.CpModel()
     built = [model.new_bool_var("") for _ in range(len(seen))]

@@ -21,10 +21,19 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """Best set of at most `budget` sensors, proven; the smaller of equal sets, then the first.
+    """Best set of at most `budget` sensors, proven by scoring all; of equals the smallest, first.
 
-    budget: None for any number; seed: not used. Nothing is proven if a limit stops it. Raises
-    ValueError above 16 candidates.
+    The result also holds the sets that no other one beats in AP, kbit and price together, and the
+    best set of each size. Nothing is proven if a limit stops the search.
+
+    Args:
+        objective: At most 16 candidates, and their scores.
+        budget: Largest number of sensors, None for any number.
+        seed: Not used; other searches have it.
+        seconds: Limit of the search, None for none.
+        evaluations: Limit on scored sets, None for none.
+
+    Raises ValueError above 16 candidates.
     """
     size = len(objective.candidates)
     if size > MAX_CANDIDATES:
@@ -52,13 +61,14 @@ def search(
     best = [rows[figures.reward[rows].argmax()] for rows in of_size]
 
     def scores(rows: np.ndarray | list[np.intp]) -> tuple[Score, ...]:
+        # scores of some rows of `subsets`
         return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in rows)
 
     return progress.result("exhaustive", certificate, scores(front), scores(best))
 
 
 def list_sets(size: int, budget: int) -> Sets:
-    """All sets of 1 to `budget` members from `size` candidates, small ones first."""
+    """All sets of 1 to `budget` of `size` candidates as rows of booleans, small ones first."""
     sets = all_subsets(size)[1:]
     count = sets.sum(axis=1)
     order = np.argsort(count, kind="stable")
@@ -66,9 +76,12 @@ def list_sets(size: int, budget: int) -> Sets:
 
 
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
-    """Rows that no other row beats: no higher in any column and lower in one.
+    """Indices of the rows that no other row beats, ascending.
 
-    Of equal rows the first stays.
+    A row beats another if it is no higher in any column and lower in one. Of equal rows the first
+    stays.
+
+    points: n rows of m figures, each the better the lower.
     """
     # no row is beaten by a later one in this order
     order = np.lexsort((np.arange(len(points)), *points.T[::-1]))

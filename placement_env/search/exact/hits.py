@@ -33,12 +33,21 @@ def search(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """Set with the most expected hits, and its score, with a certificate of the share of hits in
-    steps.
+    """Set with the most expected hits, with a certificate of the share of objects that it hits.
 
-    The search starts at greedy's set. seconds: 60 if None; evaluations: for greedy and for the
-    choice among equals. Raises ValueError for fidelities other than the surrogate, or hybrid
-    fusion; ImportError without OR-Tools.
+    The share is counted in steps of the hit probability. The search starts at the set of a greedy
+    search.
+
+    Args:
+        objective: Candidates, and the surrogate that predicts hits.
+        budget: Largest number of sensors.
+        seed: Seed of the solver.
+        seconds: Limit of the search; the solver gets at most 60.
+        evaluations: Limit on scored sets, in the greedy search and the choice among equal sets;
+            None for none.
+
+    Raises ValueError for fidelities other than the surrogate, or hybrid fusion; ImportError
+    without OR-Tools.
     """
     surrogate = objective.scored_by
     if not isinstance(surrogate, Surrogate):
@@ -63,6 +72,7 @@ def search(
     bound = max(value, solution.bound) if solution.chosen is not None else levels.whole
 
     def worth(sets: Sets) -> Int64[np.ndarray, " n"]:
+        # worth of the levels that each set (row of booleans) reaches
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
     progress.settle(improve_among_equals(progress, members, worth))

@@ -44,14 +44,16 @@ _Mask = Bool[np.ndarray, " C"]  # candidates
 
 @dataclass(frozen=True)
 class SolverLimits:
-    """Limits of a solver. effort: OR-Tools' deterministic seconds, None for unlimited."""
+    """Limits of one run of CP-SAT.
 
-    seconds: float = DEFAULT_SOLVER_S
+    The same seed gives the same answer as long as the seconds do not stop the solver."""
+
+    seconds: float = DEFAULT_SOLVER_S  # by the clock
     seed: int = 0
-    effort: float | None = None
+    effort: float | None = None  # OR-Tools' deterministic seconds, None for unlimited
 
     def build_solver(self) -> "CpSolver":
-        """Solver with one worker within these limits."""
+        """Make a solver with one worker and these limits. Raises ImportError without OR-Tools."""
         solver = cp_model().CpSolver()
         # its handler would stay, and end Python at the next Ctrl-C
         solver.parameters.catch_sigint_signal = False
@@ -65,7 +67,9 @@ class SolverLimits:
 
 
 def run_solver(solver: "CpSolver", model: "CpModel") -> str:
-    """Solve a model, stopping at Ctrl-C; return the name of the status."""
+    """Solve a model, stopping at Ctrl-C; return OR-Tools' name of the status, such as "OPTIMAL".
+
+    The solver runs in a second thread, so that this one can catch the interrupt."""
     with ThreadPoolExecutor(1) as pool:
         solving = pool.submit(solver.solve, model)
         try:
@@ -76,7 +80,7 @@ def run_solver(solver: "CpSolver", model: "CpModel") -> str:
 
 
 def cp_model() -> ModuleType:
-    """OR-Tools' module of the same name. Raises ImportError if it is missing."""
+    """Import OR-Tools' module `cp_model`. Raises ImportError if OR-Tools is missing."""
     try:
         from ortools.sat.python import cp_model
     except ImportError as error:
@@ -85,15 +89,18 @@ def cp_model() -> ModuleType:
 
 
 class Prices(NamedTuple):
-    """Prices in exact whole units, rounded down; the limit is rounded up, so it excludes no valid
-    set.
+    """Prices of C candidates in whole units, as an integer programme needs them.
+
+    Prices are rounded down. The limit is raised by `PRICE_ROUNDING_SHARE` and rounded down, which
+    excludes no valid set, as totals are whole.
 
     Attributes:
         each: Price of each candidate, including its mount if that has one place.
-        shared: Price of a mount with more places, paid once.
-        mount: Mount of each candidate.
+        shared: Price of each candidate's mount, which sensors on it pay once; 0 for a mount with
+            one place.
+        mount: Index of each candidate's mount.
         most: Limit on the total, -1 for none.
-        unit: Price of one unit.
+        unit: Price of one unit in the candidates' currency.
     """
 
     each: Int64[np.ndarray, " C"]
@@ -104,7 +111,7 @@ class Prices(NamedTuple):
 
     @staticmethod
     def in_units(objective: Objective, unit: float) -> "Prices":
-        """Prices of an objective's candidates in units of this price."""
+        """Prices of an objective's candidates, and its limit, in whole units of a price."""
         candidates = objective.candidates
         has_places = candidates.places[candidates.mount] > 1
         sensor_prices = np.where(has_places, candidates.model_prices, candidates.prices)
@@ -117,27 +124,39 @@ class Prices(NamedTuple):
 
     @staticmethod
     def of(objective: Objective) -> "Prices | None":
-        """Prices of an objective with a maximum price; None without one."""
+        """Prices of an objective with a maximum price; None without one.
+
+        The unit is the maximum, or the highest price if that is more, over `LIMIT_UNITS`."""
         if math.isinf(objective.most_price):
             return None
+        # 1e-300: no division by 0 if nothing costs anything
         highest = float(objective.candidates.prices.max(initial=0.0))
         return Prices.in_units(objective, max(highest, objective.most_price, 1e-300) / LIMIT_UNITS)
 
     def select(self, candidates: Int64[np.ndarray, " k"]) -> "Prices":
-        """Prices of some candidates."""
+        """Prices of some candidates (indices), in this order; limit and unit stay."""
         return self._replace(
             each=self.each[candidates], shared=self.shared[candidates], mount=self.mount[candidates]
         )
 
     def total(self, chosen: list[int]) -> int:
-        """Price of a set."""
+        """Price of a set (indices of candidates) in whole units, each shared mount paid once."""
         _, first = np.unique(self.mount[chosen], return_index=True)
         return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
 
     def expression(
         self, model: "CpModel", built: "list[IntVar]", *, times: int = 1, plus: int = 0
     ) -> "LinearExpr":
-        """Price of the built sensors, multiplied by `times`. `plus` is added for each sensor."""
+        """Price of the built sensors in whole units, as a linear expression for CP-SAT.
+
+        Variables and constraints for mounts with several places are added to the model.
+
+        Args:
+            model: Model that is extended in place.
+            built: Variable of each candidate, 1 if it is built.
+            times: Factor on the price.
+            plus: Added for each built sensor, not multiplied by `times`.
+        """
         linear = cp_model().LinearExpr
         parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
         for shared_mount in np.unique(self.mount[self.shared > 0]):
@@ -150,13 +169,14 @@ class Prices(NamedTuple):
 
 
 class Poles(NamedTuple):
-    """Places and links of the mounts.
+    """Constraints of the mounts (poles) on C candidates: places and shared links.
 
     Attributes:
-        mount: Mount of each candidate.
-        places: Places of its mount.
-        load: Load of the link by each candidate, in `LINK_UNITS`.
-        kept: Mounts that must carry a sensor.
+        mount: Index of each candidate's mount.
+        places: Number of sensors that each candidate's mount can carry.
+        load: Load of each candidate on its mount's link, `LINK_UNITS` for a full link; 0 if
+            sensors cannot exceed a link together.
+        kept: Indices of mounts that must carry a sensor.
     """
 
     mount: Int64[np.ndarray, " C"]
@@ -166,10 +186,11 @@ class Poles(NamedTuple):
 
     @staticmethod
     def of(objective: Objective) -> "Poles":
-        """Poles of an objective's candidates."""
+        """Places and links of the mounts of an objective's candidates."""
         candidates = objective.candidates
         load = np.zeros(len(candidates))
         if objective.shared_links is not None:
+            # 2 is more than a link already, and keeps whole units small
             load = np.minimum(objective.shared_links / candidates.capacity, 2.0)
         places = candidates.places[candidates.mount]
         required = tuple(objective.kept.tolist())
@@ -177,19 +198,23 @@ class Poles(NamedTuple):
 
     @property
     def apart(self) -> Int64[np.ndarray, " C"]:
-        """Mount of each candidate for bounds; candidates on mounts with several places count as
-        separate."""
+        """Number of each candidate's mount, as if mounts with several places were several mounts.
+
+        Each candidate on such a mount gets a number that no other has. So at most one candidate of
+        a number is built, which bounds on coverage assume."""
         count = int(self.mount.max(initial=-1)) + 1
         return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
 
     def select(self, candidates: Int64[np.ndarray, " k"]) -> "Poles":
-        """Poles of some candidates."""
+        """Places and links of some candidates (indices), in this order; `kept` stays."""
         return self._replace(
             mount=self.mount[candidates], places=self.places[candidates], load=self.load[candidates]
         )
 
     def constrain(self, model: "CpModel", built: "list[IntVar]") -> None:
-        """Add the constraints of places and links, and of mounts that must carry a sensor."""
+        """Add constraints of places and links, and of mounts that must carry a sensor, to a model.
+
+        built: Variable of each candidate, 1 if it is built."""
         linear = cp_model().LinearExpr
         for mount in self.kept:
             model.add_bool_or([built[c] for c in np.flatnonzero(self.mount == mount).tolist()])
@@ -205,17 +230,22 @@ class Poles(NamedTuple):
 
 
 def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
+    # figures in whole units, rounded down
     return np.floor(figures / unit).astype(np.int64)
 
 
 class Levels(NamedTuple):
-    """Levels of evidence and their worth.
+    """Levels of evidence on O objects, and the worth of reaching them, in whole numbers.
+
+    A set reaches a level of an object if the evidence of its members adds up to the threshold. It
+    then has the gain of this level and of all lower ones.
 
     Attributes:
-        known: Evidence that each candidate adds to each object, in whole numbers.
-        threshold: Evidence for each level of each object.
-        gain: Worth of each level of each object.
-        parties: Sums of worth that an object counts in; the lowest sum counts.
+        known: Evidence that each of C candidates adds on each object.
+        threshold: Evidence needed for each of J levels of each object, ascending.
+        gain: Worth that each level adds to the one below.
+        parties: k groups of objects, such as classes, True for the objects of a group. The worth
+            of a set is the sum over the group with the lowest sum.
     """
 
     known: Int64[np.ndarray, "C O"]
@@ -224,24 +254,25 @@ class Levels(NamedTuple):
     parties: Bool[np.ndarray, "k O"]
 
     def worth(self, chosen: list[int]) -> int:
-        """Worth of the levels that a set reaches, for the party with the least."""
+        """Worth of the levels that a set (indices of candidates) reaches, in its worst group."""
         reached = self.known[chosen].sum(axis=0) >= self.threshold
         return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
 
     @property
     def whole(self) -> int:
-        """Worth of all levels, for the party with the least."""
+        """Worth if all levels are reached, in the group (`parties`) with the least."""
         return int((self.parties @ self.gain.sum(axis=0)).min())
 
 
 class Solved(NamedTuple):
-    """Solution of a programme.
+    """Answer of CP-SAT to a programme.
 
     Attributes:
-        chosen: Best set, None if no set satisfies the programme.
-        figure: Its worth, or its price in whole units.
+        chosen: Best set found, as indices of candidates; None if none was found.
+        figure: Its worth, or its price in whole units if a price is minimised; 0 without a set.
         bound: No set has more worth, or costs less.
-        optimal: Whether figure and bound are equal, or it is proven that no set satisfies it.
+        optimal: True if figure and bound are equal, or if it is proven that no set satisfies the
+            programme.
     """
 
     chosen: list[int] | None
@@ -252,18 +283,18 @@ class Solved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """Integer programme over sets of at most `budget` candidates.
+    """Integer programme over sets of at most `budget` of C candidates, solved by `solve`.
 
     Attributes:
-        levels: Levels of evidence of the objects.
+        levels: Levels of evidence on the objects, and their gains.
         budget: Largest number of sensors.
-        poles: Places and links.
-        may_stand: Candidates that may be built.
+        poles: Places and links of the mounts.
+        may_stand: Mask of candidates that may be built.
         money: Prices with their limit, None for no limit.
-        failing: 1 for the worth that survives the failure of any one sensor, only for levels of
-            threshold 1.
-        lost: Cases of lost candidates, of which the lowest worth counts, for levels of any
-            threshold.
+        failing: 1 to count the worth that survives the failure of any one sensor, else 0. Only for
+            one level of threshold 1 (or 0) for each object.
+        lost: Masks of candidates that fail together, for levels of any threshold. The worth of a
+            set is the lowest over these cases; None or empty for no failure.
     """
 
     levels: Levels
@@ -276,8 +307,13 @@ class Programme:
 
     @staticmethod
     def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> "Programme":
-        """Programme of an objective's candidates with their poles and prices. cases: `failing` or
-        `lost`."""
+        """Programme of an objective's candidates with their mounts, links and prices.
+
+        Args:
+            objective: Objective with the candidates and the limit on the price.
+            budget: Largest number of sensors.
+            levels: Levels of evidence on the objects.
+            cases: Field `failing` or `lost`, neither for no failure."""
         return Programme(
             levels,
             budget,
@@ -289,12 +325,21 @@ class Programme:
 
 
 def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: bool) -> Levels:
-    """Steps of each object's hit probability.
+    """Steps that approximate each object's hit probability, as levels of evidence.
 
-    powers: n ^ norm of each candidate and object, without the floor; above: no step is below the
-    curve, otherwise each step cuts it in the middle.
+    The first step begins at any evidence, the others at the shares `HIT_STEPS` of the highest
+    probability. Sure hits of all objects gain about `GAIN_UNITS` in all; sizes of objects
+    are not considered.
+
+    Args:
+        powers: n ^ norm of each candidate and object; points below the model's floor count fully.
+        model: Model of the hit probability.
+        above: True for steps that are nowhere below the curve, rounded so that they stay above it;
+            False for steps that cut it in the middle.
     """
     count = powers.shape[1]
+    # Σ n ^ norm at which the probability is a share `HIT_STEPS` of the highest: the model's formula
+    # solved for it, clipped so that expm1 neither vanishes nor overflows
     log_evidence = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(
         model.density, 1e-9
     )
@@ -309,6 +354,7 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
         else np.concatenate([[0.0], (probabilities[1:] + probabilities[:-1]) / 2])
     )
     thresholds = np.maximum.accumulate(np.concatenate([[1], np.maximum(edges, 1)]))
+    # -(-a // b) rounds a / b up
     per_object = -(-GAIN_UNITS // max(1, count)) if above else GAIN_UNITS // max(1, count)
     gains = (np.ceil if above else np.rint)(np.diff(values, prepend=0.0) * per_object).astype(
         np.int64
@@ -326,10 +372,17 @@ def solve(
     cost: Prices | None = None,
     start: Sequence[int] = (),
 ) -> Solved:
-    """Set with the most worth, or with a `cost` the cheapest set with worth `at_least`, smallest
-    first.
+    """Find the set with the most worth, or the cheapest set with enough worth, by CP-SAT.
 
-    start: an initial set.
+    Args:
+        programme: Candidates, their constraints and levels.
+        limits: Time and seed of the solver.
+        at_least: Worth that the set must have if `cost` is given; otherwise not used.
+        cost: Prices whose total is minimised; of equally cheap sets the smallest is best. None to
+            maximise the worth.
+        start: Indices of a set at which the solver may begin.
+
+    Raises ImportError without OR-Tools.
     """
     cp = cp_model()
     model = cp.CpModel()
@@ -355,13 +408,14 @@ def solve(
         model.add(worth >= min_worth)
     if cost is None:
         model.maximize(min_worth)
-    else:  # the price, and in its last digit the number of sensors
+    else:  # price · (budget + 1) + number of sensors: the price decides, then the number
         model.minimize(cost.expression(model, built, times=budget + 1, plus=1))
     for c in start:
         model.add_hint(built[c], True)
     solver = limits.build_solver()
     status = run_solver(solver, model)
     if status not in ("OPTIMAL", "FEASIBLE"):
+        # no set found: with "UNKNOWN" time ran out, but a bound on the price may be known
         lowest = int(solver.best_objective_bound) if status == "UNKNOWN" and cost is not None else 0
         return Solved(None, 0, max(0, lowest) // (budget + 1), status == "INFEASIBLE")
     members = [c for c, x in enumerate(built) if solver.boolean_value(x)]
@@ -377,7 +431,16 @@ def solve(
 def _reached(
     model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask
 ) -> "list[LinearExpr]":
-    """Worth of the reached levels for each party."""
+    """Worth of the levels that the built sensors reach, for each group of `levels.parties`.
+
+    A variable and a constraint are added to the model for each level that can be reached.
+
+    Args:
+        model: Model that is extended in place.
+        built: Variable of each candidate, 1 if it is built.
+        levels: Levels of evidence on the objects.
+        may_stand: Mask of the candidates whose evidence counts; lost ones are False.
+    """
     linear = cp_model().LinearExpr
     objects: list[int] = []
     reached: list[IntVar] = []
@@ -406,9 +469,16 @@ def _reached(
 def _surviving(
     model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask
 ) -> "list[LinearExpr]":
-    """Worth of each party that survives any one failure.
+    """Worth that survives the failure of any one sensor, for each group of `levels.parties`.
 
-    Two sensors see the object, or one that does not fail."""
+    An object survives if two sensors see it, or one that does not fail. Only the first level of
+    each object counts, and any evidence reaches a threshold above 0.
+
+    Args:
+        model: Model that is extended in place.
+        built: Variable of each candidate, 1 if it is built.
+        levels: One level for each object, of threshold 1, or 0 if it is reached without a sensor.
+        may_stand: Mask of candidates that may be built."""
     linear = cp_model().LinearExpr
     seen_once: list[IntVar] = []
     seen_twice: list[IntVar] = []
@@ -424,6 +494,7 @@ def _surviving(
     gain = levels.gain[0]
 
     def sum_gains(variables: "list[IntVar]", objects: Int64[np.ndarray, " _"]) -> "LinearExpr":
+        # sum of the gains of some objects, each if its variable is 1
         return linear.weighted_sum([variables[o] for o in objects], gain[objects].tolist())
 
     for party in levels.parties:
