@@ -9,7 +9,7 @@ def set_fields(instance: object, **values: object) -> None:
     """Set fields of a frozen dataclass to parsed values, in its `__post_init__` or a new copy.
 
     Raises AttributeError for a name that is not a field."""
-    _write(instance, values, _field_names(type(instance)))
+    _write(instance, values, _field_names(type(instance)))  # type: ignore[arg-type]
 
 
 @cache
