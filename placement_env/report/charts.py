@@ -178,15 +178,7 @@ def order_chart(order: Sequence[content.BuildStep], currency: str) -> str:
         ap = [judgement.ap for judgement in judgements]
         axes.step([0.0, *prices], [0.0, *ap], where="post", color=BAR, zorder=2)
         for number, (price, judgement) in enumerate(zip(prices, judgements, strict=True)):
-            axes.plot(
-                [price, price],
-                [judgement.low, judgement.high],
-                "_-",
-                color=INK,
-                linewidth=1.3,
-                markersize=7,
-                zorder=3,
-            )
+            canvas.draw_interval(axes, price, judgement.low, judgement.high)
             axes.plot(
                 price, judgement.ap, "o", color=BAR, markeredgecolor=INK, markersize=6, zorder=4
             )

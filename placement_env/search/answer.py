@@ -214,15 +214,7 @@ def draw_curve(
         pays = sorted((x, point.ap) for x, point in zip(budgets, points, strict=True) if point.pays)
         axes.step([x for x, _ in pays], [ap for _, ap in pays], where="post", color=BAR, zorder=2)
         for x, point in zip(budgets, points, strict=True):
-            axes.plot(
-                [x, x],
-                [point.low, point.high],
-                "_-",
-                color=INK,
-                linewidth=1.3,
-                markersize=7,
-                zorder=3,
-            )
+            canvas.draw_interval(axes, x, point.low, point.high)
             axes.plot(x, point.predicted, "x", color=INK, markersize=5, zorder=3.5)
             face = BAR if point.pays else "white"
             axes.plot(

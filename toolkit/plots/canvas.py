@@ -22,6 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Shaped
 from toolkit.plots.fonts import choose_fonts, list_letters, name_letters, own_font
+from toolkit.plots.palette import INK
 from toolkit.runtime.writing import write_bytes
 
 if TYPE_CHECKING:
@@ -176,6 +177,11 @@ def draw_heading(figure: "Figure", title: str, subtitle: str) -> None:
         0.015, 1 - 0.22 / height, shorten(title, 88), fontsize=11, fontweight="bold", va="center"
     )
     figure.text(0.015, 1 - 0.47 / height, plain(subtitle), fontsize=8.5, va="center")
+
+
+def draw_interval(axes: "Axes", x: float, low: float, high: float) -> None:
+    """Draw an interval of y at `x` as an upright bar with capped ends."""
+    axes.plot([x, x], [low, high], "_-", color=INK, linewidth=1.3, markersize=7, zorder=3)
 
 
 def pad_limits(values: Sequence[float]) -> tuple[float, float]:
