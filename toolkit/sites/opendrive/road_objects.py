@@ -101,18 +101,16 @@ def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
     """Read the objects and signals of roads. Only the fault is kept of damaged ones."""
     objects = RoadObjects()
     for road in roads:
-        for element in road.element.findall("objects/object"):
-            try:
-                check_place(road, element)
-                objects.add_object(road, element)
-            except ValueError as error:
-                objects.damaged.append(str(error))
-        for element in road.element.findall("signals/signal"):
-            try:
-                check_place(road, element)
-                objects.add_signal(road, element)
-            except ValueError as error:
-                objects.damaged.append(str(error))
+        for path, add in (
+            ("objects/object", objects.add_object),
+            ("signals/signal", objects.add_signal),
+        ):
+            for element in road.element.findall(path):
+                try:
+                    check_place(road, element)
+                    add(road, element)
+                except ValueError as error:
+                    objects.damaged.append(str(error))
     return objects
 
 
