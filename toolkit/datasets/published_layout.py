@@ -20,6 +20,7 @@ from toolkit.arrays import Float, Float32, Float64, ImageRanges, Pose, Shaped
 from toolkit.geometry import MAX_COORDINATE_M, check_pose, invert, transform
 from toolkit.objects import LABELS, Objects
 from toolkit.sensors.models import DepthCamera
+from toolkit.sites.georeference import map_turn
 
 OBJECT_COLUMNS = (
     "x",
@@ -117,7 +118,7 @@ def format_objects(objects: Objects, map_SE3_site: Pose) -> Float64[np.ndarray, 
     """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
     rows[:, :3] = transform(MAP_FROM_CARLA @ map_SE3_site, objects.boxes[:, :3])
-    rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + _turn(map_SE3_site))
+    rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + map_turn(map_SE3_site))
     rows[:, 6:9] = objects.boxes[:, 3:6] / 2
     rows[:, 9] = objects.labels
     return rows
@@ -147,7 +148,7 @@ def parse_rows(
         row = int((wrong != "").argmax())
         raise InvalidObjects(f"{name} row {row} {wrong[row]}; repair it, or drop what is invalid")
     centres = transform(invert(map_SE3_site) @ MAP_FROM_CARLA, rows[:, :3])
-    yaw = -np.deg2rad(rows[:, 5]) - _turn(map_SE3_site)
+    yaw = -np.deg2rad(rows[:, 5]) - map_turn(map_SE3_site)
     yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
     ids = np.arange(len(rows)) if ids is None else ids
     return Objects(
@@ -208,8 +209,3 @@ def round_measurement(measurement: ImageRanges) -> ImageRanges:
     """Round a measurement to `DEPTH_STEP_M`; no return becomes 0."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP_M)) * np.float32(DEPTH_STEP_M)
-
-
-def _turn(map_SE3_site: np.ndarray) -> float:
-    # Yaw (rad) of the site's frame in the map.
-    return float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
