@@ -10,6 +10,7 @@ from toolkit.display import describe_count
 from toolkit.objects import LABELS
 from toolkit.plots.line_style import Outcome
 from toolkit.viewing.outcomes import MARKED, Marked
+from toolkit.viewing.scene_parts import thin_evenly
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
 OTHERS = "others"  # labels of classes other than ours
@@ -101,7 +102,7 @@ def limit_points(cloud: DrawnCloud, max_points: int) -> DrawnCloud:
     """Thin a cloud to at most `max_points` points, evenly over its rows."""
     if len(cloud.points) <= max_points:
         return cloud
-    rows = np.linspace(0, len(cloud.points), max_points, endpoint=False).astype(np.int64)
+    rows = thin_evenly(np.arange(len(cloud.points)), max_points)
     time, intensity = (
         None if column is None else column[rows] for column in (cloud.time, cloud.intensity)
     )

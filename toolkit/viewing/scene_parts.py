@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from toolkit.arrays import Float32, Float64, UInt8
+from toolkit.arrays import Float32, Float64, Shaped, UInt8
 from toolkit.mesh import Mesh
 from toolkit.viewing.scene import Look, rgb
 
@@ -78,8 +78,8 @@ def add_points(
     )
 
 
-def thin_evenly(points: Float32[np.ndarray, "n 3"], max_points: int) -> Float32[np.ndarray, "m 3"]:
-    """Take at most `max_points` points, evenly over the rows."""
-    if len(points) <= max_points:
-        return points
-    return points[np.linspace(0, len(points), max_points, endpoint=False).astype(np.int64)]
+def thin_evenly(rows: Shaped[np.ndarray, "n ..."], max_rows: int) -> Shaped[np.ndarray, "m ..."]:
+    """Take at most `max_rows` rows, such as points, evenly over all."""
+    if len(rows) <= max_rows:
+        return rows
+    return rows[np.linspace(0, len(rows), max_rows, endpoint=False).astype(np.int64)]
