@@ -302,15 +302,15 @@ def greedy_cover(
         mount: Index of each candidate's mount.
         budget: Largest number of candidates.
         views: Views that an object needs.
-        prices: Prices with their limit, None for no limit. Only `Prices.each` counts, not the
-            shared price of a mount with several places.
+        prices: Prices with their limit, None for no limit.
     """
     missing = np.full(len(weight), views)
     is_free = np.ones(len(seen), bool)
     members: list[int] = []
     while len(members) < budget:
         if prices is not None:
-            is_free &= prices.each <= prices.most - prices.each[members].sum()
+            # no member shares a mount with a free candidate, which so pays the mount's price too
+            is_free &= prices.each + prices.shared <= prices.most - prices.total(members)
         if not is_free.any():
             break
         weights = (missing > 0).astype(np.float64) * weight

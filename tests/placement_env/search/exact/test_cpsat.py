@@ -66,6 +66,18 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     assert cpsat.merge_objects(seen, np.zeros(2, np.int64), 2, ones)[1].size == 0
 
 
+def test_stopped_early_it_pays_for_shared_poles():
+    # two poles with two places each: a place costs 10 and a pole 100, so 120 buy one pole
+    seen = np.eye(4, dtype=np.bool_)
+    mount = np.array([0, 0, 1, 1])
+    poles = programme.Poles(mount, np.full(4, 2), np.zeros(4, np.int64))
+    prices = programme.Prices(np.full(4, 10), np.full(4, 100), mount, most=120)
+    no_time = programme.SolverLimits(effort=0.0)
+    stopped = cpsat.cover_most(seen, poles, 2, prices=prices, limits=no_time)
+    assert prices.total(stopped.chosen) <= 120
+    assert stopped.figure <= cpsat.cover_most(seen, poles, 2, prices=prices).figure == 2
+
+
 @pytest.mark.parametrize("views", [1, 2])
 @pytest.mark.parametrize("seed", range(5))
 def test_bound_holds_wherever_it_is_taken(seed, views):
