@@ -179,7 +179,8 @@ class TrafficView:
 
     def _knows(self, shares: list[tuple[Place, float]], model: SensorModel) -> bool:
         # True if panoramas at all of the places are in memory, for this model; weights do not count
-        return all(place in self._kept and model in self._kept[place].stills for place, _ in shares)
+        surrounds = [self._kept.get(place) for place, _ in shares]
+        return all(surround is not None and model in surround.stills for surround in surrounds)
 
     def _prepare(
         self, places: _Wanted, models: set[SensorModel], *, all_heights: bool
@@ -192,7 +193,8 @@ class TrafficView:
             all_heights: Make missing panoramas at all half metres of the mount too."""
         requested = dict.fromkeys(place for place, _ in places)
         # references keep these alive even if another thread drops them from memory
-        surrounds = {place: self._kept[place] for place in requested if place in self._kept}
+        kept = {place: self._kept.get(place) for place in requested}
+        surrounds = {place: surround for place, surround in kept.items() if surround is not None}
         if len(surrounds) == len(requested) and all(
             models <= surround.stills.keys() for surround in surrounds.values()
         ):
