@@ -1,7 +1,7 @@
 """Height maps: ground as one height for each cell of a grid, drawn through the lowest points of the
 cells."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -192,7 +192,7 @@ def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float)
         weight_around = sum_around(weights, scale / surface.cell)
         sum_of_heights = sum_around(sums, scale / surface.cell)
         heights = (sum_of_heights + _PRIOR_CELLS * heights) / (weight_around + _PRIOR_CELLS)
-    return HeightMap(surface.origin, heights)
+    return replace(surface, heights=heights)
 
 
 def weigh_ground(above: Float64[np.ndarray, " n"], kerb: float) -> Float64[np.ndarray, " n"]:

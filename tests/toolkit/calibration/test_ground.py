@@ -544,7 +544,9 @@ def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
     assert np.argwhere(placed.heights == placed.heights.max()).tolist() == [[40, 40]]
     assert placed.heights[40, 40] == pytest.approx(0.2 * 15 / 16, rel=0.01)
     wide = HeightMap(np.array([10.0, 20.0]), np.zeros((60, 60)), 2.0)
-    heights = height_map.redraw_map(wide, np.array([[10.0, 20.0, 0.2]]), 0.25, np.inf).heights
+    redrawn = height_map.redraw_map(wide, np.array([[10.0, 20.0, 0.2]]), 0.25, np.inf)
+    assert redrawn.cell == 2.0
+    heights = redrawn.heights
     assert heights[18, 0] > 0.0
     assert not heights[19:].any()
 
