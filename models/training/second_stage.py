@@ -123,7 +123,7 @@ def detect_recording(
     detector_in = detector_by_area(network, device, MIN_FIT_SCORE)
     results = []
     background = lru_cache(maxsize=MAX_KEPT_AREAS)(_background)
-    for k in range(min(len(frames), count or len(frames))):
+    for k in range(len(frames) if count is None else min(len(frames), count)):
         area = frames.rig(k).area
         points = read_sample_points(
             frames, k, np.random.default_rng([seed, k]), subsets=subsets, errors=errors

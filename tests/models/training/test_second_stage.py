@@ -400,6 +400,8 @@ def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(m
             VoxelNet(make_config(AREA, "fast")), packed, count=1, known=True
         )
     ] == [0]
+    network = VoxelNet(make_config(AREA, "fast"))
+    assert second_stage.detect_recording(network, packed, count=0) == []
 
 
 def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed):
