@@ -22,6 +22,7 @@ from toolkit.sites.maps.osm_site import import_osm
 from toolkit.sites.maps.piece import MapPiece
 from toolkit.sites.maps.road_surface import junction_corners, kerbstones, whole_road
 from toolkit.sites.maps.tracks import find_tracks, find_turns
+from toolkit.sites.osm.raw_map import RawMap
 from toolkit.sites.site import Mount, Solid
 from toolkit.sites.surroundings.things import count_things
 from toolkit.traffic.snapshots import simulate
@@ -171,6 +172,13 @@ def test_what_real_extracts_contain(tmp_path, crossroads, imported):
     )
     draft.text.append('<way id="9" action="delete"><nd ref="5"/></way><note>made by hand</note>')
     imported(draft, tmp_path)
+
+
+def test_a_deleted_relation_removes_no_way_of_its_number(tmp_path, crossroads, put):
+    draft = crossroads()
+    numbers = RawMap.read(put(draft, tmp_path)).ways.keys()
+    draft.text += [f'<relation id="{number}" action="delete"/>' for number in numbers]
+    assert RawMap.read(put(draft, tmp_path)).ways.keys() == numbers
 
 
 def test_centre_outside_and_off_the_road(tmp_path, put, empty_map, crossroads, box):

@@ -102,7 +102,7 @@ class RawMap:
         if element.tag == "node":
             self.degrees.pop(name, None)
             self.node_tags.pop(name, None)
-        else:
+        elif element.tag == "way":
             self.ways.pop(name, None)
 
     def _add_node(self, element: ElementTree.Element, tags: Tags) -> None:
