@@ -143,6 +143,17 @@ def test_labels_in_a_sensors_frame(sound, tmp_path, name):
     ]
 
 
+@pytest.mark.parametrize("name", POLES)
+def test_labels_moved_out_of_the_world(sound, tmp_path, name):
+    spoilt = []
+    for frame in sound:
+        boxes = move_boxes(POLES[name], frame.objects.boxes)
+        spoilt.append(replace(frame, objects=replace(frame.objects, boxes=boxes)))
+    assert findings_of(spoilt, tmp_path) == [
+        f"labels: labels in the world were moved by the pose of sensor {name}, as if in its frame"
+    ]
+
+
 def test_one_label_in_a_sensors_frame(sound, tmp_path):
     """As a single box of an annotation tool has it."""
     (frame,) = sound[:1]

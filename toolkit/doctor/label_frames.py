@@ -42,7 +42,7 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
         )
     for name in names:
         find_inverse = partial(_find_inverse, name)
-        away = f"labels were moved into the frame of sensor {name}, away from the world"
+        away = f"labels in the world were moved by the pose of sensor {name}, as if in its frame"
         wrong.append(_make_other_frame(find_inverse, away, "leave them in the world"))
     in_map = "labels are in the map, not in the world"
     remedy = "move them by the pose of the vehicle"
