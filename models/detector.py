@@ -166,7 +166,7 @@ class VoxelNetDetector:
         if not any(len(cloud_voxels.cells) for cloud_voxels in voxels):
             return [Detections.empty() for _ in clouds]
         candidates = decoding.candidates(
-            self.network(collate(voxels)), self.anchors, self.config, self._least_scores
+            self.network.classify(collate(voxels)), self.anchors, self.config, self._least_scores
         )
         detections = []
         for cloud, cloud_voxels, best in zip(clouds, voxels, candidates, strict=True):

@@ -17,7 +17,8 @@ from torch import Tensor
 
 from models.config import VoxelNetConfig
 from models.network.grid import decode, per_anchor
-from models.network.voxelnet import Prediction
+from models.network.sparse import ClassifiedCells
+from models.network.voxelnet import AnchorPlaces, Prediction
 from toolkit.arrays import Bool, Float, Float32, Int64
 from toolkit.boxes import footprint_overlap, iou_bev, nms
 from toolkit.objects import Detections, label_index
@@ -66,7 +67,10 @@ class BoxCandidates(NamedTuple):
 
 
 def candidates(
-    prediction: Prediction, anchors: _Grid, config: VoxelNetConfig, thresholds: Sequence[float]
+    prediction: Prediction | ClassifiedCells,
+    anchors: _Grid,
+    config: VoxelNetConfig,
+    thresholds: Sequence[float],
 ) -> list[_ScoredBoxes]:
     """Boxes and scores of each cloud's best anchors.
 
@@ -83,7 +87,7 @@ def candidates(
 
 
 def all_candidates(
-    prediction: Prediction,
+    prediction: Prediction | ClassifiedCells,
     anchors: _Grid,
     config: VoxelNetConfig,
     thresholds: Sequence[float],
@@ -98,12 +102,6 @@ def all_candidates(
     """
     count = len(config.anchor_labels)  # A, anchors in a cell
     logits = per_anchor(prediction.class_logits, count)
-    residuals = per_anchor(prediction.residuals, count)
-    direction = quality = None
-    if prediction.direction_logits is not None:
-        direction = per_anchor(prediction.direction_logits, count)
-    if prediction.quality_logits is not None:
-        quality = per_anchor(prediction.quality_logits, count)
     anchor_label = torch.tensor(config.anchor_labels, device=logits.device)
     threshold = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
     # (A, 1) by anchor, or (L,) by label; slope and intercept below have the same shape
@@ -121,40 +119,41 @@ def all_candidates(
             min_logit > math.log(1e-6), min_logit.clamp(max=_SURE_LOGIT), -torch.inf
         )
         is_passing = logits > min_logit - _LOGIT_ROUNDING
-    # indices of the item, row, column and anchor
-    places = torch.nonzero(is_passing.any(-1), as_tuple=True)
-    class_index = places[3] if config.kinds else slice(None)
+    places = AnchorPlaces(*torch.nonzero(is_passing.any(-1), as_tuple=True))
+    outputs = prediction.at(places, count)
+    class_index = places.anchor if config.kinds else slice(None)
     if config.head == "published":
         scores = torch.softmax(logits[places], -1)[..., 1:]  # class 0 is the background
     else:
         scores = torch.sigmoid(logits[places])
-        if quality is not None and config.quality_power:
-            scores = scores * torch.sigmoid(quality[places]) ** config.quality_power
+        if outputs.quality_logits is not None and config.quality_power:
+            quality = torch.sigmoid(outputs.quality_logits)[:, None]
+            scores = scores * quality**config.quality_power
         if config.calibration:
             scores = torch.sigmoid(
                 torch.logit(scores, 1e-6) * slope[class_index] + intercept[class_index]
             )
     scores = torch.where(scores > threshold[class_index], scores, 0.0)
-    item = places[0]
-    row = places[1]
-    column = places[2]
+    row = places.row
+    column = places.column
     if corner is not None:
-        row = row + corner[item, 0]
-        column = column + corner[item, 1]
+        row = row + corner[places.item, 0]
+        column = column + corner[places.item, 1]
     is_candidate = (scores.amax(-1) > 0) & (row < len(anchors)) & (column < anchors.shape[1])
     candidate_rows = torch.nonzero(is_candidate)[:, 0]
     scores = scores[candidate_rows]
     row = row[candidate_rows]
     column = column[candidate_rows]
-    places = tuple(index[candidate_rows] for index in places)
-    anchor = places[3]
-    is_backwards = None if direction is None else direction[places][:, 0] > 0
-    boxes = decode(residuals[places], anchors[row, column, anchor], is_backwards)
+    anchor = places.anchor[candidate_rows]
+    direction = outputs.direction_logits
+    is_backwards = None if direction is None else direction[candidate_rows] > 0
+    boxes = decode(outputs.residuals[candidate_rows], anchors[row, column, anchor], is_backwards)
     anchor_number = (row * anchors.shape[1] + column) * count + anchor
     if config.kinds:  # spread the single score over the columns of the labels
         is_label = torch.eye(len(config.labels), device=logits.device)
         scores = scores * is_label[anchor_label[anchor]]
-    return BoxCandidates(item=places[0], place=anchor_number, boxes=boxes, scores=scores)
+    item = places.item[candidate_rows]
+    return BoxCandidates(item=item, place=anchor_number, boxes=boxes, scores=scores)
 
 
 def suppress_boxes(

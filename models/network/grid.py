@@ -52,6 +52,48 @@ class Voxels(NamedTuple):
         )
 
 
+class Groups(NamedTuple):
+    """Rows of n numbers, sorted into groups of equal numbers.
+
+    Attributes:
+        order: Rows by number, and by row within a group.
+        number: Number of each of g groups, ascending.
+        begin: Position in `order` at which each group begins.
+    """
+
+    order: Int64[Tensor, " n"]
+    number: Int64[Tensor, " g"]
+    begin: Int64[Tensor, " g"]
+
+    @staticmethod
+    def from_numbers(numbers: Int64[Tensor, " n"]) -> "Groups":
+        """Group rows by their number, 0 or more."""
+        count = len(numbers)
+        if numbers.device.type == "cpu" and count:
+            # numbers with their rows as low bits: sorted faster than numbers with an index
+            row_bits = count.bit_length()
+            keys = np.sort(numbers.numpy() << row_bits | np.arange(count))
+            order = torch.from_numpy(keys & (1 << row_bits) - 1)
+            sorted_numbers = torch.from_numpy(keys >> row_bits)
+        else:
+            sorted_numbers, order = torch.sort(numbers, stable=True)
+        is_first = torch.ones(count, dtype=torch.bool, device=numbers.device)
+        torch.ne(sorted_numbers[1:], sorted_numbers[:-1], out=is_first[1:])
+        begin = torch.nonzero(is_first)[:, 0]
+        return Groups(order, sorted_numbers.index_select(0, begin), begin)
+
+    def counts(self) -> Int64[Tensor, " g"]:
+        """Number of rows in each group."""
+        end = self.begin.new_tensor([len(self.order)])
+        return torch.diff(self.begin, append=end)
+
+    def of_rows(self) -> Int64[Tensor, " n"]:
+        """Group of each row, as an index in `number`."""
+        groups = torch.arange(len(self.number), device=self.order.device)
+        sorted_groups = torch.repeat_interleave(groups, self.counts(), output_size=len(self.order))
+        return torch.empty_like(self.order).index_copy_(0, self.order, sorted_groups)
+
+
 def voxelise(
     points: Points | Float[Tensor, "n 3"], config: VoxelNetConfig, *, rng: _Random = 0
 ) -> Voxels:
@@ -69,17 +111,19 @@ def voxelise(
     cloud, point_cells = grid_cells(cloud, config)
     nx, ny, _ = config.grid_shape
     ix, iy, iz = point_cells.unbind(1)
-    # numbers of the occupied voxels: less work than a map of all voxels
-    occupied, voxel = torch.unique((iz * nx + ix) * ny + iy, return_inverse=True)
-    is_crowded = torch.bincount(voxel)[voxel] > config.max_points
-    if is_crowded.any():
+    # groups of the occupied voxels: less work than a map of all voxels
+    groups = Groups.from_numbers((iz * nx + ix) * ny + iy)
+    voxel = groups.of_rows()
+    counts = groups.counts()
+    if bool((counts > config.max_points).any()):
+        is_crowded = (counts > config.max_points).index_select(0, voxel)
         is_kept = thin_voxels(voxel, is_crowded, config.max_points, rng)
         cloud = cloud[is_kept]
         voxel = voxel[is_kept]
-    column = occupied % (nx * ny)
-    item = torch.zeros_like(column)
-    cells = torch.stack((item, column // ny, column % ny, occupied // (nx * ny)), 1)
-    return Voxels(points=cloud, voxel=voxel, cells=cells)
+    first_points = groups.order.index_select(0, groups.begin)
+    first_cells = point_cells.index_select(0, first_points)
+    item = torch.zeros_like(first_points)[:, None]
+    return Voxels(points=cloud, voxel=voxel, cells=torch.cat((item, first_cells), 1))
 
 
 def collate(batch: Sequence[Voxels]) -> Voxels:
@@ -110,7 +154,8 @@ def grid_cells(
     is_inside = torch.ones(len(cloud), dtype=torch.bool, device=cloud.device)
     for axis, (low, high) in enumerate(bounds):
         is_inside &= (cloud[:, axis] > low) & (cloud[:, axis] < high)
-    cloud = cloud[is_inside]
+    if not bool(is_inside.all()):
+        cloud = cloud.index_select(0, torch.nonzero(is_inside)[:, 0])
     indices = []
     for axis, (low, _) in enumerate(bounds):
         size = config.voxel_size[axis]

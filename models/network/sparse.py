@@ -18,13 +18,16 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from models.network import voxelnet
-from models.network.grid import Voxels
+from models.network.grid import Groups, Voxels
 from models.network.voxelnet import (
+    AnchorOutputs,
+    AnchorPlaces,
     Head,
     HeightFold,
     MiddleLayers,
     Prediction,
     RegionProposal,
+    VoxelFeatures,
     VoxelNet,
 )
 from toolkit.arrays import Bool, Float, Float32, Int64
@@ -35,6 +38,7 @@ SMALL_GRID_CELLS = 2 * BORDER_CELLS + 1  # side of the small empty grid
 # for an even, then an odd index along one axis: the kernel taps that meet it, each with the
 # offset of the output cell from half the index
 _TAPS = (((1, 0),), ((0, 1), (2, 0)))
+_PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a column's indices along x and y
 
 
 class SparseVoxelNet(nn.Module):
@@ -43,13 +47,11 @@ class SparseVoxelNet(nn.Module):
     def __init__(self, network: VoxelNet) -> None:
         super().__init__()
         self.config = network.config
-        self.features = copy.deepcopy(network.features)
-        layers: Any = network.features.layers
-        self.features.layers = nn.ModuleList()
-        for layer in layers:
-            linear = nn.Linear(layer.linear.in_features, layer.linear.out_features)
-            linear.weight.data, linear.bias.data = fold_norm(layer.linear, layer.norm)
-            self.features.layers.append(nn.Sequential(linear, nn.ReLU(inplace=True)))
+        self.features: nn.Module
+        if len(network.features.layers) == 1 and self.config.point_features == "local":
+            self.features = LinearFeatures(network.features)
+        else:
+            self.features = _fold_features(network.features)
         self.middle: nn.Module
         if isinstance(network.middle, HeightFold):
             self.rpn = FoldedRegionProposal(network.rpn, network.head)
@@ -63,6 +65,11 @@ class SparseVoxelNet(nn.Module):
     @torch.inference_mode()
     def forward(self, voxels: Voxels) -> Prediction:
         """Same maps as `network.eval()(voxels)`."""
+        return self.classify(voxels).everywhere()
+
+    @torch.inference_mode()
+    def classify(self, voxels: Voxels) -> "ClassifiedCells":
+        """Class maps of `forward`; the other maps are computed where they are needed."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
     def halve(self) -> "SparseVoxelNet":
@@ -71,6 +78,49 @@ class SparseVoxelNet(nn.Module):
         halved = copy.deepcopy(self)
         halved.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return halved
+
+
+class LinearFeatures(nn.Module):
+    """`VoxelFeatures` of one layer and local points, folded.
+
+    A point's features are its offset from the voxel's reference and from the mean of the voxel's
+    points. The layer is linear before its ReLU, so all that depends on the mean is the same for the
+    points of a voxel: it is added after their maximum, to one row for each voxel.
+    """
+
+    def __init__(self, features: VoxelFeatures) -> None:
+        super().__init__()
+        self.config = features.config
+        layers: Any = features.layers
+        weight, bias = fold_norm(layers[0].linear, layers[0].norm)
+        from_reference, from_mean = weight.T.split(3)  # inputs x y z, outputs
+        self.point_weight = nn.Parameter((from_reference + from_mean).contiguous())
+        self.mean_weight = nn.Parameter(-from_mean.contiguous())
+        self.bias = nn.Parameter(bias)
+
+    def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
+        """Features of the occupied voxels."""
+        count = len(voxels.cells)
+        reference = voxelnet.voxel_references(voxels.cells, self.config)
+        offset = voxels.points - reference.index_select(0, voxels.voxel)
+        mean = voxelnet.voxel_means(offset, voxels.voxel, count)
+        point_values = offset @ self.point_weight
+        rows = voxels.voxel[:, None].expand_as(point_values)
+        lowest = point_values.new_full((count, point_values.shape[1]), -torch.inf)
+        greatest = lowest.scatter_reduce_(0, rows, point_values, "amax")
+        return torch.relu_(torch.addmm(self.bias, mean, self.mean_weight).add_(greatest))
+
+
+def _fold_features(features: VoxelFeatures) -> VoxelFeatures:
+    """Copy of voxel features with the BatchNorm of each layer folded."""
+    folded = copy.deepcopy(features)
+    layers: Any = features.layers
+    folded.layers = nn.ModuleList()
+    for layer in layers:
+        linear = nn.Linear(layer.linear.in_features, layer.linear.out_features)
+        linear.weight.data, linear.bias.data = fold_norm(layer.linear, layer.norm)
+        folded.layers.append(nn.Sequential(linear, nn.ReLU(inplace=True)))
+    return folded
 
 
 @lru_cache
@@ -146,27 +196,70 @@ class FoldedRegionProposal(nn.Module):
             self.join = PlainJoin(rpn, head)
         else:
             self.join = LinearHead(rpn, head)
-        # one convolution for all maps of the head, in the order of the fields of `Prediction`
-        map_layers = [
-            layer
-            for layer in (head.classes, head.residuals, head.direction, head.quality)
-            if layer is not None
+        self.classes = make_conv(head.classes.weight, _bias(head.classes))
+        # one convolution for the other maps of the head, in the order of fields of `Prediction`
+        detail_layers = [
+            layer for layer in (head.residuals, head.direction, head.quality) if layer is not None
         ]
-        self.channels = [layer.out_channels for layer in map_layers]
-        biases = torch.cat([_bias(layer) for layer in map_layers])
-        self.outputs = make_conv(torch.cat([layer.weight for layer in map_layers]), biases)
+        self.detail_channels = [layer.out_channels for layer in detail_layers]
+        biases = torch.cat([_bias(layer) for layer in detail_layers])
+        self.details = make_conv(torch.cat([layer.weight for layer in detail_layers]), biases)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
-        """Raw maps."""
+    def forward(self, x: Float[Tensor, "B C H W"]) -> "ClassifiedCells":
+        """Class maps of the head, and what its other maps are computed from."""
         block_maps = []
-        x = x.to(self.outputs.weight.dtype)
+        x = x.to(self.classes.weight.dtype)
         for block, order in zip(self.blocks, self.order, strict=True):
             for layer in order:
                 x = torch.relu_(block[layer](x))
             block_maps.append(x)
-        outputs = cell_by_cell(self.outputs, self.join(block_maps)).float()
-        return Prediction(*torch.split(outputs, self.channels, 1))
+        return self.classify(self.join(block_maps))
+
+    def classify(self, features: Float[Tensor, "B K H W"]) -> "ClassifiedCells":
+        """Class maps of the head from the feature map of the joined blocks."""
+        class_logits = cell_by_cell(self.classes, features).float()
+        return ClassifiedCells(class_logits, features, self.details, self.detail_channels)
+
+
+class ClassifiedCells(NamedTuple):
+    """Class maps of the head. Its other maps are computed where they are needed.
+
+    Few anchors are candidates, and the other maps have ten times as many channels.
+
+    Attributes:
+        class_logits: As in `Prediction`.
+        features: Feature map for the head, channels last in memory.
+        details: 1x1 convolution from features to the other maps, joined.
+        channels: Channels of each of these maps, in the order of the fields of `Prediction`.
+    """
+
+    class_logits: Float[Tensor, "B AC H W"]
+    features: Float[Tensor, "B K H W"]
+    details: nn.Module
+    channels: list[int]
+
+    def at(self, places: AnchorPlaces, anchors: int) -> AnchorOutputs:
+        """Outputs of some anchors. anchors: number A of anchors in a cell."""
+        items, _, rows, columns = self.features.shape
+        cell = (places.item * rows + places.row) * columns + places.column
+        # cells with a place, each once, and the one of each place among them
+        cells, cell_of_place = torch.unique(cell, return_inverse=True)
+        cell_features = self.features.permute(0, 2, 3, 1).reshape(items * rows * columns, -1)[cells]
+        weight: Any = self.details.weight
+        bias: Any = self.details.bias
+        outputs = F.linear(cell_features, weight[:, :, 0, 0], bias).float()
+        maps = []
+        for cell_values in torch.split(outputs, self.channels, 1):
+            by_anchor = cell_values.unflatten(1, (anchors, -1))
+            maps.append(by_anchor[cell_of_place, places.anchor])
+        residuals, *others = maps
+        return AnchorOutputs(residuals, *(values[:, 0] for values in others))
+
+    def everywhere(self) -> Prediction:
+        """All maps of the head."""
+        details = cell_by_cell(self.details, self.features).float()
+        return Prediction(self.class_logits, *torch.split(details, self.channels, 1))
 
 
 class PlainJoin(nn.Module):
@@ -318,8 +411,7 @@ class SparseColumns(nn.Module):
 
     The convolution `first` (3x3, stride 2, padding 1) sends a column to one, two or four cells of
     its map, depending on whether its row and column are even or odd. Each of the nine taps serves
-    the columns of one such kind and sends no two columns to the same cell. Cells without a column
-    hold the bias.
+    the columns of one such kind. Cells that no column reaches hold the ReLU of the bias.
     """
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
@@ -328,8 +420,12 @@ class SparseColumns(nn.Module):
         self.shape = fold.shape
         self.levels = nn.Parameter(fold.weight.detach() * scale)  # level, input, output
         self.shift = nn.Parameter(shift)
-        # 3, 3, inputs, outputs
-        self.taps = nn.Parameter(first.weight.detach().permute(2, 3, 1, 0).contiguous())
+        taps = first.weight.detach().permute(2, 3, 1, 0)  # along x, along y, input, output
+        # by parity of the column's indices: the taps that it meets, side by side as outputs
+        self.kernels = nn.ParameterList()
+        for parity in _PARITIES:
+            kernels = [taps[kx, ky] for kx, ky, _, _ in _meet_taps(*parity)]
+            self.kernels.append(nn.Parameter(torch.cat(kernels, 1)))
         self.bias = nn.Parameter(_bias(first).detach().clone())
 
     def forward(
@@ -354,26 +450,44 @@ class SparseColumns(nn.Module):
             start=self.shift.expand(len(cell), -1),
         )
         column_values = torch.relu_(column_values)
-        height = nx // 2  # cells of the map after the convolution
+        # cells of the map after the convolution, with a margin in which outputs beyond it end
+        height = nx // 2
         width = ny // 2
-        ix = cell // ny % nx
-        iy = cell % ny
-        target = ((cell // (nx * ny)) * height + ix // 2) * width + iy // 2
-        out = self.bias.expand(voxels.items * height * width, -1).clone()
-        for odd_x, odd_y in product((0, 1), (0, 1)):
-            rows = torch.nonzero((ix % 2 == odd_x) & (iy % 2 == odd_y))[:, 0]
-            inputs = column_values[rows]
-            half_x = ix[rows] // 2
-            half_y = iy[rows] // 2
-            for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y]):
-                values = inputs @ self.taps[kx, ky]
-                out_cells = target[rows] + dx * width + dy
-                if dx or dy:
-                    is_inside = (half_x + dx < height) & (half_y + dy < width)
-                    values = values[is_inside]
-                    out_cells = out_cells[is_inside]
-                out.index_add_(0, out_cells, values)
-        return F.relu_(out).view(voxels.items, height, width, -1).permute(0, 3, 1, 2)
+        row_number = cell // ny  # item · nx + ix
+        item = row_number // nx
+        ix = row_number - item * nx
+        iy = cell - row_number * ny
+        first_cell = (item * (height + 1) + ix // 2) * (width + 1) + iy // 2
+        parity_of_column = ix % 2 * 2 + iy % 2
+        channels = len(self.bias)
+        products = []
+        product_cells = []
+        for number, (parity, kernel) in enumerate(zip(_PARITIES, self.kernels, strict=True)):
+            rows = torch.nonzero(parity_of_column == number)[:, 0]
+            steps = [dx * (width + 1) + dy for _, _, dx, dy in _meet_taps(*parity)]
+            products.append((column_values.index_select(0, rows) @ kernel).view(-1, channels))
+            cells = first_cell.index_select(0, rows)[:, None] + first_cell.new_tensor(steps)
+            product_cells.append(cells.view(-1))
+        groups = Groups.from_numbers(torch.cat(product_cells))
+        sums = F.embedding_bag(groups.order, torch.cat(products), groups.begin, mode="sum")
+        row_number = groups.number // (width + 1)
+        item = row_number // (height + 1)
+        row = row_number - item * (height + 1)
+        column = groups.number - row_number * (width + 1)
+        is_on_map = torch.nonzero((row < height) & (column < width))[:, 0]
+        reached = ((item * height + row) * width + column).index_select(0, is_on_map)
+        values = torch.relu_(sums.add_(self.bias)).index_select(0, is_on_map)
+        out = torch.relu(self.bias).repeat(voxels.items * height * width, 1)
+        out.index_copy_(0, reached, values)
+        return out.view(voxels.items, height, width, -1).permute(0, 3, 1, 2)
+
+
+def _meet_taps(odd_x: int, odd_y: int) -> list[tuple[int, int, int, int]]:
+    """Taps of the first convolution that a column meets, by the parity of its indices.
+
+    Returns for each tap its indices in the kernel along x and y, and the offsets of its output cell
+    from half the column's indices."""
+    return [(kx, ky, dx, dy) for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y])]
 
 
 class Plane(NamedTuple):

@@ -26,8 +26,14 @@ from torch.nn import functional as F
 
 from models.config import VoxelNetConfig
 from models.network.grid import Voxels, grid_cells, thin_voxels
-from models.network.sparse import PlainJoin, SparseColumns, SparseVoxelNet, cell_by_cell, make_conv
-from models.network.voxelnet import Prediction
+from models.network.sparse import (
+    ClassifiedCells,
+    PlainJoin,
+    SparseColumns,
+    SparseVoxelNet,
+    cell_by_cell,
+    make_conv,
+)
 from toolkit.arrays import Bool, Float, Float32, Int64
 
 TILE_SIZES = (20, 24, 28)  # cells of the head's map, multiples of the product of later strides
@@ -239,12 +245,12 @@ class TilePredictions(NamedTuple):
     Attributes:
         first: Number of the first entry.
         corner: Row and column of each entry's first cell in the whole map.
-        maps: Raw maps, one item for each entry.
+        maps: Class maps and what the others are computed from, one item for each entry.
     """
 
     first: int
     corner: Int64[Tensor, "m 2"]
-    maps: Prediction
+    maps: ClassifiedCells
 
 
 # True for the clouds, and in the last column for crowded voxels, within reach of each tile
@@ -501,11 +507,9 @@ class TiledVoxelNet:
                 width = x.shape[3]
                 fine_y = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
                 x.view(-1, side, k, side, k, width).add_(fine_y)
-            x = _cells(rpn.outputs, torch.relu_(x)).float().permute(0, 3, 1, 2)
             corner = torch.from_numpy(self.size * self._corners(tiles)).to(x.device)
-            yield TilePredictions(
-                first=first, corner=corner, maps=Prediction(*torch.split(x, rpn.channels, 1))
-            )
+            classified = rpn.classify(torch.relu_(x).permute(0, 3, 1, 2))
+            yield TilePredictions(first=first, corner=corner, maps=classified)
 
     def _corners(self, tiles: Int64[np.ndarray, " m"]) -> Int64[np.ndarray, "m 2"]:
         """Row and column of tiles in the grid of tiles."""

@@ -17,8 +17,42 @@ from torch import Tensor, nn
 
 from models.config import VoxelNetConfig
 from models.network.faces import FaceNetworks
-from models.network.grid import Voxels
+from models.network.grid import Voxels, per_anchor
 from toolkit.arrays import Float, Float32, Int64
+
+
+class AnchorPlaces(NamedTuple):
+    """Places of n anchors in the maps of a batch, as indices.
+
+    Attributes:
+        item: Cloud or tile in the batch.
+        row: Cell along x.
+        column: Cell along y.
+        anchor: Anchor in the cell.
+    """
+
+    item: Int64[Tensor, " n"]
+    row: Int64[Tensor, " n"]
+    column: Int64[Tensor, " n"]
+    anchor: Int64[Tensor, " n"]
+
+    def select(self, rows: Int64[Tensor, " m"]) -> "AnchorPlaces":
+        """Places of some of the anchors, by their number among the n."""
+        return AnchorPlaces(*(index[rows] for index in self))
+
+
+class AnchorOutputs(NamedTuple):
+    """Raw outputs of n anchors besides the classes. See `Prediction` for the meaning of each.
+
+    Attributes:
+        residuals: R residuals of each anchor's box.
+        direction_logits: None for a head without them.
+        quality_logits: None for a head without them.
+    """
+
+    residuals: Float[Tensor, "n R"]
+    direction_logits: Float[Tensor, " n"] | None = None
+    quality_logits: Float[Tensor, " n"] | None = None
 
 
 class Prediction(NamedTuple):
@@ -37,6 +71,15 @@ class Prediction(NamedTuple):
     residuals: Float[Tensor, "B AR H W"]
     direction_logits: Float[Tensor, "B A H W"] | None = None
     quality_logits: Float[Tensor, "B A H W"] | None = None
+
+    def at(self, places: AnchorPlaces, anchors: int) -> AnchorOutputs:
+        """Outputs of some anchors. anchors: number A of anchors in a cell."""
+        direction = quality = None
+        if self.direction_logits is not None:
+            direction = per_anchor(self.direction_logits, anchors)[places][:, 0]
+        if self.quality_logits is not None:
+            quality = per_anchor(self.quality_logits, anchors)[places][:, 0]
+        return AnchorOutputs(per_anchor(self.residuals, anchors)[places], direction, quality)
 
 
 class VoxelNet(nn.Module):
@@ -65,18 +108,30 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
     """
     points = voxels.points
     voxel = voxels.voxel
-    # in float64, so that the order of the points does not matter
-    total = points.new_zeros(len(voxels.cells), 3, dtype=torch.float64).index_add_(
-        0, voxel, points.double()
-    )
-    mean = (total / torch.bincount(voxel, minlength=len(total))[:, None]).float()
-    offset = points - mean[voxel]
+    offset = points - voxel_means(points, voxel, len(voxels.cells))[voxel]
     if config.point_features == "published":
         return torch.cat((points, offset), 1)
-    size = points.new_tensor([*config.voxel_size[:2], 0.0])  # z = 0: heights are not divided
-    origin = points.new_tensor([*config.area[:2], config.height[0]])
-    reference = origin + (voxels.cells[:, 1:] + 0.5) * size
-    return torch.cat((points - reference[voxel], offset), 1)
+    return torch.cat((points - voxel_references(voxels.cells, config)[voxel], offset), 1)
+
+
+def voxel_means(
+    points: Float32[Tensor, "n 3"], voxel: Int64[Tensor, " n"], count: int
+) -> Float32[Tensor, "v 3"]:
+    """Mean of the points in each of `count` voxels. voxel: number of each point's voxel."""
+    # in float64, so that the order of the points does not matter
+    total = points.new_zeros(count, 3, dtype=torch.float64).index_add_(0, voxel, points.double())
+    return (total / torch.bincount(voxel, minlength=count)[:, None]).float()
+
+
+def voxel_references(cells: Int64[Tensor, "v 4"], config: VoxelNetConfig) -> Float32[Tensor, "v 3"]:
+    """Point (x y z, m) from which a voxel's points are counted with "local" features.
+
+    It is the centre of the voxel's column, at the lower end of the height range.
+    """
+    # z = 0: heights are not divided
+    size = torch.tensor([*config.voxel_size[:2], 0.0], device=cells.device)
+    origin = torch.tensor([*config.area[:2], config.height[0]], device=cells.device)
+    return origin + (cells[:, 1:] + 0.5) * size
 
 
 class VoxelFeatures(nn.Module):

@@ -20,6 +20,7 @@ from models.network.sparse import (
     dilate,
     fold_norm,
 )
+from models.network.voxelnet import AnchorPlaces
 
 NARROW = {
     "voxel_width": 32,
@@ -61,6 +62,26 @@ def test_sparse_is_dense(name, n, trained, cloud, assert_same):
         dense = network(voxels)
     assert dense.residuals.std() > 0.01
     assert_same(SparseVoxelNet(network)(voxels), dense)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_outputs_of_some_anchors_are_those_of_the_whole_maps(name, trained, cloud, assert_same):
+    config = SMALL[name]
+    sparse = SparseVoxelNet(trained(config))
+    voxels = collate([voxelise(cloud(config, n, n), config) for n in (900, 40)])
+    anchors = len(config.anchor_labels)
+    rows, columns = config.map_shape
+    places = AnchorPlaces(
+        item=torch.tensor([0, 1, 1, 0]),
+        row=torch.tensor([0, rows - 1, 2, 0]),
+        column=torch.tensor([columns - 1, 3, 3, columns - 1]),
+        anchor=torch.tensor([0, anchors - 1, 0, anchors - 1]),
+    )
+    with torch.inference_mode():
+        outputs = sparse.classify(voxels).at(places, anchors)
+        assert_same(outputs, sparse(voxels).at(places, anchors))
+        nowhere = sparse.classify(voxels).at(places.select(torch.tensor([], dtype=int)), anchors)
+    assert nowhere.residuals.shape == (0, outputs.residuals.shape[1])
 
 
 @pytest.mark.parametrize("name", ["published", "light"])
@@ -159,8 +180,9 @@ def test_region_proposal_and_head_give_the_same_maps(trained, assert_same, confi
     expected = network.head(network.rpn(x))
     rpn = FoldedRegionProposal(network.rpn, network.head)
     assert isinstance(rpn.join, join)
-    assert_same(rpn(x), expected)
-    assert_same(FoldedRegionProposal(network.rpn, network.head, shuffled)(x[:, shuffled]), expected)
+    assert_same(rpn(x).everywhere(), expected)
+    shuffled_rpn = FoldedRegionProposal(network.rpn, network.head, shuffled)
+    assert_same(shuffled_rpn(x[:, shuffled]).everywhere(), expected)
 
 
 CONFIG = VoxelNetConfig.light((-4, -4, 5, 4))

@@ -125,7 +125,7 @@ def whole_maps(network, clouds, unions):
         parts = list(predictions)
         joined = [
             None if m[0] is None else torch.cat(m)
-            for m in zip(*(each.maps for each in parts), strict=True)
+            for m in zip(*(part.maps.everywhere() for part in parts), strict=True)
         ]
         corner = torch.cat([each.corner for each in parts])
         assert [each.first for each in parts] == list(

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings, strategies as st
 
 from models.config import VoxelNetConfig
-from models.network.grid import collate, voxelise
+from models.network.grid import Groups, collate, voxelise
 
 CONFIG = VoxelNetConfig.light((-4, -2, 4, 2))
 
@@ -104,3 +104,16 @@ def test_crowded_voxels_keep_35_points_without_bias_by_the_seed():
         .astype(np.float32)
     )
     assert len(voxelise(crowd, CONFIG).points) == 35
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.one_of(st.integers(0, 5), st.integers(0, 2**40)), max_size=40))
+def test_groups_are_those_of_sorting(numbers):
+    rows = torch.tensor(numbers, dtype=torch.int64)
+    groups = Groups.from_numbers(rows)
+    distinct, inverse, counts = torch.unique(rows, return_inverse=True, return_counts=True)
+    assert groups.number.tolist() == distinct.tolist()
+    assert groups.of_rows().tolist() == inverse.tolist()
+    assert groups.counts().tolist() == counts.tolist()
+    assert groups.order.tolist() == torch.argsort(rows, stable=True).tolist()
+    assert groups.begin.tolist() == (torch.cumsum(counts, 0) - counts).tolist()
