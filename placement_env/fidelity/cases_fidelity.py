@@ -17,10 +17,14 @@ _Estimated = TypeVar("_Estimated", Estimate, ClassEstimates)
 
 @dataclass(frozen=True)
 class ProfileFidelities:
-    """Scorers of sets with sensor errors of one profile."""
+    """Scorers of sets with sensor errors of one profile.
 
-    whole: Fidelity  # in all frames, at the first IoU threshold
-    levels: tuple[tuple[Fidelity, ...], ...]  # for each level of traffic, one for each threshold
+    Attributes:
+        whole: Scorer in all frames, at the first IoU threshold.
+        levels: For each level of traffic, a scorer at each IoU threshold."""
+
+    whole: Fidelity
+    levels: tuple[tuple[Fidelity, ...], ...]
 
 
 class CasesFidelity:
@@ -51,84 +55,97 @@ class CasesFidelity:
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """AP, recall and kbit of each set over all cases."""
-        return self._reduce(subsets, lambda fidelity, rows: fidelity(rows))
+        return self._score_over_cases(subsets, lambda fidelity, rows: fidelity(rows))
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """AP and recall of each set for each class over all cases, and kbit of the set.
 
         Each class has its worst failure and level; the worst error profile is the one of all
         classes together."""
-        by_profile = self._at_profiles(
+        by_profile = self._score_at_profiles(
             subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows)
         )
-        return ClassEstimates(
-            *self._over_profiles(
-                by_profile, [estimates.combined(self.classes).ap for estimates in by_profile]
-            )
-        )
+        combined_ap = [estimates.combined(self.classes).ap for estimates in by_profile]
+        return ClassEstimates(*self._average_over_profiles(by_profile, combined_ap))
 
     def at_each(self, subsets: Sets) -> dict[str, Estimate]:
         """AP, recall and kbit of each set over the other cases, by name of the error profile."""
-        by_profile = self._at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
+        by_profile = self._score_at_profiles(subsets, lambda fidelity, rows: fidelity(rows))
         return dict(zip(self.cases.names, by_profile, strict=True))
 
-    def _reduce(
+    def _score_over_cases(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
     ) -> Estimate:
-        # figures of each set over all cases. score: returns a scorer's figures of rows of booleans
-        by_profile = self._at_profiles(subsets, score)
-        return Estimate(*self._over_profiles(by_profile, [estimate.ap for estimate in by_profile]))
+        """AP, recall and kbit of each set over all cases.
 
-    def _over_profiles(
+        score: Function of a scorer of one case and sets (rows of booleans) that returns their
+            figures."""
+        by_profile = self._score_at_profiles(subsets, score)
+        ap = [estimate.ap for estimate in by_profile]
+        return Estimate(*self._average_over_profiles(by_profile, ap))
+
+    def _average_over_profiles(
         self, by_profile: list[_Estimated], ap: list[np.ndarray]
     ) -> list[np.ndarray]:
-        """Each figure (AP, recall, kbit) of n sets over the error profiles.
+        """AP, recall and kbit of n sets, each a weighted mean over the error profiles.
+
+        The worst profile has all the weight, or all have the same, as the cases combine them.
 
         Args:
-            by_profile: Figures at each profile.
-            ap: AP (n,) at each profile, which chooses the worst profile of each set."""
-        shares = self.cases.shares(np.stack(ap))  # (profile, set)
-        figures = [np.stack(figure) for figure in zip(*by_profile, strict=True)]
-        # weights get an axis of length 1 for each further axis of a figure, such as classes
-        return [
-            (shares.reshape(*shares.shape, *[1] * (figure.ndim - 2)) * figure).sum(axis=0)
-            for figure in figures
-        ]
+            by_profile: Figures of the sets at each profile.
+            ap: AP (n,) of the sets at each profile, by which the worst profile of a set is
+                chosen."""
+        shares = self.cases.shares(np.stack(ap))  # weights, axes: profile, set
+        means = []
+        for figures in zip(*by_profile, strict=True):  # AP, then recall, then kbit
+            stacked = np.stack(figures)  # axes: profile, set, and classes if there are any
+            # weights get an axis of length 1 for each further axis of a figure
+            weights = shares.reshape(*shares.shape, *[1] * (stacked.ndim - 2))
+            means.append((weights * stacked).sum(axis=0))
+        return means
 
-    def _at_profiles(
+    def _score_at_profiles(
         self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
     ) -> list[_Estimated]:
-        # figures of each set at each error profile, over thresholds, levels and failures. Rows are
-        # the sets, then what remains after each failure
+        """Figures of each set at each error profile, over thresholds, levels and failures.
+
+        score: Function of a scorer of one case and sets (rows of booleans) that returns their
+            figures."""
+        # rows: the sets, then the sets that each failure leaves; owners: index of each row's set
         rows, owners = self.cases.expand(subsets)
         by_profile = []
         for profile in self._profiles:
-            scored = []
+            by_level = []
             for level in profile.levels:
-                scored.append([score(fidelity, rows) for fidelity in level])
-            ap = self._combine(scored, "ap", owners)
-            recall = self._combine(scored, "recall", owners)
-            is_plain = profile.whole is profile.levels[0][0]
-            intact = scored[0][0] if is_plain else score(profile.whole, subsets)
-            by_profile.append(type(intact)(ap, recall, intact.kbit[: len(subsets)]))
+                by_level.append([score(fidelity, rows) for fidelity in level])
+            ap = self._combine(by_level, "ap", owners)
+            recall = self._combine(by_level, "recall", owners)
+            # kbit are for intact sets in all traffic; without levels these are scored already
+            first_scorer = profile.levels[0][0]
+            is_scored = profile.whole is first_scorer
+            intact = by_level[0][0] if is_scored else score(profile.whole, subsets)
+            kbit = intact.kbit[: len(subsets)]  # the first rows are the intact sets
+            by_profile.append(type(intact)(ap=ap, recall=recall, kbit=kbit))
         return by_profile
 
     def _combine(
         self,
-        scored: list[list[_Estimated]],
+        by_level: list[list[_Estimated]],
         figure: Literal["ap", "recall"],
         owners: Int64[np.ndarray, " m"],
     ) -> np.ndarray:
         """One figure of each set over levels, IoU thresholds and failures.
 
         Args:
-            scored: Figures of m rows for each level (outer list) and threshold (inner list).
-            figure: Name of the figure.
+            by_level: Figures of m rows for each level (outer list) and threshold (inner list).
+            figure: Name of the figure to combine.
             owners: Index of the set that each row belongs to."""
-        by_level = []
-        for level in scored:
-            by_level.append([getattr(estimate, figure) for estimate in level])
-        return np.asarray(self.cases.at_profiles(np.array([by_level]), owners)[0])
+        values = []
+        for level in by_level:
+            values.append([getattr(estimate, figure) for estimate in level])
+        # `at_profiles` takes and returns a leading axis of profiles, here only one
+        one_profile = np.array([values])
+        return np.asarray(self.cases.at_profiles(one_profile, owners)[0])
 
 
 class CasesByFrames(CasesFidelity):
@@ -141,7 +158,7 @@ class CasesByFrames(CasesFidelity):
 
     def partial(self, subsets: Sets, frames: Sequence[int]) -> Estimate:
         """AP, recall and kbit of each set over all cases, in these frames (indices)."""
-        return self._reduce(
+        return self._score_over_cases(
             subsets, lambda fidelity, rows: cast(ByFrames, fidelity).partial(rows, frames)
         )
 
@@ -149,15 +166,13 @@ class CasesByFrames(CasesFidelity):
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
     """Scorer of sets over all cases, from the scorers at each error profile.
 
-    If there is only one case, it is that scorer itself. It can score some frames if all can."""
+    With a single case, that case's scorer is returned itself. The result can score sets on only
+    some frames (`ByFrames`) if all given scorers can."""
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole
     fidelities = [
         fidelity for profile in profiles for level in profile.levels for fidelity in level
     ]
-    kind = (
-        CasesByFrames
-        if all(isinstance(fidelity, ByFrames) for fidelity in fidelities)
-        else CasesFidelity
-    )
-    return kind(profiles, cases)
+    if all(isinstance(fidelity, ByFrames) for fidelity in fidelities):
+        return CasesByFrames(profiles, cases)
+    return CasesFidelity(profiles, cases)

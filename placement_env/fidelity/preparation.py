@@ -60,21 +60,21 @@ class Preparation:
     @cached_property
     def traffic(self) -> Traffic:
         """Simulated frames that count."""
-        return simulate_traffic(
-            self.setting.place, self.run.frames_or(FRAMES), self.run.seed
-        ).every(self.stride)
+        simulated = simulate_traffic(self.setting.place, self.run.frames_or(FRAMES), self.run.seed)
+        return simulated.every(self.stride)
 
     def split(self, levels: int) -> tuple[Int64[np.ndarray, " _"], ...]:
         """Indices of the frames of each level of traffic, thin traffic first.
 
-        Frames are ranked by the number of road users of any class in the site's area, and split in
-        nearly equal parts."""
-        snapshots = self.traffic.snapshots
-        everyone = range(len(LABELS))
-        road_users = [
-            scored(snapshot.objects, self.setting.place, everyone).sum() for snapshot in snapshots
-        ]
-        return Cases(levels=levels).split(np.array(road_users, np.int64))
+        Frames are ranked by the number of road users of any class in the site's area, and split
+        into nearly equal parts.
+
+        levels: Number of levels."""
+        all_classes = range(len(LABELS))
+        counts = []  # road users in each frame
+        for snapshot in self.traffic.snapshots:
+            counts.append(scored(snapshot.objects, self.setting.place, all_classes).sum())
+        return Cases(levels=levels).split(np.array(counts, np.int64))
 
     @cached_property
     def levels(self) -> tuple[Int64[np.ndarray, " _"], ...]:
@@ -85,17 +85,16 @@ class Preparation:
     @property
     def plain(self) -> "Preparation":
         """New preparation for intact sets in undivided traffic; nothing made here is shared."""
-        return replace(
-            self,
-            setting=replace(self.setting, cases=replace(self.setting.cases, failing=0, levels=1)),
-        )
+        cases = replace(self.setting.cases, failing=0, levels=1)
+        return replace(self, setting=replace(self.setting, cases=cases))
 
     def count_at_levels(self) -> dict[str, int]:
         """Number of objects that count at each level of traffic, by name of the level."""
         names = LEVEL_NAMES[self.setting.cases.levels]
-        frame = self.visibility.frame
+        frame_of_object = self.visibility.frame
+        # `strict` is off as levels without a frame are left out
         return {
-            name: int(np.isin(frame, frames_at_level).sum())
+            name: int(np.isin(frame_of_object, frames_at_level).sum())
             for name, frames_at_level in zip(names, self.levels, strict=False)
         }
 
@@ -117,7 +116,7 @@ class Preparation:
 
     @cached_property
     def live(self) -> "TrafficView | None":
-        """View for sensors that move on the mounts, from panoramas.
+        """View of the traffic for sensors that move on the mounts, from depth panoramas.
 
         None if rays must be cast: if the setting's `rendering` is "full", or the range of a
         candidate ends within the site."""
@@ -127,7 +126,8 @@ class Preparation:
         requested = self.setting.rendering
         # a panorama pays for moving sensors however few there are, as they come back to a place
         rendering: Rendering = "panorama" if requested == "auto" else requested
-        if not choose_quick(self.setting.pool.sensors, self.traffic, rendering).all():
+        can_use_panorama = choose_quick(self.setting.pool.sensors, self.traffic, rendering)
+        if not can_use_panorama.all():
             return None
         return TrafficView(self.traffic, self.setting.counted.labels, self.run.memo)
 
@@ -148,9 +148,11 @@ class Preparation:
         return {}
 
     def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
-        """Preparation for other candidates, with their visibility, in the same traffic.
+        """Preparation for other candidates in the same traffic.
 
-        The network and the hit models stay too, whatever the candidates."""
+        The network and the hit models stay too, whatever the candidates.
+
+        visibility: Points of these candidates on the objects."""
         return self._share(self.setting.with_candidates(candidates), visibility)
 
     def at_cases(self, cases: Cases) -> "Preparation":
@@ -158,26 +160,27 @@ class Preparation:
         return self._share(replace(self.setting, cases=cases), self.visibility)
 
     def _share(self, setting: Setting, visibility: Visibility) -> "Preparation":
-        """Preparation of another setting with this one's traffic, network and hit models.
+        """Preparation for another setting, with this one's traffic, network and hit models.
 
         visibility: Points of the other setting's candidates on the objects."""
         preparation = replace(self, setting=setting)
+        # values of cached properties, which the new preparation then need not make
         shared = {name: getattr(self, name) for name in ("traffic", "network", "_hit_models")}
         set_cached(preparation, **shared, visibility=visibility)
         return preparation
 
     def with_traffic(self, traffic: Traffic, *, detector: Detector | None = None) -> "Preparation":
-        """Copy in given traffic of this site; everything else is made again when needed.
+        """Copy with given traffic of this site; everything else is made again when needed.
 
         detector: Detector to use if it is open already, None to open the setting's when needed."""
-        preparation = replace(self)
+        preparation = replace(self)  # without this one's cached properties
         set_cached(preparation, traffic=traffic)
         if detector is not None:
             set_cached(preparation, detector=detector)
         return preparation
 
     def share_traffic(self, preparation: "Preparation") -> "Preparation":
-        """Copy in the traffic of another preparation at this site.
+        """Copy with the traffic of another preparation at this site.
 
         It shares the other's view for moving sensors if the same classes count."""
         shared = self.with_traffic(preparation.traffic)
@@ -188,16 +191,16 @@ class Preparation:
     def build_fidelity(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
         """Scorer of sets of other candidates, with the setting's fidelity and cases.
 
-        visibility: Their points on the objects of the same traffic."""
+        visibility: Points of these candidates on the objects of the same traffic."""
         if self._empty_surrogate is not None:
-            return self._empty_surrogate.over(visibility)
+            return self._empty_surrogate.over(visibility)  # quick copy
         return self.at(candidates, visibility).fidelity()
 
     @cached_property
     def _empty_surrogate(self) -> Surrogate | None:
-        """Surrogate without candidates, from which those with candidates are copied quickly.
+        """Surrogate without candidates, of which quick copies with candidates are made.
 
-        None unless the setting is scored by one surrogate: that fidelity, and one case."""
+        None unless the setting's fidelity is "surrogate" and it has only one case."""
         setting = self.setting
         if setting.fidelity != "surrogate" or not setting.cases.plain:
             return None
@@ -209,27 +212,29 @@ class Preparation:
 
         Nothing is rendered."""
         check_scorable(self.setting)
-        _check_levels(self.setting, _checked_name(self.setting, None))
+        _check_levels(self.setting, _find_fidelity_name(self.setting, None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
         """Scorer of sets of the candidates over the setting's cases.
 
         name: Kind of fidelity, None for the setting's. Raises ValueError for cases that it cannot
         score."""
-        name = _checked_name(self.setting, name)
+        name = _find_fidelity_name(self.setting, name)
         cases = self.setting.cases
         _check_levels(self.setting, name)
         profiles = []
         for errors in cases.profiles:
             fidelities = self.at_thresholds(name, errors)
-            levels: tuple[tuple[Fidelity, ...], ...] = (fidelities,)
+            by_level: tuple[tuple[Fidelity, ...], ...] = (fidelities,)
             if cases.levels > 1:
-                levels_traffic = [
-                    self.at(self.setting.pool, of_frames(self.visibility, numbers))
-                    for numbers in self.levels
+                preparations = [
+                    self.at(self.setting.pool, of_frames(self.visibility, level_frames))
+                    for level_frames in self.levels
                 ]
-                levels = tuple(numbers.at_thresholds(name, errors) for numbers in levels_traffic)
-            profiles.append(ProfileFidelities(fidelities[0], levels))
+                by_level = tuple(
+                    preparation.at_thresholds(name, errors) for preparation in preparations
+                )
+            profiles.append(ProfileFidelities(whole=fidelities[0], levels=by_level))
         return over_cases(profiles, cases)
 
     def at_thresholds(self, name: FidelityName, errors: ErrorProfile) -> tuple[Fidelity, ...]:
@@ -247,6 +252,7 @@ class Preparation:
             detected = self.detected(errors)
             return tuple(detected.at(iou, ious) for iou in ious)
         if name == "coverage":
+            # it depends on no threshold, so the same scorer is there for each
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
             return tuple(
@@ -273,10 +279,11 @@ class Preparation:
 
         setting = self.setting
         run = self.run
+        measured = Renders(self.traffic, setting.pool, run.memo, errors=errors)
         return Detected(
-            Renders(self.traffic, setting.pool, run.memo, errors=errors),
-            self.detector,
-            setting.fusion,
+            renders=measured,
+            detector=self.detector,
+            scheme=setting.fusion,
             codec=setting.codec,
             iou=setting.cases.ious[0],
             memo=run.memo,
@@ -286,7 +293,9 @@ class Preparation:
 
     @cached_property
     def _table(self) -> Table:
-        # table of the setting or the site; ValueError if it was measured with other sensors
+        """Table of scored sets from the setting's file, or the one shipped for the site.
+
+        Raises ValueError if it was measured with other sensors or another version of the site."""
         site = self.setting.place
         path = self.setting.table
         table = load_table(site.name if path is None else path)
@@ -307,22 +316,24 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
     Nothing is rendered.
 
     fidelity: Kind of fidelity to check, None for the setting's."""
-    name = _checked_name(setting, fidelity)
-    for path, site_names, what in (
+    name = _find_fidelity_name(setting, fidelity)
+    # file in the setting, the fidelity that reads it, and words for the file
+    for path, reader, file_text in (
         (setting.surrogate, "surrogate", "file of surrogates"),
         (setting.table, "table", "table"),
     ):
-        if path is not None and name != site_names:
+        if path is not None and name != reader:
             raise ValueError(
-                f"a {what} is for fidelity {site_names}, got {name!r}: leave one of them out"
+                f"a {file_text} is for fidelity {reader}, got {name!r}: leave one of them out"
             )
     sensors = setting.pool.sensors
     classes = setting.counted
     if name == "surrogate":
         for iou in setting.cases.ious:
+            # raises ValueError for a missing model
             surrogate_models(setting, iou, find_network(setting.place, sensors))
     if name == "table":
-        Preparation(setting).fidelity(name)
+        Preparation(setting).fidelity(name)  # raises ValueError if the table does not fit
     if name == "detector" and setting.detector is not None:
         check_known(setting.detector, classes.names)
     elif name == "detector" and classes.names != VEHICLES.names:
@@ -334,8 +345,8 @@ def check_scorable(setting: Setting, fidelity: FidelityName | None = None) -> No
         )
 
 
-def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
-    """Return the kind of fidelity, after a check that it can score the setting's sensor errors.
+def _find_fidelity_name(setting: Setting, name: FidelityName | None) -> FidelityName:
+    """Return the kind of fidelity, checked to be one that can score the setting's sensor errors.
 
     name: Kind of fidelity, None for the setting's. Raises ValueError if the setting has a scorer
     and no name, or for errors that only a detector can score."""
@@ -352,7 +363,7 @@ def _checked_name(setting: Setting, name: FidelityName | None) -> FidelityName:
 
 
 def _check_levels(setting: Setting, name: FidelityName) -> None:
-    # ValueError if the cases have levels of traffic and this kind of fidelity cannot score them
+    """Raise ValueError for levels of traffic that this kind of fidelity cannot score separately."""
     if setting.cases.levels > 1 and name not in BY_LEVELS:
         raise ValueError(
             f"levels of traffic are known to fidelity {' and '.join(BY_LEVELS)}, got {name!r}"

@@ -23,7 +23,8 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
     """Hit model of each class that counts, from the setting's file or the shipped ones.
 
     Args:
-        setting: Fusion scheme, classes and path of a file of hit models.
+        setting: Setting with the fusion scheme, the classes, and the path of a file of hit
+            models (None for the shipped ones).
         iou: IoU threshold of vehicles; `Classes.get_iou` gives the ones for other classes.
         network: Name of the network whose shipped models are taken.
 
@@ -31,16 +32,17 @@ def surrogate_models(setting: Setting, iou: float, network: str) -> tuple[HitMod
     classes = setting.counted
     scheme = setting.fusion
     path = setting.surrogate
-    thresholds = [(name, classes.get_iou(name, iou)) for name in classes.names]
+    # the class's name and IoU threshold of each model
+    model_keys = [(name, classes.get_iou(name, iou)) for name in classes.names]
     if path is None:
         return tuple(
-            shipped_model(surrogate_name(scheme), at, network, label=name)
-            for name, at in thresholds
+            shipped_model(surrogate_name(scheme), threshold, network, label=name)
+            for name, threshold in model_keys
         )
     models = load_models(path, schemes=(*SCHEMES, scheme.name))
     return tuple(
-        find_hit_model(models, surrogate_name(scheme), at, name, source=str(path))
-        for name, at in thresholds
+        find_hit_model(models, surrogate_name(scheme), threshold, name, source=str(path))
+        for name, threshold in model_keys
     )
 
 
@@ -48,7 +50,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
     """Load a shipped network as the detector at a site, once for all preparations.
 
     The general network was not trained there and would take a hedge for a vehicle in every frame,
-    so it gets the empty site as background. The last `MAX_KEPT_DETECTORS` are kept.
+    so it gets the empty site as background. The last `MAX_KEPT_DETECTORS` loaded are kept.
 
     network: Name of the network, from `find_network`."""
     from models.detector import load_detector
@@ -58,7 +60,7 @@ def load_shipped_detector(network: str, site: Site) -> Detector:
         detector = load_detector(network, area=site.area)
         _DETECTORS[key] = add_background(detector, site) if network == GENERAL else detector
         if len(_DETECTORS) > MAX_KEPT_DETECTORS:
-            del _DETECTORS[next(iter(_DETECTORS))]
+            del _DETECTORS[next(iter(_DETECTORS))]  # the oldest
     return _DETECTORS[key]
 
 
