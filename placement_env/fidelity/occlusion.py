@@ -43,10 +43,25 @@ class Silhouette(NamedTuple):
 class Windows(NamedTuple):
     """Rectangles of pixels around one box in the images of all sensors.
 
-    A sensor that cannot meet the box has no rectangle; a spinning lidar has two across its seam."""
+    A sensor that cannot meet the box has no rectangle; a spinning lidar has two across its seam.
 
-    rows: Int64[np.ndarray, "m 5"]  # sensor index, top, bottom, left, right (pixels, ends excluded)
-    least: Float32[np.ndarray, " S"]  # lower bound of each sensor's measurement of the box (m)
+    Attributes:
+        rows: Columns sensor index, top, bottom, left, right (pixels, ends excluded).
+        least: Lower bound of each sensor's measurement of the box (m)."""
+
+    rows: Int64[np.ndarray, "m 5"]
+    least: Float32[np.ndarray, " S"]
+
+
+class Chances(NamedTuple):
+    """Chances of points, 0 to 1.
+
+    Attributes:
+        sent: Chance that a point is sent.
+        far: Chance that it is sent and beyond the site's hybrid radius."""
+
+    sent: Float32[np.ndarray, " n"]
+    far: Float32[np.ndarray, " n"]
 
 
 class SensorRays:
@@ -76,12 +91,14 @@ class SensorRays:
         max_ranges = np.repeat(
             [sensor.model.max_range for sensor in sensors], np.diff(self.first)
         ).astype(np.float32)
+        # largest measurement of each pixel that an object can still have
         self._reach = np.where(self.still > 0, self.still, max_ranges)
         self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
         models: dict[SensorModel, list[int]] = {}
         for number, sensor in enumerate(sensors):
             models.setdefault(sensor.model, []).append(number)
-        self._alike = [(model, np.array(numbers)) for model, numbers in models.items()]
+        # each model, with the indices of its sensors
+        self._sensors_of_model = [(model, np.array(numbers)) for model, numbers in models.items()]
 
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
         """Rectangles of pixels around each body in its box, for all sensors.
@@ -101,14 +118,14 @@ class SensorRays:
             nearest_lengths = np.zeros((count, len(self.sensors)), np.float32)
             parts = []
             owners = []
-            for model, alike in self._alike:
+            for model, same_model in self._sensors_of_model:
                 # row: box * number of sensors of the model + sensor, which divmod takes apart below
-                corners = in_sensor[:, alike].reshape(-1, 8, 3)
-                nearest_lengths[:, alike] = nearest(model, corners).reshape(count, -1)
-                windowed = model.windows(corners)
-                owner, index = np.divmod(windowed[:, 0], len(alike))
-                windowed[:, 0] = alike[index]
-                parts.append(windowed)
+                corners = in_sensor[:, same_model].reshape(-1, 8, 3)
+                nearest_lengths[:, same_model] = nearest(model, corners).reshape(count, -1)
+                rectangles = model.windows(corners)  # columns row, top, bottom, left, right
+                owner, index = np.divmod(rectangles[:, 0], len(same_model))
+                rectangles[:, 0] = same_model[index]
+                parts.append(rectangles)
                 owners.append(owner)
             owner = np.concatenate(owners)
             rows = np.concatenate(parts)
@@ -129,8 +146,9 @@ class SensorRays:
             body: Index among the renderer's bodies.
             box: x, y, z, length, width, height (m), yaw (rad); world frame.
             windows: Windows of this box from `windows`, None to find them here."""
-        (around,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
-        pixels, sensors = self._in_windows(around)
+        if windows is None:
+            (windows,) = self.windows(np.array([body]), box[None])
+        pixels, sensors = self._list_pixels(windows)
         if not len(pixels):
             return Silhouette(
                 pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
@@ -152,18 +170,21 @@ class SensorRays:
         points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)
 
-    def _in_windows(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    def _list_pixels(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of the pixels whose rays may meet a box, and the index of each pixel's sensor.
 
         Rays that end at the static scene or their range before they can reach it are left out."""
         sensor, top, bottom, left, right = windows.rows.T
         has_one_window_each = len(set(sensor.tolist())) == len(sensor)
-        rows = bottom - top
-        sensor, left, width = (np.repeat(bounds, rows) for bounds in (sensor, left, right - left))
-        row = counting(rows) + np.repeat(top, rows)
-        begin = self.first[sensor] + row * self._columns[sensor] + left
-        pixels = counting(width) + np.repeat(begin, width)
-        sensors = np.repeat(sensor, width)
+        height = bottom - top
+        # one entry for each row of pixels of each window: sensor, row in the image, first pixel
+        row_sensor = np.repeat(sensor, height)
+        row = counting(height) + np.repeat(top, height)
+        begin = self.first[row_sensor] + row * self._columns[row_sensor] + np.repeat(left, height)
+        row_width = np.repeat(right - left, height)
+        # one entry for each pixel
+        pixels = counting(row_width) + np.repeat(begin, row_width)
+        sensors = np.repeat(row_sensor, row_width)
         in_reach = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
         pixels = pixels[in_reach]
         sensors = sensors[in_reach]
@@ -174,11 +195,16 @@ class SensorRays:
 
 
 class SeenPoints(NamedTuple):
-    """Points of S sensors on the O scored objects of all frames, and in each of F frames."""
+    """Points of S sensors on the O scored objects of all frames, and in each of F frames.
 
-    points: Float32[np.ndarray, "S O"]  # without noise, objects frame after frame
-    sent: Float32[np.ndarray, "S F"]  # points expected in the crop under noise
-    far: Float32[np.ndarray, "S F"]  # the ones beyond the site's hybrid radius
+    Attributes:
+        points: Points without noise on each object, objects frame after frame.
+        sent: Points expected in the crop under noise.
+        far: The ones beyond the site's hybrid radius."""
+
+    points: Float32[np.ndarray, "S O"]
+    sent: Float32[np.ndarray, "S F"]
+    far: Float32[np.ndarray, "S F"]
 
 
 class _Part(NamedTuple):
@@ -259,15 +285,14 @@ class _Scene:
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
-        self._model = np.array([self._models.index(model) for model in models])
+        self._model_of_sensor = np.array([self._models.index(model) for model in models])
         owner_of_pixel = np.repeat(np.arange(len(sensors)), np.diff(views.first))
         self._still_sent, self._still_far = np.zeros((2, len(views.still)), np.float32)
-        for s, image in enumerate(
-            map(slice, views.first[:-1], views.first[1:])
-        ):  # one at a time, to spare memory
+        # one image (slice of pixels) at a time, to spare memory
+        for s, image in enumerate(map(slice, views.first[:-1], views.first[1:])):
             pixels = np.flatnonzero(views.still[image] > 0) + views.first[s]
             points = views.rays[pixels] * views.still[pixels, None] + self._positions[s]
-            self._still_sent[pixels], self._still_far[pixels] = self._worth(
+            self._still_sent[pixels], self._still_far[pixels] = self._find_chances(
                 points, views.rays[pixels], views.still[pixels], owner_of_pixel[pixels]
             )
         self.sent, self.far = (
@@ -279,15 +304,26 @@ class _Scene:
         self._owner = np.zeros(len(views.still), np.int32)
 
     def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:
-        # part of a body (index in the renderer) in its box, as if no other object were there
+        """Pixels of a body in its box, as if no other object were there, and what they add.
+
+        Args:
+            body: Index among the renderer's bodies.
+            box: x, y, z, length, width, height (m), yaw (rad); world frame.
+            windows: Windows of this box."""
         pixels, sensors, depth, points = self.views.silhouette(body, box, windows)
         if not len(pixels):
-            return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)
-        sent, far = self._worth(points, self.views.rays.take(pixels, axis=0), depth, sensors)
-        counted = self._crop.holds(points)
-        more_sent = sent - self._still_sent.take(pixels)
-        more_far = far - self._still_far.take(pixels)
-        return _Part(pixels, sensors, depth, counted, more_sent, more_far)
+            nothing = depth  # an empty array
+            return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), sent=nothing, far=nothing)
+        rays = self.views.rays.take(pixels, axis=0)
+        sent, far = self._find_chances(points, rays, depth, sensors)
+        return _Part(
+            pixels,
+            sensors,
+            depth,
+            counted=self._crop.holds(points),
+            sent=sent - self._still_sent.take(pixels),
+            far=far - self._still_far.take(pixels),
+        )
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of S sensors on the n objects of a frame, and what they add to those sent and far.
@@ -303,45 +339,54 @@ class _Scene:
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
+        # all parts joined: one entry for each pixel of each object
         pixels, sensors, depth, counted, sent, far = (
             np.concatenate(columns) for columns in zip(*parts, strict=True)
         )
         objects = np.repeat(np.arange(len(parts)), [len(part.pixels) for part in parts])
         np.minimum.at(self._front, pixels, depth)
-        hits = np.flatnonzero(depth == self._front.take(pixels))
+        nearest_hits = np.flatnonzero(depth == self._front.take(pixels))
         self._front[pixels] = np.inf  # ready for the next frame
         # assigned in reverse: of equally near hits of a pixel the first object's is written last
-        self._owner[pixels[hits[::-1]]] = hits[::-1]
-        hits = hits[self._owner.take(pixels[hits]) == hits]
+        self._owner[pixels[nearest_hits[::-1]]] = nearest_hits[::-1]
+        hits = nearest_hits[self._owner.take(pixels[nearest_hits]) == nearest_hits]
+        # flat index in the array (sensor, object) of each hit in the crop
         cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
         on_objects = np.bincount(cells, minlength=count * len(parts)).reshape(count, len(parts))
         more_sent, more_far = (
-            np.bincount(sensors[hits], columns[hits], count) for columns in (sent, far)
+            np.bincount(sensors[hits], weights=chances[hits], minlength=count)
+            for chances in (sent, far)
         )
         return on_objects, more_sent, more_far
 
-    def _worth(
+    def _find_chances(
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        # chances (n,) that points are sent and far, as in `worth`; rays: of their pixels, world
-        # axes; depth: their measurements (m), whose noise may lift points out of the crop
+    ) -> Chances:
+        """Chances that n points are sent, and sent and far (see `find_chances`).
+
+        Args:
+            points: (n, 3) points without noise (m, world frame).
+            rays: (n, 3) rays of their pixels, world axes.
+            depth: (n,) measurements (m), whose noise may lift a point out of the crop.
+            sensors: (n,) index of each point's sensor."""
         deviation: np.ndarray | np.float32 = self._models[0].deviation(depth)
         if len(self._models) > 1:
-            model_of_point = self._model.take(sensors)
+            model_of_point = self._model_of_sensor.take(sensors)
             deviation = np.empty(len(depth), np.float32)
             for k in np.flatnonzero(np.bincount(model_of_point)):
                 of_model = model_of_point == k
                 deviation[of_model] = self._models[k].deviation(depth[of_model])
-        spread = np.abs(rays[:, 2]) * deviation
-        return worth(points, spread, self._positions[:, :2].take(sensors, axis=0), self._site)
+        spread = np.abs(rays[:, 2]) * deviation  # standard deviation of the height (m)
+        positions = self._positions[:, :2].take(sensors, axis=0)
+        return find_chances(points, spread, positions, self._site)
 
 
-def worth(
+def find_chances(
     points: Float32[np.ndarray, "n 3"],
     spread: Float32[np.ndarray, " n"],
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
-) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+) -> Chances:
     """Chance of each point to be sent, and to be sent and far.
 
     A point is sent if it is in the site's area, below the crop's height without noise, and above
@@ -352,13 +397,16 @@ def worth(
         spread: Standard deviation of each point's height (m).
         positions: x and y of each point's sensor (m, world frame).
         site: Site with the area, height, slope and hybrid radius."""
-    above = level_rows(points, site.relief.slope)
-    within = is_inside(above, site.area, site.height, -np.inf)
-    z = above[:, 2]
+    levelled = level_rows(points, site.relief.slope)  # z above the ground
+    is_in_crop = is_inside(levelled, site.area, site.height, -np.inf)
+    z = levelled[:, 2]
     # height in deviations; beyond 8 the chance is 0 or 1 in float32
     x = np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8)
     # the standard normal distribution function, within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)
-    lifted = 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))
-    sent = within * lifted
+    above_ground = 0.5 * (
+        1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x))
+    )
+    sent = is_in_crop * above_ground
     offset = points[:, :2] - positions
-    return sent, sent * (np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2)
+    is_far = np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2
+    return Chances(sent=sent, far=sent * is_far)

@@ -18,17 +18,23 @@ from toolkit.sensors.sensor import Sensor, SensorModel
 
 TABLE_TILT_STEP_RAD = float(np.deg2rad(1.0))  # rad between the tilts of tables
 MAX_TABLE_BYTES = 220_000_000  # memory of the tables kept at a time, 3 to 12 MB each
+MAX_AHEAD_SHARE = 0.85  # of this memory, which tables made ahead may fill
 Counts = Shaped[np.ndarray, " m"]  # rays in each rectangle
 RAY_TABLES = Bounded()  # `RayTable` by model, tilt and roll (rad), shared by all threads
 _LOCK = Lock()
 
 
 class Aim(NamedTuple):
-    """Angles of a sensor's optical axis in the world (rad)."""
+    """Angles of a sensor's optical axis in the world (rad).
 
-    heading: float  # counter-clockwise from x
-    tilt: float  # below the horizon
-    roll: float  # about the optical axis
+    Attributes:
+        heading: Counter-clockwise from x.
+        tilt: Below the horizon.
+        roll: About the optical axis."""
+
+    heading: float
+    tilt: float
+    roll: float
 
 
 def compute_aim(sensor: Sensor) -> Aim:
@@ -36,13 +42,15 @@ def compute_aim(sensor: Sensor) -> Aim:
 
     One that looks straight down or up has roll 0; its heading comes from the y axis of its body,
     that is from the top of its image."""
-    turn = sensor.world_SE3_body[:3, :3]
-    tilt = float(np.arctan2(-turn[2, 0], np.hypot(turn[0, 0], turn[1, 0])))
-    if np.hypot(turn[0, 0], turn[1, 0]) < 1e-6:
-        return Aim(float(np.arctan2(-turn[0, 1], turn[1, 1])), tilt, 0.0)
-    return Aim(
-        float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2]))
-    )
+    turn = sensor.world_SE3_body[:3, :3]  # columns: forward (optical axis), left and up
+    x, y, z = turn[:, 0].tolist()  # optical axis
+    horizontal_length = np.hypot(x, y)
+    tilt = float(np.arctan2(-z, horizontal_length))
+    if horizontal_length < 1e-6:
+        left_x, left_y = turn[:2, 1].tolist()
+        return Aim(heading=float(np.arctan2(-left_x, left_y)), tilt=tilt, roll=0.0)
+    left_z, up_z = turn[2, 1:].tolist()
+    return Aim(heading=float(np.arctan2(y, x)), tilt=tilt, roll=float(np.arctan2(left_z, up_z)))
 
 
 class Lookup(NamedTuple):
@@ -64,14 +72,19 @@ class Lookup(NamedTuple):
 
     @staticmethod
     def of(sensor: Sensor) -> "Lookup":
-        """Aim of a sensor in the table of nearest tilt; nothing is computed before `table`."""
+        """Aim of a sensor in the table of nearest tilt; the table is made when `table` is read."""
         aim = compute_aim(sensor)
-        tilt = round(aim.tilt / TABLE_TILT_STEP_RAD) * TABLE_TILT_STEP_RAD
-        more = aim.tilt - tilt if abs(aim.tilt - tilt) >= 1e-6 else 0.0
-        turned = np.float32(aim.heading) * PER_TURN
-        further = np.float32(more) * PER_STEEP
-        # + 0.0 makes -0.0 to 0.0
-        return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
+        table_tilt = round(aim.tilt / TABLE_TILT_STEP_RAD) * TABLE_TILT_STEP_RAD
+        extra_tilt = aim.tilt - table_tilt
+        if abs(extra_tilt) < 1e-6:  # rounding
+            extra_tilt = 0.0
+        return Lookup(
+            model=sensor.model,
+            tilt=table_tilt,
+            roll=round(aim.roll, 4) + 0.0,  # + 0.0 makes -0.0 to 0.0
+            heading=np.float32(aim.heading) * PER_TURN,
+            more=np.float32(extra_tilt) * PER_STEEP,
+        )
 
     @property
     def table(self) -> "RayTable":
@@ -94,6 +107,7 @@ class RayTable:
         nbytes: Bytes of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
+        # rotation from the sensor's axes to axes with x along the heading and z up
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
         x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
         azimuth = np.arctan2(y, x)
@@ -104,16 +118,15 @@ class RayTable:
         ).astype(np.int64)
         self.first_column = int(column.min())
         self.first_row = int(row.min())
-        shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
-        self.columns = shape[0]
-        kind = np.uint32 if len(column) >> 16 else np.uint16  # 2 ** 16 rays or more need uint32
+        self.columns = int(column.max()) - self.first_column + 1
+        rows = int(row.max()) - self.first_row + 1
+        dtype = np.uint32 if len(column) >> 16 else np.uint16  # 2 ** 16 rays or more need uint32
         # sums[i, j]: rays in the first i columns and the first j rows of the table
-        self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
-        flat_cell = (column - self.first_column + 1) * (shape[1] + 1) + row - self.first_row + 1
-        np.add.at(self._sums.ravel(), flat_cell, kind(1))
-        for before, after in pairwise(
-            self._sums
-        ):  # row by row, as accumulate along this axis is five times slower
+        self._sums = np.zeros((self.columns + 1, rows + 1), dtype)
+        flat_place = (column - self.first_column + 1) * (rows + 1) + row - self.first_row + 1
+        np.add.at(self._sums.ravel(), flat_place, dtype(1))
+        # column by column, as accumulate along this axis is five times slower
+        for before, after in pairwise(self._sums):
             np.add(before, after, out=after)
         np.add.accumulate(self._sums, axis=1, out=self._sums)
         column, row = find_cells(azimuth, elevation)
@@ -131,12 +144,14 @@ class RayTable:
             rectangles: Rectangles of azimuth and elevation of the world.
             heading: Heading of the sensor, in places of azimuth.
             more: Places of elevation by which the sensor is tilted more than the table."""
-        left, right, low, high = rectangles.list_places(heading, more)
-        begin = np.rint(left).astype(np.int32)
-        width = np.rint(right).astype(np.int32) - begin
+        edges = rectangles.find_edges(heading, more)
+        # columns begin to begin + width and rows low to up of this table, ends excluded
+        begin = np.rint(edges.left).astype(np.int32)
+        width = np.rint(edges.right).astype(np.int32) - begin
         begin %= AZIMUTHS
         begin -= self.first_column
-        low, up = (np.rint(bound).astype(np.int32) - self.first_row for bound in (low, high))
+        low = np.rint(edges.low).astype(np.int32) - self.first_row
+        up = np.rint(edges.high).astype(np.int32) - self.first_row
         last_column = self._sums.shape[0] - 1
         last_row = self._sums.shape[1] - 1
         # before the table's end and beyond its start, or across the seam into its next turn
@@ -146,27 +161,29 @@ class RayTable:
         low = np.maximum(low.take(reachable), 0)
         up = np.minimum(up.take(reachable), last_row)
         end = begin + width.take(reachable)
-        counts = self._within(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
+        counts = self._count_rays(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
         wrapped = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
         if len(wrapped):
             wrapped_end = np.minimum(end[wrapped] - AZIMUTHS, last_column)
-            counts[wrapped] += self._within(
+            counts[wrapped] += self._count_rays(
                 np.zeros_like(wrapped_end), wrapped_end, low[wrapped], up[wrapped]
             )
         hit = np.flatnonzero(counts)
         return reachable[hit], counts[hit]
 
-    def _within(
+    def _count_rays(
         self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray
     ) -> Counts:
-        # rays in columns begin to end and rows low to up of the table, ends excluded; 0 if
-        # begin > end. Sums of unsigned integers may wrap in between: the differences are right.
-        flat = self._sums.ravel()
-        across = self._sums.shape[1]
-        begin = np.minimum(begin, end) * across
-        end = end * across
-        counts: Counts = flat.take(end + up) - flat.take(end + low)
-        counts -= flat.take(begin + up) - flat.take(begin + low)
+        """Rays in columns begin to end and rows low to up of the table; 0 if begin > end.
+
+        Ends are excluded. It is sums[end, up] - sums[end, low] - sums[begin, up] +
+        sums[begin, low]: unsigned integers may wrap in between, but the result is right."""
+        flat_sums = self._sums.ravel()
+        stride = self._sums.shape[1]  # from one column to the next in `flat_sums`
+        begin_place = np.minimum(begin, end) * stride
+        end_place = end * stride
+        counts: Counts = flat_sums.take(end_place + up) - flat_sums.take(end_place + low)
+        counts -= flat_sums.take(begin_place + up) - flat_sums.take(begin_place + low)
         return counts
 
 
@@ -183,7 +200,7 @@ def get_ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
 
 
 def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around: float) -> bool:
-    """Make one missing table of roll 0 between two tilts, the nearest to a third first.
+    """Make one missing table of roll 0 between two tilts, the nearest to `around` first.
 
     Args:
         model: Model of the rays.
@@ -192,11 +209,12 @@ def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around:
         around: Tilt whose nearest tables come first (rad).
 
     Returns:
-        True if a table was made; False if all are there, or memory is 85 % full."""
+        True if a table was made; False if all are there, or memory is full up to
+        `MAX_AHEAD_SHARE`."""
     steps = range(round(lowest / TABLE_TILT_STEP_RAD), round(steepest / TABLE_TILT_STEP_RAD) + 1)
     for step in sorted(steps, key=lambda tilt_step: abs(tilt_step - around / TABLE_TILT_STEP_RAD)):
         key = (model, step * TABLE_TILT_STEP_RAD, 0.0)
-        has_room = RAY_TABLES.nbytes < 0.85 * MAX_TABLE_BYTES
+        has_room = RAY_TABLES.nbytes < MAX_AHEAD_SHARE * MAX_TABLE_BYTES
         if key not in RAY_TABLES and has_room:
             get_ray_table(*key)
             return True

@@ -16,6 +16,21 @@ PER_TURN = np.float32(AZIMUTHS / (2 * np.pi))  # places of azimuth in a radian
 PER_STEEP = np.float32(ELEVATIONS / np.pi)  # places of elevation in a radian
 
 
+class Edges(NamedTuple):
+    """Edges of rectangles, in places of a table of rays.
+
+    Attributes:
+        left: Edge of the smaller azimuth, in places from straight behind the sensor on.
+        right: Edge of the larger azimuth, up to a turn farther.
+        low: Lower edge, in places of elevation from straight down on.
+        high: Upper edge, in the same places."""
+
+    left: Float32[np.ndarray, " n"]
+    right: Float32[np.ndarray, " n"]
+    low: Float32[np.ndarray, " n"]
+    high: Float32[np.ndarray, " n"]
+
+
 class Rectangles(NamedTuple):
     """Rectangles of azimuth and elevation of the world.
 
@@ -42,16 +57,21 @@ class Rectangles(NamedTuple):
     ) -> "Rectangles":
         """Build from edges (rad, float32): azimuths left < right, elevations bottom < top."""
         middle = (left + right) / 2
-        tan = np.clip(np.tan((bottom + top) / 2), -3, 3)
-        azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
-        elevations = (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP
-        return Rectangles(*azimuths, *elevations, np.cos(middle), np.sin(middle), tan)
+        return Rectangles(
+            left=(left + PI) * PER_TURN,
+            right=(right + PI) * PER_TURN,
+            low=(bottom + PI / 2) * PER_STEEP,
+            high=(top + PI / 2) * PER_STEEP,
+            cos=np.cos(middle),
+            sin=np.sin(middle),
+            tan=np.clip(np.tan((bottom + top) / 2), -3, 3),
+        )
 
-    def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
-        """Edges left, right, low and high as a sensor sees them, in places of its table of rays.
+    def find_edges(self, heading: np.float32, more: np.float32) -> Edges:
+        """Edges as a sensor sees them, in places of its table of rays.
 
-        Azimuth is counted from the sensor's heading. The rectangles are turned by the extra tilt,
-        to first order, by as much as their middles.
+        Azimuth is counted from the sensor's heading. All edges of a rectangle are moved by the
+        extra tilt as its middle is, to first order.
 
         Args:
             heading: Heading of the sensor, in places of azimuth.
@@ -59,9 +79,12 @@ class Rectangles(NamedTuple):
         left = self.left - heading
         right = self.right - heading
         if not more:
-            return left, right, self.low, self.high
+            return Edges(left, right, self.low, self.high)
         angle = heading / PER_TURN
         cos, sin = np.cos(angle), np.sin(angle)
+        # brackets: cosine and sine of the middle's azimuth, counted from the heading
         up = more * (self.cos * cos + self.sin * sin)
-        aside = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
-        return left + aside, right + aside, self.low + up, self.high + up
+        sideways = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
+        return Edges(
+            left=left + sideways, right=right + sideways, low=self.low + up, high=self.high + up
+        )

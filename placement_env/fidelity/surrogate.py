@@ -410,7 +410,7 @@ class Evidence:
 
     @cached_property
     def _place(self) -> tuple[Float32[np.ndarray, "C O"], Float64[np.ndarray, " O"]]:
-        """Distance of each pair (at least 1 m) in units of 20 m; |sin 2ψ| of each object's yaw ψ."""
+        """Distance of each pair (1 m or more) in units of 20 m; |sin 2ψ| of each object's yaw ψ."""
         yaw = self.visibility.boxes[:, 6]
         return np.maximum(self.visibility.distance, 1) / 20, np.abs(np.sin(2 * yaw))
 

@@ -85,7 +85,7 @@ def test_what_is_ahead_is_all_that_is_seen(strips, scored, model, more):
         added = np.bincount(frame, rays * ((shows == BEYOND) - 0.2), 3)
         np.testing.assert_allclose(far, everything * 0.2 + added, rtol=1e-5, atol=1e-2)
         seen_any += points.sum() > 0
-        pieces = around._ahead(table, place)
+        pieces = around._list_slices_ahead(table, place)
         assert sum(each.stop - each.start for each in pieces) <= 600
         if model is CAMERA:
             assert sum(each.stop - each.start for each in pieces) < 400
