@@ -194,7 +194,7 @@ class TrafficView:
 
     @property
     def full(self) -> bool:
-        """True if panoramas nearly fill their memory (`FULL_SHARE`), so that another may drop one."""
+        """True if panoramas fill `FULL_SHARE` of their memory, so that another may drop one."""
         return self._kept.nbytes > FULL_SHARE * self._max_bytes
 
     def _has_panoramas(self, places: list[Place], model: SensorModel) -> bool:

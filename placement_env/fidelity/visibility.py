@@ -143,7 +143,7 @@ class Visibility:
 
         site = recording.site
         count = min(len(recording), len(recording) if frames is None else frames)
-        # for each frame: scored objects, points on these, and each sensor's points sent and far ones
+        # by frame: scored objects, points on these, and each sensor's points sent and far ones
         objects = []
         points = []
         sent_counts = []
