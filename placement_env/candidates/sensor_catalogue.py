@@ -273,7 +273,7 @@ def _read_sensor(row: object, where: str) -> PricedModel:
 def _read_price(value: object, where: str) -> float:
     """Return a value of the catalogue as a price, a number from 0 up.
 
-    where: Place of the value in the catalogue, for errors. Raises ValueError for any other value."""
+    where: Place of the value in the catalogue, for errors. Raises ValueError for other values."""
     # bool is an int in Python
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
         raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
