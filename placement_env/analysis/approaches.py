@@ -44,6 +44,7 @@ class Approaches:
 
         boxes: x, y, z, length, width, height (m), yaw (rad); frame of the site."""
         centres = boxes[:, :2]
+        # `lanes` has a line for each of `names` except the last, which is for parked vehicles
         nearest = np.zeros(len(boxes), np.int64)
         if len(self.lanes):
             centre_points = shapely.points(centres)
@@ -108,7 +109,7 @@ def _group_lanes(
     junctions: set[str],
     junction_names: dict[str, str],
 ) -> dict[str, list[shapely.Geometry]]:
-    """Centre lines of the approaches by name: street, direction and junction.
+    """Centre lines of the approaches (roads to a junction) by street, direction and junction.
 
     Args:
         site: Site with the map's direction of north.

@@ -50,7 +50,9 @@ class Worth:
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
-    """Exact Shapley value of each of n sensors, φ of this module's formula.
+    """Exact Shapley value of each of n sensors: its mean gain over all orders of adding sensors.
+
+    It is φ(i) = Σ s! (n-s-1)! / n! [v(S+i) - v(S)] over the sets S without i, of s sensors each.
 
     values: Value of each of all 2^n sets, in the order of `all_subsets`. Raises ValueError if their
     number is not 2^n with n <= 16, or a value is not finite.
@@ -65,7 +67,10 @@ def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Exact Shapley interaction index of each pair of n sensors, I of this module's formula.
+    """Exact Shapley interaction index of each pair of n sensors; above 0 they gain more together.
+
+    It is I(i,j) = Σ s! (n-s-2)! / (n-1)! [v(S+i+j) - v(S+i) - v(S+j) + v(S)] over the sets S
+    without i and j, of s sensors each; 0 on the diagonal.
 
     values: Value of each of all 2^n sets, in the order of `all_subsets`. Raises ValueError if their
     number is not 2^n with n <= 16, or a value is not finite."""
@@ -220,7 +225,7 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
         )
     lost = np.array(list(combinations(members.tolist(), failing)))
     sets = np.repeat(chosen[None], len(lost) + 1, axis=0)  # the intact set first
-    sets[np.arange(len(lost))[:, None] + 1, lost] = False
+    sets[np.arange(len(lost))[:, None] + 1, lost] = False  # row k + 1 without combination k
     values = np.asarray(value(sets), float)
     return Failures(intact=float(values[0]), lost=lost, left=values[1:])
 

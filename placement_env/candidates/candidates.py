@@ -261,10 +261,12 @@ class Candidates(Displayed):
         The arguments are indices in `mounts` and `axes`, as in `factors`; arrays are broadcast, and
         the result has their shape."""
         requested = np.stack(np.broadcast_arrays(mount, height, heading, tilt, model), axis=-1)
-        # (..., 1, 5) with (C, 5); a last column that is always True makes "none" index C
+        # (..., 1, 5) is compared with (C, 5), which gives (..., C)
         is_same = (requested[..., None, :] == self.factors).all(axis=-1)
+        # `argmax` finds the first True; a last column of True is found if no candidate matches
         no_match = np.ones((*requested.shape[:-1], 1), np.bool_)
         first_match = np.concatenate([is_same, no_match], axis=-1).argmax(axis=-1)
+        # [()] makes a number of an array without axes
         return np.where(first_match < len(self), first_match, -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Candidates":
@@ -335,6 +337,7 @@ def fit_together(
         sent: kbit per frame of each candidate, None if links always suffice.
     """
     counts = candidates.per_mount(subsets)  # sensors of each set (row) on each mount
+    # `places`: largest number of sensors on each mount
     fits_mounts = np.asarray((counts <= candidates.places).all(axis=1))
     if sent is None or not candidates.several:
         return fits_mounts
@@ -349,9 +352,7 @@ def room_beside(
 ) -> Sets:
     """Mask of candidates (columns) that could be added to each set (row) and fit their mounts.
 
-    Members of a set are False.
-
-    A candidate on a mount without a sensor always fits its link here.
+    Members of a set are False. A candidate on a mount without a sensor always fits its link here.
 
     Args:
         candidates: C candidates.
@@ -360,7 +361,8 @@ def room_beside(
     """
     mount = candidates.mount
     counts = candidates.per_mount(subsets)  # sensors of each set (row) on each mount
-    # indexed by `mount`, figures of mounts become figures of candidates
+    # `places`: largest number of sensors on each mount. Indexed by `mount`, figures of mounts
+    # become figures of candidates
     has_room = np.asarray((counts < candidates.places)[:, mount] & ~subsets)
     if sent is None or not candidates.several:
         return has_room
@@ -644,11 +646,12 @@ def _clip_heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.nd
 
     Several heights may be clipped to the same one; only the nearest to it then has it, and the
     others are NaN."""
-    mounted = np.full((len(mounts), len(heights)), np.nan)
+    mounted = np.full((len(mounts), len(heights)), np.nan)  # axes: mount, height
     for row, mount in enumerate(mounts):
         clipped = np.clip(heights, mount.min_height, mount.max_height)
         # indices of the heights, those that clipping moves least first
         nearest_first = np.argsort(np.abs(clipped - heights), kind="stable")
+        # different heights, and where each comes first
         values, first = np.unique(clipped[nearest_first], return_index=True)
         mounted[row, nearest_first[first]] = values
     return mounted

@@ -427,7 +427,8 @@ def _find_naming_keys(collection: Json) -> list[str]:
 
     All values differ, also from the names of other features."""
     features = [feature for feature in collection["features"] if isinstance(feature, dict)]
-    texts = [_read_naming_texts(feature) for feature in features]  # by key, of each feature
+    # of each feature, the texts that may name it, by key: "name" and some of `NAMING_KEYS`
+    texts = [_read_naming_texts(feature) for feature in features]
     names = {feature_texts["name"] for feature_texts in texts if "name" in feature_texts}
     unnamed = [feature_texts for feature_texts in texts if "name" not in feature_texts]
     keys = []
@@ -473,7 +474,7 @@ def _is_number(value: object) -> bool:
 def _convert_to_site(
     coordinates: Float64[np.ndarray, "n 2"], collection: Json, site: Site, where: str
 ) -> Float64[np.ndarray, "n 2"]:
-    """Coordinates in the frame of the site (m).
+    """Convert coordinates of a file to x and y in the frame of the site (m).
 
     Args:
         coordinates: Longitude and latitude (deg), or metres if the collection has `coview_site`.

@@ -65,6 +65,7 @@ class CasesFidelity:
         by_profile = self._score_at_profiles(
             subsets, lambda fidelity, rows: cast(ByClass, fidelity).by_class(rows)
         )
+        # AP of all classes together, by which the worst profile is chosen
         combined_ap = [estimates.combined(self.classes).ap for estimates in by_profile]
         return ClassEstimates(*self._average_over_profiles(by_profile, combined_ap))
 

@@ -21,7 +21,7 @@ def find_cells(
     Columns go by azimuth (rad, counter-clockwise) from -pi on, rows by elevation (rad) from
     straight down."""
     columns_from_back = np.floor((azimuth + np.pi) * (CELL_COLUMNS / (2 * np.pi)))
-    column = columns_from_back.astype(np.int64) % CELL_COLUMNS
+    column = columns_from_back.astype(np.int64) % CELL_COLUMNS  # azimuths repeat after a turn
     row = np.searchsorted(CELL_EDGES, elevation, side="right") - 1
     return column, np.clip(row, 0, CELL_ROWS - 1)
 

@@ -34,6 +34,7 @@ class SentData:
         codec: Codec = PAPER,
         min_points: float = LEAST,
     ) -> None:
+        # boxes that each candidate sends in all frames
         boxes = (visibility.points >= min_points).sum(axis=1).astype(np.float64)
         self._bits = estimate_bits(find_scheme(scheme), codec, visibility, boxes)
         self._frames = visibility.frames
@@ -112,5 +113,6 @@ class Coverage:
         for block, views in self._view_sums.blocks(subsets):
             for k, (columns, count) in enumerate(self._class_columns):
                 if count:
+                    # `self.views`: number of sensors that must see an object
                     share[block, k] = (views[:, columns] >= self.views).sum(axis=1) / count
         return ClassEstimates(share, share.copy(), self._sent.kbit(subsets))

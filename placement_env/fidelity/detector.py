@@ -101,9 +101,12 @@ class Outcome(NamedTuple):
         """Outcome of the detections of one class (number).
 
         Indices in `truth` remain those among the scored objects of all classes; `bits` stay."""
-        of_class = self.labels == label
+        has_label = self.labels == label
         return Outcome(
-            self.scores[of_class], self.truth[:, of_class], self.bits, self.labels[of_class]
+            scores=self.scores[has_label],
+            truth=self.truth[:, has_label],
+            bits=self.bits,
+            labels=self.labels[has_label],
         )
 
 
@@ -149,9 +152,9 @@ class Detected:
         self.iou = iou
         self.scheme = find_scheme(scheme)
         self.codec = check_codec(codec)
-        self.frames = len(_list_frames(renders.frames, None))
-        self.ious = tuple(sorted({*IOUS, iou}))
-        self._scored: dict[int, np.ndarray] = {}
+        self.frames = len(_list_frames(renders.frames, None))  # ValueError if there are none
+        self.ious = tuple(sorted({*IOUS, iou}))  # thresholds at which outcomes are matched
+        self._scored: dict[int, np.ndarray] = {}  # mask of the objects to find, by frame
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
             rule = "a shared memo needs a detector that says what it depends on"
@@ -161,9 +164,11 @@ class Detected:
             )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
-        """Copy whose figures are for another IoU threshold; it shares measurements and memo.
+        """Copy whose figures are for another IoU threshold; it shares measurements and cache.
 
-        also: Further thresholds at which outcomes are matched, as well as at `ious`."""
+        Args:
+            iou: IoU from which a detection counts.
+            also: Further thresholds at which outcomes are matched, in addition to `ious`."""
         check_iou(iou)
         detected = copy(self)
         detected.iou = iou
@@ -327,7 +332,7 @@ class Detected:
             sensors: Indices of the candidates that it depends on.
             more: Further things that it depends on."""
         return make_key(
-            kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more
+            kind, self._shared_digest, k, [self._sensor_digests[c] for c in sensors], *more
         )
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
@@ -370,7 +375,7 @@ class Detected:
         return [tuple(np.flatnonzero(row).tolist()) for row in subsets]
 
     @cached_property
-    def _depends_on(self) -> str:
+    def _shared_digest(self) -> str:
         """Digest of everything that the values of all frames and sets depend on, code included."""
         inputs = [
             self.renders.digest,
@@ -426,9 +431,10 @@ class _FrameDetections:
         self._rules = rules  # the fidelity: measurements, detector, scheme, codec and cache
         self._k = k
         self._site = rules.renders.site
-        self._detected: dict[bytes, Detections] = {}
+        self._detected: dict[bytes, Detections] = {}  # by cache key
         # clouds of unknown detections by key, gathered in a round of `fuse_together`; else None
         self._requests: dict[bytes, list[Cloud]] | None = None
+        # by set; without a sensor nothing is detected and nothing sent
         self._fused: dict[tuple[int, ...], Fused] = {
             (): Fused(Detections.empty(), np.zeros(0, np.int64))
         }
@@ -457,8 +463,9 @@ class _FrameDetections:
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
         """Fuse sets with shared batches of detections, if the detector is a `UnionDetector`.
 
-        In each round every set advances until it needs an unknown detection; these are then made
-        together. When a round asks for fewer than two, the remaining sets are left to `fused`.
+        Such a detector detects in several unions of clouds in one call. In each round every set
+        advances until it needs an unknown detection; these are then made together. When a round
+        asks for fewer than two, the remaining sets are left to `fused`.
 
         sets: Sets as ascending indices of candidates."""
         detector = self._rules.detector

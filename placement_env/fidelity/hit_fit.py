@@ -159,7 +159,7 @@ class _Fitting:
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
         self._observed = observed
-        self._names = {"scheme": scheme.name, **names}
+        self._fixed_fields = {"scheme": scheme.name, **names}
         self._evidence = [
             Evidence(observation.visibility, scheme, observation.radius) for observation in observed
         ]
@@ -186,6 +186,7 @@ class _Fitting:
                 squares.append(float(np.square(ap - observation.ap) @ site_weights.sets))
             return sum(squares) / float(total)
 
+        # the likelihood does not depend on the false alarms, so they are fitted afterwards
         rate = minimize_scalar(misfit, bounds=RANGES["false_alarms"], method="bounded").x
         return _Optimum(
             numbers=optimum.x,
@@ -226,7 +227,7 @@ class _Fitting:
         ceiling = float(1 / (1 + np.exp(-numbers[-2])))
         floor = float(np.exp(numbers[-1]))
         return HitModel(
-            **self._names, **by_name, ceiling=ceiling, floor=floor, false_alarms=false_alarms
+            **self._fixed_fields, **by_name, ceiling=ceiling, floor=floor, false_alarms=false_alarms
         )
 
     def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
@@ -391,10 +392,11 @@ class Sampling:
     resamples: int = 20
 
     def draw(self, site: Site, frames: int, seed: int) -> tuple[Traffic, Candidates, Sets]:
-        """Draw traffic, candidates and sets at a site.
+        """Draw traffic, candidates and sets (rows of booleans) at a site.
 
-        Candidates are the site's sensors, then random poses. Sets have a sensor or more. Poses are
-        drawn before sets from the same generator, so this order fixes the result of a seed."""
+        Candidates are the site's sensors, then `poses` random ones. There are up to `sets` sets,
+        each with a sensor or more. Poses are drawn before sets from the same generator, so this
+        order fixes the result of a seed."""
         rng = np.random.default_rng(seed)
         candidates = own_and_random(site, self.poses, rng, models=self.models)
         subsets = random_sets(candidates, len(site.sensors), self.sets, rng)

@@ -110,7 +110,7 @@ class HitDomain:
         for name in ("farthest", "most_points", "sites", "objects", "sets"):
             value = getattr(self, name)
             if (
-                isinstance(value, bool)
+                isinstance(value, bool)  # an int in Python
                 or not isinstance(value, int | float)
                 or not 0 < value < float("inf")
             ):
@@ -200,7 +200,7 @@ class HitModel:
         for name, (lowest, highest) in RANGES.items():
             value = getattr(self, name)
             if (
-                isinstance(value, bool)
+                isinstance(value, bool)  # an int in Python
                 or not isinstance(value, int | float)
                 or not lowest <= value <= highest
             ):
@@ -224,8 +224,9 @@ class HitModel:
     ) -> Float[np.ndarray, "*shape"]:
         """Hit probability p of objects up to `BULKY_M3`; larger ones need the factor `of_size` too.
 
-        It is the formula of this module: n_i are a sensor's points on the object, weighted by
-        distance and heading, and N_i the points as counted.
+        It is ceiling · sigmoid(intercept + density · log(1 + Σ n_i ^ norm) / norm) · min(1, r /
+        floor), with r = (Σ N_i ^ norm) ^ (1 / norm). N_i are the points of sensor i on the object,
+        and n_i the same weighted by distance and heading.
 
         Args:
             powers: Σ n_i ^ norm of the set's sensors for each object; p grows with it, from 0.

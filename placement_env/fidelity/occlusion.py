@@ -82,6 +82,7 @@ class SensorRays:
         images = renderer.looking(sensors).background
         self.still = np.concatenate([image.ravel() for image in images])
         self.first = np.cumsum([0, *(image.size for image in images)])
+        # rotations by which row vectors are turned from sensor axes to world axes
         turns = [sensor.pose[:3, :3].T.astype(np.float32) for sensor in sensors]
         rays = (sensor.model.rays().reshape(-1, 3) for sensor in sensors)
         self.rays = np.concatenate(
@@ -93,7 +94,7 @@ class SensorRays:
         ).astype(np.float32)
         # largest measurement of each pixel that an object can still have
         self._reach = np.where(self.still > 0, self.still, max_ranges)
-        self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
+        self._columns = np.array([sensor.model.shape[1] for sensor in sensors])  # image widths
         models: dict[SensorModel, list[int]] = {}
         for number, sensor in enumerate(sensors):
             models.setdefault(sensor.model, []).append(number)
@@ -154,20 +155,24 @@ class SensorRays:
                 pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
             )
         body_from_world = self._renderer.body_from_world(box)
-        turn = body_from_world[:3, :3].T.astype(np.float32)
-        starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
-        # start and direction in the body's frame; rays start `NEAR` ahead of the sensor
+        rotation = body_from_world[:3, :3]
+        positions = self._poses[:, :3, 3]  # of the sensors (m, world frame)
+        body_positions = ((positions - box[:3]) @ rotation.T).astype(np.float32)
+        # lines in the body's frame: start, `NEAR` ahead of the sensor, and direction
         lines = np.empty((len(pixels), 6), np.float32)
-        np.matmul(self.rays.take(pixels, axis=0), turn, out=lines[:, 3:])
-        np.multiply(lines[:, 3:], np.float32(NEAR), out=lines[:, :3])
-        lines[:, :3] += starts.take(sensors, axis=0)
+        starts = lines[:, :3]
+        directions = lines[:, 3:]
+        np.matmul(self.rays.take(pixels, axis=0), rotation.T.astype(np.float32), out=directions)
+        np.multiply(directions, np.float32(NEAR), out=starts)
+        starts += body_positions.take(sensors, axis=0)
+        # lengths as multiples of a ray are measurements, as rays end at a measurement of 1 m
         depth = self._renderer.cast_body(body, lines) + np.float32(NEAR)
-        met = np.flatnonzero(depth < self._reach.take(pixels))
+        met = np.flatnonzero(depth < self._reach.take(pixels))  # nearer than the static scene
         pixels = pixels[met]
         sensors = sensors[met]
         depth = depth[met]
         points = self.rays.take(pixels, axis=0) * depth[:, None]
-        points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
+        points += positions.astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)
 
     def _list_pixels(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
@@ -177,10 +182,11 @@ class SensorRays:
         sensor, top, bottom, left, right = windows.rows.T
         has_one_window_each = len(set(sensor.tolist())) == len(sensor)
         height = bottom - top
-        # one entry for each row of pixels of each window: sensor, row in the image, first pixel
+        # one entry for each row of pixels of each window: sensor, row in its image, first pixel
         row_sensor = np.repeat(sensor, height)
         row = counting(height) + np.repeat(top, height)
-        begin = self.first[row_sensor] + row * self._columns[row_sensor] + np.repeat(left, height)
+        image_begin = self.first[row_sensor] + row * self._columns[row_sensor]
+        begin = image_begin + np.repeat(left, height)
         row_width = np.repeat(right - left, height)
         # one entry for each pixel
         pixels = counting(row_width) + np.repeat(begin, row_width)
@@ -287,6 +293,7 @@ class _Scene:
         self._models = tuple(dict.fromkeys(models))
         self._model_of_sensor = np.array([self._models.index(model) for model in models])
         owner_of_pixel = np.repeat(np.arange(len(sensors)), np.diff(views.first))
+        # chances of each pixel's point at the empty site, to be sent, and sent and far
         self._still_sent, self._still_far = np.zeros((2, len(views.still)), np.float32)
         # one image (slice of pixels) at a time, to spare memory
         for s, image in enumerate(map(slice, views.first[:-1], views.first[1:])):

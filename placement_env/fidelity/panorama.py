@@ -1,5 +1,7 @@
 """`TrafficView`: immediate views of moving sensors.
 
+A panorama, or `Surround`, has the moving objects of all frames seen from one place.
+
 Sensors may be turned, tilted, raised and lowered on their mounts. Panoramas of all frames are made
 at every half metre of a mount's height when one of its sensors is first requested. Between two of
 these heights the view is interpolated; heading and tilt are looked up."""
@@ -71,31 +73,31 @@ class TrafficView:
     ) -> None:
         self.traffic = traffic
         self._cache = cache
-        self._unseen = Visibility.unseen(traffic, (), labels)
+        self._unseen = Visibility.unseen(traffic, (), labels)  # without a sensor
         self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
         # `Surround` by `Place`, longest unused first
         self._kept = Bounded()
         self._max_bytes = DEFAULT_PANORAMA_BYTES
-        self._stand_alone()
+        self._reset_threads()
 
-    def _stand_alone(self) -> None:
+    def _reset_threads(self) -> None:
         """Set lock, queue and `hold` as in an object that no thread uses."""
         self.casting = Lock()  # held while rays are cast: others may look at what is there
-        # one for each thread that waits to cast; a list, as threads may change it
-        self._queue: list[None] = []
+        # an entry for each thread that waits to cast; a list, as threads may change it
+        self._waiting: list[None] = []
         # asked before each frame of a panorama: True to wait
         self.hold: Callable[[], bool] = _never
 
     def __getstate__(self) -> dict[str, Any]:
         with self.casting:  # no panorama is added meanwhile
             state = {**self.__dict__, "_kept": self._kept.copy()}
-        for name in ("casting", "_queue", "hold"):
+        for name in ("casting", "_waiting", "hold"):
             del state[name]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._stand_alone()
+        self._reset_threads()
 
     def see(self, candidates: Candidates, *, reach: Reach = "mount") -> Visibility:
         """Return the visibility of all scored objects from candidates.
@@ -147,7 +149,8 @@ class TrafficView:
 
         The weights add up to 1.
 
-        reach: Panoramas that may be used, see `see`."""
+        reach: "mount" for the half metres below and above the sensor on its mount, "own" for its
+            exact place, "nearest" for panoramas in memory if possible."""
         shares = _find_half_metres(sensor.position, mount)
         if reach == "mount":
             return shares
@@ -204,11 +207,11 @@ class TrafficView:
     def _prepare(
         self, mount_places: _MountPlaces, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
-        """Return the surround of each place, from memory or made now under the lock `casting`.
+        """Return the panorama of each place, from memory or made now under the lock `casting`.
 
         Args:
             mount_places: Requested places, each with its mount; repetitions do not matter.
-            models: Sensor models that each surround must serve.
+            models: Sensor models that each panorama must serve.
             all_heights: Make missing panoramas at all half metres of the mount too."""
         requested = dict.fromkeys(place for place, _ in mount_places)
         # references keep these alive even if another thread drops them from memory
@@ -217,9 +220,9 @@ class TrafficView:
             models <= surround.stills.keys() for surround in surrounds.values()
         ):
             return surrounds
-        self._queue.append(None)
+        self._waiting.append(None)  # a held thread goes on then, see `_iterate_frames`
         with self.casting:
-            self._queue.pop()
+            self._waiting.pop()
             return surrounds | self._make_surrounds(mount_places, models, all_heights=all_heights)
 
     def _iterate_frames(self) -> Iterator[int]:
@@ -227,20 +230,20 @@ class TrafficView:
 
         A thread that waits to cast overrides `hold`, so that it need not wait for a held one."""
         for k in range(len(self.traffic)):
-            while self.hold() and not self._queue:
+            while self.hold() and not self._waiting:
                 time.sleep(HOLD_PAUSE_S)
             yield k
 
     def _make_surrounds(
         self, mount_places: _MountPlaces, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
-        """Make missing surrounds, keep them in memory, and return the requested ones.
+        """Make missing panoramas, keep them in memory, and return the requested ones.
 
         The caller holds `casting`.
 
         Args:
             mount_places: Requested places, each with its mount.
-            models: Sensor models that each surround must serve.
+            models: Sensor models that each panorama must serve.
             all_heights: Make missing panoramas at all half metres of the mount too."""
 
         def lacks(place: Place) -> bool:

@@ -61,29 +61,31 @@ class Lookup(NamedTuple):
         tilt: Tilt of the table (rad).
         roll: Roll of the table (rad).
         heading: Heading of the sensor, in places of azimuth (`PER_TURN` to a radian).
-        more: Places of elevation (`PER_STEEP` to a radian) by which the sensor is tilted more than
-            the table, < 0 if it is tilted less."""
+        extra_tilt: Places of elevation (`PER_STEEP` to a radian) by which the sensor is tilted more
+            than the table, < 0 if it is tilted less."""
 
     model: SensorModel
     tilt: float
     roll: float
     heading: np.float32
-    more: np.float32
+    extra_tilt: np.float32
 
     @staticmethod
     def of(sensor: Sensor) -> "Lookup":
-        """Aim of a sensor in the table of nearest tilt; the table is made when `table` is read."""
+        """Aim of a sensor in the table of rays with the nearest tilt.
+
+        The table is made when `table` is first read."""
         aim = compute_aim(sensor)
         table_tilt = round(aim.tilt / TABLE_TILT_STEP_RAD) * TABLE_TILT_STEP_RAD
-        extra_tilt = aim.tilt - table_tilt
-        if abs(extra_tilt) < 1e-6:  # rounding
-            extra_tilt = 0.0
+        extra_tilt_rad = aim.tilt - table_tilt
+        if abs(extra_tilt_rad) < 1e-6:  # rounding
+            extra_tilt_rad = 0.0
         return Lookup(
             model=sensor.model,
             tilt=table_tilt,
             roll=round(aim.roll, 4) + 0.0,  # + 0.0 makes -0.0 to 0.0
             heading=np.float32(aim.heading) * PER_TURN,
-            more=np.float32(extra_tilt) * PER_STEEP,
+            extra_tilt=np.float32(extra_tilt_rad) * PER_STEEP,
         )
 
     @property
@@ -136,15 +138,15 @@ class RayTable:
         self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
-        self, rectangles: "Rectangles", heading: np.float32, more: np.float32
+        self, rectangles: "Rectangles", heading: np.float32, extra_tilt: np.float32
     ) -> tuple[Int64[np.ndarray, " m"], Counts]:
         """Return the indices of rectangles that hold rays, ascending, and the rays in each.
 
         Args:
             rectangles: Rectangles of azimuth and elevation of the world.
             heading: Heading of the sensor, in places of azimuth.
-            more: Places of elevation by which the sensor is tilted more than the table."""
-        edges = rectangles.find_edges(heading, more)
+            extra_tilt: Places of elevation by which the sensor is tilted more than the table."""
+        edges = rectangles.find_edges(heading, extra_tilt)
         # columns begin to begin + width and rows low to up of this table, ends excluded
         begin = np.rint(edges.left).astype(np.int32)
         width = np.rint(edges.right).astype(np.int32) - begin
@@ -190,8 +192,8 @@ class RayTable:
 def get_ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
     """Return the table of a model, tilted and rolled (rad), from memory or made now.
 
-    It stays in memory until newer uses of others fill `MAX_TABLE_BYTES`. Threads wait while one
-    makes a table."""
+    It counts the model's rays by direction. It stays in memory until newer uses of others fill
+    `MAX_TABLE_BYTES`. Threads wait while one makes a table."""
     key = model, tilt, roll
     with _LOCK:
         table: RayTable = RAY_TABLES.get(key) or RayTable(*key)

@@ -67,7 +67,7 @@ class Rectangles(NamedTuple):
             tan=np.clip(np.tan((bottom + top) / 2), -3, 3),
         )
 
-    def find_edges(self, heading: np.float32, more: np.float32) -> Edges:
+    def find_edges(self, heading: np.float32, extra_tilt: np.float32) -> Edges:
         """Edges as a sensor sees them, in places of its table of rays.
 
         Azimuth is counted from the sensor's heading. All edges of a rectangle are moved by the
@@ -75,16 +75,18 @@ class Rectangles(NamedTuple):
 
         Args:
             heading: Heading of the sensor, in places of azimuth.
-            more: Places of elevation by which the sensor is tilted more than the table."""
+            extra_tilt: Places of elevation by which the sensor is tilted more than the table."""
         left = self.left - heading
         right = self.right - heading
-        if not more:
+        if not extra_tilt:
             return Edges(left, right, self.low, self.high)
         angle = heading / PER_TURN
         cos, sin = np.cos(angle), np.sin(angle)
-        # brackets: cosine and sine of the middle's azimuth, counted from the heading
-        up = more * (self.cos * cos + self.sin * sin)
-        sideways = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
+        # cosine and sine of the middle's azimuth, counted from the heading
+        middle_cos = self.cos * cos + self.sin * sin
+        middle_sin = self.sin * cos - self.cos * sin
+        up = extra_tilt * middle_cos
+        sideways = (extra_tilt * PER_TURN / PER_STEEP) * self.tan * middle_sin
         return Edges(
             left=left + sideways, right=right + sideways, low=self.low + up, high=self.high + up
         )

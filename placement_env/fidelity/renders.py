@@ -97,11 +97,12 @@ class Renders:
         self._cache = cache
         self._noise_seed = noise_seed
         self.errors = errors
+        # errors beyond noise look at neighbouring pixels, in the crop and outside
         self._needs_whole_images = not only_own_noise(errors)
         # by candidate and part of the frames, least recently used first
         self._packed: dict[tuple[int, int], _Packed] = {}
-        self._rigs: dict[int, Rig] = {}
-        self._scenes: dict[int, EmptyScene] = {}
+        self._rigs: dict[int, Rig] = {}  # by candidate
+        self._scenes: dict[int, EmptyScene] = {}  # by candidate
 
     def __reduce__(self) -> tuple[object, ...]:
         make = partial(
@@ -186,7 +187,8 @@ class Renders:
         return self.traffic.snapshots[k].objects
 
     def _measure(self, k: int, c: int) -> _CropMeasurement:
-        """What candidate c measures in the crop in frame k, with noise."""
+        """Measurement of candidate c in the crop in frame k, with noise."""
+        # changes from the empty site; the noise of a sensor and frame is the same in any set
         pixels, depth = self._find_packed(c, k).frame(k)
         rng = None
         if self._noise_seed is not None:
@@ -248,9 +250,9 @@ class Renders:
         return _Packed(*arrays)
 
     def _find_rig(self, c: int) -> Rig:
-        """Rig of candidate c as the only sensor, with its image of the empty site.
+        """Candidate c as a rig of one sensor: with its measurements of the empty site.
 
-        The image holds the crop, or everything if errors need whole images; kept once made."""
+        They hold the crop, or everything if errors need whole images; kept once made."""
         if c not in self._rigs:
             (arrays,) = recall(
                 self._cache, [self._key(c, "empty")], lambda _: [self._render_empty(c)]
@@ -299,8 +301,10 @@ class Renders:
     def _render_part(self, c: int, part: int) -> Arrays:
         """Render every `RENDER_PARTS`-th frame of candidate c, from frame `part` on.
 
-        Returns pixels, steps and ends as in `_Packed`: the pixels that differ from the empty site,
-        frame after frame."""
+        Returns:
+            Pixels that differ from the empty site, frame after frame; the measurement of each,
+            `STEPS_PER_METRE` to a metre, 0 for no return; and a 0, then for each frame the index
+            after its last pixel."""
         renderer = build_renderer(self.traffic).looking([self.sensors[c]])
         (background,) = renderer.background  # image of the only sensor
         empty_image = background.ravel().astype(np.float32)

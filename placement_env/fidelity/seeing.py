@@ -219,6 +219,7 @@ class _FullLook(_Look):
     """Points in all frames, by casting all rays; a block is a range of sensors."""
 
     def __call__(self, block: Block) -> SeenPoints:
+        """Points of a block of sensors on objects and in the crop, in all frames."""
         sensors = self.sensors[block.first : block.end]
         return look_at(self.traffic, build_renderer(self.traffic), sensors, self.labels)
 
@@ -231,6 +232,9 @@ class _RoundLook(_Look):
     """Points of all sensors, from panoramas; a block is a range of frames."""
 
     def __call__(self, block: Block) -> SeenPoints:
+        """Points of all sensors on objects and in the crop, in a block of frames.
+
+        Each place is looked at once; all sensors there are looked up in that view."""
         snapshots = self.traffic.snapshots[block.first : block.end]
         scored = ScoredItems.of(self.traffic, snapshots, self.labels)
         places, place_of_sensor = self._places

@@ -71,9 +71,9 @@ class Still:
         lookup: Aim of the sensor, which must be at this place."""
         table = lookup.table
         columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
-        # turned by whole columns; cells beyond the last column wrap round
+        # cells with rays at heading 0, turned by whole columns; those beyond the last wrap round
         cell = table.cells + columns * CELL_ROWS
-        # expected numbers of rays, in steps of chance
+        # rays in each cell times its chance, in steps
         sent = float(table.cell_rays @ self.sent.take(cell, mode="wrap"))
         far = float(table.cell_rays @ self.far.take(cell, mode="wrap"))
         return sent / float(CHANCE_STEPS), far / float(CHANCE_STEPS)

@@ -81,7 +81,7 @@ class Surrogate:
         self._codec = codec
         self._radius = radius
         self.models = _choose_models(self._scheme, model, classes, iou)
-        self._set_visibility(visibility, [None] * len(classes))
+        self._set_visibility(visibility, sizes=[None] * len(classes))  # None: computed there
 
     def over(self, visibility: Visibility) -> "Surrogate":
         """Copy with the same models for other candidates in the same traffic.
@@ -117,7 +117,8 @@ class Surrogate:
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Expected AP and recall of each set for each class; NaN for a class without objects."""
-        ap, recall = np.stack([part.expected(subsets) for part in self._parts], axis=2)
+        # axes: AP or recall, set, class
+        ap, recall = np.stack([part.find_figures(subsets) for part in self._parts], axis=2)
         return ClassEstimates(ap, recall, self._sent.kbit(subsets))
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> list[Float64[np.ndarray, " _"]]:
@@ -167,7 +168,7 @@ class Surrogate:
         fit_deviation = np.zeros(len(subsets))
         if count > 1:
             # axes: resampled fit, set, class
-            class_ap = np.stack([part.resampled(subsets, count) for part in self._parts], axis=2)
+            class_ap = np.stack([part.resample(subsets, count) for part in self._parts], axis=2)
             resampled_ap = self.classes.combined(class_ap.reshape(-1, len(self._parts)))
             deviation = np.std(resampled_ap.reshape(count, -1), axis=0, ddof=1)
             fit_deviation = np.nan_to_num(deviation)
@@ -181,7 +182,7 @@ class Surrogate:
 
         sensors: Names of the classes of the candidates' sensor models."""
         sentences: dict[str, None] = {}  # keys in order, each once
-        for part in self._parts:
+        for part in self._parts:  # objects of each class
             domain = part.model.domain
             if domain is not None:
                 visibility = part.evidence.visibility
@@ -275,8 +276,8 @@ class _Part:
             )
         return self.sums.rows[:, : self.objects].copy()
 
-    def expected(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
-        """AP and recall (rows) of each set by the formula of this module, NaN without an object."""
+    def find_figures(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
+        """Expected AP and recall (rows) of each set (columns), NaN without an object."""
         figures = np.full((2, len(subsets)), np.nan)
         # block: slice of sets; sums: evidence of these sets (`Evidence.rows`)
         for block, sums in self.sums.blocks(subsets if self.objects else subsets[:0]):
@@ -289,10 +290,11 @@ class _Part:
                 powers, _ = self.evidence.joined(sums, self.model)
                 powers.sort(axis=1)
                 probability = self.model.probability(powers[:, ::-1])
+            # two rows: AP, recall
             figures[:, block] = compute_expected_ap(probability, self.model.false_alarms)
         return figures
 
-    def resampled(
+    def resample(
         self, subsets: Bool[np.ndarray, "n C"], count: int
     ) -> Float64[np.ndarray, "count n"]:
         """AP of each set by each of the first `count` resampled fits, NaN without an object."""
@@ -330,11 +332,15 @@ class _Part:
 def compute_expected_ap(
     probability: Float[np.ndarray, "n O"], false_alarms: float | Float32[np.ndarray, "n 1"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
-    """Expected AP and recall of n sets by the formula of this module; 0 without an object.
+    """Expected AP and recall of n sets; 0 without an object.
+
+    With T_i = p_1 + ... + p_i expected hits among the best i of O objects, AP is
+    1/O Σ_i p_i · T_i / (T_i + λ (i - T_i)) and recall is T_O / O.
 
     Args:
-        probability: Hit probability of each object, in descending order for each set.
-        false_alarms: λ of the formula, one for all sets or a column with one for each."""
+        probability: Hit probability p of each object, in descending order for each set.
+        false_alarms: λ, expected false alarms for each object that is less surely found and not
+            hit: one for all sets, or a column with one for each."""
     n, objects = probability.shape
     if not objects:
         return np.zeros(n), np.zeros(n)
@@ -354,13 +360,13 @@ def resample_ap(
     draws: Float32[np.ndarray, "n B"],
     block: Int64[np.ndarray, " O"],
 ) -> Float64[np.ndarray, " n"]:
-    """AP of one set in n resamples of the traffic, NaN for a resample without an object.
+    """Expected AP of one set in n resamples of the traffic, NaN for a resample without an object.
 
-    It follows the formula of this module, with each object as often as its block is drawn.
+    It is the AP of `compute_expected_ap`, with each object as often as its block is drawn.
 
     Args:
         probability: Hit probability of each object.
-        false_alarms: λ of the formula.
+        false_alarms: Expected false alarms for each object that is less surely found and not hit.
         draws: How often each of B blocks is drawn in each resample.
         block: Index of each object's block."""
     order = np.argsort(-probability, kind="stable")

@@ -168,7 +168,7 @@ class Surround:
         for rows in self._list_slices_ahead(table, float(lookup.heading)):
             rectangles_ahead = Rectangles(*(column[rows] for column in self.rectangles))
             # strips (within `rows`) that rays fall on, and the number of rays on each
-            hit, rays = table.counts(rectangles_ahead, lookup.heading, lookup.more)
+            hit, rays = table.counts(rectangles_ahead, lookup.heading, lookup.extra_tilt)
             points += np.bincount(self.item[rows].take(hit), rays, items)
             frame = self.frame[rows].take(hit)
             sent += np.bincount(frame, rays * gains.sent[rows].take(hit), frames)

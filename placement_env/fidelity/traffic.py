@@ -90,9 +90,9 @@ class Traffic:
 def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic:
     """Simulate frames of traffic, the same for the same seed.
 
-    The last `MAX_KEPT_TRAFFIC` results are kept in memory. Bodies are drawn for
-    each simulation. Parked vehicles stay for `LIFE` frames, like all: sets are compared by a
-    bootstrap over blocks of that length, which a van parked there throughout would bias unnoticed.
+    The last `MAX_KEPT_TRAFFIC` results are kept in memory. Bodies are drawn for each simulation.
+    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks
+    of that length, which a van parked there throughout would bias unnoticed.
 
     Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`."""

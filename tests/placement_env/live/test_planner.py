@@ -95,7 +95,7 @@ def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> N
     assert len(live._kept) == known + 1
     assert not planner.finish().coarse
     assert planner.finish().ap == pytest.approx(planner.score().ap, abs=0.005)
-    live.hold, live._queue = (lambda: True), [None]  # another waits for rays
+    live.hold, live._waiting = (lambda: True), [None]  # another waits for rays
     assert list(live._iterate_frames()) == [0, 1, 2, 3]
 
 

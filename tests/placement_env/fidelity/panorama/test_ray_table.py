@@ -101,7 +101,7 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
         [steady.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5
     )
     np.testing.assert_allclose(
-        [steady.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5
+        [steady.extra_tilt, tilted.extra_tilt / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5
     )
 
 

@@ -76,7 +76,7 @@ def test_what_is_ahead_is_all_that_is_seen(strips, scored, model, more):
         place = float(np.float32(heading * PER_TURN))
         lookup = Lookup(model, 0.3, 0.0, np.float32(place), np.float32(more))
         points, sent, far = around.seen(lookup)
-        held, rays = table.counts(around.rectangles, lookup.heading, lookup.more)
+        held, rays = table.counts(around.rectangles, lookup.heading, lookup.extra_tilt)
         np.testing.assert_array_equal(points, np.bincount(around.item[held], rays, 31)[:30])
         frame, shows = around.frame[held], strips.shows[order][held]
         everything = float(np.prod(model.shape))
