@@ -319,61 +319,62 @@ def fit_detected(
 
     Raises ValueError if the data of a class are empty."""
     first = detected_sites[0][1]
-    estimates = [detected.class_estimates(sets) for _, detected, sets in detected_sites]
-    hits = []
-    for _, detected, sets in detected_sites:
-        hits.append(np.stack([detected.hits(subset) for subset in sets], axis=1))
-    fitted: dict[tuple[str, float], Fitted] = {}
-    for (c, (name, label)), iou in product(
-        enumerate(zip(first.classes.names, first.classes.labels, strict=True)), ious or first.ious
-    ):
+    estimates = [detected.class_estimates(subsets) for _, detected, subsets in detected_sites]
+    hits = []  # at each site; axes: IoU threshold, set, object
+    for _, detected, subsets in detected_sites:
+        hits.append(np.stack([detected.hits(subset) for subset in subsets], axis=1))
+    fitted: dict[tuple[str, float], Fitted] = {}  # by class and its IoU threshold
+    class_numbers = enumerate(zip(first.classes.names, first.classes.labels, strict=True))
+    for (c, (name, label)), iou in product(class_numbers, ious or first.ious):
         threshold = first.classes.get_iou(name, iou)
         iou_row = first.ious.index(iou)
         if (name, threshold) in fitted:
-            continue
+            continue  # several thresholds of vehicles may give a class the same one
         observed = []
-        for (seen, detected, sets), hit, estimate in zip(
+        for (visibility, detected, subsets), site_hits, site_estimates in zip(
             detected_sites, hits, estimates, strict=True
         ):
-            of_label = seen.labels == label
-            renders = detected.renders
-            kinds = tuple(sorted({type(sensor.model).__name__ for sensor in renders.sensors}))
-            data = (
-                seen.of_classes([label]),
-                sets,
-                hit[iou_row][:, of_label],
-                estimate[iou].ap[:, c].copy(),
-            )
-            observed += (
-                [Observed(*data, renders.site.hybrid_radius, kinds)] if of_label.any() else []
-            )
-        names: dict[str, Any] = {
-            "scheme": first.scheme,
-            "iou": threshold,
-            "label": name,
-            "source": source,
-        }
+            has_label = visibility.labels == label
+            if has_label.any():
+                sensors = detected.renders.sensors
+                observed.append(
+                    Observed(
+                        visibility=visibility.of_classes([label]),
+                        subsets=subsets,
+                        hits=site_hits[iou_row][:, has_label],
+                        ap=site_estimates[iou].ap[:, c].copy(),
+                        radius=detected.renders.site.hybrid_radius,
+                        sensors=tuple(sorted({type(sensor.model).__name__ for sensor in sensors})),
+                    )
+                )
         try:
-            model = fit(observed, resamples=resamples, seed=seed, **names)
+            model = fit(
+                observed,
+                scheme=first.scheme,
+                iou=threshold,
+                label=name,
+                source=source,
+                resamples=resamples,
+                seed=seed,
+            )
         except ValueError as error:
             raise ValueError(
                 f"{name} at IoU {threshold:g} in {first.scheme.name} fusion: {error}"
             ) from None
-        errors = []
-        classes = Classes((model.label,))
-        for observation in observed:
-            surrogate = Surrogate(
-                observation.visibility,
-                first.scheme,
-                model,
-                radius=observation.radius,
-                classes=classes,
-            )
-            errors.append(surrogate(observation.subsets).ap - observation.ap)
-        fitted[name, threshold] = Fitted(
-            model, float(np.sqrt(np.square(np.concatenate(errors)).mean()))
-        )
+        fitted[name, threshold] = Fitted(model, rms=_compute_rms(model, observed, first.scheme))
     return tuple(fitted.values())
+
+
+def _compute_rms(model: HitModel, observed: Sequence[Observed], scheme: Scheme) -> float:
+    """Root mean square error of the AP that a model predicts for all observed sets."""
+    errors = []
+    classes = Classes((model.label,))
+    for observation in observed:
+        surrogate = Surrogate(
+            observation.visibility, scheme, model, radius=observation.radius, classes=classes
+        )
+        errors.append(surrogate(observation.subsets).ap - observation.ap)
+    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
 @dataclass(frozen=True)
