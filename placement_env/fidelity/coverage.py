@@ -47,7 +47,10 @@ class SentData:
 def sent_per_frame(
     visibility: Visibility, scheme: Scheme, codec: Codec
 ) -> Float64[np.ndarray, "C F"]:
-    """Data of each candidate in each frame (kbit), with a box for each object of `LEAST` points."""
+    """Data of each candidate in each frame (kbit).
+
+    In schemes that send boxes, a candidate sends one for each object that it has `LEAST` points or
+    more on."""
     boxes = np.zeros((len(visibility), visibility.frames))  # boxes sent, by candidate and frame
     if scheme.sends_boxes:
         for candidate_boxes, points in zip(boxes, visibility.points, strict=True):
@@ -115,4 +118,4 @@ class Coverage:
                 if count:
                     # `self.views`: number of sensors that must see an object
                     share[block, k] = (views[:, columns] >= self.views).sum(axis=1) / count
-        return ClassEstimates(share, share.copy(), self._sent.kbit(subsets))
+        return ClassEstimates(ap=share, recall=share.copy(), kbit=self._sent.kbit(subsets))

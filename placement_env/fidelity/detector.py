@@ -303,7 +303,9 @@ class Detected:
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
-        """Match the fused detections of a set with the objects of frame k at all thresholds."""
+        """Match the fused detections of a set with the objects of frame k at all IoU thresholds.
+
+        fused: Detections in frame k, and the bits that each sensor of the set sent for them."""
         detections = fused.detections
         objects = self.renders.objects(k)
         is_scored = self.scored(k)
@@ -311,7 +313,7 @@ class Detected:
         # reads the last entry
         scored_index = np.append(np.cumsum(is_scored) - 1, FALSE_ALARM)
         truth = np.full((len(self.ious), len(detections)), IGNORED, np.int16)  # [IoU, detection]
-        for label, ious in self.thresholds:
+        for label, ious in self.thresholds:  # number and IoU thresholds of each class
             at_each_iou = matches(detections, objects, ious, label=label, counted=is_scored)
             for row, matched in enumerate(at_each_iou):
                 # detections of other classes are ignored here and keep their entry
@@ -528,7 +530,7 @@ class _Unknown(Exception):
 
 
 def _compute_figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
-    """AP, recall and kbit of one set (columns) at each IoU threshold, over all frames together.
+    """Figures of one set over all frames: columns are AP, recall, kbit; rows IoU thresholds.
 
     Detections are pooled as in `toolkit.detection.metrics.evaluate`.
 

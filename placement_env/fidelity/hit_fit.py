@@ -57,7 +57,7 @@ class Observed(NamedTuple):
 
 
 class _Weights(NamedTuple):
-    """How often the data of one site count: all once, or as often as a resample drew them.
+    """Weights of the data of one site: all count once, or as often as a resample drew them.
 
     Attributes:
         objects: How often each object counts.

@@ -394,7 +394,7 @@ def find_chances(
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
 ) -> Chances:
-    """Chance of each point to be sent, and to be sent and far.
+    """Chance of each measured point to be sent, and to be sent and far.
 
     A point is sent if it is in the site's area, below the crop's height without noise, and above
     the ground with noise. It is far beyond the site's hybrid radius from its sensor.

@@ -147,7 +147,7 @@ class TrafficView:
     def _share_places(self, sensor: Sensor, mount: Mount, reach: Reach) -> list[_Share]:
         """Return the places of the panoramas to use for a sensor, each with its weight.
 
-        The weights add up to 1.
+        A panorama has the objects of all frames seen from one place. The weights add up to 1.
 
         reach: "mount" for the half metres below and above the sensor on its mount, "own" for its
             exact place, "nearest" for panoramas in memory if possible."""
@@ -208,6 +208,8 @@ class TrafficView:
         self, mount_places: _MountPlaces, models: set[SensorModel], *, all_heights: bool
     ) -> dict[Place, Surround]:
         """Return the panorama of each place, from memory or made now under the lock `casting`.
+
+        A panorama has the moving objects of all frames seen from one place.
 
         Args:
             mount_places: Requested places, each with its mount; repetitions do not matter.

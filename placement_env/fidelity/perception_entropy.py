@@ -58,7 +58,9 @@ class PerceptionEntropy:
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Score of each set: 1 for the least entropy, 0 for the greatest, if nothing is seen."""
+        """Score of each set as AP and recall, and its kbit.
+
+        The score is 1 for the least entropy, 0 for the greatest, if nothing is seen."""
         score = np.zeros(len(subsets))
         objects = self._sums.rows.shape[1]  # number of objects
         # entropy 2 ln σ without points and with very many; constant terms of H cancel in the score
@@ -72,7 +74,7 @@ class PerceptionEntropy:
             entropy = 2 * log_sigma.sum(axis=1, dtype=np.float64) / max(1, objects)
             scaled = np.clip((max_entropy - entropy) / (max_entropy - min_entropy), 0, 1)
             score[block] = scaled if objects else 0.0
-        return Estimate(score, score.copy(), self._sent.kbit(subsets))
+        return Estimate(ap=score, recall=score.copy(), kbit=self._sent.kbit(subsets))
 
 
 def _compute_sigma(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

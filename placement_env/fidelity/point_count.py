@@ -31,7 +31,9 @@ class PointCount:
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Return the score of each set, from 0 for nothing seen to 1."""
+        """Score of each set as AP and recall, from 0 for nothing seen to 1, and its kbit.
+
+        It is the mean over the objects of log(1 + points), as a share of its greatest value."""
         score = np.zeros(len(subsets))
         objects = self._point_sums.rows.shape[1]  # number of objects
         max_sum = max(1, objects) * math.log1p(ENOUGH_POINTS)
@@ -39,4 +41,4 @@ class PointCount:
         for block, points in self._point_sums.blocks(subsets):
             logarithms = np.log1p(np.minimum(points, ENOUGH_POINTS))
             score[block] = logarithms.sum(axis=1, dtype=np.float64) / max_sum
-        return Estimate(score, score.copy(), self._sent.kbit(subsets))
+        return Estimate(ap=score, recall=score.copy(), kbit=self._sent.kbit(subsets))

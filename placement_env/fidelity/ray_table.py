@@ -11,7 +11,13 @@ import numpy as np
 
 from placement_env.fidelity.bounded import Bounded
 from placement_env.fidelity.cells import CELL_ROWS, find_cells
-from placement_env.fidelity.rectangles import AZIMUTHS, ELEVATIONS, PER_STEEP, PER_TURN, Rectangles
+from placement_env.fidelity.rectangles import (
+    AZIMUTHS,
+    ELEVATIONS,
+    ELEVATIONS_PER_RAD,
+    AZIMUTHS_PER_RAD,
+    Rectangles,
+)
 from toolkit.arrays import Int64, Shaped
 from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor, SensorModel
@@ -60,8 +66,8 @@ class Lookup(NamedTuple):
         model: Model of the sensor.
         tilt: Tilt of the table (rad).
         roll: Roll of the table (rad).
-        heading: Heading of the sensor, in places of azimuth (`PER_TURN` to a radian).
-        extra_tilt: Places of elevation (`PER_STEEP` to a radian) by which the sensor is tilted more
+        heading: Heading of the sensor, in places of azimuth (`AZIMUTHS_PER_RAD` to a radian).
+        extra_tilt: Places of elevation (`ELEVATIONS_PER_RAD` to a radian) by which the sensor is tilted more
             than the table, < 0 if it is tilted less."""
 
     model: SensorModel
@@ -84,8 +90,8 @@ class Lookup(NamedTuple):
             model=sensor.model,
             tilt=table_tilt,
             roll=round(aim.roll, 4) + 0.0,  # + 0.0 makes -0.0 to 0.0
-            heading=np.float32(aim.heading) * PER_TURN,
-            extra_tilt=np.float32(extra_tilt_rad) * PER_STEEP,
+            heading=np.float32(aim.heading) * AZIMUTHS_PER_RAD,
+            extra_tilt=np.float32(extra_tilt_rad) * ELEVATIONS_PER_RAD,
         )
 
     @property
@@ -97,7 +103,8 @@ class Lookup(NamedTuple):
 class RayTable:
     """Number of rays of a model in each direction, tilted and rolled (rad), heading 0.
 
-    Places are as in `rectangles`: azimuth from straight behind on, elevation from straight down.
+    Directions are places as in `rectangles`: `AZIMUTHS` columns to a turn, from straight behind on,
+    and `ELEVATIONS` rows from straight down to straight up.
 
     Attributes:
         first_column: First place of azimuth with rays.
@@ -114,6 +121,7 @@ class RayTable:
         x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
         azimuth = np.arctan2(y, x)
         elevation = np.arctan2(z, np.hypot(x, y))
+        # place of each ray in the grid of all directions
         column = np.floor((azimuth + np.pi) * (AZIMUTHS / (2 * np.pi))).astype(np.int64) % AZIMUTHS
         row = np.clip(
             np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1
@@ -131,8 +139,9 @@ class RayTable:
         for before, after in pairwise(self._sums):
             np.add(before, after, out=after)
         np.add.accumulate(self._sums, axis=1, out=self._sums)
-        column, row = find_cells(azimuth, elevation)
-        rays = np.bincount(column * CELL_ROWS + row)
+        # the same by coarser cells, of which only those with rays are kept
+        cell_column, cell_row = find_cells(azimuth, elevation)
+        rays = np.bincount(cell_column * CELL_ROWS + cell_row)
         self.cells = np.flatnonzero(rays)
         self.cell_rays = rays[self.cells].astype(np.float32)
         self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes

@@ -12,8 +12,8 @@ from toolkit.arrays import Float32
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
 PI = np.float32(np.pi)
-PER_TURN = np.float32(AZIMUTHS / (2 * np.pi))  # places of azimuth in a radian
-PER_STEEP = np.float32(ELEVATIONS / np.pi)  # places of elevation in a radian
+AZIMUTHS_PER_RAD = np.float32(AZIMUTHS / (2 * np.pi))  # places of azimuth in a radian
+ELEVATIONS_PER_RAD = np.float32(ELEVATIONS / np.pi)  # places of elevation in a radian
 
 
 class Edges(NamedTuple):
@@ -58,10 +58,10 @@ class Rectangles(NamedTuple):
         """Build from edges (rad, float32): azimuths left < right, elevations bottom < top."""
         middle = (left + right) / 2
         return Rectangles(
-            left=(left + PI) * PER_TURN,
-            right=(right + PI) * PER_TURN,
-            low=(bottom + PI / 2) * PER_STEEP,
-            high=(top + PI / 2) * PER_STEEP,
+            left=(left + PI) * AZIMUTHS_PER_RAD,
+            right=(right + PI) * AZIMUTHS_PER_RAD,
+            low=(bottom + PI / 2) * ELEVATIONS_PER_RAD,
+            high=(top + PI / 2) * ELEVATIONS_PER_RAD,
             cos=np.cos(middle),
             sin=np.sin(middle),
             tan=np.clip(np.tan((bottom + top) / 2), -3, 3),
@@ -80,13 +80,13 @@ class Rectangles(NamedTuple):
         right = self.right - heading
         if not extra_tilt:
             return Edges(left, right, self.low, self.high)
-        angle = heading / PER_TURN
+        angle = heading / AZIMUTHS_PER_RAD
         cos, sin = np.cos(angle), np.sin(angle)
         # cosine and sine of the middle's azimuth, counted from the heading
         middle_cos = self.cos * cos + self.sin * sin
         middle_sin = self.sin * cos - self.cos * sin
         up = extra_tilt * middle_cos
-        sideways = (extra_tilt * PER_TURN / PER_STEEP) * self.tan * middle_sin
+        sideways = (extra_tilt * AZIMUTHS_PER_RAD / ELEVATIONS_PER_RAD) * self.tan * middle_sin
         return Edges(
             left=left + sideways, right=right + sideways, low=self.low + up, high=self.high + up
         )

@@ -426,7 +426,10 @@ def _find_changes(empty_image: np.ndarray, image: np.ndarray) -> tuple[np.ndarra
 
     Args:
         empty_image: Measurements (m) of the empty site, flat.
-        image: Measurements (m) of the frame, flat."""
+        image: Measurements (m) of the frame, flat.
+
+    Returns:
+        Flat indices of the pixels; measurement of each, `STEPS_PER_METRE` to a metre."""
     pixels = np.flatnonzero(image != empty_image).astype(np.uint32)
     depth = image[pixels]
     is_measured = (depth > 0) & (depth < MAX_DEPTH_M)

@@ -35,7 +35,10 @@ class Still:
     def of(
         renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel
     ) -> "Still":
-        """Cast a ray through each cell from a viewpoint and find the chances of its point.
+        """Cast a ray through each cell of directions and find the chances of its point.
+
+        A point is sent if it is in the detection volume under noise, and far if it is beyond the
+        site's hybrid radius too.
 
         Args:
             renderer: Renderer of the static scene.
@@ -68,8 +71,10 @@ class Still:
     def count_background(self, lookup: Lookup) -> tuple[float, float]:
         """Expected points that a sensor sends if no object is there, and the far ones among them.
 
+        Far points are beyond the site's hybrid radius.
+
         lookup: Aim of the sensor, which must be at this place."""
-        table = lookup.table
+        table = lookup.table  # numbers of rays by direction, for heading 0
         columns = round(float(lookup.heading) * CELL_COLUMNS / AZIMUTHS) % CELL_COLUMNS
         # cells with rays at heading 0, turned by whole columns; those beyond the last wrap round
         cell = table.cells + columns * CELL_ROWS
@@ -97,5 +102,5 @@ class Still:
 def _mean_length(model: SensorModel) -> np.floating:
     """Mean length of a model's rays: metres from the sensor for a measurement of 1 m.
 
-    It is 1 for a sensor that measures distance, more for one that measures depth."""
+    It is 1 for a sensor that measures distance, more for a depth camera."""
     return np.linalg.norm(model.rays(), axis=-1).mean()

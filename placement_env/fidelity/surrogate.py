@@ -119,7 +119,7 @@ class Surrogate:
         """Expected AP and recall of each set for each class; NaN for a class without objects."""
         # axes: AP or recall, set, class
         ap, recall = np.stack([part.find_figures(subsets) for part in self._parts], axis=2)
-        return ClassEstimates(ap, recall, self._sent.kbit(subsets))
+        return ClassEstimates(ap=ap, recall=recall, kbit=self._sent.kbit(subsets))
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> list[Float64[np.ndarray, " _"]]:
         """Probability that a set hits each object, one array per class in the objects' order.

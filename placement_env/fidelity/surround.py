@@ -156,8 +156,11 @@ class Surround:
     def seen(self, lookup: Lookup) -> SensorPoints:
         """Points of a sensor at this place on each scored object, and points sent in each frame.
 
+        The rays of the sensor that fall on each strip (upright part of an object, seen from here)
+        are counted. Points sent are those of the static scene and what the objects add to it.
+
         lookup: Aim of the sensor; its model must be in `stills`."""
-        table = lookup.table
+        table = lookup.table  # numbers of rays by direction, for heading 0
         items = self.scored.items + 1  # the last one gathers strips that are not scored
         frames = self.scored.frames
         gains = self.gains[lookup.model]
@@ -176,12 +179,14 @@ class Surround:
         return SensorPoints(points=points[:-1], sent=np.maximum(sent, 0), far=np.maximum(far, 0))
 
     def _list_slices_ahead(self, table: RayTable, heading: float) -> list[slice]:
-        """Ranges of strips that rays of a table may fall on: two across the seam of azimuth.
+        """Ranges of strips that the rays of a sensor may fall on: two across the seam of azimuth.
+
+        Strips are ordered by their left edges, in places of azimuth (`AZIMUTHS` to a turn).
 
         Args:
             table: Rays of the sensor at heading 0.
             heading: Heading of the sensor, in places of azimuth."""
-        # strips are found by their left edges, so a strip may begin its width before the rays
+        # a strip that begins before the rays may reach into them, by the width of the widest
         before = self.widest + TILT_MARGIN_COLUMNS
         length = table.columns + before + TILT_MARGIN_COLUMNS
         if length >= AZIMUTHS:

@@ -226,7 +226,7 @@ class TableFidelity:
         self.table = table
         self.classes = classes
         columns = [table.column(scheme, name, classes.get_iou(name, iou)) for name in classes.names]
-        # of each class, and kbit, which are the same for all
+        # figures of all sets of the table: AP and recall for each class; kbit, the same for all
         self._ap = [column.ap for column in columns]
         self._recall = [column.recall for column in columns]
         self._kbit = columns[0].kbit
@@ -240,14 +240,14 @@ class TableFidelity:
         if len(self.classes.names) > 1:
             return self.by_class(subsets).combined(self.classes)
         rows = self.table.row(subsets)
-        return Estimate(self._ap[0][rows], self._recall[0][rows], self._kbit[rows])
+        return Estimate(ap=self._ap[0][rows], recall=self._recall[0][rows], kbit=self._kbit[rows])
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """AP and recall of each set for each class, and kbit of the set."""
         rows = self.table.row(subsets)
         ap = np.stack([column[rows] for column in self._ap], axis=1)
         recall = np.stack([column[rows] for column in self._recall], axis=1)
-        return ClassEstimates(ap, recall, self._kbit[rows])
+        return ClassEstimates(ap=ap, recall=recall, kbit=self._kbit[rows])
 
 
 class Best(NamedTuple):
