@@ -277,4 +277,5 @@ def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
     """
     position = np.arange(n)
     zigzag = np.where(position % 2, (position + 1) // 2, -(position // 2))  # 0, 1, -1, 2, -2, ...
+    # row k is the zigzag from k on, modulo n
     return (position[:, None] + zigzag) % n

@@ -244,7 +244,8 @@ class Candidates(Displayed):
         mounts = len(self.mounts)
         # one entry for each member of each set: row of the set, and index of the candidate
         set_row, candidate = np.nonzero(subsets)
-        cells = set_row * mounts + self.mount[candidate]  # flat index in the result
+        mount = self.mount[candidate]  # index of each member's mount
+        cells = set_row * mounts + mount  # flat index in the result
         weights = None if figure is None else figure[candidate]
         return np.bincount(cells, weights, minlength=sets * mounts).reshape(sets, mounts)
 

@@ -249,6 +249,7 @@ class _Fitting:
             numbers: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor.
             weights: At each site, how often each object counts for every set."""
         total = count = 0.0
+        # of each site: probability p that a set (row) hits an object (column)
         probabilities = self._probabilities(self._build_model(numbers))
         for p, observation, site_weights in zip(
             probabilities, self._observed, weights, strict=True

@@ -80,7 +80,9 @@ class SensorRays:
         self.sensors = tuple(sensors)
         self._renderer = renderer
         images = renderer.looking(sensors).background
+        # pixels of all sensors in one row: measurements of the empty site
         self.still = np.concatenate([image.ravel() for image in images])
+        # number of each sensor's first pixel, and of all pixels
         self.first = np.cumsum([0, *(image.size for image in images)])
         # rotations by which row vectors are turned from sensor axes to world axes
         turns = [sensor.pose[:3, :3].T.astype(np.float32) for sensor in sensors]
@@ -178,19 +180,23 @@ class SensorRays:
     def _list_pixels(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of the pixels whose rays may meet a box, and the index of each pixel's sensor.
 
-        Rays that end at the static scene or their range before they can reach it are left out."""
+        Rays that end at the static scene or their range before they can reach it are left out.
+
+        windows: Rectangles of pixels around the box: rows top to bottom, columns left to right."""
         sensor, top, bottom, left, right = windows.rows.T
         has_one_window_each = len(set(sensor.tolist())) == len(sensor)
         height = bottom - top
         # one entry for each row of pixels of each window: sensor, row in its image, first pixel
         row_sensor = np.repeat(sensor, height)
         row = counting(height) + np.repeat(top, height)
-        image_begin = self.first[row_sensor] + row * self._columns[row_sensor]
-        begin = image_begin + np.repeat(left, height)
+        first_pixel = self.first[row_sensor]  # of the sensor's image
+        image_width = self._columns[row_sensor]
+        begin = first_pixel + row * image_width + np.repeat(left, height)
         row_width = np.repeat(right - left, height)
         # one entry for each pixel
         pixels = counting(row_width) + np.repeat(begin, row_width)
         sensors = np.repeat(row_sensor, row_width)
+        # a ray's end must be beyond the smallest measurement that the box can have
         in_reach = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
         pixels = pixels[in_reach]
         sensors = sensors[in_reach]

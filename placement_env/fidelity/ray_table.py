@@ -13,9 +13,9 @@ from placement_env.fidelity.bounded import Bounded
 from placement_env.fidelity.cells import CELL_ROWS, find_cells
 from placement_env.fidelity.rectangles import (
     AZIMUTHS,
+    AZIMUTHS_PER_RAD,
     ELEVATIONS,
     ELEVATIONS_PER_RAD,
-    AZIMUTHS_PER_RAD,
     Rectangles,
 )
 from toolkit.arrays import Int64, Shaped
@@ -67,8 +67,8 @@ class Lookup(NamedTuple):
         tilt: Tilt of the table (rad).
         roll: Roll of the table (rad).
         heading: Heading of the sensor, in places of azimuth (`AZIMUTHS_PER_RAD` to a radian).
-        extra_tilt: Places of elevation (`ELEVATIONS_PER_RAD` to a radian) by which the sensor is tilted more
-            than the table, < 0 if it is tilted less."""
+        extra_tilt: Places of elevation (`ELEVATIONS_PER_RAD` to a radian) by which the sensor is
+            tilted more than the table, < 0 if it is tilted less."""
 
     model: SensorModel
     tilt: float

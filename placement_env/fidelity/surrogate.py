@@ -107,9 +107,10 @@ class Surrogate:
             of_class = counted if len(self.classes) == 1 else counted.of_classes([label])
             if class_sizes is None or class_sizes.boxes is not of_class.boxes:
                 class_sizes = _SizeFactors(model, of_class.boxes)
+            # hit probabilities follow from the points on objects (evidence) and their sizes
             evidence = Evidence(of_class, self._scheme, self._radius)
             self._parts.append(_Part(evidence, class_sizes))
-        self._sent = SentData(counted, self._scheme, self._codec)
+        self._sent = SentData(counted, self._scheme, self._codec)  # gives the kbit of sets
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Expected AP and recall, and kbit, of each set; several classes are combined."""
@@ -279,12 +280,13 @@ class _Part:
     def find_figures(self, subsets: Sets) -> Float64[np.ndarray, "2 n"]:
         """Expected AP and recall (rows) of each set (columns), NaN without an object."""
         figures = np.full((2, len(subsets)), np.nan)
-        # block: slice of sets; sums: evidence of these sets (`Evidence.rows`)
+        # block: slice of sets; sums: evidence (`Evidence.rows`), summed over each set's members
         for block, sums in self.sums.blocks(subsets if self.objects else subsets[:0]):
+            # hit probabilities in descending order
             if self.model.floor > 0 or self.model.bulk:
-                probability = self.probability(sums)
-                probability.sort(axis=1)
-                probability = probability[:, ::-1]
+                ascending = self.probability(sums)
+                ascending.sort(axis=1)
+                probability = ascending[:, ::-1]
             else:
                 # without floor and sizes, p grows with the evidence: sorting this is the same
                 powers, _ = self.evidence.joined(sums, self.model)

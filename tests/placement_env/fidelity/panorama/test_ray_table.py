@@ -10,8 +10,8 @@ from placement_env.fidelity.cells import CELL_COLUMNS, CELL_EDGES, cell_elevatio
 from placement_env.fidelity.ray_table import Lookup, RayTable, compute_aim, get_ray_table
 from placement_env.fidelity.rectangles import (
     AZIMUTHS,
-    ELEVATIONS_PER_RAD,
     AZIMUTHS_PER_RAD,
+    ELEVATIONS_PER_RAD,
     Rectangles,
 )
 from toolkit.geometry import look, pose
