@@ -114,7 +114,7 @@ def _group_lanes(
     Args:
         site: Site with the map's direction of north.
         roads: Elements of edges outside junctions, by name of the edge.
-        edge_ends: Nodes at which each of these edges begins and ends.
+        edge_ends: Nodes at which each road begins and ends.
         junctions: Nodes that are junctions.
         junction_names: Names of the junctions."""
     groups: dict[str, list[shapely.Geometry]] = {}
@@ -139,7 +139,7 @@ def _group_lanes(
 def find_streets(site: Site) -> Approaches:
     """Streets in the area as places of a vehicle, named by compass point from the area's middle.
 
-    A street that crosses the middle is one place on each side of it."""
+    A street that crosses the middle is one place on each side."""
     area = shapely.box(*site.area)
     area_middle = [*area.centroid.coords[0]]
     groups = defaultdict[str, list[shapely.Geometry]](list)

@@ -261,7 +261,7 @@ class Tally:
         Args:
             outcomes: Outcome of the set in each frame.
             truths: Number of objects in each frame.
-            at: Index of the IoU threshold among those of the outcomes.
+            at: Index of the IoU threshold, as in `Outcome.truth`.
         """
         scores = []
         hit = []

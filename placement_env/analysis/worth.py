@@ -27,7 +27,7 @@ from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64, Rng
 from toolkit.runtime.text_tables import align_columns
 
-MIN_ROUNDS = 8  # of the sampling, for a margin
+MIN_ROUNDS = 8  # rounds of sampling from which margins are given
 
 
 @dataclass(frozen=True, eq=False)

@@ -704,7 +704,7 @@ def _build_names(
     mount_index, height_index = factors[:, :2].T
     heading_index, tilt_index = factors[:, 2:4].T
     model_index = factors[:, 4]
-    # heights that occur, and which of them each candidate has
+    # heights that occur, and the number among these of each candidate's height
     heights, height_number = np.unique(mounted[mount_index, height_index], return_inverse=True)
     height_texts = _format_distinct(heights, decimals=1)
     heading_texts = _format_distinct(np.rad2deg(axes.headings), decimals=0)

@@ -370,7 +370,7 @@ def _read_collection(path: Path) -> Json:
 def _check_system(element: Json, where: str) -> None:
     """Raise ValueError for a collection, feature or geometry in other coordinates than WGS84.
 
-    Before RFC 7946 each of them could name a coordinate system (geojson.org, 2008, section 3).
+    Before RFC 7946 each element could name a coordinate system (geojson.org, 2008, section 3).
 
     where: Place of the element in the file, for the error.
     """
@@ -427,7 +427,7 @@ def _find_naming_keys(collection: Json) -> list[str]:
 
     All values differ, also from the names of other features."""
     features = [feature for feature in collection["features"] if isinstance(feature, dict)]
-    # of each feature, the texts that may name it, by key: "name" and some of `NAMING_KEYS`
+    # for each feature, the texts that may name it, by key: "name" and some of `NAMING_KEYS`
     texts = [_read_naming_texts(feature) for feature in features]
     names = {feature_texts["name"] for feature_texts in texts if "name" in feature_texts}
     unnamed = [feature_texts for feature_texts in texts if "name" not in feature_texts]

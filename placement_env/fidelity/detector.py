@@ -241,7 +241,7 @@ class Detected:
                     of_class = [outcome.of_class(label) for outcome in outcomes[members]]
                     figures[row, c] = _compute_figures(of_class, to_find[c])
         ap, recall, kbit = np.moveaxis(figures, -1, 0).copy()  # each [set, class, IoU]
-        # kbit are the same for all classes, so those of the first serve
+        # kbit are the same for all classes, so the first class's serve
         return {
             iou: ClassEstimates(
                 ap=ap[:, :, i].copy(), recall=recall[:, :, i].copy(), kbit=kbit[:, 0, i].copy()
@@ -256,7 +256,7 @@ class Detected:
 
         subset: True for the candidates of the set."""
         (members,) = self._list_members(subset[None])
-        masks = []  # of each frame: axes are IoU threshold and scored object
+        masks = []  # one for each frame; axes are IoU threshold and scored object
         for k, outcome in enumerate(self.outcomes([members], range(self.frames))[members]):
             frame_mask = np.zeros((len(self.ious), int(self.scored(k).sum())), np.bool_)
             for hit_objects, truth in zip(frame_mask, outcome.truth, strict=True):

@@ -72,7 +72,7 @@ class _Optimum(NamedTuple):
 
     Attributes:
         numbers: Best numbers: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor.
-        model: Model of these numbers, with its false alarms.
+        model: Model with these numbers, and with its false alarms.
         unlikelihood: Mean negative log-likelihood of the hits, the less the better."""
 
     numbers: Float64[np.ndarray, " p"]
@@ -249,7 +249,7 @@ class _Fitting:
             numbers: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor.
             weights: At each site, how often each object counts for every set."""
         total = count = 0.0
-        # of each site: probability p that a set (row) hits an object (column)
+        # for each site: probability p that a set (row) hits an object (column)
         probabilities = self._probabilities(self._build_model(numbers))
         for p, observation, site_weights in zip(
             probabilities, self._observed, weights, strict=True

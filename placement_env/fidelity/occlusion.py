@@ -158,7 +158,7 @@ class SensorRays:
             )
         body_from_world = self._renderer.body_from_world(box)
         rotation = body_from_world[:3, :3]
-        positions = self._poses[:, :3, 3]  # of the sensors (m, world frame)
+        positions = self._poses[:, :3, 3]  # the sensors' (m, world frame)
         body_positions = ((positions - box[:3]) @ rotation.T).astype(np.float32)
         # lines in the body's frame: start, `NEAR` ahead of the sensor, and direction
         lines = np.empty((len(pixels), 6), np.float32)
@@ -189,7 +189,7 @@ class SensorRays:
         # one entry for each row of pixels of each window: sensor, row in its image, first pixel
         row_sensor = np.repeat(sensor, height)
         row = counting(height) + np.repeat(top, height)
-        first_pixel = self.first[row_sensor]  # of the sensor's image
+        first_pixel = self.first[row_sensor]  # where the sensor's image begins
         image_width = self._columns[row_sensor]
         begin = first_pixel + row * image_width + np.repeat(left, height)
         row_width = np.repeat(right - left, height)

@@ -31,7 +31,7 @@ from toolkit.sites.site import Mount
 HEIGHT_STEP_M = 0.5  # m between the panoramas of a mount
 MAX_HEIGHT_GAP_M = 1.5  # m of height within which a first view is taken from another panorama
 DEFAULT_PANORAMA_BYTES = 600_000_000  # memory of the panoramas that are kept
-FULL_SHARE = 0.9  # of this memory, beyond which it counts as full
+FULL_SHARE = 0.9  # share of this memory beyond which it counts as full
 HOLD_PAUSE_S = 0.001  # s between two questions to `TrafficView.hold`
 Place = tuple[float, float, float]  # x, y, z (m, world frame), rounded to 1e-6 m
 _MountPlaces = list[tuple[Place, Mount]]  # places of panoramas, each with the mount it belongs to

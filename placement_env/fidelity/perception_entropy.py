@@ -65,7 +65,7 @@ class PerceptionEntropy:
         objects = self._sums.rows.shape[1]  # number of objects
         # entropy 2 ln σ without points and with very many; constant terms of H cancel in the score
         max_entropy, min_entropy = 2 * np.log(_compute_sigma(np.array([0.0, np.inf])))
-        # block: slice of sets; sums: of each set and object, over the set's sensors
+        # block: slice of sets; sums: over the sensors of each set (row), for each object
         for block, sums in self._sums.blocks(subsets):
             if self._adds_points:
                 log_sigma = np.log(_compute_sigma(sums))

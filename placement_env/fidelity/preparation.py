@@ -152,7 +152,7 @@ class Preparation:
 
         The network and the hit models stay too, whatever the candidates.
 
-        visibility: Points of these candidates on the objects."""
+        visibility: Points of the new candidates on the objects."""
         return self._share(self.setting.with_candidates(candidates), visibility)
 
     def at_cases(self, cases: Cases) -> "Preparation":
@@ -191,14 +191,14 @@ class Preparation:
     def build_fidelity(self, candidates: Candidates, visibility: Visibility) -> Fidelity:
         """Scorer of sets of other candidates, with the setting's fidelity and cases.
 
-        visibility: Points of these candidates on the objects of the same traffic."""
+        visibility: Points of the new candidates on the objects of the same traffic."""
         if self._empty_surrogate is not None:
             return self._empty_surrogate.over(visibility)  # quick copy
         return self.at(candidates, visibility).fidelity()
 
     @cached_property
     def _empty_surrogate(self) -> Surrogate | None:
-        """Surrogate without candidates, of which quick copies with candidates are made.
+        """Surrogate without candidates, which is copied quickly with some candidates.
 
         None unless the setting's fidelity is "surrogate" and it has only one case."""
         setting = self.setting

@@ -24,7 +24,7 @@ from toolkit.sensors.sensor import Sensor, SensorModel
 
 TABLE_TILT_STEP_RAD = float(np.deg2rad(1.0))  # rad between the tilts of tables
 MAX_TABLE_BYTES = 220_000_000  # memory of the tables kept at a time, 3 to 12 MB each
-MAX_AHEAD_SHARE = 0.85  # of this memory, which tables made ahead may fill
+MAX_AHEAD_SHARE = 0.85  # share of this memory that tables made ahead may fill
 Counts = Shaped[np.ndarray, " m"]  # rays in each rectangle
 RAY_TABLES = Bounded()  # `RayTable` by model, tilt and roll (rad), shared by all threads
 _LOCK = Lock()
@@ -139,7 +139,7 @@ class RayTable:
         for before, after in pairwise(self._sums):
             np.add(before, after, out=after)
         np.add.accumulate(self._sums, axis=1, out=self._sums)
-        # the same by coarser cells, of which only those with rays are kept
+        # the same by coarser cells; cells without rays are left out
         cell_column, cell_row = find_cells(azimuth, elevation)
         rays = np.bincount(cell_column * CELL_ROWS + cell_row)
         self.cells = np.flatnonzero(rays)

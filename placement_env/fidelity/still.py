@@ -47,7 +47,7 @@ class Still:
             model: Sensor model with range and noise. Its rays are taken to have their mean length
                 for a measurement everywhere in its image."""
         rays = list_cell_directions()
-        mean_length = _mean_length(model)  # of the model's rays, per metre of measurement
+        mean_length = _mean_length(model)  # length of a ray per metre of measurement
         cell_chances = np.zeros((2, len(rays)), np.uint8)  # rows: sent, far
         origin = viewpoint.astype(np.float32)
         # start and direction of each ray, which begins `NEAR` ahead of the viewpoint

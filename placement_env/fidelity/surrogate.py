@@ -86,7 +86,7 @@ class Surrogate:
     def over(self, visibility: Visibility) -> "Surrogate":
         """Copy with the same models for other candidates in the same traffic.
 
-        visibility: Points of those candidates. If it shares the array of boxes, factors of the
+        visibility: Points of the other candidates. If it shares the array of boxes, factors of the
             objects' sizes are shared too."""
         surrogate = copy(self)
         surrogate._set_visibility(visibility, [part.sizes for part in self._parts])
@@ -375,7 +375,7 @@ def resample_ap(
     # axes block, object: 1 for the objects of each block, best objects first
     in_block = (block[order] == np.arange(draws.shape[1])[:, None]).astype(np.float32)
     expected = in_block * probability[order].astype(np.float32)
-    # of each block, over the best objects up to each: hits, and detections reported with them
+    # for each block, over the best objects up to each: hits, and detections up to there
     hits = np.cumsum(expected, axis=1)
     reported = np.cumsum(expected + np.float32(false_alarms) * (in_block - expected), axis=1)
     area = np.zeros(len(draws), np.float32)  # under the precision-recall curve, times the objects

@@ -67,7 +67,7 @@ class ScoredItems(NamedTuple):
             snapshots: Frames that are searched.
             labels: Classes (numbers) of the scored objects."""
         masks = [scored(snapshot.objects, traffic.site, labels) for snapshot in snapshots]
-        # of all objects, frame after frame; an empty mask comes first, as there may be no frame
+        # objects frame after frame; an empty mask comes first, as there may be no frame
         is_scored = np.concatenate([np.zeros(0, np.bool_), *masks])
         items = is_scored.sum()
         return ScoredItems(
@@ -157,7 +157,7 @@ class Surround:
         """Points of a sensor at this place on each scored object, and points sent in each frame.
 
         The rays of the sensor that fall on each strip (upright part of an object, seen from here)
-        are counted. Points sent are those of the static scene and what the objects add to it.
+        are counted. Points sent are the static scene's and what the objects add to these.
 
         lookup: Aim of the sensor; its model must be in `stills`."""
         table = lookup.table  # numbers of rays by direction, for heading 0
