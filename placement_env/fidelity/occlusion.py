@@ -189,7 +189,7 @@ class SensorRays:
         # one entry for each row of pixels of each window: sensor, row in its image, first pixel
         row_sensor = np.repeat(sensor, height)
         row = counting(height) + np.repeat(top, height)
-        first_pixel = self.first[row_sensor]  # where the sensor's image begins
+        first_pixel = self.first[row_sensor]  # first one in the sensor's image
         image_width = self._columns[row_sensor]
         begin = first_pixel + row * image_width + np.repeat(left, height)
         row_width = np.repeat(right - left, height)
