@@ -83,6 +83,7 @@ class CasesFidelity:
             figures."""
         by_profile = self._score_at_profiles(subsets, score)
         ap = [estimate.ap for estimate in by_profile]
+        # the means come in the order of the fields: AP, recall, kbit
         return Estimate(*self._average_over_profiles(by_profile, ap))
 
     def _average_over_profiles(

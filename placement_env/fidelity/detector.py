@@ -473,7 +473,8 @@ class _FrameDetections:
         detector = self._rules.detector
         waiting_sets = [members for members in sets if members]
         while isinstance(detector, UnionDetector) and len(waiting_sets) > 1:
-            # while `_requests` is a dictionary, `_detect` adds to it instead of detecting
+            # while `_requests` is a dictionary, `_detect` adds the clouds of unknown detections to
+            # it, by their key, instead of detecting
             requests = self._requests = {}
             waiting_sets = [members for members in waiting_sets if not self._try_fuse(members)]
             self._requests = None

@@ -203,10 +203,11 @@ class _Fitting:
         Args:
             models: Model fitted to each draw.
             draws: For each draw and site, how often each object and each set was drawn."""
-        squares = 0.0
+        squares = 0.0  # sum of squared errors of the AP
         scale = 1e-9  # sum of AP (1 - AP), which squares are divided by; never 0
         for model, weights in zip(models, draws, strict=True):
             is_only_site = len(weights) == 1
+            # for each site: probability p that a set (row) hits an object (column)
             for p, observation, site_weights in zip(
                 self._probabilities(model), self._observed, weights, strict=True
             ):

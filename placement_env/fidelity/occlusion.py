@@ -298,6 +298,7 @@ class _Scene:
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
         self._model_of_sensor = np.array([self._models.index(model) for model in models])
+        # index of each pixel's sensor; `views.first` has the number of each sensor's first pixel
         owner_of_pixel = np.repeat(np.arange(len(sensors)), np.diff(views.first))
         # chances of each pixel's point at the empty site, to be sent, and sent and far
         self._still_sent, self._still_far = np.zeros((2, len(views.still)), np.float32)
@@ -308,11 +309,12 @@ class _Scene:
             self._still_sent[pixels], self._still_far[pixels] = self._find_chances(
                 points, views.rays[pixels], views.still[pixels], owner_of_pixel[pixels]
             )
+        # expected points of each sensor at the empty site
         self.sent, self.far = (
-            np.bincount(owner_of_pixel, still, len(sensors))
-            for still in (self._still_sent, self._still_far)
+            np.bincount(owner_of_pixel, weights=chances, minlength=len(sensors))
+            for chances in (self._still_sent, self._still_far)
         )
-        # scratch arrays of `compose`, one entry per pixel
+        # scratch arrays of `compose`, one entry per pixel: nearest measurement, and who has it
         self._front = np.full(len(views.still), np.inf, np.float32)
         self._owner = np.zeros(len(views.still), np.int32)
 

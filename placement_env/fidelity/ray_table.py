@@ -53,6 +53,7 @@ def compute_aim(sensor: Sensor) -> Aim:
     horizontal_length = np.hypot(x, y)
     tilt = float(np.arctan2(-z, horizontal_length))
     if horizontal_length < 1e-6:
+        # the left axis is horizontal, a quarter turn counter-clockwise from the heading
         left_x, left_y = turn[:2, 1].tolist()
         return Aim(heading=float(np.arctan2(-left_x, left_y)), tilt=tilt, roll=0.0)
     left_z, up_z = turn[2, 1:].tolist()

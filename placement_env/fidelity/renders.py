@@ -365,7 +365,7 @@ class Recorded:
         ]
         sha = hashlib.sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
-            return hashlib.file_digest(file, lambda: sha).hexdigest()
+            return hashlib.file_digest(file, lambda: sha).hexdigest()  # goes on with `sha`
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of sensor c in frame k inside the crop, with noise and errors (m, world)."""
