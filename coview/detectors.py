@@ -203,7 +203,7 @@ def _open_for_known_site(
     from toolkit.detection.cluster import ClusterDetector
 
     if spec is None:
-        from placement_env.fidelity.preparation import find_network, load_shipped_detector
+        from placement_env.fidelity.shipped import find_network, load_shipped_detector
 
         sensors = recording[0].sensors if len(recording) else site.sensors
         return load_shipped_detector(find_network(site, sensors), site)

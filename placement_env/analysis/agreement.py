@@ -40,13 +40,19 @@ class StageFigure(NamedTuple):
         spread.
         """
         share = min(max(self.ap, 0.0), 1.0)
-        low, high = share_interval(share, max(self.objects / LIFE, 1.0), CERTAIN_SHARE)
+        independent_objects = max(self.objects / LIFE, 1.0)
+        low, high = share_interval(share, independent_objects, CERTAIN_SHARE)
         margin = CERTAIN_ERRORS * self.spread
-        return Interval(max(0.0, low - margin), min(1.0, high + margin))
+        return Interval(low=max(0.0, low - margin), high=min(1.0, high + margin))
 
 
 def check_agreement(sensors: Sequence[str], earlier: StageFigure, later: StageFigure) -> None:
-    """Raise ValueError if two stages give one set figures that exclude each other."""
+    """Raise ValueError if two stages give one set figures that exclude each other.
+
+    Args:
+        sensors: Names of the sensors of the set, for the error.
+        earlier: Figure of the earlier stage.
+        later: Figure of the later stage."""
     earlier_ends = earlier.ends
     later_ends = later.ends
     if earlier_ends.low <= later_ends.high and later_ends.low <= earlier_ends.high:

@@ -32,7 +32,7 @@ class Approaches:
     Attributes:
         names: Names of the places; the last is `PARKED`.
         lanes: Centre lines of each place except the last.
-        bays: Parking bays (x, y, yaw).
+        bays: Parking bays: x and y of the middle (m), yaw (rad); frame of the site.
     """
 
     names: tuple[str, ...]
@@ -40,22 +40,26 @@ class Approaches:
     bays: Float64[np.ndarray, "n 3"]
 
     def locate(self, boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        """Index into `names` for each box. A box is parked in a bay, otherwise on the nearest
-        lane."""
-        centres = shapely.points(boxes[:, :2])
+        """Index into `names` for each box: parked close to a bay's middle, else the nearest lane's.
+
+        boxes: x, y, z, length, width, height (m), yaw (rad); frame of the site."""
+        centres = boxes[:, :2]
+        # `lanes` has a line for each of `names` except the last, which is for parked vehicles
         nearest = np.zeros(len(boxes), np.int64)
         if len(self.lanes):
-            distances = [shapely.distance(line, centres) for line in self.lanes]
+            centre_points = shapely.points(centres)
+            distances = [shapely.distance(line, centre_points) for line in self.lanes]
             nearest = np.array(distances).argmin(axis=0)
-        bay_distances = np.linalg.norm(boxes[:, None, :2] - self.bays[:, :2], axis=2)
+        # axes: box, bay
+        bay_distances = np.linalg.norm(centres[:, None] - self.bays[:, :2], axis=2)
         is_parked = bay_distances.min(axis=1, initial=np.inf) <= MAX_BAY_DISTANCE_M
         return np.where(is_parked, len(self.names) - 1, nearest).astype(np.int64)
 
 
 def find_approaches(site: Site) -> Approaches:
-    """Approaches of a site's network."""
+    """Approaches of a site's network, then its other lanes: places of a vehicle."""
     root = ElementTree.fromstring(site.network or "<net/>")
-    edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _lines(edge)}
+    edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _list_centre_lines(edge)}
     ring_edges: set[str] = set()
     merged: dict[str, str] = {}  # name of the roundabout of each node that belongs to one
     for number, roundabout in enumerate(root.findall("roundabout")):
@@ -88,9 +92,9 @@ def find_approaches(site: Site) -> Approaches:
     inside = []
     for name, edge in edges.items():
         if name in roads:
-            leaving += [line for line in _lines(edge) if line.wkb not in approach_lines]
+            leaving += [line for line in _list_centre_lines(edge) if line.wkb not in approach_lines]
         else:
-            inside += _lines(edge)
+            inside += _list_centre_lines(edge)
     by_name = {**dict(sorted(groups.items())), EXIT: leaving, JUNCTION: inside}
     lanes = {name: shapely.union_all(lines) for name, lines in by_name.items() if lines}
     if not lanes:
@@ -105,35 +109,47 @@ def _group_lanes(
     junctions: set[str],
     junction_names: dict[str, str],
 ) -> dict[str, list[shapely.Geometry]]:
-    """Centre lines of the approaches by name: street, direction and junction."""
+    """Centre lines of the approaches (roads to a junction) by street, direction and junction.
+
+    Args:
+        site: Site with the map's direction of north.
+        roads: Elements of edges outside junctions, by name of the edge.
+        edge_ends: Nodes at which each road begins and ends.
+        junctions: Nodes that are junctions.
+        junction_names: Names of the junctions."""
     groups: dict[str, list[shapely.Geometry]] = {}
-    for name, (_, end) in edge_ends.items():
-        if end not in junctions:
+    for name, (_, end_node) in edge_ends.items():
+        if end_node not in junctions:
             continue
-        chain = _chain(name, edge_ends, junctions)
-        start = _lines(roads[chain[-1]])[0].coords[0]  # first point of the first edge
-        stop = _lines(roads[name])[0].coords[-1]  # last point, at the junction
+        chain = _find_chain(name, edge_ends, junctions)  # from the junction back
+        first_lane, *_ = _list_centre_lines(roads[chain[-1]])
+        last_lane, *_ = _list_centre_lines(roads[name])
+        start = first_lane.coords[0]
+        stop = last_lane.coords[-1]  # at the junction
         street = roads[name].get("name", "")
-        heading = compass(site, np.subtract(start[:2], stop[:2]))
-        label = f"{street}, from the {heading}" if street else f"from the {heading}"
+        compass_point = compass(site, np.subtract(start[:2], stop[:2]))
+        label = f"{street}, from the {compass_point}" if street else f"from the {compass_point}"
         if len(junctions) > 1:
-            label = f"{label} to {junction_names[end]}"
+            label = f"{label} to {junction_names[end_node]}"
         for edge in chain:
-            groups.setdefault(label, []).extend(_lines(roads[edge]))
+            groups.setdefault(label, []).extend(_list_centre_lines(roads[edge]))
     return groups
 
 
 def find_streets(site: Site) -> Approaches:
-    """Streets in the area, separately on each side of its middle; unnamed ones by their compass
-    point."""
+    """Streets in the area as places of a vehicle, named by compass point from the area's middle.
+
+    A street that crosses the middle is one place on each side."""
     area = shapely.box(*site.area)
+    area_middle = [*area.centroid.coords[0]]
     groups = defaultdict[str, list[shapely.Geometry]](list)
     for edge in ElementTree.fromstring(site.network or "<net/>").findall("edge"):
-        inside = shapely.intersection(shapely.union_all(_lines(edge)), area)
+        inside = shapely.intersection(shapely.union_all(_list_centre_lines(edge)), area)
         if not inside.is_empty:
-            middle = np.array([*inside.centroid.coords[0]]) - [*area.centroid.coords[0]]
-            name = f"{edge.get('name') or 'the road'} in the {compass(site, middle)}"
-            groups["the junction" if edge.get("function") else name].append(inside)
+            offset = np.array([*inside.centroid.coords[0]]) - area_middle
+            name = f"{edge.get('name') or 'the road'} in the {compass(site, offset)}"
+            is_in_junction = edge.get("function")  # SUMO marks edges within a node so
+            groups["the junction" if is_in_junction else name].append(inside)
     streets = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())}
     streets = streets or {"the junction": area}
     return Approaches(
@@ -144,9 +160,15 @@ def find_streets(site: Site) -> Approaches:
 def _name_junctions(
     site: Site, root: ElementTree.Element, merged: dict[str, str], junctions: set[str]
 ) -> dict[str, str]:
-    """Names of junctions by their side of the area, equal names numbered from its middle
-    outwards."""
+    """Names of junctions by their side of the area, equal names numbered from its middle outwards.
+
+    Args:
+        site: Site with the area.
+        root: Root element of the road network.
+        merged: Name of the roundabout of each node that belongs to one.
+        junctions: Nodes and roundabouts that are junctions."""
     middle = (site.area[:2] + site.area[2:]) / 2
+    # positions of the nodes of each junction (m, frame of the site)
     spots = defaultdict[str, list[Float64[np.ndarray, "2"]]](list)
     for junction in root.findall("junction"):
         node = junction.get("id", "")
@@ -174,30 +196,39 @@ def _name_junctions(
 
 
 def compass(site: Site, offset: Float64[np.ndarray, "2"]) -> str:
-    """Compass point of a direction in the site's frame. North is +y of its map."""
+    """Compass point of a direction in the site's frame (x, y). North is +y of its map."""
     east, north = (site.map_SE3_site[:2, :2] @ offset).tolist()
-    return COMPASS[round(np.degrees(np.arctan2(east, north)) / 45) % 8]
+    angle_deg = np.degrees(np.arctan2(east, north))  # clockwise from north
+    return COMPASS[round(angle_deg / 45) % 8]
 
 
-def _chain(name: str, edge_ends: dict[str, tuple[str, str]], junctions: set[str]) -> list[str]:
+def _find_chain(name: str, edge_ends: dict[str, tuple[str, str]], junctions: set[str]) -> list[str]:
     """Names of an edge and the edges before it, back to a junction or a dead end.
 
-    edge_ends: nodes at which each edge begins and ends. Circles have a junction, so the walk ends.
+    Circles have a junction, so the walk ends.
+
+    Args:
+        name: Name of the edge, with which the result begins.
+        edge_ends: Nodes at which each edge begins and ends.
+        junctions: Nodes that are junctions.
     """
     chain = [name]
-    while edge_ends[chain[-1]][0] not in junctions:
-        start, target = edge_ends[chain[-1]]
+    begin_node, end_node = edge_ends[name]
+    while begin_node not in junctions:
         # edges that lead here, but for the opposite direction of the same road
-        previous = [
-            edge for edge, (begin, end) in edge_ends.items() if end == start and begin != target
+        previous_edges = [
+            edge
+            for edge, (begin, end) in edge_ends.items()
+            if end == begin_node and begin != end_node
         ]
-        if len(previous) != 1:
+        if len(previous_edges) != 1:
             break
-        chain += previous
+        chain += previous_edges
+        begin_node, end_node = edge_ends[chain[-1]]
     return chain
 
 
-def _lines(edge: ElementTree.Element) -> list[shapely.LineString]:
+def _list_centre_lines(edge: ElementTree.Element) -> list[shapely.LineString]:
     """Centre lines of the lanes of an edge that cars may use."""
     shapes = [parse_shape(lane) for lane in edge.findall("lane") if "passenger" in list_users(lane)]
     return [shapely.LineString(points) for points in shapes if len(points) > 1]

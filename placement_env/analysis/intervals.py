@@ -31,7 +31,7 @@ from toolkit.traffic.spawner import LIFE
 
 BLOCK_FRAMES = 2 * LIFE
 MIN_BLOCKS = 10  # for an interval
-RESAMPLES = 1000
+RESAMPLES = 1000  # draws of a bootstrap
 AP_TOLERANCE = 0.01  # difference that does not matter
 MIN_SURE_FRAMES = 20  # for a statement on the confidence of a comparison
 MIN_SURE_OBJECTS = 20  # for a statement on the confidence of a comparison
@@ -53,32 +53,48 @@ def block_draws(
 ) -> Draws:
     """Number of times that each resample draws each frame; equal for frames of one block.
 
-    block: frames of a block, None for `BLOCK_FRAMES`.
+    Args:
+        frames: Number of consecutive frames.
+        block: Frames of a block, None for `BLOCK_FRAMES`.
+        resamples: Number of draws.
+        seed: Seed of the draws.
+
+    Raises ValueError for a number that is not a whole one from 1 up.
     """
-    block = BLOCK_FRAMES if block is None else block
-    for name, value in (("frames", frames), ("block", block), ("resamples", resamples)):
+    block_frames = BLOCK_FRAMES if block is None else block
+    for name, value in (("frames", frames), ("block", block_frames), ("resamples", resamples)):
         check_whole(name, value, least=1)
-    return draws_of_blocks(np.arange(frames) // block, resamples=resamples, seed=seed)
+    return draws_of_blocks(np.arange(frames) // block_frames, resamples=resamples, seed=seed)
 
 
 def draws_of_blocks(
     blocks: Int64[np.ndarray, " frames"], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> Draws:
-    """Number of times that each resample draws each frame. blocks: block of each frame, in any
-    order."""
+    """Number of times that each resample draws each frame; equal for frames of one block.
+
+    Args:
+        blocks: Number of each frame's block, in any order.
+        resamples: Number of draws.
+        seed: Seed of the draws."""
     distinct, block_index = np.unique(blocks, return_inverse=True)
-    shares = np.full(len(distinct), 1 / len(distinct))
-    drawn = np.random.default_rng(seed).multinomial(len(distinct), shares, size=resamples)
-    return np.asarray(drawn[:, block_index], np.int64)
+    shares = np.full(len(distinct), 1 / len(distinct))  # chance of each block
+    # axes: resample, block
+    block_counts = np.random.default_rng(seed).multinomial(len(distinct), shares, size=resamples)
+    return np.asarray(block_counts[:, block_index], np.int64)
 
 
 def ratio_interval(
     parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, confidence: float = 0.95
 ) -> Interval:
-    """Interval of sum(parts) / sum(wholes), such as recall or a mean.
+    """Interval of sum(parts) / sum(wholes) over frames, such as recall or a mean.
 
-    parts, wholes: numerator and denominator of each frame. Raises ValueError if their numbers
-    differ.
+    Args:
+        parts: Numerator of each frame, such as its number of hits.
+        wholes: Denominator of each frame, such as its number of objects.
+        seed: Seed of the resamples.
+        confidence: Share of the resamples that the interval holds.
+
+    Raises ValueError if the numbers of parts and wholes differ.
     """
     numerators = np.asarray(parts, np.float64)
     denominators = np.asarray(wholes, np.float64)
@@ -94,8 +110,8 @@ def ratio_interval(
 
 
 def count_blocks(frames: int) -> int:
-    """Number of blocks of consecutive frames."""
-    return -(-frames // BLOCK_FRAMES)
+    """Number of blocks of `BLOCK_FRAMES` consecutive frames; the last one may be shorter."""
+    return -(-frames // BLOCK_FRAMES)  # rounded up
 
 
 def percentiles(
@@ -105,10 +121,16 @@ def percentiles(
     confidence: float = 0.95,
     fewest: int = MIN_BLOCKS,
 ) -> Interval:
-    """Interval that holds the middle share `confidence` of the figures; NaNs are left out.
+    """Interval that holds the middle share of the figures of some resamples.
 
-    blocks: number of blocks that each figure is drawn from, for which the share is widened. The
-    interval is NaN below `fewest` blocks.
+    Args:
+        figures: Figure of each resample; NaNs are left out.
+        blocks: Number of blocks of frames that each figure is drawn from; the fewer they are, the
+            more the share is widened.
+        confidence: Share of the figures, before it is widened.
+        fewest: Number of blocks below which the interval is NaN.
+
+    Raises ValueError for a confidence outside (0, 1).
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
@@ -119,7 +141,9 @@ def percentiles(
     if math.isfinite(blocks):
         from scipy.special import ndtr, stdtrit  # takes a tenth of what a command loads
 
-        tail = float(ndtr(math.sqrt(blocks / (blocks - 1)) * stdtrit(blocks - 1, tail)))
+        # quantile of Student's t, taken as one of the normal distribution (Hesterberg 2015)
+        quantile = math.sqrt(blocks / (blocks - 1)) * stdtrit(blocks - 1, tail)
+        tail = float(ndtr(quantile))
     positions = (len(defined) - 1) * np.array([tail, 1 - tail])
     # as np.quantile, in a third of its time
     low, high = np.interp(positions, np.arange(len(defined)), np.sort(defined))
@@ -137,27 +161,38 @@ def figure_interval(
 ) -> Interval:
     """Interval of a share such as AP from its resamples, widened to hold the share.
 
-    blocks, confidence, fewest: as in `percentiles`. objects: number of objects behind the share, in
-    all frames. If all resamples agree, the interval is Wilson's for objects / `LIFE` independent
-    objects.
+    If all resamples agree, the interval is Wilson's for objects / `LIFE` independent objects.
+
+    Args:
+        figure: The share, in all frames.
+        resamples: The share in each resample.
+        blocks: Number of blocks of frames that a resample draws.
+        objects: Number of objects behind the share, in all frames; 0 for no Wilson's interval.
+        confidence: Share of the resamples that the interval holds.
+        fewest: Number of blocks below which there is no interval.
     """
     low, high = percentiles(resamples, blocks, confidence=confidence, fewest=fewest)
     if low == high and objects:
         low, high = share_interval(figure, objects / LIFE, confidence)
-    return Interval(min(low, figure), max(high, figure))
+    return Interval(low=min(low, figure), high=max(high, figure))
 
 
 def share_interval(share: float, count: float, confidence: float) -> Interval:
-    """Wilson's score interval of a share of `count` independent objects."""
+    """Wilson's score interval of a share of independent objects.
+
+    Args:
+        share: Observed share, 0 to 1.
+        count: Number of objects, not always whole.
+        confidence: Level of the interval."""
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     middle = share + z**2 / (2 * count)
     spread = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
     scale = 1 + z**2 / count
-    return Interval((middle - spread) / scale, min(1.0, (middle + spread) / scale))
+    return Interval(low=(middle - spread) / scale, high=min(1.0, (middle + spread) / scale))
 
 
 def describe_interval(low: float, high: float, digits: int = 3) -> str:
-    """Words for an interval."""
+    """Words for an interval: "0.812 to 0.934", or why there is no interval if an end is NaN."""
     if math.isnan(low) or math.isnan(high):
         return f"no interval from fewer than {MIN_BLOCKS * BLOCK_FRAMES} frames"
     return f"{low:.{digits}f} to {high:.{digits}f}"
@@ -175,10 +210,10 @@ def is_comparable(frames: int, objects: int) -> bool:
 
 
 def share_beyond_reach(figures: Resamples, tolerance: float = AP_TOLERANCE) -> float:
-    """Share of the resamples of an AP or reward that nothing can exceed by more than the tolerance.
+    """Share of the resamples of an AP or reward that are at least 1 - tolerance.
 
-    It would be above 1 otherwise. The share is a lower bound on the confidence that no other set is
-    better.
+    As no figure is above 1, nothing can exceed these by more than the tolerance. So the share is a
+    lower bound on the confidence that no other set is better. NaNs are left out.
     """
     defined = figures[~np.isnan(figures)]
     return float((defined >= 1 - tolerance).mean()) if len(defined) else 0.0
@@ -192,9 +227,13 @@ def frames_for_width(frames: int, width: float, target_width: float) -> int:
 def is_as_good(figures: Resamples, best: Resamples, blocks: float) -> bool:
     """True if a figure is certainly within `AP_TOLERANCE` of the best.
 
-    figures, best: for the same resamples, drawn from this number of blocks. Their differences have
-    an interval, which must be within the tolerance; two figures whose separate intervals overlap
-    may still differ.
+    The interval of their differences must be within the tolerance; two figures whose separate
+    intervals overlap may still differ.
+
+    Args:
+        figures: The figure in each resample.
+        best: The best figure in the same resamples.
+        blocks: Number of blocks of frames that a resample draws.
     """
     return bool(percentiles(best - figures, blocks).high <= AP_TOLERANCE)
 
@@ -205,7 +244,7 @@ class Tally:
 
     Attributes:
         scores: Score of each detection.
-        hit: Whether it hits an object.
+        hit: True if it hits an object.
         frame: Frame of each detection, from 0.
         truths: Number of objects in each frame.
     """
@@ -217,16 +256,20 @@ class Tally:
 
     @staticmethod
     def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> "Tally":
-        """Tally of the outcomes of each frame, at the IoU threshold of index `at`.
+        """Tally of one set from its outcome in each frame.
 
-        truths: number of objects in each frame.
+        Args:
+            outcomes: Outcome of the set in each frame.
+            truths: Number of objects in each frame.
+            at: Index of the IoU threshold, as in `Outcome.truth`.
         """
         scores = []
         hit = []
         for outcome in outcomes:
-            is_counted = outcome.truth[at] != IGNORED
+            truth = outcome.truth[at]  # object that each detection hits, or a negative number
+            is_counted = truth != IGNORED
             scores.append(outcome.scores[is_counted])
-            hit.append(outcome.truth[at, is_counted] >= 0)
+            hit.append(truth[is_counted] >= 0)
         return Tally.of_frames(scores, hit, truths)
 
     @staticmethod
@@ -237,7 +280,10 @@ class Tally:
     ) -> "Tally":
         """Tally of the detections that count.
 
-        scores, hit: arrays with each frame's detections. truths: number of objects in each frame.
+        Args:
+            scores: For each frame, the score of each detection.
+            hit: For each frame, True for each detection that hits an object.
+            truths: Number of objects in each frame.
         """
         counts = [len(frame_scores) for frame_scores in scores]
         return Tally(

@@ -28,7 +28,11 @@ MIN_SETS = 3  # to estimate the errors of predictions
 
 
 class Shrunk(NamedTuple):
-    """Likeliest figures of n sets, and draws that spread by their uncertainty."""
+    """Likeliest figures of n sets, and draws that spread by their uncertainty.
+
+    Attributes:
+        figure: Likeliest figure of each set, such as its AP.
+        resamples: Draws of each set's figure (columns), the same blocks of frames for all."""
 
     figure: Float64[np.ndarray, " n"]
     resamples: Float64[np.ndarray, "n resamples"]

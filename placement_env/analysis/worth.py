@@ -27,7 +27,7 @@ from placement_env.subsets import SetFunction, all_subsets
 from toolkit.arrays import Bool, Float64, Int64, Rng
 from toolkit.runtime.text_tables import align_columns
 
-MIN_ROUNDS = 8
+MIN_ROUNDS = 8  # rounds of sampling from which margins are given
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,25 +50,34 @@ class Worth:
 
 
 def shapley(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, " n"]:
-    """Exact Shapley value of each sensor from the values of all 2^n sets in the order of
-    `all_subsets`.
+    """Exact Shapley value of each of n sensors: its mean gain over all orders of adding sensors.
 
-    Raises ValueError if their number is not 2^n with n <= 16, or a value is not finite.
+    It is φ(i) = Σ s! (n-s-1)! / n! [v(S+i) - v(S)] over the sets S without i, of s sensors each.
+
+    values: Value of each of all 2^n sets, in the order of `all_subsets`. Raises ValueError if their
+    number is not 2^n with n <= 16, or a value is not finite.
     """
     sets = _list_sets(values)
     n = sets.shape[1]
     size = sets.sum(axis=1)
-    weight = _weights(n)
-    # a set with sensor i counts for it as S + i, a set without it as S
+    weight = _compute_weights(n)
+    # a set with sensor i counts for it as S + i, a set without it as S; `size` - 1 of the empty set
+    # reads a zero at the end
     return values * weight[size - 1] @ sets - values * weight[size] @ ~sets
 
 
 def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
-    """Exact Shapley interaction index of each pair. Values and errors are as in `shapley`."""
+    """Exact Shapley interaction index of each pair of n sensors; above 0 they gain more together.
+
+    It is I(i,j) = Σ s! (n-s-2)! / (n-1)! [v(S+i+j) - v(S+i) - v(S+j) + v(S)] over the sets S
+    without i and j, of s sensors each; 0 on the diagonal.
+
+    values: Value of each of all 2^n sets, in the order of `all_subsets`. Raises ValueError if their
+    number is not 2^n with n <= 16, or a value is not finite."""
     sets = _list_sets(values)
     n = sets.shape[1]
     size = sets.sum(axis=1)
-    weight = _weights(n - 1)
+    weight = _compute_weights(n - 1)  # by number of the other sensors; 0 for impossible numbers
     is_member = sets.astype(float)
     is_absent = (~sets).astype(float)
     # sums over the sets with both sensors of a pair, only the first, and neither
@@ -81,8 +90,13 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
 
 
 def exact_worth(value: SetFunction, sensors: int) -> Worth:
-    """Shapley values and synergies from the values of all 2^n sets. Raises the errors of
-    `shapley`."""
+    """Exact Shapley values and synergies of n sensors, from the values of all 2^n sets.
+
+    Args:
+        value: Function that returns the value of each set, given as rows of booleans.
+        sensors: Number of sensors n.
+
+    Raises ValueError for n > 16, or a value that is not finite."""
     values = np.asarray(value(all_subsets(sensors)), float)
     return Worth(
         shapley=shapley(values),
@@ -155,13 +169,13 @@ def estimate_worth(
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
     """Table with a line per sensor, highest value first."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
-    table = [["sensor", "Shapley", "±"] + [f"with {names[j]}" for j in order]]
+    rows = [["sensor", "Shapley", "±"] + [f"with {names[j]}" for j in order]]
     for i in order:
-        pairs = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
-        table.append(
-            [names[i], f"{worth.shapley[i]:.4f}", f"{worth.shapley_margin[i]:.4f}", *pairs]
-        )
-    return align_columns(table, texts=1)
+        synergies = ["" if i == j else f"{worth.synergy[i, j]:+z.4f}" for j in order]
+        value_text = f"{worth.shapley[i]:.4f}"
+        margin_text = f"{worth.shapley_margin[i]:.4f}"
+        rows.append([names[i], value_text, margin_text, *synergies])
+    return align_columns(rows, texts=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,9 +209,14 @@ class Failures:
 
 
 def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int = 1) -> Failures:
-    """Values of a set under every combination of `failing` sensors.
+    """Values of a set under every combination of failing sensors.
 
-    chosen: True for the sensors of the set. Raises ValueError if the set has fewer sensors.
+    Args:
+        value: Function that returns the value of each set, given as rows of booleans.
+        chosen: True for the sensors of the set.
+        failing: Number of sensors that fail together.
+
+    Raises ValueError if the set has fewer sensors.
     """
     members = np.flatnonzero(chosen)
     if not 1 <= failing <= len(members):
@@ -206,50 +225,57 @@ def failures(value: SetFunction, chosen: Bool[np.ndarray, " C"], *, failing: int
         )
     lost = np.array(list(combinations(members.tolist(), failing)))
     sets = np.repeat(chosen[None], len(lost) + 1, axis=0)  # the intact set first
-    sets[np.arange(len(lost))[:, None] + 1, lost] = False
+    sets[np.arange(len(lost))[:, None] + 1, lost] = False  # row k + 1 without combination k
     values = np.asarray(value(sets), float)
     return Failures(intact=float(values[0]), lost=lost, left=values[1:])
 
 
 def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
-    """Table with a line per number of failing sensors: mean and lowest value, and the worst
-    failure."""
-    table = [["failing", "intact", "mean", "worst", "without"]]
+    """Table of mean and lowest value, and the worst failure, by number of failing sensors.
+
+    Args:
+        cases: Failures of one set, a line of the table each.
+        names: Names of all sensors."""
+    rows = [["failing", "intact", "mean", "worst", "without"]]
     for case in cases:
+        failing_count = case.lost.shape[1]
         figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
-        table.append(
-            [f"N-{case.lost.shape[1]}", *figures, ", ".join(names[i] for i in case.most_missed)]
-        )
-    return align_columns(table, texts=1)
+        most_missed = ", ".join(names[i] for i in case.most_missed)
+        rows.append([f"N-{failing_count}", *figures, most_missed])
+    return align_columns(rows, texts=1)
 
 
 def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
-    """All sets of the n sensors, in the order of their values. Raises ValueError as `shapley`."""
-    sensors = len(values).bit_length() - 1
+    """All sets of n sensors, to which 2^n values belong in this order.
+
+    Raises ValueError if the number of values is not 2^n with n <= 16, or a value is not finite."""
+    sensors = len(values).bit_length() - 1  # n of 2^n; -1 without a value
     if len(values) != 2 ** max(sensors, 0):
         raise ValueError(
             f"values must be given for all 2^n sets, the empty one first, got {len(values)} values"
         )
     sets = all_subsets(sensors)
     if not np.isfinite(values).all():
-        wrong = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise ValueError(
-            f"values must be finite, but that of set {np.flatnonzero(sets[wrong]).tolist()} is not"
-        )
+        first_wrong = int(np.flatnonzero(~np.isfinite(values))[0])
+        members = np.flatnonzero(sets[first_wrong]).tolist()
+        raise ValueError(f"values must be finite, but that of set {members} is not")
     return sets
 
 
-def _weights(n: int) -> Float64[np.ndarray, " sizes"]:
-    """s! (n-s-1)! / n! for s below n, then zeros for the impossible sizes -2 and -1."""
+def _compute_weights(n: int) -> Float64[np.ndarray, " sizes"]:
+    """Weight s! (n-s-1)! / n! of each size s from 0 to n-1, then three zeros.
+
+    The zeros are for sizes that callers read although no such set exists: n, -2 and -1."""
     weights = [factorial(s) * factorial(n - s - 1) / factorial(n) for s in range(n)]
     return np.array(weights + [0.0] * 3)
 
 
 def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
-    """n orders of n sensors with each sensor once in each place and each pair adjacent twice.
+    """n orders (rows) of n sensors: each sensor once in each place, each pair adjacent twice.
 
     (Williams 1949)
     """
     position = np.arange(n)
-    zigzag = np.where(position % 2, (position + 1) // 2, -(position // 2))
+    zigzag = np.where(position % 2, (position + 1) // 2, -(position // 2))  # 0, 1, -1, 2, -2, ...
+    # row k is the zigzag from k on, modulo n
     return (position[:, None] + zigzag) % n

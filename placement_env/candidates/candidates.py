@@ -132,43 +132,50 @@ class Candidates(Displayed):
             aim: Height above the mount's foot (m), heading and tilt (rad) of each sensor.
             pool: Pool with the mounts, and with prices of all these models if it has any."""
         models = tuple(dict.fromkeys(sensor.model for sensor in sensors))
-        number = np.arange(len(sensors))
         model_index = [models.index(sensor.model) for sensor in sensors]
         prices: tuple[float, ...] = ()
         if pool.axes.prices:
             prices = tuple(pool.axes.prices[pool.axes.models.index(model)] for model in models)
+        number = np.arange(len(sensors))
+        # mount, height, heading, tilt and model
         factors = np.column_stack([mount, number, number, number, model_index]).astype(np.int64)
         heights, headings, tilts = aim.T
-        axes = Axes(heights, headings, tilts, models, prices)
-        return Candidates(tuple(sensors), pool.mounts, factors, axes)
+        return Candidates(
+            sensors=tuple(sensors),
+            mounts=pool.mounts,
+            factors=factors,
+            axes=Axes(heights, headings, tilts, models, prices),
+        )
 
     def __len__(self) -> int:
         return len(self.sensors)
 
     def _card(self) -> Card:
-        # title, facts and table for a display, such as in a notebook
+        """Title, facts, table and map for a display, such as in a notebook."""
         kinds = ", ".join(dict.fromkeys(model.kind for model in self.axes.models))
         names = ("mount", "height", "heading", "tilt")
+        # `strict` is off as the last number of `shape` is for models, given by kind instead
         facts = [
             describe_count(count, name) for name, count in zip(names, self.shape, strict=False)
         ]
         return Card(
-            describe_count(len(self), "candidate sensor"),
-            (*facts, kinds),
-            {"sensors": self._tabulate},
-            "placement_env.report.maps:draw_pool",
+            title=describe_count(len(self), "candidate sensor"),
+            facts=(*facts, kinds),
+            tables={"sensors": self._tabulate},
+            drawing="placement_env.report.maps:draw_pool",
         )
 
     def _tabulate(self) -> Table:
-        # columns of a table with a row for each candidate
-        heading, tilt = self.factors[:, 2:4].T
+        """Columns of a table with a row for each candidate, by name of the column."""
+        heading_index, tilt_index = self.factors[:, 2:4].T
         axes = self.axes
         degrees = {
-            "heading_deg": np.degrees(axes.headings)[heading],
-            "tilt_deg": np.degrees(axes.tilts)[tilt],
+            "heading_deg": np.degrees(axes.headings)[heading_index],
+            "tilt_deg": np.degrees(axes.tilts)[tilt_index],
         }
-        poles = [self.mounts[mount].name for mount in self.mount]
-        return {"mount": poles, **tabulate_sensors(self.sensors), **degrees, "price": self.prices}
+        mount_names = [self.mounts[mount].name for mount in self.mount]
+        sensor_columns = tabulate_sensors(self.sensors)
+        return {"mount": mount_names, **sensor_columns, **degrees, "price": self.prices}
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
@@ -216,9 +223,8 @@ class Candidates(Displayed):
         indices = {mount.name: m for m, mount in enumerate(self.mounts)}
         for name in names:
             if name not in indices:
-                suggestions = " or ".join(
-                    get_close_matches(name, indices, 3, 0.4) or list(indices)[:3]
-                )
+                similar_names = get_close_matches(name, indices, n=3, cutoff=0.4)
+                suggestions = " or ".join(similar_names or list(indices)[:3])
                 raise ValueError(
                     f"no sensor may stand on a pole {name!r}, which is unknown, in a keep-out "
                     f"area or on the carriageway: name one of the {len(indices)} poles that may be "
@@ -234,11 +240,14 @@ class Candidates(Displayed):
         Args:
             subsets: n sets as rows of booleans.
             figure: Figure of each candidate to add up, such as its data; None to count."""
+        sets = len(subsets)
+        mounts = len(self.mounts)
+        # one entry for each member of each set: row of the set, and index of the candidate
         set_row, candidate = np.nonzero(subsets)
-        cells = set_row * len(self.mounts) + self.mount[candidate]
-        shape = (len(subsets), len(self.mounts))
-        figures = None if figure is None else figure[candidate]
-        return np.bincount(cells, figures, minlength=shape[0] * shape[1]).reshape(shape)
+        mount = self.mount[candidate]  # index of each member's mount
+        cells = set_row * mounts + mount  # flat index in the result
+        weights = None if figure is None else figure[candidate]
+        return np.bincount(cells, weights, minlength=sets * mounts).reshape(sets, mounts)
 
     def at(
         self,
@@ -253,10 +262,12 @@ class Candidates(Displayed):
         The arguments are indices in `mounts` and `axes`, as in `factors`; arrays are broadcast, and
         the result has their shape."""
         requested = np.stack(np.broadcast_arrays(mount, height, heading, tilt, model), axis=-1)
-        # (..., 1, 5) with (C, 5); a last column that is always True makes "none" index C
+        # (..., 1, 5) is compared with (C, 5), which gives (..., C)
         is_same = (requested[..., None, :] == self.factors).all(axis=-1)
+        # `argmax` finds the first True; a last column of True is found if no candidate matches
         no_match = np.ones((*requested.shape[:-1], 1), np.bool_)
         first_match = np.concatenate([is_same, no_match], axis=-1).argmax(axis=-1)
+        # [()] makes a number of an array without axes
         return np.where(first_match < len(self), first_match, -1)[()]
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Candidates":
@@ -265,13 +276,17 @@ class Candidates(Displayed):
         Mounts and axes stay, even unused ones, so factors keep their meaning."""
         rows = np.asarray(indices, np.int64)
         return Candidates(
-            tuple(self.sensors[i] for i in rows), self.mounts, self.factors[rows], self.axes
+            sensors=tuple(self.sensors[i] for i in rows),
+            mounts=self.mounts,
+            factors=self.factors[rows],
+            axes=self.axes,
         )
 
     def digest(self) -> str:
         """SHA-256 (hexadecimal) over sensors, mounts, axes and factors, alike on every machine.
 
-        Places and prices of models count only if they are not all 1, and not all 0."""
+        The mounts' numbers of sensors count only if they are not all 1, and the prices of models
+        only if they are not all 0, so that candidates without them keep their digest."""
         sha = sha256(repr([(sensor.name, sensor.digest) for sensor in self.sensors]).encode())
         for mount in self.mounts:
             terms = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
@@ -287,13 +302,14 @@ class Candidates(Displayed):
 def find_repeat(names: Iterable[str]) -> str:
     """First name that occurs for the second time; StopIteration if all differ."""
     seen: set[str] = set()
+    # `add` returns None, so a new name is added and passed over
     return next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
 
 
 def aims(sensors: Sequence[Sensor]) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """Headings counter-clockwise from +x, and tilts below the horizon, of sensors (rad)."""
     turns = np.array([sensor.pose[:3, :3] for sensor in sensors]).reshape(-1, 3, 3)
-    # optical axes in the sensors' frames
+    # optical axes in the sensors' frames, then in the world
     forward = np.array([sensor.model.body_SE3_sensor[0, :3] for sensor in sensors]).reshape(-1, 3)
     x, y, z = np.einsum("nij,nj->in", turns, forward)
     return np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
@@ -304,9 +320,8 @@ def aim_sensor(
 ) -> Sensor:
     """Copy of a sensor at another position (m, world) with this heading and tilt (rad), no roll."""
     x, y, z = position.tolist()
-    return replace(
-        sensor, pose=pose(x, y, z, yaw=heading, pitch=tilt) @ sensor.model.body_SE3_sensor
-    )
+    world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt)
+    return replace(sensor, pose=world_SE3_body @ sensor.model.body_SE3_sensor)
 
 
 def fit_together(
@@ -314,36 +329,48 @@ def fit_together(
 ) -> Mask:
     """Mask of sets that fit on their mounts and shared links.
 
-    A lone sensor on a mount always fits its link here: `FeasibleSets.linked` checks that.
+    A sensor without others on its mount always fits its link here: `FeasibleSets.linked` checks
+    that.
 
     Args:
         candidates: C candidates.
         subsets: n sets as rows of booleans.
         sent: kbit per frame of each candidate, None if links always suffice.
     """
-    per_mount = candidates.per_mount(subsets)
-    is_fitting = np.asarray((per_mount <= candidates.places).all(axis=1))
+    counts = candidates.per_mount(subsets)  # sensors of each set (row) on each mount
+    # `places`: largest number of sensors on each mount
+    fits_mounts = np.asarray((counts <= candidates.places).all(axis=1))
     if sent is None or not candidates.several:
-        return is_fitting
-    loads = candidates.per_mount(subsets, sent)
+        return fits_mounts
+    loads = candidates.per_mount(subsets, sent)  # kbit per frame
     capacities = np.array([mount.capacity for mount in candidates.mounts])
-    return np.asarray(is_fitting & ((loads <= max_load(capacities)) | (per_mount <= 1)).all(axis=1))
+    fits_links = ((loads <= max_load(capacities)) | (counts <= 1)).all(axis=1)
+    return np.asarray(fits_mounts & fits_links)
 
 
 def room_beside(
     candidates: Candidates, subsets: Sets, sent: Float64[np.ndarray, " C"] | None = None
 ) -> Sets:
-    """Mask (n, C) of candidates outside each set that fit on their mounts in addition to it.
+    """Mask of candidates (columns) that could be added to each set (row) and fit their mounts.
 
-    Arguments are as in `fit_together`.
+    Members of a set are False. A candidate on a mount without a sensor always fits its link here.
+
+    Args:
+        candidates: C candidates.
+        subsets: n sets as rows of booleans.
+        sent: kbit per frame of each candidate, None if links always suffice.
     """
     mount = candidates.mount
-    count = candidates.per_mount(subsets)
-    has_room = np.asarray((count < candidates.places)[:, mount] & ~subsets)
+    counts = candidates.per_mount(subsets)  # sensors of each set (row) on each mount
+    # `places`: largest number of sensors on each mount. Indexed by `mount`, figures of mounts
+    # become figures of candidates
+    has_room = np.asarray((counts < candidates.places)[:, mount] & ~subsets)
     if sent is None or not candidates.several:
         return has_room
-    load = candidates.per_mount(subsets, sent)[:, mount] + sent
-    return np.asarray(has_room & ((load <= max_load(candidates.capacity)) | (count == 0)[:, mount]))
+    loads = candidates.per_mount(subsets, sent)[:, mount] + sent
+    is_first = (counts == 0)[:, mount]
+    fits_link = (loads <= max_load(candidates.capacity)) | is_first
+    return np.asarray(has_room & fits_link)
 
 
 def extra_prices(candidates: Candidates, row: Bool[np.ndarray, " C"]) -> Float64[np.ndarray, " C"]:
@@ -374,16 +401,19 @@ def paper_candidates(site: Site) -> Candidates:
         x, y, z = sensor.position.tolist()
 
         def distance(mount: Mount, xy: tuple[float, float] = (x, y)) -> float:
-            # m, seen from above; xy is bound as a default, as the loop changes x and y
+            # from the sensor (m), seen from above; xy is bound as a default, as the loop changes it
             return float(np.hypot(*(mount.position[:2] - xy)))
 
         nearest = min(site.mounts, key=distance, default=None)
         if nearest is None or distance(nearest) > MAX_MOUNT_DISTANCE_M:
             foot = min(z, float(site.ground(np.array([x, y]))))
             name = f"{sensor.name}_mount"
-            min_height = min(3.0, z - foot)
-            max_height = max(8.0, z - foot)
-            nearest = Mount(name, np.array([x, y, foot]), min_height, max_height)
+            nearest = Mount(
+                name,
+                position=np.array([x, y, foot]),
+                min_height=min(3.0, z - foot),
+                max_height=max(8.0, z - foot),
+            )
         elif nearest.name in {mount.name for mount in mounts}:
             nearest = replace(nearest, name=f"{nearest.name}_{sensor.name}")
         mounts.append(nearest)
@@ -439,9 +469,9 @@ def pool(
             f"site {site.name!r} has no mount outside the keep-out areas (of {len(available)})"
         )
         raise NoCandidates(f"{problem}: give some poles")
-    axes = _axes(heights, headings, tilts, models)
+    axes = _build_axes(heights, headings, tilts, models)
     feet = np.array([mount.position for mount in open_mounts])
-    mounted = _heights(open_mounts, axes.heights)
+    mounted = _clip_heights(open_mounts, axes.heights)  # axes: mount, height
     shape = (len(open_mounts), *axes.shape)
     is_in_range = np.broadcast_to(np.isfinite(mounted)[:, :, None, None, None], shape)
     factors = np.argwhere(is_in_range).astype(np.int64)
@@ -454,7 +484,7 @@ def pool(
     # (headings, tilts, models, 3, 3): world axes from sensor axes
     rotations = np.stack([bodies @ model.body_SE3_sensor[:3, :3] for model in axes.models], axis=2)
     if not blind:
-        is_visible = _sees_area(site, position, factors, rotations, axes.models)
+        is_visible = _mask_seeing_area(site, position, factors, rotations, axes.models)
         factors = factors[is_visible]
         position = position[is_visible]
     if not len(factors):
@@ -463,7 +493,7 @@ def pool(
     poses = np.tile(np.eye(4), (len(factors), 1, 1))
     poses[:, :3, :3] = rotations[tuple(factors[:, 2:].T)]
     poses[:, :3, 3] = position
-    names = _names(open_mounts, mounted, axes, factors)
+    names = _build_names(open_mounts, mounted, axes, factors)
     sensors = tuple(
         Sensor(name, axes.models[factors[row, 4]], poses[row]) for row, name in enumerate(names)
     )
@@ -535,14 +565,14 @@ def own_and_random(
 
     Raises ValueError if the pool has fewer poses, or there would be no sensor.
     """
-    random_poses = pool(site, models=tuple(models) or PAPER)
+    all_poses = pool(site, models=tuple(models) or PAPER)
     min_poses = 0 if site.sensors else 1
-    if not min_poses <= poses <= len(random_poses):
+    if not min_poses <= poses <= len(all_poses):
         raise ValueError(
-            f"poses must be {min_poses} to the {len(random_poses)} of the pool of {site.name!r}, "
+            f"poses must be {min_poses} to the {len(all_poses)} of the pool of {site.name!r}, "
             f"got {poses}"
         )
-    random_poses = random_poses.select(np.sort(rng.choice(len(random_poses), poses, replace=False)))
+    random_poses = all_poses.select(np.sort(rng.choice(len(all_poses), poses, replace=False)))
     if not site.sensors:
         return random_poses
     present = paper_candidates(site)
@@ -562,20 +592,38 @@ def random_sets(candidates: Candidates, present: int, count: int, rng: np.random
     Half of them are from the first `present` candidates, if there are any. The others have 1 to
     `MAX_RANDOM_POSES` of the other candidates, at most one on a mount. The order of the draws from
     `rng` fixes the sets of a seed.
+
+    Args:
+        candidates: Present sensors, then poses.
+        present: Number of present sensors, with which the candidates begin.
+        count: Number of draws; equal sets are returned once.
+        rng: Generator that draws.
     """
     sets = np.zeros((count, len(candidates)), bool)
-    present_count = count // 2 if present else 0
+    present_count = count // 2 if present else 0  # sets of present sensors
     for row in sets[:present_count]:
-        row[rng.choice(present, rng.integers(1, present + 1), replace=False)] = True
+        size = rng.integers(1, present + 1)
+        row[rng.choice(present, size, replace=False)] = True
     for row in sets[present_count:]:
-        members = present + rng.permutation(len(candidates) - present)
-        _, mount_first = np.unique(candidates.mount[members], return_index=True)
-        row[members[np.sort(mount_first)][: rng.integers(1, MAX_RANDOM_POSES + 1)]] = True
+        shuffled = present + rng.permutation(len(candidates) - present)
+        _, first_on_mount = np.unique(candidates.mount[shuffled], return_index=True)
+        members = shuffled[np.sort(first_on_mount)]  # the first of each mount, still shuffled
+        row[members[: rng.integers(1, MAX_RANDOM_POSES + 1)]] = True
     return np.unique(sets, axis=0)
 
 
-def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models) -> Axes:
-    # axes of a pool: heights and tilts ascending, each once. Arguments are as in `pool`
+def _build_axes(
+    heights: Sequence[float], headings: int, tilts: Sequence[float], models: Models
+) -> Axes:
+    """Axes of a pool: heights and tilts ascending, each once.
+
+    Args:
+        heights: Heights above the mount's foot (m).
+        headings: Number of headings, evenly spaced from +x on.
+        tilts: Tilts below the horizon (rad).
+        models: Sensor models, or their prices by model.
+
+    Raises ValueError if an argument does not fit."""
     if headings < 1 or not (len(heights) and len(tilts) and len(models)):
         raise ValueError("a pool needs at least one height, heading, tilt and sensor model")
     if not (np.isfinite(heights).all() and min(heights) >= 0):
@@ -584,27 +632,33 @@ def _axes(heights: Sequence[float], headings: int, tilts: Sequence[float], model
         raise ValueError(
             f"tilts must lie in -pi/2..pi/2 rad, got {list(tilts)}: give degrees as np.deg2rad(10)"
         )
-    around = np.arange(headings) * 2 * np.pi / headings
-    up = np.unique(np.asarray(heights, np.float64))
-    down = np.unique(np.asarray(tilts, np.float64))
     prices = tuple(float(price) for price in models.values()) if isinstance(models, Mapping) else ()
-    return Axes(up, around, down, tuple(dict.fromkeys(models)), prices)
+    return Axes(
+        heights=np.unique(np.asarray(heights, np.float64)),
+        headings=np.arange(headings) * 2 * np.pi / headings,
+        tilts=np.unique(np.asarray(tilts, np.float64)),
+        models=tuple(dict.fromkeys(models)),
+        prices=prices,
+    )
 
 
-def _heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
+def _clip_heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.ndarray, "M H"]:
     """Each height (m above the foot), clipped to the range of each mount.
 
-    Several heights may be clipped to the same one; all but the nearest are then NaN."""
-    mounted = np.full((len(mounts), len(heights)), np.nan)
+    Several heights may be clipped to the same one; only the nearest to it then has it, and the
+    others are NaN."""
+    mounted = np.full((len(mounts), len(heights)), np.nan)  # axes: mount, height
     for row, mount in enumerate(mounts):
         clipped = np.clip(heights, mount.min_height, mount.max_height)
+        # indices of the heights, those that clipping moves least first
         nearest_first = np.argsort(np.abs(clipped - heights), kind="stable")
+        # different heights, and where each comes first
         values, first = np.unique(clipped[nearest_first], return_index=True)
         mounted[row, nearest_first[first]] = values
     return mounted
 
 
-def _sees_area(
+def _mask_seeing_area(
     site: Site,
     position: np.ndarray,
     factors: np.ndarray,
@@ -623,16 +677,18 @@ def _sees_area(
     middles = (np.arange(AREA_CELLS) + 0.5) / AREA_CELLS
     x, y = np.meshgrid(xmin + middles * (xmax - xmin), ymin + middles * (ymax - ymin))
     z = site.ground(np.stack([x, y], axis=-1)) + AREA_HEIGHT_M
-    places = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    sees = np.zeros(len(factors), bool)
+    checked_points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    has_view = np.zeros(len(factors), bool)
+    # indices of each combination; all its poses are turned alike
     for heading, tilt, model in np.ndindex(rotations.shape[:3]):
         rows = np.flatnonzero((factors[:, 2:] == (heading, tilt, model)).all(axis=1))
-        offsets = (places - position[rows, None]) @ rotations[heading, tilt, model]
-        sees[rows] = models[model].in_view(offsets).any(axis=1)
-    return sees
+        # the points in each sensor's axes, (poses, points, 3)
+        offsets = (checked_points - position[rows, None]) @ rotations[heading, tilt, model]
+        has_view[rows] = models[model].in_view(offsets).any(axis=1)
+    return has_view
 
 
-def _names(
+def _build_names(
     mounts: Sequence[Mount], mounted: np.ndarray, axes: Axes, factors: np.ndarray
 ) -> list[str]:
     """Name of each candidate, such as post07_6.0m_h90_t15_camera.
@@ -645,10 +701,14 @@ def _names(
         mounted: (M, H) heights above the foot (m), clipped to the mount's range.
         axes: Headings, tilts and models.
         factors: (C, 5) indices of each candidate's mount, height, heading, tilt and model."""
-    heights, height_index = np.unique(mounted[factors[:, 0], factors[:, 1]], return_inverse=True)
-    height_texts = _format(heights, 1)
-    heading_texts = _format(np.rad2deg(axes.headings), 0)
-    tilt_texts = _format(np.rad2deg(axes.tilts), 0)
+    mount_index, height_index = factors[:, :2].T
+    heading_index, tilt_index = factors[:, 2:4].T
+    model_index = factors[:, 4]
+    # heights that occur, and the number among these of each candidate's height
+    heights, height_number = np.unique(mounted[mount_index, height_index], return_inverse=True)
+    height_texts = _format_distinct(heights, decimals=1)
+    heading_texts = _format_distinct(np.rad2deg(axes.headings), decimals=0)
+    tilt_texts = _format_distinct(np.rad2deg(axes.tilts), decimals=0)
     kinds = [model.kind for model in axes.models]
     model_texts = []
     for number, kind in enumerate(kinds):
@@ -656,24 +716,24 @@ def _names(
         model_texts.append(kind if is_single else f"{kind}{kinds[:number].count(kind)}")
     poles = [name_sensor(mount.name) for mount in mounts]
     names = []
-    for height, row in zip(height_index, factors, strict=True):
-        pole = poles[row[0]]
-        angles = f"h{heading_texts[row[2]]}_t{tilt_texts[row[3]]}"
-        names.append(f"{pole}_{height_texts[height]}m_{angles}_{model_texts[row[4]]}")
+    for c in range(len(factors)):
+        place = f"{poles[mount_index[c]]}_{height_texts[height_number[c]]}m"
+        angles = f"h{heading_texts[heading_index[c]]}_t{tilt_texts[tilt_index[c]]}"
+        names.append(f"{place}_{angles}_{model_texts[model_index[c]]}")
     return names
 
 
 def name_sensor(pole: str) -> str:
-    """Name of a pole as names of sensors and of groups in a recording have it: with - for /."""
+    """Name of a pole as part of a sensor's name, which a recording has as a group: - for /."""
     return pole.replace("/", "-")
 
 
-def _format(values: np.ndarray, decimals: int) -> list[str]:
+def _format_distinct(values: np.ndarray, decimals: int) -> list[str]:
     """Texts of different numbers with `decimals` decimals, or with more if needed to differ."""
     texts = [f"{value:.{decimals}f}" for value in values]
     if len(set(texts)) == len(texts) or decimals > 15:
         return texts
-    return _format(values, decimals + 1)
+    return _format_distinct(values, decimals + 1)
 
 
 def with_terms(candidates: Candidates, pole_price: float, capacity: float | None) -> Candidates:

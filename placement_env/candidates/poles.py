@@ -54,6 +54,10 @@ MAX_SNAP_M = 1.0  # distance to the edge over which a pole moves off the carriag
 OFF_EDGE_M = 0.05  # distance of a moved pole from the carriageway
 MAX_POLE_HEIGHT_M = 60.0  # sensors above the foot; masts of motorways and stadiums are lower
 CHECKED_ANGLES = 16  # directions from the edge in which a place off the carriageway is looked for
+MAX_ANGLES_DEG = (180.0, 90.0)  # largest longitude and latitude, east or west, north or south
+DEFAULT_MIN_HEIGHT_M = 3.0  # lowest sensor above the foot of a pole without a property
+DEFAULT_MAX_HEIGHT_M = 8.0  # highest sensor
+DEFAULT_LINK_KBIT = 2000.0  # capacity of a link per frame
 NAMING_KEYS = ("ref", "id", "@id", "fid", "osm_id")  # names of features without a name, in order
 MAX_ABOVE_GROUND_M = 20.0  # a foot that is farther off the ground must be an altitude above the sea
 Json = dict[str, Any]
@@ -64,19 +68,44 @@ IGNORED_KEYS = {"capacity", "kind", "origin", "layer", "used", *NAMING_KEYS}
 
 
 class _Feature(NamedTuple):
-    # feature of a GeoJSON file that has a place
-    location: str  # path of the file and index of the feature, for errors
+    """Feature of a GeoJSON file that has a place.
+
+    Attributes:
+        location: Path of the file and index of the feature, for errors.
+        name: Name of the feature.
+        properties: Properties without null values.
+        geometry: GeoJSON geometry, not checked yet."""
+
+    location: str
     name: str
-    properties: Json  # without null values
+    properties: Json
     geometry: Json
 
 
 class _Pole(NamedTuple):
-    # one point of a Point or MultiPoint feature
-    location: str  # path of the file and index of the feature, for errors
+    """One point of a Point or MultiPoint feature.
+
+    Attributes:
+        location: Path of the file and index of the feature, for errors.
+        name: Name of the pole.
+        properties: Properties of the feature.
+        point: Coordinates as in the file, not checked yet."""
+
+    location: str
     name: str
-    properties: Json  # as in the feature
-    point: list[float]  # coordinates of the file, not checked yet
+    properties: Json
+    point: list[float]
+
+
+class _DrawnArea(NamedTuple):
+    """Keep-out area of a file.
+
+    Attributes:
+        location: Path of the file and index of the feature, for errors.
+        shape: The area in the coordinates of the file."""
+
+    location: str
+    shape: shapely.Geometry
 
 
 def load_poles(
@@ -96,9 +125,9 @@ def load_poles(
     Raises ValueError in one line if the file is damaged, has no pole, the same pole twice, names
     that look alike, a pole far from the site, or an invalid price; ImportError if the site's map
     projection needs pyproj."""
-    collection = _read(Path(path))
+    collection = _read_collection(Path(path))
     where = str(path)
-    features = list(_features(collection, where))
+    features = list(_iterate_features(collection, where))
     poles = _list_poles(features)
     _warn_of_ignored(collection, features, poles, where)
     if len(poles) > MAX_FILE_POLES:
@@ -114,18 +143,18 @@ def load_poles(
                 f"{str(row)[:60]}"
             )
     coordinates = np.array([[*pole.point, np.nan][:3] for pole in poles], np.float64)
-    spots = _in_site(coordinates[:, :2], collection, site, where)
+    spots = _convert_to_site(coordinates[:, :2], collection, site, where)
     has_height = np.isfinite(coordinates[:, 2]) & ("coview_site" in collection)
     feet = np.column_stack([spots, np.where(has_height, coordinates[:, 2], site.ground(spots))])
     prices = [_price_factor(pole.properties, catalogue, pole.location) for pole in poles]
     mounts = []
     for pole, foot, price in zip(poles, feet, prices, strict=True):
-        mounts.append(_mount(pole.properties, pole.name, foot, price, pole.location))
-    _check(mounts, site, where)
+        mounts.append(_build_mount(pole, foot, price))
+    _check_poles(mounts, site, where)
     carriageway = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
-    kept_out = shapely.union_all(list(_keep_out(collection, site, where)))
+    kept_out = shapely.union_all(list(_iterate_keep_out(collection, site, where)))
     is_kept_out = shapely.intersects(kept_out, shapely.points(feet[:, :2]))
-    mounts = _snap(mounts, carriageway, is_kept_out, site, where)
+    mounts = _move_off_carriageway(mounts, carriageway, is_kept_out, site, where)
     points = shapely.points([mount.position[:2] for mount in mounts])
     is_free = np.ones(len(mounts), bool)
     for area, remark in ((kept_out, "in a keep-out area"), (carriageway, "on the carriageway")):
@@ -138,20 +167,24 @@ def load_poles(
 
 
 def _list_poles(features: Sequence[_Feature]) -> list[_Pole]:
-    # poles of Point and MultiPoint features; several points of one feature are numbered from 1
+    """Poles of Point and MultiPoint features; several points of one feature are numbered from 1.
+
+    Raises ValueError for a MultiPoint without a list of points."""
     poles = []
     for feature in features:
-        points: Any = feature.geometry.get("coordinates")  # checked later
+        coordinates: Any = feature.geometry.get("coordinates")  # a point or points, checked later
         if feature.geometry.get("type") == "Point":
-            poles.append(_Pole(feature.location, feature.name, feature.properties, points))
+            poles.append(
+                _Pole(feature.location, feature.name, feature.properties, point=coordinates)
+            )
         elif feature.geometry.get("type") == "MultiPoint":
-            if not isinstance(points, list):
+            if not isinstance(coordinates, list):
                 raise ValueError(
                     f"{feature.location}.geometry.coordinates of a MultiPoint must be a list, got "
-                    f"{str(points)[:60]}"
+                    f"{str(coordinates)[:60]}"
                 )
-            for number, point in enumerate(points, 1):
-                name = feature.name if len(points) == 1 else f"{feature.name}-{number}"
+            for number, point in enumerate(coordinates, 1):
+                name = feature.name if len(coordinates) == 1 else f"{feature.name}-{number}"
                 poles.append(_Pole(feature.location, name, feature.properties, point))
     return poles
 
@@ -208,8 +241,12 @@ def _warn_of_ignored(
         )
 
 
-def _snap(
-    mounts: Sequence[Mount], carriageway: shapely.Geometry, barred: Mask, site: Site, where: str
+def _move_off_carriageway(
+    mounts: Sequence[Mount],
+    carriageway: shapely.Geometry,
+    is_kept_out: Mask,
+    site: Site,
+    where: str,
 ) -> list[Mount]:
     """Mounts in the same order; those on the carriageway near its edge are moved off it.
 
@@ -218,40 +255,40 @@ def _snap(
     Args:
         mounts: Mounts of a file.
         carriageway: All lanes (m, world frame).
-        barred: Mask of mounts that are left out in any case, so they do not move.
+        is_kept_out: Mask of mounts that are left out in any case, so they do not move.
         site: Site with the ground.
         where: Path of the file, for the warning.
     """
-    snapped = list(mounts)
+    moved_mounts = list(mounts)
     notes = []
     for k, mount in enumerate(mounts):
         spot = shapely.Point(mount.position[:2])
-        if barred[k] or not carriageway.intersects(spot):
+        if is_kept_out[k] or not carriageway.intersects(spot):
             continue
         distance = float(carriageway.boundary.distance(spot))
         roadside = _step_off(spot, carriageway) if distance <= MAX_SNAP_M else None
         if roadside is not None:
             foot = np.array([roadside.x, roadside.y, mount.position[2]])
             foot[2] += float(site.ground(foot[:2])) - float(site.ground(mount.position[:2]))
-            snapped[k] = replace(mount, position=foot)
+            moved_mounts[k] = replace(mount, position=foot)
             notes.append(f"{mount.name} by {roadside.distance(spot):.2f} m")
     if notes:
         remark = "moved off the carriageway, whose edge is near"
         warnings.warn(f"{where}: {remark}: {', '.join(notes)}", stacklevel=3)
-    return snapped
+    return moved_mounts
 
 
 def _step_off(spot: shapely.Point, carriageway: shapely.Geometry) -> shapely.Point | None:
-    """Point `OFF_EDGE_M` beyond the carriageway's edge that is nearest to a spot on it.
+    """Point off the carriageway, `OFF_EDGE_M` from the point of its edge nearest to a spot on it.
 
     The direction straight off the edge is tried first, then others; None if all end on the
     carriageway, as in a very narrow gap between lanes."""
     edge = shapely.get_point(shapely.shortest_line(carriageway.boundary, spot), 0)
     for angle in np.linspace(0, 2 * np.pi, CHECKED_ANGLES, endpoint=False):
         direction = np.arctan2(edge.y - spot.y, edge.x - spot.x) + angle
-        roadside = shapely.Point(
-            edge.x + OFF_EDGE_M * np.cos(direction), edge.y + OFF_EDGE_M * np.sin(direction)
-        )
+        x = edge.x + OFF_EDGE_M * np.cos(direction)
+        y = edge.y + OFF_EDGE_M * np.sin(direction)
+        roadside = shapely.Point(x, y)
         if not carriageway.intersects(roadside):
             return roadside
     return None
@@ -262,16 +299,16 @@ def load_keep_out(path: str | Path, site: Site) -> tuple[shapely.Geometry, ...]:
 
     Raises ValueError in one line if there is no area, or for a damaged one.
     """
-    collection = _read(Path(path))
-    areas = tuple(_keep_out(collection, site, str(path), every=True))
+    collection = _read_collection(Path(path))
+    areas = tuple(_iterate_keep_out(collection, site, str(path), all_polygons=True))
     if not areas:
         raise ValueError(
             f"{path}: holds no area: give a GeoJSON with Polygon or MultiPolygon features"
         )
-    features = _features(collection, str(path))
-    kinds = [str(feature.geometry.get("type")) for feature in features]
-    # points may be its poles
-    other_count = sum("Polygon" not in kind and "Point" not in kind for kind in kinds)
+    features = _iterate_features(collection, str(path))
+    types = [str(feature.geometry.get("type")) for feature in features]
+    # points are no reason for a warning, as the file may hold poles too
+    other_count = sum("Polygon" not in kind and "Point" not in kind for kind in types)
     other_count += len(_list_placeless(collection))
     if other_count:
         warnings.warn(
@@ -289,7 +326,7 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
         areas: True for polygons: only properties that may mean keep_out are listed."""
     keys = dict.fromkeys(chain.from_iterable(properties))
     unknown = [key for key in keys if key not in KNOWN_PROPERTIES and key not in IGNORED_KEYS]
-    guesses = {key: guess_property(key) for key in unknown}
+    guesses = {key: guess_property(key) for key in unknown}  # None for no guess
     if areas:
         guesses = {key: guess for key, guess in guesses.items() if guess == "keep_out"}
     return ", ".join(
@@ -302,17 +339,19 @@ def guess_property(key: str) -> str | None:
     """Known property that an unknown one may mean, written in other letters, words or units.
 
     None without a guess."""
-    spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key)
-    words = [word.lower() for word in re.findall(r"[^\W\d_]+", spaced)]
-    joined = {*words, "".join(words)}
-    matches = [name for name, synonyms in _TABLES["words"].items() if joined & set(synonyms)]
-    return next(
-        iter(matches or get_close_matches("_".join(words), KNOWN_PROPERTIES, 1, 0.75)), None
-    )
+    spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", "_", key)  # maxHeight becomes max_Height
+    words = [word.lower() for word in re.findall(r"[^\W\d_]+", spaced)]  # letters only
+    spellings = {*words, "".join(words)}
+    matches = [name for name, synonyms in _TABLES["words"].items() if spellings & set(synonyms)]
+    if not matches:
+        matches = get_close_matches("_".join(words), KNOWN_PROPERTIES, n=1, cutoff=0.75)
+    return next(iter(matches), None)
 
 
-def _read(path: Path) -> Json:
-    # content of a GeoJSON file; ValueError unless it is a FeatureCollection in WGS84
+def _read_collection(path: Path) -> Json:
+    """Content of a GeoJSON file, a FeatureCollection in WGS84.
+
+    Raises FileNotFoundError for a missing file, ValueError for any other content."""
     if not path.is_file():
         raise FileNotFoundError(f"no file {str(path)!r}: give a GeoJSON of poles")
     if path.suffix.lower() in (".osm", ".xodr", ".csv", ".shp", ".kml"):
@@ -329,12 +368,13 @@ def _read(path: Path) -> Json:
 
 
 def _check_system(element: Json, where: str) -> None:
-    """Raise ValueError for a collection, feature or geometry in another system than WGS84.
+    """Raise ValueError for a collection, feature or geometry in other coordinates than WGS84.
 
-    Before RFC 7946 each of them could name a separate system (geojson.org, 2008, section 3).
+    Before RFC 7946 each element could name a coordinate system (geojson.org, 2008, section 3).
 
-    where: Its place in the file, for the error.
+    where: Place of the element in the file, for the error.
     """
+    # only letters and digits, joined by colons, as in urn:ogc:def:crs:OGC:1.3:CRS84
     system = re.sub(r"\W+", ":", str(element.get("crs") or "CRS84"))
     if not re.search(r"CRS:?84|EPSG:(0:)?4326\b", system, re.IGNORECASE):
         raise ValueError(
@@ -344,15 +384,15 @@ def _check_system(element: Json, where: str) -> None:
 
 def _list_placeless(collection: Json) -> list[int]:
     """Indices of the features whose geometry is null, which RFC 7946 allows (section 3.2)."""
-    features = enumerate(collection["features"])
+    # a feature without the key is damaged instead: its default "" is not None
     return [
         i
-        for i, feature in features
+        for i, feature in enumerate(collection["features"])
         if isinstance(feature, dict) and feature.get("geometry", "") is None
     ]
 
 
-def _features(collection: Json, where: str) -> Iterator[_Feature]:
+def _iterate_features(collection: Json, where: str) -> Iterator[_Feature]:
     """Yield the features of a collection that have a place, with a name and without null values.
 
     Sensors and parking bays of a saved site are left out. A feature without a name is called pole
@@ -360,7 +400,7 @@ def _features(collection: Json, where: str) -> Iterator[_Feature]:
 
     where: Path of the file, for texts."""
     placeless = set(_list_placeless(collection))
-    keys = _naming_keys(collection)
+    keys = _find_naming_keys(collection)
     for i, feature in enumerate(collection["features"]):
         location = f"{where}: features[{i}]"
         if i in placeless:
@@ -378,27 +418,28 @@ def _features(collection: Json, where: str) -> Iterator[_Feature]:
             )
         if properties.get("layer") not in ("sensor", "parking"):
             properties = {key: value for key, value in properties.items() if value is not None}
-            name = _pole_name(properties, feature, keys, location) or f"pole{i:02}"
-            yield _Feature(location, name, properties, feature["geometry"])
+            name = _read_name(properties, feature, keys, location) or f"pole{i:02}"
+            yield _Feature(location, name, properties, geometry=feature["geometry"])
 
 
-def _naming_keys(collection: Json) -> list[str]:
+def _find_naming_keys(collection: Json) -> list[str]:
     """Keys of `NAMING_KEYS` whose values can serve as names of the unnamed features.
 
     All values differ, also from the names of other features."""
     features = [feature for feature in collection["features"] if isinstance(feature, dict)]
-    rows = [_naming_values(feature) for feature in features]
-    names = {row["name"] for row in rows if "name" in row}
-    unnamed = [row for row in rows if "name" not in row]
+    # for each feature, the texts that may name it, by key: "name" and some of `NAMING_KEYS`
+    texts = [_read_naming_texts(feature) for feature in features]
+    names = {feature_texts["name"] for feature_texts in texts if "name" in feature_texts}
+    unnamed = [feature_texts for feature_texts in texts if "name" not in feature_texts]
     keys = []
     for key in NAMING_KEYS:
-        values = [row[key] for row in unnamed if key in row]
+        values = [feature_texts[key] for feature_texts in unnamed if key in feature_texts]
         if len(set(values)) == len(values) and not names & set(values):
             keys.append(key)
     return keys
 
 
-def _naming_values(feature: Json) -> dict[str, str]:
+def _read_naming_texts(feature: Json) -> dict[str, str]:
     """Texts by which a feature may be named, by key: "name" and `NAMING_KEYS`, blanks left out."""
     properties = feature.get("properties")
     values = {"id": feature.get("id")} | (properties if isinstance(properties, dict) else {})
@@ -406,7 +447,7 @@ def _naming_values(feature: Json) -> dict[str, str]:
     return {key: text for key, text in texts.items() if text.strip()}
 
 
-def _pole_name(properties: Json, feature: Json, keys: Sequence[str], location: str) -> str:
+def _read_name(properties: Json, feature: Json, keys: Sequence[str], location: str) -> str:
     """Name of a feature as the file writes it, or its value of the first key; empty for neither.
 
     Args:
@@ -426,14 +467,14 @@ def _pole_name(properties: Json, feature: Json, keys: Sequence[str], location: s
 
 
 def _is_number(value: object) -> bool:
-    # finite number; bool is an int in Python. Integers above 1e300 may not fit a float
+    # True for a finite number; bool is an int in Python. Integers above 1e300 may not fit a float
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
-def _in_site(
+def _convert_to_site(
     coordinates: Float64[np.ndarray, "n 2"], collection: Json, site: Site, where: str
 ) -> Float64[np.ndarray, "n 2"]:
-    """Coordinates in the frame of the site (m).
+    """Convert coordinates of a file to x and y in the frame of the site (m).
 
     Args:
         coordinates: Longitude and latitude (deg), or metres if the collection has `coview_site`.
@@ -444,11 +485,11 @@ def _in_site(
     Raises ValueError for angles out of range, or a site that is not georeferenced."""
     if "coview_site" in collection:
         return coordinates
-    wrong = np.flatnonzero((np.abs(coordinates) > [180.0, 90.0]).any(axis=1))
-    if len(wrong):
+    wrong_rows = np.flatnonzero((np.abs(coordinates) > MAX_ANGLES_DEG).any(axis=1))
+    if len(wrong_rows):
         raise ValueError(
             f"{where}: coordinates must be longitude and latitude (degrees), "
-            f"got {coordinates[wrong[0]].tolist()}: export the file as EPSG:4326, "
+            f"got {coordinates[wrong_rows[0]].tolist()}: export the file as EPSG:4326, "
             'or give the site\'s metres and add "coview_site": 1 beside "features"'
         )
     if site.geo_reference is None:
@@ -459,8 +500,11 @@ def _in_site(
     return site_metres(site, coordinates)
 
 
-def _number(properties: Json, where: str, default: float, *keys: str) -> float:
-    # value of the first of the keys that a feature has, else the default; all must be numbers
+def _read_number(properties: Json, where: str, default: float, *keys: str) -> float:
+    """Value of the first of some keys that a feature has, else the default.
+
+    where: Place of the feature in the file, for errors. Raises ValueError if the value of any of
+    these keys is no finite number."""
     for key in keys:
         if key in properties and not _is_number(properties[key]):
             raise ValueError(
@@ -475,32 +519,36 @@ def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: st
 
     It is 0 for a pole that exists. Raises ValueError if properties and catalogue do not fit.
 
-    where: Place of the feature in the file, for errors."""
+    Args:
+        properties: Properties of the pole's feature.
+        catalogue: Catalogue with the currency and the price of an ordinary pole, None without one.
+        where: Place of the feature in the file, for errors."""
     existing = properties.get("existing", False)
     if not isinstance(existing, bool):
         raise ValueError(f"{where}.properties.existing must be true or false, got {existing!r:.60}")
     if properties.get("layer") == "mount":  # from a site's file
-        return 0.0 if existing else _number(properties, where, 1.0, "price")
+        return 0.0 if existing else _read_number(properties, where, 1.0, "price")
     for key in ("price", "price_factor"):
-        if (amount := _number(properties, where, 0.0, key)) < 0:
+        amount = _read_number(properties, where, 0.0, key)
+        if amount < 0:
             raise ValueError(f"{where}.properties.{key} must be at least 0, got {amount:g}")
-    factor = _number(properties, where, 1.0, "price_factor")
-    ordinary = None if catalogue is None else catalogue.pole_price
+    factor = _read_number(properties, where, 1.0, "price_factor")
+    ordinary_price = None if catalogue is None else catalogue.pole_price
     if "price" in properties:
-        price = _number(properties, where, 0.0, "price")
+        price = _read_number(properties, where, 0.0, "price")
         if "price_factor" in properties:
             raise ValueError(
                 f"{where}.properties has price, which is money, and price_factor: leave one of "
                 "them out"
             )
-        if catalogue is None or ordinary == 0:
+        if catalogue is None or ordinary_price == 0:
             rule = (
                 f"{where}.properties.price is money: give a catalogue with a pole_price above 0 "
                 "(--sensors)"
             )
             raise ValueError(f"{rule}, or price_factor, 1 for an ordinary pole")
-        factor = price if ordinary is None else price / ordinary
-    elif "price_factor" in properties and catalogue is not None and ordinary is None:
+        factor = price if ordinary_price is None else price / ordinary_price
+    elif "price_factor" in properties and catalogue is not None and ordinary_price is None:
         raise ValueError(
             f"{where}.properties.price_factor needs a pole_price in the catalogue: add it, or "
             "give price"
@@ -508,39 +556,51 @@ def _price_factor(properties: Json, catalogue: SensorCatalogue | None, where: st
     return 0.0 if existing else factor
 
 
-def _mount(
-    properties: Json, name: str, foot: Float64[np.ndarray, "3"], price: float, where: str
-) -> Mount:
-    # mount of a pole with these properties; heights are 3 to 8 m without a property
-    top = _number(properties, where, 8.0, "max_height", "height")
-    heights = _number(properties, where, min(3.0, top), "min_height"), top
-    capacity = _number(properties, where, 2000.0, "capacity_kbit", "capacity")
-    sensors = _number(properties, where, 1.0, "max_sensors")
-    origin = properties.get("origin", "surveyed")
+def _build_mount(pole: _Pole, foot: Float64[np.ndarray, "3"], price: float) -> Mount:
+    """Mount of a pole, with usual values for properties that it lacks.
+
+    Args:
+        pole: Pole of a file.
+        foot: x, y and z of its foot (m, frame of the site).
+        price: Its price in ordinary poles, or in the catalogue's currency.
+
+    Raises ValueError for a property that does not fit."""
+    where = pole.location
+    properties = pole.properties
+    max_height = _read_number(properties, where, DEFAULT_MAX_HEIGHT_M, "max_height", "height")
+    default_min_height = min(DEFAULT_MIN_HEIGHT_M, max_height)
+    min_height = _read_number(properties, where, default_min_height, "min_height")
+    capacity = _read_number(properties, where, DEFAULT_LINK_KBIT, "capacity_kbit", "capacity")
+    max_sensors = _read_number(properties, where, 1.0, "max_sensors")
     for key in ("max_height", "height", "min_height"):
-        if (
-            key in properties
-            and not 0 <= (height := _number(properties, where, 0.0, key)) <= MAX_POLE_HEIGHT_M
-        ):
-            unit = (
-                f" (is it {height / 100:g} m, in centimetres?)"
-                if MAX_POLE_HEIGHT_M < height <= 100 * MAX_POLE_HEIGHT_M
-                else ""
-            )
+        height = _read_number(properties, where, 0.0, key)  # 0, which is allowed, without the key
+        if not 0 <= height <= MAX_POLE_HEIGHT_M:
+            guess = ""
+            if MAX_POLE_HEIGHT_M < height <= 100 * MAX_POLE_HEIGHT_M:
+                guess = f" (is it {height / 100:g} m, in centimetres?)"
             rule = f"must be in m above the foot, 0 to {MAX_POLE_HEIGHT_M:g}"
-            raise ValueError(f"{where}.properties.{key} {rule}, got {height:g}{unit}")
+            raise ValueError(f"{where}.properties.{key} {rule}, got {height:g}{guess}")
     if not capacity > 0:
         key = "capacity_kbit" if "capacity_kbit" in properties else "capacity"
         raise ValueError(
             f"{where}.properties.{key} must be above 0 kbit per frame, got {capacity:g}"
         )
     try:
-        return Mount(name, foot, *heights, price, capacity, sensors, origin)  # type: ignore[arg-type]  # checked there
+        return Mount(
+            name=pole.name,
+            position=foot,
+            min_height=min_height,
+            max_height=max_height,
+            price=price,
+            capacity=capacity,
+            max_sensors=max_sensors,  # type: ignore[arg-type]  # checked there
+            origin=properties.get("origin", "surveyed"),
+        )
     except ValueError as error:
-        raise ValueError(f"{where} (pole {name!r}): {error}") from None
+        raise ValueError(f"{where} (pole {pole.name!r}): {error}") from None
 
 
-def _check(mounts: Sequence[Mount], site: Site, where: str) -> None:
+def _check_poles(mounts: Sequence[Mount], site: Site, where: str) -> None:
     """Raise ValueError for poles that are far from the site or the ground, or hard to distinguish.
 
     Names must differ, also in the form that files have them, and feet must be more than
@@ -600,8 +660,8 @@ def _file_name(name: str) -> str:
     return " ".join(unicodedata.normalize("NFC", name).replace("/", "-").split())
 
 
-def _keep_out(
-    collection: Json, site: Site, where: str, *, every: bool = False
+def _iterate_keep_out(
+    collection: Json, site: Site, where: str, *, all_polygons: bool = False
 ) -> Iterator[shapely.Geometry]:
     """Yield the keep-out areas of a file (m, frame of the site).
 
@@ -611,15 +671,21 @@ def _keep_out(
         collection: The whole file.
         site: Site in whose frame the areas are.
         where: Path of the file, for texts.
-        every: True to yield polygons that are not marked as keep-out areas too."""
+        all_polygons: True to yield polygons that are not marked as keep-out areas too."""
     surroundings = shapely.box(*site.area).buffer(MAX_POLE_DISTANCE_M)
-    is_near = []
-    for location, drawn_area in _list_keep_out(collection, where, every=every):
-        area = shapely.transform(
-            drawn_area, lambda corners: _in_site(corners, collection, site, where)
-        )
-        is_near.append(bool(area.intersects(surroundings)))
-        if not is_near[-1] and _is_exchanged(drawn_area, collection, site, surroundings):
+    area_count = 0
+    has_near_area = False
+
+    def convert(corners: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
+        # coordinates of the file in the frame of the site
+        return _convert_to_site(corners, collection, site, where)
+
+    for location, drawn_area in _list_drawn_areas(collection, where, all_polygons=all_polygons):
+        area = shapely.transform(drawn_area, convert)
+        is_near = bool(area.intersects(surroundings))
+        area_count += 1
+        has_near_area |= is_near
+        if not is_near and _is_exchanged(drawn_area, collection, site, surroundings):
             raise ValueError(
                 f"{location} has longitude and latitude exchanged: longitude comes first, export "
                 "it again"
@@ -629,28 +695,28 @@ def _keep_out(
                 f"{location} has no area, as its corners are in one line: draw the area again"
             )
         yield area
-    if is_near and not any(is_near):
+    if area_count and not has_near_area:
         problem = (
-            f"none of its {len(is_near)} keep-out areas is within {MAX_POLE_DISTANCE_M:g} m of "
+            f"none of its {area_count} keep-out areas is within {MAX_POLE_DISTANCE_M:g} m of "
             f"site {site.name!r}"
         )
         warnings.warn(f"{where}: {problem}: check that they belong to it", stacklevel=3)
 
 
 def _is_exchanged(
-    drawn: shapely.Geometry, collection: Json, site: Site, surroundings: shapely.Geometry
+    drawn_area: shapely.Geometry, collection: Json, site: Site, surroundings: shapely.Geometry
 ) -> bool:
     """True if an area would be near the site with longitude and latitude exchanged.
 
     Args:
-        drawn: Area in the coordinates of the file.
+        drawn_area: Area in the coordinates of the file.
         collection: The whole file; False if it is in metres.
         site: Site with the map projection.
         surroundings: Surroundings of the site (m, its frame)."""
     if "coview_site" in collection:
         return False
-    swapped = shapely.get_coordinates(drawn)[:, ::-1]
-    if (np.abs(swapped) > [180.0, 90.0]).any():
+    swapped = shapely.get_coordinates(drawn_area)[:, ::-1]
+    if (np.abs(swapped) > MAX_ANGLES_DEG).any():
         return False
     try:
         return bool(shapely.MultiPoint(site_metres(site, swapped)).intersects(surroundings))
@@ -658,14 +724,16 @@ def _is_exchanged(
         return False
 
 
-def _list_keep_out(
-    collection: Json, where: str, *, every: bool
-) -> Iterator[tuple[str, shapely.Geometry]]:
-    """Yield each keep-out area's place in the file, for errors, and the area in its coordinates.
+def _list_drawn_areas(collection: Json, where: str, *, all_polygons: bool) -> Iterator[_DrawnArea]:
+    """Yield the keep-out areas of a file.
 
-    every: True to yield polygons that are not marked as keep-out areas too. Raises ValueError for a
-    damaged area."""
-    for feature in _features(collection, where):
+    Args:
+        collection: The whole file.
+        where: Path of the file, for errors.
+        all_polygons: True to yield polygons that are not marked as keep-out areas too.
+
+    Raises ValueError for a damaged area."""
+    for feature in _iterate_features(collection, where):
         properties = feature.properties
         geometry = feature.geometry
         location = feature.location
@@ -675,7 +743,7 @@ def _list_keep_out(
             )
         # areas with a layer are the ground of a site
         is_area = "Polygon" in str(geometry.get("type")) and "layer" not in properties
-        if not (is_marked or properties.get("kind") == "keep_out" or (every and is_area)):
+        if not (is_marked or properties.get("kind") == "keep_out" or (all_polygons and is_area)):
             continue
         location = f"{location}.geometry"
         if (kind := geometry.get("type")) not in ("Polygon", "MultiPolygon"):
@@ -693,4 +761,4 @@ def _list_keep_out(
         if not drawn_area.is_valid:
             reason = shapely.is_valid_reason(drawn_area)
             raise ValueError(f"{location} must be a simple polygon ({reason}): draw the area again")
-        yield location, drawn_area
+        yield _DrawnArea(location, drawn_area)

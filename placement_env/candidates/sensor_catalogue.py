@@ -36,7 +36,7 @@ from toolkit.sensors.models import find_model_class, make_model
 from toolkit.sensors.sensor import SensorModel, find_angles
 
 CATALOGUE_KEYS = ("currency", "pole_price", "sensor", "rates", "report")
-RATES = {  # unit of each rate, and whether it is yearly
+RATES = {  # what each rate is paid for, and True if it is paid every year
     "cable": ("pole", False),
     "permit": ("pole", False),
     "power": ("sensor", True),
@@ -53,11 +53,16 @@ DEGREE_SUFFIX = "_deg"
 
 @dataclass(frozen=True)
 class PricedModel:
-    """Sensor model that may be bought."""
+    """Sensor model that may be bought.
 
-    name: str  # in tables
+    Attributes:
+        name: Name in tables.
+        model: The model.
+        price: Price of one sensor in the catalogue's currency."""
+
+    name: str
     model: SensorModel
-    price: float  # in the catalogue's currency
+    price: float
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,9 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     if not isinstance(currency, str):
         raise ValueError(f"{path}: currency must be a text, got {currency!r:.60}")
     pole_price = (
-        _price(document["pole_price"], f"{path}: pole_price") if "pole_price" in document else None
+        _read_price(document["pole_price"], f"{path}: pole_price")
+        if "pole_price" in document
+        else None
     )
     rows = document.get("sensor")
     if not isinstance(rows, list) or not rows:
@@ -129,10 +136,10 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
                 raise ValueError(
                     f"{path}: sensor[{i}] is the same model as sensor[{j}]: leave one of them out"
                 )
-    rate_rows = _table(document, path, "rates", (*RATES, "years"))
-    rates = {key: _price(value, f"{path}: rates.{key}") for key, value in rate_rows}
+    rate_entries = _read_table(document, path, "rates", (*RATES, "years"))
+    rates = {key: _read_price(value, f"{path}: rates.{key}") for key, value in rate_entries}
     years = rates.pop("years", DEFAULT_YEARS)
-    head = {key: str(value) for key, value in _table(document, path, "report", _HEAD_KEYS)}
+    head = {key: str(value) for key, value in _read_table(document, path, "report", _HEAD_KEYS)}
     for key, text in head.items():
         if not text.isprintable() or len(text) > _MAX_HEAD_LETTERS:
             raise ValueError(
@@ -142,7 +149,15 @@ def load_sensor_catalogue(path: str | Path) -> SensorCatalogue:
     if "logo" in head:
         head["logo"] = _read_logo(Path(path).parent / head["logo"], f"{path}: report.logo")
     digest = sha256(content + head.get("logo", "").encode()).hexdigest()
-    return SensorCatalogue(models, currency, pole_price, digest, rates, years, head)
+    return SensorCatalogue(
+        models=models,
+        currency=currency,
+        pole_price=pole_price,
+        digest=digest,
+        rates=rates,
+        years=years,
+        report=head,
+    )
 
 
 def _read_logo(path: Path, where: str) -> str:
@@ -185,24 +200,34 @@ def _read_logo(path: Path, where: str) -> str:
     return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 
-def _table(
+def _read_table(
     document: Mapping[str, object], path: str | Path, name: str, keys: Sequence[str]
 ) -> Iterable[tuple[str, object]]:
-    # keys and values of a table of the catalogue; none if it is missing. ValueError for others
-    # than `keys`
-    rows = document.get(name, {})
-    if not isinstance(rows, Mapping):
+    """Keys and values of a table of the catalogue; empty if the catalogue lacks it.
+
+    Args:
+        document: The parsed TOML file.
+        path: Path of the file, for errors.
+        name: Name of the table.
+        keys: Keys that it may have.
+
+    Raises ValueError for any other key, or if it is no table."""
+    table = document.get(name, {})
+    if not isinstance(table, Mapping):
         raise ValueError(
-            f"{path}: {name} must be a table, got {rows!r:.60}: begin it with [{name}]"
+            f"{path}: {name} must be a table, got {table!r:.60}: begin it with [{name}]"
         )
-    unknown = [key for key in rows if key not in keys]
+    unknown = [key for key in table if key not in keys]
     if unknown:
         raise ValueError(f"{path}: {name}.{unknown[0]} is unknown: {name} has {', '.join(keys)}")
-    return rows.items()
+    return table.items()
 
 
 def _read_sensor(row: object, where: str) -> PricedModel:
-    # model of one [[sensor]]; where: its place in the file, for errors
+    """Model and price of one [[sensor]] of the file.
+
+    where: Path of the file and place of the sensor, for errors. Raises ValueError for an entry that
+    is missing, unknown or wrong."""
     if not isinstance(row, Mapping):
         raise ValueError(f"{where} must be a table, got {row!r:.60}: begin it with [[sensor]]")
     for key in ("model", "price"):
@@ -219,15 +244,15 @@ def _read_sensor(row: object, where: str) -> PricedModel:
     except ValueError as error:
         raise ValueError(f"{where}.model: {error}") from None
     # fields of the model as the file names them (angles with `DEGREE_SUFFIX`), True for angles
-    written = {
+    file_fields = {
         f"{field}{DEGREE_SUFFIX}" if is_angle else field: is_angle
         for field, is_angle in angles.items()
     }
     values = {key: value for key, value in row.items() if key not in SENSOR_KEYS}
-    for key, value in list(values.items()):
-        if key not in written:
-            raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(written)}")
-        if written[key]:
+    for key, value in list(values.items()):  # a list, as `values` changes
+        if key not in file_fields:
+            raise ValueError(f"{where}.{key} is unknown: the model has {', '.join(file_fields)}")
+        if file_fields[key]:
             if (
                 isinstance(value, bool)
                 or not isinstance(value, int | float)
@@ -239,14 +264,17 @@ def _read_sensor(row: object, where: str) -> PricedModel:
             values[key.removesuffix(DEGREE_SUFFIX)] = math.radians(values.pop(key))
     try:
         model = make_model(row["model"], values)
-        hash(model)
+        hash(model)  # TypeError for a value that cannot be a key, such as a list
     except (TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from None
-    return PricedModel(name, model, _price(row["price"], f"{where}.price"))
+    return PricedModel(name, model, price=_read_price(row["price"], f"{where}.price"))
 
 
-def _price(value: object, where: str) -> float:
-    # number from 0 up; where: its place in the catalogue, for errors. bool is an int in Python
+def _read_price(value: object, where: str) -> float:
+    """Return a value of the catalogue as a price, a number from 0 up.
+
+    where: Place of the value in the catalogue, for errors. Raises ValueError for other values."""
+    # bool is an int in Python
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e15:
         raise ValueError(f"{where} must be a number from 0 up, got {value!r:.60}")
     return float(value)

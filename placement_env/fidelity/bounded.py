@@ -22,6 +22,6 @@ class Bounded(OrderedDict[Any, Any]):
             max_bytes: Bytes that all values may take."""
         for key, value in values.items():
             self[key] = value
-            self.move_to_end(key)
+            self.move_to_end(key)  # last: newest use
         while len(self) > len(values) and self.nbytes > max_bytes:
             self.popitem(last=False)

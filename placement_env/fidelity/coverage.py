@@ -34,6 +34,7 @@ class SentData:
         codec: Codec = PAPER,
         min_points: float = LEAST,
     ) -> None:
+        # boxes that each candidate sends in all frames
         boxes = (visibility.points >= min_points).sum(axis=1).astype(np.float64)
         self._bits = estimate_bits(find_scheme(scheme), codec, visibility, boxes)
         self._frames = visibility.frames
@@ -46,14 +47,18 @@ class SentData:
 def sent_per_frame(
     visibility: Visibility, scheme: Scheme, codec: Codec
 ) -> Float64[np.ndarray, "C F"]:
-    """Data of each candidate in each frame (kbit), with a box for each object of `LEAST` points."""
-    boxes = np.zeros((len(visibility), visibility.frames))
-    for row, points in zip(boxes, visibility.points if scheme.sends_boxes else (), strict=False):
-        row += np.bincount(visibility.frame[points >= LEAST], minlength=visibility.frames)
-    points = scheme.sent_points(visibility).astype(np.float64)
-    return np.asarray(
-        scheme_codec(scheme, codec).bits(points=points, boxes=boxes) / 1000, np.float64
-    )
+    """Data of each candidate in each frame (kbit).
+
+    In schemes that send boxes, a candidate sends one for each object that it has `LEAST` points or
+    more on."""
+    boxes = np.zeros((len(visibility), visibility.frames))  # boxes sent, by candidate and frame
+    if scheme.sends_boxes:
+        for candidate_boxes, points in zip(boxes, visibility.points, strict=True):
+            frames_of_seen = visibility.frame[points >= LEAST]
+            candidate_boxes += np.bincount(frames_of_seen, minlength=visibility.frames)
+    sent_points = scheme.sent_points(visibility).astype(np.float64)
+    bits = scheme_codec(scheme, codec).bits(points=sent_points, boxes=boxes)
+    return np.asarray(bits / 1000, np.float64)
 
 
 class Coverage:
@@ -88,14 +93,15 @@ class Coverage:
                 f"a view needs more than 0 points and a set 1 view or more, got {min_points} and "
                 f"{views}"
             )
-        visibility = visibility.of_classes(classes.labels)
+        counted = visibility.of_classes(classes.labels)
         self.views = views
         self.classes = classes
-        self._sums = MemberSums((visibility.points >= min_points).astype(np.uint16))
-        self._sent = SentData(visibility, scheme, codec, min_points)
-        masks = [visibility.labels == label for label in classes.labels]
+        # sums over a set are the number of its sensors that see each object
+        self._view_sums = MemberSums((counted.points >= min_points).astype(np.uint16))
+        self._sent = SentData(counted, scheme, codec, min_points)
+        masks = [counted.labels == label for label in classes.labels]
         # for each class, the columns of its objects and their number
-        self._own = [
+        self._class_columns = [
             (slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks
         ]
 
@@ -106,8 +112,10 @@ class Coverage:
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Share of the objects of each class that each set covers; NaN if the class has none."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
-        for block, views in self._sums.blocks(subsets):
-            for k, (of_class, count) in enumerate(self._own):
+        # block: slice of sets; views: number of sensors of each set that see each object
+        for block, views in self._view_sums.blocks(subsets):
+            for k, (columns, count) in enumerate(self._class_columns):
                 if count:
-                    share[block, k] = (views[:, of_class] >= self.views).sum(axis=1) / count
-        return ClassEstimates(share, share.copy(), self._sent.kbit(subsets))
+                    # `self.views`: number of sensors that must see an object
+                    share[block, k] = (views[:, columns] >= self.views).sum(axis=1) / count
+        return ClassEstimates(ap=share, recall=share.copy(), kbit=self._sent.kbit(subsets))

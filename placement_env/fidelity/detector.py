@@ -46,7 +46,7 @@ from toolkit.sites.site import Site
 IOUS = (0.7, 0.8, 0.9)  # thresholds for vehicles at which every outcome is matched
 FALSE_ALARM = -1  # for a detection that hits no object
 IGNORED = -2  # for a detection that counts neither as hit nor as false alarm
-AT_ONCE = 500  # sets whose outcomes are held in memory
+MAX_SETS_HELD = 500  # sets whose outcomes are held in memory together
 
 
 @runtime_checkable
@@ -101,9 +101,12 @@ class Outcome(NamedTuple):
         """Outcome of the detections of one class (number).
 
         Indices in `truth` remain those among the scored objects of all classes; `bits` stay."""
-        of_class = self.labels == label
+        has_label = self.labels == label
         return Outcome(
-            self.scores[of_class], self.truth[:, of_class], self.bits, self.labels[of_class]
+            scores=self.scores[has_label],
+            truth=self.truth[:, has_label],
+            bits=self.bits,
+            labels=self.labels[has_label],
         )
 
 
@@ -149,9 +152,9 @@ class Detected:
         self.iou = iou
         self.scheme = find_scheme(scheme)
         self.codec = check_codec(codec)
-        self.frames = len(_indices(renders.frames, None))
-        self.ious = tuple(sorted({*IOUS, iou}))
-        self._scored: dict[int, np.ndarray] = {}
+        self.frames = len(_list_frames(renders.frames, None))  # ValueError if there are none
+        self.ious = tuple(sorted({*IOUS, iou}))  # thresholds at which outcomes are matched
+        self._scored: dict[int, np.ndarray] = {}  # mask of the objects to find, by frame
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
         if memo is not None and not hasattr(detector, "digest"):
             rule = "a shared memo needs a detector that says what it depends on"
@@ -161,9 +164,11 @@ class Detected:
             )
 
     def at(self, iou: float, also: Iterable[float] = ()) -> "Detected":
-        """Copy whose figures are for another IoU threshold; it shares measurements and memo.
+        """Copy whose figures are for another IoU threshold; it shares measurements and cache.
 
-        also: Further thresholds at which outcomes are matched, as well as at `ious`."""
+        Args:
+            iou: IoU from which a detection counts.
+            also: Further thresholds at which outcomes are matched, in addition to `ious`."""
         check_iou(iou)
         detected = copy(self)
         detected.iou = iou
@@ -217,38 +222,46 @@ class Detected:
     ) -> dict[float, ClassEstimates]:
         """AP and recall of each set for each class, and its kbit, by IoU threshold of vehicles.
 
-        Arguments are as in `estimates`. Other classes are matched at the threshold that
-        `Classes.get_iou` gives for a key."""
-        sets = self._sets(subsets)
-        numbers = _indices(self.frames, frames)
-        to_find = [self._count_to_find(numbers, label) for label in self.classes.labels]
-        # last axis: AP, recall, kbit
+        Other classes are matched at the thresholds that `Classes.get_iou` gives for the keys.
+
+        Args:
+            subsets: Sets as rows of booleans, one column per candidate.
+            frames: Number of frames from the first on, or their indices; None for all.
+            progress: Called with the number of new frames done."""
+        sets = self._list_members(subsets)
+        frame_indices = _list_frames(self.frames, frames)
+        to_find = [self._count_to_find(frame_indices, label) for label in self.classes.labels]
+        # axes: set, class, IoU threshold; the last one is AP, recall, kbit
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
-        for first in range(0, len(sets), AT_ONCE):
-            block = sets[first : first + AT_ONCE]
-            outcomes = self.outcomes(dict.fromkeys(block), numbers, progress)
+        for first in range(0, len(sets), MAX_SETS_HELD):
+            block = sets[first : first + MAX_SETS_HELD]
+            outcomes = self.outcomes(dict.fromkeys(block), frame_indices, progress)
             for row, members in enumerate(block, first):
                 for c, label in enumerate(self.classes.labels):
-                    figures[row, c] = _figures(
-                        [outcome.of_class(label) for outcome in outcomes[members]], to_find[c]
-                    )
-        ap, recall, kbit = np.moveaxis(figures, -1, 0).copy()
+                    of_class = [outcome.of_class(label) for outcome in outcomes[members]]
+                    figures[row, c] = _compute_figures(of_class, to_find[c])
+        ap, recall, kbit = np.moveaxis(figures, -1, 0).copy()  # each [set, class, IoU]
+        # kbit are the same for all classes, so the first class's serve
         return {
-            iou: ClassEstimates(ap[:, :, i].copy(), recall[:, :, i].copy(), kbit[:, 0, i].copy())
+            iou: ClassEstimates(
+                ap=ap[:, :, i].copy(), recall=recall[:, :, i].copy(), kbit=kbit[:, 0, i].copy()
+            )
             for i, iou in enumerate(self.ious)
         }
 
     def hits(self, subset: Bool[np.ndarray, " C"]) -> Bool[np.ndarray, "ious objects"]:
         """Mask of the scored objects that one set hits, a row for each of `ious`.
 
-        Columns are the scored objects of all frames, frame after frame. subset: True for the
-        candidates of the set."""
-        (members,) = self._sets(subset[None])
-        masks = []
+        Columns are the scored objects of all frames, frame after frame.
+
+        subset: True for the candidates of the set."""
+        (members,) = self._list_members(subset[None])
+        masks = []  # one for each frame; axes are IoU threshold and scored object
         for k, outcome in enumerate(self.outcomes([members], range(self.frames))[members]):
-            masks.append(np.zeros((len(self.ious), int(self.scored(k).sum())), np.bool_))
-            for mask, truth in zip(masks[-1], outcome.truth, strict=True):
-                mask[truth[truth >= 0]] = True
+            frame_mask = np.zeros((len(self.ious), int(self.scored(k).sum())), np.bool_)
+            for hit_objects, truth in zip(frame_mask, outcome.truth, strict=True):
+                hit_objects[truth[truth >= 0]] = True  # negative: no object
+            masks.append(frame_mask)
         return np.concatenate(masks, axis=1)
 
     def outcomes(
@@ -257,31 +270,29 @@ class Detected:
         frames: Sequence[int],
         progress: Callable[[int], None] | None = None,
     ) -> dict[tuple[int, ...], list[Outcome]]:
-        """Outcomes of each set, one per frame in the order of `frames`, from the memo or made now.
+        """Outcomes of each set, one per frame in the order of `frames`, cached or made now.
 
         Args:
             sets: Sets as ascending indices of candidates.
             frames: Indices of frames.
             progress: Called with the number of frames done that had an unknown outcome."""
+        # for each set its outcome in each of `frames`, None while unknown
         by_set: dict[tuple[int, ...], list[Outcome | None]] = {}
         for members in sets:
             cached = self.memo.get([self._outcome_key(members, k) for k in frames])
             by_set[members] = [None if arrays is None else Outcome(*arrays) for arrays in cached]
-        # one task per frame with unknown outcomes: index in `frames`, frame and sets
         tasks = []
-        for column, k in enumerate(frames):
-            unknown_sets = [members for members, row in by_set.items() if row[column] is None]
+        for position, k in enumerate(frames):
+            unknown_sets = [members for members, row in by_set.items() if row[position] is None]
             if unknown_sets:
-                tasks.append((column, k, unknown_sets))
-        work = self.processes.map(partial(_score, self), tasks, progress=progress)
-        for (column, k, missing_sets), (outcomes, detections) in zip(tasks, work, strict=True):
-            values = {
-                self._outcome_key(c, k): cast(Arrays, o)
-                for c, o in zip(missing_sets, outcomes, strict=True)
-            }
-            self.memo.put(detections | values)
-            for members, outcome in zip(missing_sets, outcomes, strict=True):
-                by_set[members][column] = outcome
+                tasks.append(_Task(position=position, k=k, sets=unknown_sets))
+        results = self.processes.map(partial(_score_frame, self), tasks, progress=progress)
+        for task, (outcomes, new_detections) in zip(tasks, results, strict=True):
+            new_values = dict(new_detections)
+            for members, outcome in zip(task.sets, outcomes, strict=True):
+                new_values[self._outcome_key(members, task.k)] = cast(Arrays, outcome)
+                by_set[members][task.position] = outcome
+            self.memo.put(new_values)
         return {members: cast(list[Outcome], row) for members, row in by_set.items()}
 
     def detections(self, members: tuple[int, ...], k: int) -> Detections:
@@ -292,19 +303,26 @@ class Detected:
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
-        """Match the fused detections of a set with the objects of frame k at all thresholds."""
+        """Match the fused detections of a set with the objects of frame k at all IoU thresholds.
+
+        fused: Detections in frame k, and the bits that each sensor of the set sent for them."""
+        detections = fused.detections
         objects = self.renders.objects(k)
-        counted = self.scored(k)
-        # index among the scored objects; a match of -1 (no object) reads the last entry
-        scored_index = np.append(np.cumsum(counted) - 1, FALSE_ALARM)
-        truth = np.full((len(self.ious), len(fused.detections)), IGNORED, np.int16)
-        for label, ious in self.thresholds:
-            for row, matched in enumerate(
-                matches(fused.detections, objects, ious, label=label, counted=counted)
-            ):
+        is_scored = self.scored(k)
+        # index among the scored objects of each object of the frame; a match of -1 (no object)
+        # reads the last entry
+        scored_index = np.append(np.cumsum(is_scored) - 1, FALSE_ALARM)
+        truth = np.full((len(self.ious), len(detections)), IGNORED, np.int16)  # [IoU, detection]
+        for label, ious in self.thresholds:  # number and IoU thresholds of each class
+            at_each_iou = matches(detections, objects, ious, label=label, counted=is_scored)
+            for row, matched in enumerate(at_each_iou):
+                # detections of other classes are ignored here and keep their entry
                 truth[row] = np.where(matched.ignored, truth[row], scored_index[matched.truth])
         return Outcome(
-            fused.detections.scores, truth, fused.bits, fused.detections.labels.astype(np.int8)
+            scores=detections.scores,
+            truth=truth,
+            bits=fused.bits,
+            labels=detections.labels.astype(np.int8),
         )
 
     def key(self, k: int, kind: str, sensors: Sequence[int], *more: object) -> bytes:
@@ -316,7 +334,7 @@ class Detected:
             sensors: Indices of the candidates that it depends on.
             more: Further things that it depends on."""
         return make_key(
-            kind, self._depends_on, k, [self._sensor_digests[c] for c in sensors], *more
+            kind, self._shared_digest, k, [self._sensor_digests[c] for c in sensors], *more
         )
 
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
@@ -346,12 +364,12 @@ class Detected:
         """Number of each class, with its IoU thresholds in the order of `ious`."""
         thresholds = []
         for label in self.classes.labels:
-            of_class = [self.classes.get_iou(LABELS[label], iou) for iou in self.ious]
-            thresholds.append((label, of_class))
+            class_ious = [self.classes.get_iou(LABELS[label], iou) for iou in self.ious]
+            thresholds.append((label, class_ious))
         return thresholds
 
-    def _sets(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
-        # each row's candidates as ascending indices
+    def _list_members(self, subsets: np.ndarray) -> list[tuple[int, ...]]:
+        """Ascending indices of the candidates of each set (row of booleans)."""
         if subsets.shape[1] != len(self.renders.sensors):
             raise ValueError(
                 f"sets must be rows of {len(self.renders.sensors)} candidates, got {subsets.shape}"
@@ -359,20 +377,18 @@ class Detected:
         return [tuple(np.flatnonzero(row).tolist()) for row in subsets]
 
     @cached_property
-    def _depends_on(self) -> str:
-        """Digest of everything that the values of all frames and sets depend on."""
-        parts = [
+    def _shared_digest(self) -> str:
+        """Digest of everything that the values of all frames and sets depend on, code included."""
+        inputs = [
             self.renders.digest,
             getattr(self.detector, "digest", ""),
             self.renders.site.hybrid_radius,
         ]
-        # the inner detector of one that wraps another, such as to give it a known background
+        # the inner detector, if this one wraps another to give it a known background
         bare_detector = getattr(self.detector, "detector", self.detector)
-        code = code_digest(
-            __name__,
-            *(part.__module__ for part in (self.detector, bare_detector, self.scheme, self.codec)),
-        )
-        return make_key(*parts, code).hex()
+        used_objects = (self.detector, bare_detector, self.scheme, self.codec)
+        code = code_digest(__name__, *(used.__module__ for used in used_objects))
+        return make_key(*inputs, code).hex()
 
     @cached_property
     def _sensor_digests(self) -> list[str]:
@@ -380,53 +396,68 @@ class Detected:
         return [make_key(sensor.name, sensor.digest).hex()[:32] for sensor in self.renders.sensors]
 
 
-def _score(
-    rules: Detected, task: tuple[int, int, list[tuple[int, ...]]]
-) -> tuple[list[Outcome], dict[bytes, Arrays]]:
-    """Outcomes of some sets in one frame, and the detections that the memo did not hold, by key.
+class _Task(NamedTuple):
+    """Sets to score in one frame.
 
-    task: Index that is not used here, index of the frame, and sets as indices of candidates."""
-    if not rules.processes.alone and "torch" in sys.modules:
+    Attributes:
+        position: Place of the frame in the caller's list of frames.
+        k: Index of the frame.
+        sets: Sets as ascending indices of candidates."""
+
+    position: int
+    k: int
+    sets: list[tuple[int, ...]]
+
+
+def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[bytes, Arrays]]:
+    """Outcomes of a task's sets in its frame, and the detections that were not cached, by key.
+
+    It may run in another process than its caller.
+
+    detected: Fidelity with the measurements, detector, scheme, codec and cache."""
+    if not detected.processes.alone and "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)  # each core already has a process
-    _, k, sets = task
-    frame = _FrameDetections(rules, k)
-    frame.fuse_together(sets)
-    return [rules.outcome(k, frame.fused(members)) for members in sets], frame.new
+    frame = _FrameDetections(detected, task.k)
+    frame.fuse_together(task.sets)
+    outcomes = [detected.outcome(task.k, frame.fused(members)) for members in task.sets]
+    return outcomes, frame.new
 
 
 class _FrameDetections:
     """Detections of sensor sets in frame k, each union of clouds detected in once.
 
     Attributes:
-        new: Arrays of the detections that the memo did not hold, by key; the caller keeps them."""
+        new: Arrays of the detections that were not cached, by key; the caller keeps them."""
 
     def __init__(self, rules: Detected, k: int) -> None:
-        self._rules = rules
+        self._rules = rules  # the fidelity: measurements, detector, scheme, codec and cache
         self._k = k
         self._site = rules.renders.site
-        self._detected: dict[bytes, Detections] = {}
-        self._asked: dict[bytes, list[Cloud]] | None = (
-            None  # unknown detections by key, gathered during a round of `fuse_together`
-        )
+        self._detected: dict[bytes, Detections] = {}  # by cache key
+        # clouds of unknown detections by key, gathered in a round of `fuse_together`; else None
+        self._requests: dict[bytes, list[Cloud]] | None = None
+        # by set; without a sensor nothing is detected and nothing sent
         self._fused: dict[tuple[int, ...], Fused] = {
             (): Fused(Detections.empty(), np.zeros(0, np.int64))
         }
         self.new: dict[bytes, Arrays] = {}
         renders = rules.renders
-        images = renders if isinstance(renders, MeasuredImages) else None
+        images = Images(number=k)
+        if isinstance(renders, MeasuredImages):
+            images = Images(capture=partial(renders.captured, k), scene=renders.scene, number=k)
         self._view = View(
             renders.site,
             renders.sensors,
             measure=partial(renders.clouds, k),
-            run=self._detections,
+            run=self._detect,
             codec=rules.codec,
-            images=Images(number=k)
-            if images is None
-            else Images(partial(images.captured, k), images.scene, number=k),
+            images=images,
         )
 
     def fused(self, members: tuple[int, ...]) -> Fused:
-        # fused detections of a set (indices of candidates), kept; `_Unknown` during a round
+        """Fused detections of a set (ascending indices of candidates), made once and kept.
+
+        Raises `_Unknown` within a round of `fuse_together` if a detection is missing."""
         if members not in self._fused:
             self._fused[members] = self._rules.scheme.fuse(self._view, members)
         return self._fused[members]
@@ -434,55 +465,63 @@ class _FrameDetections:
     def fuse_together(self, sets: Sequence[tuple[int, ...]]) -> None:
         """Fuse sets with shared batches of detections, if the detector is a `UnionDetector`.
 
-        In each round every set advances until it needs an unknown detection; these are then made
-        together. When a round asks for fewer than two, the remaining sets are left to `fused`."""
-        waiting = [members for members in sets if members]
-        while isinstance(self._rules.detector, UnionDetector) and len(waiting) > 1:
-            requests = self._asked = {}
-            waiting = [members for members in waiting if not self._goes_through(members)]
-            self._asked = None
+        Such a detector detects in several unions of clouds in one call. In each round every set
+        advances until it needs an unknown detection; these are then made together. When a round
+        asks for fewer than two, the remaining sets are left to `fused`.
+
+        sets: Sets as ascending indices of candidates."""
+        detector = self._rules.detector
+        waiting_sets = [members for members in sets if members]
+        while isinstance(detector, UnionDetector) and len(waiting_sets) > 1:
+            # while `_requests` is a dictionary, `_detect` adds the clouds of unknown detections to
+            # it, by their key, instead of detecting
+            requests = self._requests = {}
+            waiting_sets = [members for members in waiting_sets if not self._try_fuse(members)]
+            self._requests = None
             clouds = list(
                 dict.fromkeys(cloud for request in requests.values() for cloud in request)
             )
             if len(requests) < 2 or not clouds:
                 return
-            unions = np.zeros((len(requests), len(clouds)), np.bool_)
+            unions = np.zeros((len(requests), len(clouds)), np.bool_)  # clouds of each request
             for row, request in zip(unions, requests.values(), strict=True):
                 row[:] = [cloud in request for cloud in clouds]
             points = [cloud.points for cloud in clouds]
-            detected = detect_unions_on_ground(self._rules.detector, points, unions, self._site)
-            for key, detections in zip(requests, detected, strict=True):
+            results = detect_unions_on_ground(detector, points, unions, self._site)
+            for key, detections in zip(requests, results, strict=True):
                 self._keep(key, detections)
 
-    def _goes_through(self, members: tuple[int, ...]) -> bool:
-        # True if the set is fused; False if it waits for a detection, now in `_asked`
+    def _try_fuse(self, members: tuple[int, ...]) -> bool:
+        # True if the set is fused; False if it waits for a detection, now in `_requests`
         try:
             self.fused(members)
         except _Unknown:
             return False
         return True
 
-    def _detections(self, clouds: Sequence[Cloud]) -> Detections:
-        # detections in the points of some clouds together: known, from the memo or made now;
-        # during a round of `fuse_together` unknown ones are noted and `_Unknown` is raised
-        adding = [cloud for cloud in clouds if len(cloud.points)]
-        key = self._rules.key(
-            self._k, "detections", [c.sensor for c in adding], [c.history for c in adding]
-        )
+    def _detect(self, clouds: Sequence[Cloud]) -> Detections:
+        """Detections in the points of some clouds together: known, from the cache or made now.
+
+        Raises `_Unknown` in a round of `fuse_together` if they are unknown, after noting them."""
+        rules = self._rules
+        filled_clouds = [cloud for cloud in clouds if len(cloud.points)]
+        sensors = [cloud.sensor for cloud in filled_clouds]
+        histories = [cloud.history for cloud in filled_clouds]
+        key = rules.key(self._k, "detections", sensors, histories)
         if key not in self._detected:
-            if (cached := self._rules.memo.get([key])[0]) is not None:
-                self._detected[key] = Detections(*cached)
-            elif self._asked is not None:
-                self._asked[key] = adding
+            (cached_arrays,) = rules.memo.get([key])
+            if cached_arrays is not None:
+                self._detected[key] = Detections(*cached_arrays)
+            elif self._requests is not None:
+                self._requests[key] = filled_clouds
                 raise _Unknown
             else:
-                self._keep(
-                    key, detect_on_ground(self._rules.detector, together(adding), self._site)
-                )
+                points = together(filled_clouds)
+                self._keep(key, detect_on_ground(rules.detector, points, self._site))
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
-        # for this frame, and for the memo of the caller
+        # for this frame, and for the cache, which the caller writes
         self._detected[key] = detections
         self.new[key] = detections.boxes, detections.scores, detections.labels
 
@@ -491,8 +530,8 @@ class _Unknown(Exception):
     """Signal within `_FrameDetections` that a needed detection is left for the next batch."""
 
 
-def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
-    """AP, recall and kbit of one set, a row for each IoU threshold, over all frames together.
+def _compute_figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
+    """Figures of one set over all frames: columns are AP, recall, kbit; rows IoU thresholds.
 
     Detections are pooled as in `toolkit.detection.metrics.evaluate`.
 
@@ -500,28 +539,35 @@ def _figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "
         outcomes: Outcome of the set in each frame, of one class.
         to_find: Number of objects of this class in these frames; if 0, AP and recall are NaN."""
     scores = np.concatenate([outcome.scores for outcome in outcomes])
-    truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)
+    truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)  # [IoU, detection]
     kbit = float(np.mean([outcome.bits.sum() for outcome in outcomes])) / 1000
     figures = []
-    for row in truth:
-        counts = row != IGNORED
-        hits = row >= 0
-        ap = (
-            average_precision(precision_recall(scores[counts], hits[counts], to_find))
-            if to_find
-            else np.nan
-        )
-        figures.append((ap, int(hits.sum()) / to_find if to_find else np.nan, kbit))
+    for hit_objects in truth:
+        is_scored = hit_objects != IGNORED
+        is_hit = hit_objects >= 0
+        ap = recall = np.nan
+        if to_find:
+            curve = precision_recall(scores[is_scored], is_hit[is_scored], to_find)
+            ap = average_precision(curve)
+            recall = int(is_hit.sum()) / to_find
+        figures.append((ap, recall, kbit))
     return np.array(figures)
 
 
-def _indices(available: int, frames: int | Sequence[int] | None) -> list[int]:
-    """Indices of frames: of all for None, of the first for a number, else those given.
+def _list_frames(available: int, frames: int | Sequence[int] | None) -> list[int]:
+    """Indices of the frames to score.
 
-    Raises ValueError without any."""
+    Args:
+        available: Number of all frames.
+        frames: Number of frames from the first on, or their indices; None for all.
+
+    Raises ValueError if there are no frames."""
     if isinstance(frames, float):
         raise ValueError(f"frames must be a whole number or a list of them, got {frames}")
-    numbers = range(available)[:frames] if frames is None or isinstance(frames, int) else frames
-    if not len(numbers) or (isinstance(frames, int) and frames < 1):
+    if frames is None or isinstance(frames, int):
+        indices: Sequence[int] = range(available)[:frames]
+    else:
+        indices = frames
+    if not len(indices) or (isinstance(frames, int) and frames < 1):
         raise ValueError(f"there must be a frame to score, got {frames} of {available}")
-    return [int(k) for k in numbers]
+    return [int(k) for k in indices]

@@ -56,8 +56,28 @@ class Observed(NamedTuple):
     sensors: tuple[str, ...] = ()
 
 
-# how often each object, and each set, of a site counts in a resample
-_Weights = tuple[Float64[np.ndarray, " _"], Float64[np.ndarray, " _"]]
+class _Weights(NamedTuple):
+    """Weights of the data of one site: all count once, or as often as a resample drew them.
+
+    Attributes:
+        objects: How often each object counts.
+        sets: How often each sensor set counts."""
+
+    objects: Float64[np.ndarray, " O"]
+    sets: Float64[np.ndarray, " n"]
+
+
+class _Optimum(NamedTuple):
+    """Result of a fit.
+
+    Attributes:
+        numbers: Best numbers: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor.
+        model: Model with these numbers, and with its false alarms.
+        unlikelihood: Mean negative log-likelihood of the hits, the less the better."""
+
+    numbers: Float64[np.ndarray, " p"]
+    model: HitModel
+    unlikelihood: float
 
 
 def fit(
@@ -97,31 +117,30 @@ def fit(
     scheme = find_scheme(scheme)
     fitting = _Fitting(observed, scheme, {"iou": iou, "source": source, "label": label})
     norm = START_BOX_NORM if scheme.sends_boxes else START_POINT_NORM
-    # `FITTED_NUMBERS`, then logit of the ceiling and logarithm of the floor
+    # intercept, density, norm, reach, oblique, bulk (`FITTED_NUMBERS`), then logit of the ceiling
+    # and logarithm of the floor
     starts = [
         (-2.0 - 3.0 * reach, 1.6, norm, reach, 0.5, 0.2, 3.0, float(np.log(START_FLOOR_POINTS)))
         for reach in (0.0, 1.0)
     ]
-    everything = [
-        (np.ones(observation.hits.shape[1]), np.ones(len(observation.ap)))
+    full_weights = [
+        _Weights(objects=np.ones(observation.hits.shape[1]), sets=np.ones(len(observation.ap)))
         for observation in observed
     ]
-    best, model = min(
-        (fitting.fit(np.array(start), everything) for start in starts),
-        key=lambda optimum: optimum[2],
-    )[:2]
+    optima = [fitting.fit(np.array(start), full_weights) for start in starts]
+    best = min(optima, key=lambda optimum: optimum.unlikelihood)
     rng = np.random.default_rng(seed)
     draws = [_draw(observed, rng) for _ in range(resamples)]
-    refits = [fitting.fit(best, drawn)[1] for drawn in draws]
+    refits = [fitting.fit(best.numbers, weights).model for weights in draws]
     points = [observation.visibility.points for observation in observed]
     distance = [observation.visibility.distance for observation in observed]
     kinds = [kind for observation in observed for kind in observation.sensors]
-    domain = build_domain(
-        points, distance, kinds, sum(len(observation.ap) for observation in observed)
-    )
-    rows = tuple(map(_round_numbers, refits))
+    set_count = sum(len(observation.ap) for observation in observed)
     return replace(
-        model, domain=domain, resampled=rows, error=round(fitting.find_error(refits, draws), 4)
+        best.model,
+        domain=build_domain(points, distance, kinds, sets=set_count),
+        resampled=tuple(map(_round_numbers, refits)),
+        error=round(fitting.find_error(refits, draws), 4),
     )
 
 
@@ -140,41 +159,40 @@ class _Fitting:
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
         self._observed = observed
-        self._names = {"scheme": scheme.name, **names}
+        self._fixed_fields = {"scheme": scheme.name, **names}
         self._evidence = [
             Evidence(observation.visibility, scheme, observation.radius) for observation in observed
         ]
 
-    def fit(
-        self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
-    ) -> tuple[Float64[np.ndarray, " p"], HitModel, float]:
+    def fit(self, start: Float64[np.ndarray, " p"], weights: Sequence[_Weights]) -> _Optimum:
         """Fit a model to weighted data.
 
         Args:
             start: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor (p = 8).
-            weights: At each site, how often each object and each set counts.
-
-        Returns:
-            Best numbers, in the form of `start`; their model with its false alarms; and the mean
-            negative log-likelihood of the hits under it, the less the better."""
+            weights: At each site, how often each object and each set counts."""
         bounds = [*(RANGES[name] for name in FITTED_NUMBERS), CEILING_LOGIT_RANGE, FLOOR_LOG_RANGE]
         optimum = minimize(
-            self._unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds
+            self._compute_unlikelihood, start, args=(weights,), method="L-BFGS-B", bounds=bounds
         )
         # probabilities of each set's objects in descending order
-        ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._model(optimum.x))]
-        total = max(sum(sets.sum() for _, sets in weights), 1.0)
+        ranked = [-np.sort(-p, axis=1) for p in self._probabilities(self._build_model(optimum.x))]
+        total = max(sum(site_weights.sets.sum() for site_weights in weights), 1.0)
 
         def misfit(rate: float) -> float:
             # mean squared error of the AP with this rate of false alarms
-            parts = zip(ranked, self._observed, weights, strict=True)
-            return sum(
-                float(np.square(compute_expected_ap(p, float(rate))[0] - observation.ap) @ sets)
-                for p, observation, (_, sets) in parts
-            ) / float(total)
+            squares = []
+            for p, observation, site_weights in zip(ranked, self._observed, weights, strict=True):
+                ap, _ = compute_expected_ap(p, float(rate))
+                squares.append(float(np.square(ap - observation.ap) @ site_weights.sets))
+            return sum(squares) / float(total)
 
+        # the likelihood does not depend on the false alarms, so they are fitted afterwards
         rate = minimize_scalar(misfit, bounds=RANGES["false_alarms"], method="bounded").x
-        return optimum.x, self._model(optimum.x, float(rate)), float(optimum.fun)
+        return _Optimum(
+            numbers=optimum.x,
+            model=self._build_model(optimum.x, float(rate)),
+            unlikelihood=float(optimum.fun),
+        )
 
     def find_error(self, models: Sequence[HitModel], draws: Sequence[Sequence[_Weights]]) -> float:
         """Error of the AP (`HitModel.error`) of refitted models at the data left out of each draw.
@@ -183,50 +201,64 @@ class _Fitting:
         site). 0 if nothing is left out.
 
         Args:
-            models: Model of each draw.
+            models: Model fitted to each draw.
             draws: For each draw and site, how often each object and each set was drawn."""
-        squares = 0.0
-        scale = 1e-9
-        for model, site_weights in zip(models, draws, strict=True):
-            for p, observation, (objects, sets) in zip(
-                self._probabilities(model), self._observed, site_weights, strict=True
+        squares = 0.0  # sum of squared errors of the AP
+        scale = 1e-9  # sum of AP (1 - AP), which squares are divided by; never 0
+        for model, weights in zip(models, draws, strict=True):
+            is_only_site = len(weights) == 1
+            # for each site: probability p that a set (row) hits an object (column)
+            for p, observation, site_weights in zip(
+                self._probabilities(model), self._observed, weights, strict=True
             ):
-                left_out = (sets == 0) & (len(site_weights) == 1 or not objects.any())
-                ap = compute_expected_ap(-np.sort(-p[left_out], axis=1), model.false_alarms)[0]
+                is_test_site = is_only_site or not site_weights.objects.any()
+                left_out = (site_weights.sets == 0) & is_test_site
+                ranked = -np.sort(-p[left_out], axis=1)  # each row in descending order
+                ap, _ = compute_expected_ap(ranked, model.false_alarms)
                 squares += float(np.square(ap - observation.ap[left_out]).sum())
                 scale += float((ap * (1 - ap)).sum())
-        return min(float(np.sqrt(squares / scale)), RANGES["error"][1])
+        _, max_error = RANGES["error"]
+        return min(float(np.sqrt(squares / scale)), max_error)
 
-    def _model(self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0) -> HitModel:
-        # model of numbers in the form of `fit`'s start
+    def _build_model(
+        self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0
+    ) -> HitModel:
+        """Model of `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor."""
         by_name: dict[str, Any] = dict(zip(FITTED_NUMBERS, map(float, numbers[:-2]), strict=True))
         ceiling = float(1 / (1 + np.exp(-numbers[-2])))
         floor = float(np.exp(numbers[-1]))
         return HitModel(
-            **self._names, **by_name, ceiling=ceiling, floor=floor, false_alarms=false_alarms
+            **self._fixed_fields, **by_name, ceiling=ceiling, floor=floor, false_alarms=false_alarms
         )
 
     def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
-        # at each site, the hit probability of each object for each set (rows)
+        """Hit probability of each object (columns) for each set (rows), at each site."""
         probabilities = []
         for evidence, observation in zip(self._evidence, self._observed, strict=True):
             sums = MemberSums(evidence.rows(model, np.float64))(observation.subsets)
-            probabilities.append(
-                model.probability(*evidence.joined(sums, model))
-                * model.of_size(observation.visibility.boxes)
-            )
+            powers, raw_powers = evidence.joined(sums, model)
+            size_factors = model.of_size(observation.visibility.boxes)
+            probabilities.append(model.probability(powers, raw_powers) * size_factors)
         return probabilities
 
-    def _unlikelihood(
+    def _compute_unlikelihood(
         self, numbers: Float64[np.ndarray, " p"], weights: Sequence[_Weights]
     ) -> float:
-        # mean negative log-likelihood of the hits; an object counts by its weight, for every set
+        """Mean negative log-likelihood of the hits and misses of all sets under a model.
+
+        Args:
+            numbers: `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor.
+            weights: At each site, how often each object counts for every set."""
         total = count = 0.0
-        chances = self._probabilities(self._model(numbers))
-        for p, observation, (objects, _) in zip(chances, self._observed, weights, strict=True):
-            p = np.clip(p, 1e-9, 1 - 1e-9)
-            total -= float((np.where(observation.hits, np.log(p), np.log1p(-p)) @ objects).sum())
-            count += float(objects.sum()) * len(p)
+        # for each site: probability p that a set (row) hits an object (column)
+        probabilities = self._probabilities(self._build_model(numbers))
+        for p, observation, site_weights in zip(
+            probabilities, self._observed, weights, strict=True
+        ):
+            clipped = np.clip(p, 1e-9, 1 - 1e-9)  # so that the logarithms are finite
+            logs = np.where(observation.hits, np.log(clipped), np.log1p(-clipped))
+            total -= float((logs @ site_weights.objects).sum())
+            count += float(site_weights.objects.sum()) * len(clipped)
         return total / max(count, 1.0)
 
 
@@ -234,25 +266,28 @@ def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weigh
     """Draw sites with replacement, and at each as many blocks of frames and sets as it has.
 
     A block is `LIFE` frames, as long as a vehicle may be seen. A site that is drawn k times gives k
-    times as many. The order of draws fixes the figures of a seed.
+    times as many. The order of draws (sites; then blocks and sets of each site) fixes the figures
+    of a seed.
 
     Returns:
         At each site, how often each object and each set is drawn."""
 
-    def draw(total: int, count: int) -> np.ndarray:
-        # how often each of `count` things is drawn in `total` draws with replacement
+    def count_draws(total: int, count: int) -> np.ndarray:
+        # how often each of `count` items is drawn in `total` draws with replacement
         return rng.multinomial(total, np.full(count, 1 / count)) if count else np.zeros(0, np.int64)
 
     weights = []
-    for observation, repeats in zip(
-        observed, draw(len(observed), len(observed)).tolist(), strict=True
-    ):
+    site_repeats = count_draws(len(observed), len(observed)).tolist()
+    for observation, repeats in zip(observed, site_repeats, strict=True):
+        sets = len(observation.ap)
+        # block_index: index in `blocks` of each object's block
         blocks, block_index = np.unique(observation.visibility.frame // LIFE, return_inverse=True)
-        block_weights = draw(len(blocks) * repeats, len(blocks))
+        block_weights = count_draws(len(blocks) * repeats, len(blocks))
+        set_weights = count_draws(sets * repeats, sets)
         weights.append(
-            (
-                block_weights[block_index].astype(np.float64),
-                draw(len(observation.ap) * repeats, len(observation.ap)).astype(np.float64),
+            _Weights(
+                objects=block_weights[block_index].astype(np.float64),
+                sets=set_weights.astype(np.float64),
             )
         )
     return weights
@@ -286,61 +321,62 @@ def fit_detected(
 
     Raises ValueError if the data of a class are empty."""
     first = detected_sites[0][1]
-    estimates = [detected.class_estimates(sets) for _, detected, sets in detected_sites]
-    hits = []
-    for _, detected, sets in detected_sites:
-        hits.append(np.stack([detected.hits(subset) for subset in sets], axis=1))
-    fitted: dict[tuple[str, float], Fitted] = {}
-    for (c, (name, label)), iou in product(
-        enumerate(zip(first.classes.names, first.classes.labels, strict=True)), ious or first.ious
-    ):
+    estimates = [detected.class_estimates(subsets) for _, detected, subsets in detected_sites]
+    hits = []  # at each site; axes: IoU threshold, set, object
+    for _, detected, subsets in detected_sites:
+        hits.append(np.stack([detected.hits(subset) for subset in subsets], axis=1))
+    fitted: dict[tuple[str, float], Fitted] = {}  # by class and its IoU threshold
+    class_numbers = enumerate(zip(first.classes.names, first.classes.labels, strict=True))
+    for (c, (name, label)), iou in product(class_numbers, ious or first.ious):
         threshold = first.classes.get_iou(name, iou)
         iou_row = first.ious.index(iou)
         if (name, threshold) in fitted:
-            continue
+            continue  # several thresholds of vehicles may give a class the same one
         observed = []
-        for (seen, detected, sets), hit, estimate in zip(
+        for (visibility, detected, subsets), site_hits, site_estimates in zip(
             detected_sites, hits, estimates, strict=True
         ):
-            of_label = seen.labels == label
-            renders = detected.renders
-            kinds = tuple(sorted({type(sensor.model).__name__ for sensor in renders.sensors}))
-            data = (
-                seen.of_classes([label]),
-                sets,
-                hit[iou_row][:, of_label],
-                estimate[iou].ap[:, c].copy(),
-            )
-            observed += (
-                [Observed(*data, renders.site.hybrid_radius, kinds)] if of_label.any() else []
-            )
-        names: dict[str, Any] = {
-            "scheme": first.scheme,
-            "iou": threshold,
-            "label": name,
-            "source": source,
-        }
+            has_label = visibility.labels == label
+            if has_label.any():
+                sensors = detected.renders.sensors
+                observed.append(
+                    Observed(
+                        visibility=visibility.of_classes([label]),
+                        subsets=subsets,
+                        hits=site_hits[iou_row][:, has_label],
+                        ap=site_estimates[iou].ap[:, c].copy(),
+                        radius=detected.renders.site.hybrid_radius,
+                        sensors=tuple(sorted({type(sensor.model).__name__ for sensor in sensors})),
+                    )
+                )
         try:
-            model = fit(observed, resamples=resamples, seed=seed, **names)
+            model = fit(
+                observed,
+                scheme=first.scheme,
+                iou=threshold,
+                label=name,
+                source=source,
+                resamples=resamples,
+                seed=seed,
+            )
         except ValueError as error:
             raise ValueError(
                 f"{name} at IoU {threshold:g} in {first.scheme.name} fusion: {error}"
             ) from None
-        errors = []
-        classes = Classes((model.label,))
-        for observation in observed:
-            surrogate = Surrogate(
-                observation.visibility,
-                first.scheme,
-                model,
-                radius=observation.radius,
-                classes=classes,
-            )
-            errors.append(surrogate(observation.subsets).ap - observation.ap)
-        fitted[name, threshold] = Fitted(
-            model, float(np.sqrt(np.square(np.concatenate(errors)).mean()))
-        )
+        fitted[name, threshold] = Fitted(model, rms=_compute_rms(model, observed, first.scheme))
     return tuple(fitted.values())
+
+
+def _compute_rms(model: HitModel, observed: Sequence[Observed], scheme: Scheme) -> float:
+    """Root mean square error of the AP that a model predicts for all observed sets."""
+    errors = []
+    classes = Classes((model.label,))
+    for observation in observed:
+        surrogate = Surrogate(
+            observation.visibility, scheme, model, radius=observation.radius, classes=classes
+        )
+        errors.append(surrogate(observation.subsets).ap - observation.ap)
+    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
 @dataclass(frozen=True)
@@ -359,14 +395,16 @@ class Sampling:
     resamples: int = 20
 
     def draw(self, site: Site, frames: int, seed: int) -> tuple[Traffic, Candidates, Sets]:
-        """Draw traffic, candidates and sets at a site.
+        """Draw traffic, candidates and sets (rows of booleans) at a site.
 
-        Candidates are the site's sensors, then random poses. Sets have a sensor or more. Poses are
-        drawn before sets from the same generator, so this order fixes the result of a seed."""
+        Candidates are the site's sensors, then `poses` random ones. There are up to `sets` sets,
+        each with a sensor or more. Poses are drawn before sets from the same generator, so this
+        order fixes the result of a seed."""
         rng = np.random.default_rng(seed)
         candidates = own_and_random(site, self.poses, rng, models=self.models)
         subsets = random_sets(candidates, len(site.sensors), self.sets, rng)
-        return simulate_traffic(site, frames, seed), candidates, subsets[subsets.any(axis=1)]
+        has_members = subsets.any(axis=1)
+        return simulate_traffic(site, frames, seed), candidates, subsets[has_members]
 
 
 def fit_sites(
@@ -428,17 +466,18 @@ def fit_sites(
 
 
 def _check(observation: Observed) -> None:
-    # ValueError unless sets, hits, AP and visibility have fitting shapes and each AP is finite
-    shape = (len(observation.subsets), observation.visibility.points.shape[1])
+    """Raise ValueError unless sets, hits, AP and visibility fit together and each AP is finite."""
+    candidates, objects = observation.visibility.points.shape
+    sets = len(observation.subsets)
     ap = observation.ap
     hits = observation.hits
     if (
-        hits.shape != shape
-        or ap.shape != shape[:1]
-        or observation.subsets.shape[1] != len(observation.visibility.points)
+        hits.shape != (sets, objects)
+        or ap.shape != (sets,)
+        or observation.subsets.shape[1] != candidates
     ):
         raise ValueError(
-            f"there must be a hit or miss for each of {shape[0]} sets and {shape[1]} objects "
+            f"there must be a hit or miss for each of {sets} sets and {objects} objects "
             f"and an AP for each set, got hits {hits.shape}, ap {ap.shape}: were they made of the "
             "same frames?"
         )

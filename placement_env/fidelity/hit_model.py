@@ -110,7 +110,7 @@ class HitDomain:
         for name in ("farthest", "most_points", "sites", "objects", "sets"):
             value = getattr(self, name)
             if (
-                isinstance(value, bool)
+                isinstance(value, bool)  # an int in Python
                 or not isinstance(value, int | float)
                 or not 0 < value < float("inf")
             ):
@@ -134,12 +134,15 @@ class HitDomain:
             distance: Horizontal distance of each candidate and object (m).
             sensors: Names of the classes of the candidates' sensor models."""
         sentences = []
-        seen = points > 0
-        for figure, limit, words in (
+        has_points = points > 0
+        # values of each pair, their limit here, and words for values above it
+        for values, limit, words in (
             (distance, self.farthest, "is beyond {:.0f} m, farther than"),
             (points, self.most_points, "has more than {:.0f} points, more than"),
         ):
-            share = float((figure[seen] > RANGE_SLACK * limit).mean()) if seen.any() else 0.0
+            share = 0.0
+            if has_points.any():
+                share = float((values[has_points] > RANGE_SLACK * limit).mean())
             if share > MAX_OUTSIDE_SHARE:
                 beyond = words.format(limit)
                 sentences.append(
@@ -197,7 +200,7 @@ class HitModel:
         for name, (lowest, highest) in RANGES.items():
             value = getattr(self, name)
             if (
-                isinstance(value, bool)
+                isinstance(value, bool)  # an int in Python
                 or not isinstance(value, int | float)
                 or not lowest <= value <= highest
             ):
@@ -219,7 +222,11 @@ class HitModel:
     def probability(
         self, powers: Float[np.ndarray, "*shape"], raw: Float[np.ndarray, "*shape"] | None = None
     ) -> Float[np.ndarray, "*shape"]:
-        """Hit probability p of objects up to `BULKY_M3`; of others see `of_size`.
+        """Hit probability p of objects up to `BULKY_M3`; larger ones need the factor `of_size` too.
+
+        It is ceiling · sigmoid(intercept + density · log(1 + Σ n_i ^ norm) / norm) · min(1, r /
+        floor), with r = (Σ N_i ^ norm) ^ (1 / norm). N_i are the points of sensor i on the object,
+        and n_i the same weighted by distance and heading.
 
         Args:
             powers: Σ n_i ^ norm of the set's sensors for each object; p grows with it, from 0.
@@ -230,10 +237,10 @@ class HitModel:
         z = np.log1p(powers)
         z *= -self.density / self.norm
         z -= self.intercept
-        np.exp(np.minimum(z, 80.0, out=z), out=z)
+        np.exp(np.minimum(z, 80.0, out=z), out=z)  # exp(80) still fits float32
         z += 1.0
         np.divide(self.ceiling, z, out=z)
-        z *= powers > 0
+        z *= powers > 0  # 0 without any point
         if raw is not None and self.floor > 0:
             z *= np.minimum(1, (raw / self.floor**self.norm) ** (1 / self.norm))
         return z
@@ -244,7 +251,8 @@ class HitModel:
         boxes: x, y, z, length, width, height (m), yaw (rad)."""
         if not self.bulk:
             return np.ones(len(boxes))
-        volume = boxes[:, 3:6].astype(np.float64).prod(axis=1)
+        sizes = boxes[:, 3:6]  # length, width, height
+        volume = sizes.astype(np.float64).prod(axis=1)
         return np.asarray((np.maximum(volume, BULKY_M3) / BULKY_M3) ** -self.bulk)
 
 
@@ -253,8 +261,10 @@ def load_models(
 ) -> tuple[HitModel, ...]:
     """Load the hit models in a JSON file, as `save_models` writes it.
 
-    schemes: Names of fusion schemes that the models may be for. Raises FileNotFoundError;
-    ValueError for another kind of file or another scheme."""
+    schemes: Names of fusion schemes that the models may be for.
+
+    Raises FileNotFoundError for a missing file, ValueError for another kind of file or another
+    scheme."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no surrogate {path}: fit one with coview surrogate")
@@ -262,7 +272,7 @@ def load_models(
     try:
         if not isinstance(rows, list):
             raise ValueError(f"needs a list of models, got {type(rows).__name__}")
-        return tuple(_model(row, schemes) for row in rows)
+        return tuple(_parse_model(row, schemes) for row in rows)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -295,10 +305,16 @@ def shipped_model(
 def find_hit_model(
     models: Iterable[HitModel], scheme: str, iou: float, label: str, *, source: str
 ) -> HitModel:
-    """Find the first model for the names of a scheme and a class and an IoU threshold.
+    """Find the first model for a fusion scheme, an IoU threshold and a class of objects.
 
-    source: Name of the models' file for the error. Raises ValueError, with the choices, if no model
-    fits."""
+    Args:
+        models: Models to search.
+        scheme: Name of the fusion scheme.
+        iou: IoU threshold of a hit.
+        label: Name of the class.
+        source: Name of the models' file for the error.
+
+    Raises ValueError, with the choices, if no model fits."""
     models = list(models)
     for model in models:
         if (model.scheme, model.label) == (scheme, label) and math.isclose(model.iou, iou):
@@ -317,8 +333,10 @@ def find_hit_model(
     )
 
 
-def _model(document: object, schemes: Collection[str]) -> HitModel:
-    # model from a row of a file, whose keys are the fields of `HitModel`; ValueError if it is not
+def _parse_model(document: object, schemes: Collection[str]) -> HitModel:
+    """Model from an entry of a JSON file, whose keys are the fields of `HitModel`.
+
+    schemes: Names of fusion schemes that it may be for. Raises ValueError for any other entry."""
     names = {field.name for field in fields(HitModel)}
     if not isinstance(document, dict) or set(document) | OPTIONAL_FIELDS != names:
         raise ValueError(f"a model needs exactly {', '.join(sorted(names))}, got {document!s:.80}")
@@ -338,7 +356,7 @@ def _model(document: object, schemes: Collection[str]) -> HitModel:
     # files from before `bulk` have rows without it at the end
     rows = [(*row, 0.0) if len(row) == len(NUMBERS) - 1 else row for row in rows]
     model = HitModel(**document | {"domain": domain, "resampled": tuple(rows)})
-    _ = model.resamples  # in their ranges, too
+    _ = model.resamples  # raises ValueError if a number of a resample is out of range
     return model
 
 
@@ -357,26 +375,27 @@ def build_domain(
         sets: Number of sensor sets at all sites.
 
     Raises ValueError if no sensor has a point on an object."""
-    seen = np.concatenate([site_points[site_points > 0].ravel() for site_points in points])
+    # points and distance of every candidate and object with a point
+    point_counts = np.concatenate([site_points[site_points > 0].ravel() for site_points in points])
     distances = np.concatenate(
         [
             site_distance[site_points > 0].ravel()
             for site_points, site_distance in zip(points, distance, strict=True)
         ]
     )
-    if not len(seen):
+    if not len(point_counts):
         raise ValueError(
             "no sensor has a point on any object, so there is nothing to fit: take more frames "
             "or poses"
         )
-    most_points = float(np.quantile(seen, 0.99))
+    most_points = float(np.quantile(point_counts, 0.99))
     farthest = float(np.quantile(distances, 0.99))
     objects = sum(site_points.shape[1] for site_points in points)
     return HitDomain(
-        round(farthest, 1),
-        round(most_points, 1),
-        tuple(sorted(set(sensors))),
-        len(points),
-        objects,
-        sets,
+        farthest=round(farthest, 1),
+        most_points=round(most_points, 1),
+        sensors=tuple(sorted(set(sensors))),
+        sites=len(points),
+        objects=objects,
+        sets=sets,
     )

@@ -43,10 +43,25 @@ class Silhouette(NamedTuple):
 class Windows(NamedTuple):
     """Rectangles of pixels around one box in the images of all sensors.
 
-    A sensor that cannot meet the box has no rectangle; a spinning lidar has two across its seam."""
+    A sensor that cannot meet the box has no rectangle; a spinning lidar has two across its seam.
 
-    rows: Int64[np.ndarray, "m 5"]  # sensor index, top, bottom, left, right (pixels, ends excluded)
-    least: Float32[np.ndarray, " S"]  # lower bound of each sensor's measurement of the box (m)
+    Attributes:
+        rows: Columns sensor index, top, bottom, left, right (pixels, ends excluded).
+        least: Lower bound of each sensor's measurement of the box (m)."""
+
+    rows: Int64[np.ndarray, "m 5"]
+    least: Float32[np.ndarray, " S"]
+
+
+class Chances(NamedTuple):
+    """Chances of points, 0 to 1.
+
+    Attributes:
+        sent: Chance that a point is sent.
+        far: Chance that it is sent and beyond the site's hybrid radius."""
+
+    sent: Float32[np.ndarray, " n"]
+    far: Float32[np.ndarray, " n"]
 
 
 class SensorRays:
@@ -65,8 +80,11 @@ class SensorRays:
         self.sensors = tuple(sensors)
         self._renderer = renderer
         images = renderer.looking(sensors).background
+        # pixels of all sensors in one row: measurements of the empty site
         self.still = np.concatenate([image.ravel() for image in images])
+        # number of each sensor's first pixel, and of all pixels
         self.first = np.cumsum([0, *(image.size for image in images)])
+        # rotations by which row vectors are turned from sensor axes to world axes
         turns = [sensor.pose[:3, :3].T.astype(np.float32) for sensor in sensors]
         rays = (sensor.model.rays().reshape(-1, 3) for sensor in sensors)
         self.rays = np.concatenate(
@@ -76,12 +94,14 @@ class SensorRays:
         max_ranges = np.repeat(
             [sensor.model.max_range for sensor in sensors], np.diff(self.first)
         ).astype(np.float32)
+        # largest measurement of each pixel that an object can still have
         self._reach = np.where(self.still > 0, self.still, max_ranges)
-        self._columns = np.array([sensor.model.shape[1] for sensor in sensors])
+        self._columns = np.array([sensor.model.shape[1] for sensor in sensors])  # image widths
         models: dict[SensorModel, list[int]] = {}
         for number, sensor in enumerate(sensors):
             models.setdefault(sensor.model, []).append(number)
-        self._alike = [(model, np.array(numbers)) for model, numbers in models.items()]
+        # each model, with the indices of its sensors
+        self._sensors_of_model = [(model, np.array(numbers)) for model, numbers in models.items()]
 
     def windows(self, bodies: Int64[np.ndarray, " n"], boxes: BoxRows) -> list[Windows]:
         """Rectangles of pixels around each body in its box, for all sensors.
@@ -101,14 +121,14 @@ class SensorRays:
             nearest_lengths = np.zeros((count, len(self.sensors)), np.float32)
             parts = []
             owners = []
-            for model, alike in self._alike:
+            for model, same_model in self._sensors_of_model:
                 # row: box * number of sensors of the model + sensor, which divmod takes apart below
-                corners = in_sensor[:, alike].reshape(-1, 8, 3)
-                nearest_lengths[:, alike] = nearest(model, corners).reshape(count, -1)
-                windowed = model.windows(corners)
-                owner, index = np.divmod(windowed[:, 0], len(alike))
-                windowed[:, 0] = alike[index]
-                parts.append(windowed)
+                corners = in_sensor[:, same_model].reshape(-1, 8, 3)
+                nearest_lengths[:, same_model] = nearest(model, corners).reshape(count, -1)
+                rectangles = model.windows(corners)  # columns row, top, bottom, left, right
+                owner, index = np.divmod(rectangles[:, 0], len(same_model))
+                rectangles[:, 0] = same_model[index]
+                parts.append(rectangles)
                 owners.append(owner)
             owner = np.concatenate(owners)
             rows = np.concatenate(parts)
@@ -129,41 +149,54 @@ class SensorRays:
             body: Index among the renderer's bodies.
             box: x, y, z, length, width, height (m), yaw (rad); world frame.
             windows: Windows of this box from `windows`, None to find them here."""
-        (around,) = (windows,) if windows is not None else self.windows(np.array([body]), box[None])
-        pixels, sensors = self._in_windows(around)
+        if windows is None:
+            (windows,) = self.windows(np.array([body]), box[None])
+        pixels, sensors = self._list_pixels(windows)
         if not len(pixels):
             return Silhouette(
                 pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
             )
         body_from_world = self._renderer.body_from_world(box)
-        turn = body_from_world[:3, :3].T.astype(np.float32)
-        starts = ((self._poses[:, :3, 3] - box[:3]) @ body_from_world[:3, :3].T).astype(np.float32)
-        # start and direction in the body's frame; rays start `NEAR` ahead of the sensor
+        rotation = body_from_world[:3, :3]
+        positions = self._poses[:, :3, 3]  # the sensors' (m, world frame)
+        body_positions = ((positions - box[:3]) @ rotation.T).astype(np.float32)
+        # lines in the body's frame: start, `NEAR` ahead of the sensor, and direction
         lines = np.empty((len(pixels), 6), np.float32)
-        np.matmul(self.rays.take(pixels, axis=0), turn, out=lines[:, 3:])
-        np.multiply(lines[:, 3:], np.float32(NEAR), out=lines[:, :3])
-        lines[:, :3] += starts.take(sensors, axis=0)
+        starts = lines[:, :3]
+        directions = lines[:, 3:]
+        np.matmul(self.rays.take(pixels, axis=0), rotation.T.astype(np.float32), out=directions)
+        np.multiply(directions, np.float32(NEAR), out=starts)
+        starts += body_positions.take(sensors, axis=0)
+        # lengths as multiples of a ray are measurements, as rays end at a measurement of 1 m
         depth = self._renderer.cast_body(body, lines) + np.float32(NEAR)
-        met = np.flatnonzero(depth < self._reach.take(pixels))
+        met = np.flatnonzero(depth < self._reach.take(pixels))  # nearer than the static scene
         pixels = pixels[met]
         sensors = sensors[met]
         depth = depth[met]
         points = self.rays.take(pixels, axis=0) * depth[:, None]
-        points += self._poses[:, :3, 3].astype(np.float32).take(sensors, axis=0)
+        points += positions.astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)
 
-    def _in_windows(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    def _list_pixels(self, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of the pixels whose rays may meet a box, and the index of each pixel's sensor.
 
-        Rays that end at the static scene or their range before they can reach it are left out."""
+        Rays that end at the static scene or their range before they can reach it are left out.
+
+        windows: Rectangles of pixels around the box: rows top to bottom, columns left to right."""
         sensor, top, bottom, left, right = windows.rows.T
         has_one_window_each = len(set(sensor.tolist())) == len(sensor)
-        rows = bottom - top
-        sensor, left, width = (np.repeat(bounds, rows) for bounds in (sensor, left, right - left))
-        row = counting(rows) + np.repeat(top, rows)
-        begin = self.first[sensor] + row * self._columns[sensor] + left
-        pixels = counting(width) + np.repeat(begin, width)
-        sensors = np.repeat(sensor, width)
+        height = bottom - top
+        # one entry for each row of pixels of each window: sensor, row in its image, first pixel
+        row_sensor = np.repeat(sensor, height)
+        row = counting(height) + np.repeat(top, height)
+        first_pixel = self.first[row_sensor]  # first one in the sensor's image
+        image_width = self._columns[row_sensor]
+        begin = first_pixel + row * image_width + np.repeat(left, height)
+        row_width = np.repeat(right - left, height)
+        # one entry for each pixel
+        pixels = counting(row_width) + np.repeat(begin, row_width)
+        sensors = np.repeat(row_sensor, row_width)
+        # a ray's end must be beyond the smallest measurement that the box can have
         in_reach = np.flatnonzero(self._reach.take(pixels) > windows.least.take(sensors))
         pixels = pixels[in_reach]
         sensors = sensors[in_reach]
@@ -174,11 +207,16 @@ class SensorRays:
 
 
 class SeenPoints(NamedTuple):
-    """Points of S sensors on the O scored objects of all frames, and in each of F frames."""
+    """Points of S sensors on the O scored objects of all frames, and in each of F frames.
 
-    points: Float32[np.ndarray, "S O"]  # without noise, objects frame after frame
-    sent: Float32[np.ndarray, "S F"]  # points expected in the crop under noise
-    far: Float32[np.ndarray, "S F"]  # the ones beyond the site's hybrid radius
+    Attributes:
+        points: Points without noise on each object, objects frame after frame.
+        sent: Points expected in the crop under noise.
+        far: The ones beyond the site's hybrid radius."""
+
+    points: Float32[np.ndarray, "S O"]
+    sent: Float32[np.ndarray, "S F"]
+    far: Float32[np.ndarray, "S F"]
 
 
 class _Part(NamedTuple):
@@ -259,35 +297,48 @@ class _Scene:
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]
         self._models = tuple(dict.fromkeys(models))
-        self._model = np.array([self._models.index(model) for model in models])
+        self._model_of_sensor = np.array([self._models.index(model) for model in models])
+        # index of each pixel's sensor; `views.first` has the number of each sensor's first pixel
         owner_of_pixel = np.repeat(np.arange(len(sensors)), np.diff(views.first))
+        # chances of each pixel's point at the empty site, to be sent, and sent and far
         self._still_sent, self._still_far = np.zeros((2, len(views.still)), np.float32)
-        for s, image in enumerate(
-            map(slice, views.first[:-1], views.first[1:])
-        ):  # one at a time, to spare memory
+        # one image (slice of pixels) at a time, to spare memory
+        for s, image in enumerate(map(slice, views.first[:-1], views.first[1:])):
             pixels = np.flatnonzero(views.still[image] > 0) + views.first[s]
             points = views.rays[pixels] * views.still[pixels, None] + self._positions[s]
-            self._still_sent[pixels], self._still_far[pixels] = self._worth(
+            self._still_sent[pixels], self._still_far[pixels] = self._find_chances(
                 points, views.rays[pixels], views.still[pixels], owner_of_pixel[pixels]
             )
+        # expected points of each sensor at the empty site
         self.sent, self.far = (
-            np.bincount(owner_of_pixel, still, len(sensors))
-            for still in (self._still_sent, self._still_far)
+            np.bincount(owner_of_pixel, weights=chances, minlength=len(sensors))
+            for chances in (self._still_sent, self._still_far)
         )
-        # scratch arrays of `compose`, one entry per pixel
+        # scratch arrays of `compose`, one entry per pixel: nearest measurement, and who has it
         self._front = np.full(len(views.still), np.inf, np.float32)
         self._owner = np.zeros(len(views.still), np.int32)
 
     def part(self, body: int, box: np.ndarray, windows: Windows) -> _Part:
-        # part of a body (index in the renderer) in its box, as if no other object were there
+        """Pixels of a body in its box, as if no other object were there, and what they add.
+
+        Args:
+            body: Index among the renderer's bodies.
+            box: x, y, z, length, width, height (m), yaw (rad); world frame.
+            windows: Windows of this box."""
         pixels, sensors, depth, points = self.views.silhouette(body, box, windows)
         if not len(pixels):
-            return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), depth, depth)
-        sent, far = self._worth(points, self.views.rays.take(pixels, axis=0), depth, sensors)
-        counted = self._crop.holds(points)
-        more_sent = sent - self._still_sent.take(pixels)
-        more_far = far - self._still_far.take(pixels)
-        return _Part(pixels, sensors, depth, counted, more_sent, more_far)
+            nothing = depth  # an empty array
+            return _Part(pixels, sensors, depth, np.zeros(0, np.bool_), sent=nothing, far=nothing)
+        rays = self.views.rays.take(pixels, axis=0)
+        sent, far = self._find_chances(points, rays, depth, sensors)
+        return _Part(
+            pixels,
+            sensors,
+            depth,
+            counted=self._crop.holds(points),
+            sent=sent - self._still_sent.take(pixels),
+            far=far - self._still_far.take(pixels),
+        )
 
     def compose(self, parts: Sequence[_Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of S sensors on the n objects of a frame, and what they add to those sent and far.
@@ -303,46 +354,55 @@ class _Scene:
         count = len(self._positions)
         if not parts:
             return np.zeros((count, 0)), np.zeros(count), np.zeros(count)
+        # all parts joined: one entry for each pixel of each object
         pixels, sensors, depth, counted, sent, far = (
             np.concatenate(columns) for columns in zip(*parts, strict=True)
         )
         objects = np.repeat(np.arange(len(parts)), [len(part.pixels) for part in parts])
         np.minimum.at(self._front, pixels, depth)
-        hits = np.flatnonzero(depth == self._front.take(pixels))
+        nearest_hits = np.flatnonzero(depth == self._front.take(pixels))
         self._front[pixels] = np.inf  # ready for the next frame
         # assigned in reverse: of equally near hits of a pixel the first object's is written last
-        self._owner[pixels[hits[::-1]]] = hits[::-1]
-        hits = hits[self._owner.take(pixels[hits]) == hits]
+        self._owner[pixels[nearest_hits[::-1]]] = nearest_hits[::-1]
+        hits = nearest_hits[self._owner.take(pixels[nearest_hits]) == nearest_hits]
+        # flat index in the array (sensor, object) of each hit in the crop
         cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
         on_objects = np.bincount(cells, minlength=count * len(parts)).reshape(count, len(parts))
         more_sent, more_far = (
-            np.bincount(sensors[hits], columns[hits], count) for columns in (sent, far)
+            np.bincount(sensors[hits], weights=chances[hits], minlength=count)
+            for chances in (sent, far)
         )
         return on_objects, more_sent, more_far
 
-    def _worth(
+    def _find_chances(
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        # chances (n,) that points are sent and far, as in `worth`; rays: of their pixels, world
-        # axes; depth: their measurements (m), whose noise may lift points out of the crop
+    ) -> Chances:
+        """Chances that n points are sent, and sent and far (see `find_chances`).
+
+        Args:
+            points: (n, 3) points without noise (m, world frame).
+            rays: (n, 3) rays of their pixels, world axes.
+            depth: (n,) measurements (m), whose noise may lift a point out of the crop.
+            sensors: (n,) index of each point's sensor."""
         deviation: np.ndarray | np.float32 = self._models[0].deviation(depth)
         if len(self._models) > 1:
-            model_of_point = self._model.take(sensors)
+            model_of_point = self._model_of_sensor.take(sensors)
             deviation = np.empty(len(depth), np.float32)
             for k in np.flatnonzero(np.bincount(model_of_point)):
                 of_model = model_of_point == k
                 deviation[of_model] = self._models[k].deviation(depth[of_model])
-        spread = np.abs(rays[:, 2]) * deviation
-        return worth(points, spread, self._positions[:, :2].take(sensors, axis=0), self._site)
+        spread = np.abs(rays[:, 2]) * deviation  # standard deviation of the height (m)
+        positions = self._positions[:, :2].take(sensors, axis=0)
+        return find_chances(points, spread, positions, self._site)
 
 
-def worth(
+def find_chances(
     points: Float32[np.ndarray, "n 3"],
     spread: Float32[np.ndarray, " n"],
     positions: Float32[np.ndarray, "n 2"],
     site: Site,
-) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """Chance of each point to be sent, and to be sent and far.
+) -> Chances:
+    """Chance of each measured point to be sent, and to be sent and far.
 
     A point is sent if it is in the site's area, below the crop's height without noise, and above
     the ground with noise. It is far beyond the site's hybrid radius from its sensor.
@@ -352,13 +412,16 @@ def worth(
         spread: Standard deviation of each point's height (m).
         positions: x and y of each point's sensor (m, world frame).
         site: Site with the area, height, slope and hybrid radius."""
-    above = level_rows(points, site.relief.slope)
-    within = is_inside(above, site.area, site.height, -np.inf)
-    z = above[:, 2]
+    levelled = level_rows(points, site.relief.slope)  # z above the ground
+    is_in_crop = is_inside(levelled, site.area, site.height, -np.inf)
+    z = levelled[:, 2]
     # height in deviations; beyond 8 the chance is 0 or 1 in float32
     x = np.clip(z / np.maximum(spread, np.float32(1e-6)), -8, 8)
     # the standard normal distribution function, within 0.0003 (Page 1977, J. Royal Stat. Soc. C 26)
-    lifted = 0.5 * (1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x)))
-    sent = within * lifted
+    above_ground = 0.5 * (
+        1 + np.tanh(np.float32(0.7978846) * x * (1 + np.float32(0.044715) * x * x))
+    )
+    sent = is_in_crop * above_ground
     offset = points[:, :2] - positions
-    return sent, sent * (np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2)
+    is_far = np.einsum("ij,ij->i", offset, offset) > site.hybrid_radius**2
+    return Chances(sent=sent, far=sent * is_far)

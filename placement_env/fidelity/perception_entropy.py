@@ -32,9 +32,9 @@ from toolkit.detection.schemes import find_scheme
 
 SLOPE = 0.152  # a of AP = a ln m + b
 OFFSET = 0.659  # b
-LOWEST = 0.001  # AP of an object without points
-HIGHEST = 0.999  # largest AP
-UNSEEN_SPREAD = 1 / LOWEST - 1  # σ of an object without points
+MIN_AP = 0.001  # AP of an object without points
+MAX_AP = 0.999  # largest AP
+UNSEEN_SIGMA = 1 / MIN_AP - 1  # σ of an object without points
 
 
 class PerceptionEntropy:
@@ -52,34 +52,32 @@ class PerceptionEntropy:
     ) -> None:
         self._adds_points = not find_scheme(scheme).sends_boxes
         points = visibility.points.astype(np.float32)
-        self._sums = MemberSums(
-            points if self._adds_points else np.where(points > 0, _spread(points) ** -2, 0)
-        )
+        # early fusion sums points over the sensors of a set, late fusion 1/σ²
+        inverse_squares = np.where(points > 0, _compute_sigma(points) ** -2, 0)
+        self._sums = MemberSums(points if self._adds_points else inverse_squares)
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Score of each set: 1 for the least entropy, 0 for the greatest, if nothing is seen."""
+        """Score of each set as AP and recall, and its kbit.
+
+        The score is 1 for the least entropy, 0 for the greatest, if nothing is seen."""
         score = np.zeros(len(subsets))
-        (max_entropy, min_entropy), objects = (
-            2 * np.log(_spread(np.array([0.0, np.inf]))),
-            self._sums.rows.shape[1],
-        )
+        objects = self._sums.rows.shape[1]  # number of objects
+        # entropy 2 ln σ without points and with very many; constant terms of H cancel in the score
+        max_entropy, min_entropy = 2 * np.log(_compute_sigma(np.array([0.0, np.inf])))
+        # block: slice of sets; sums: over the sensors of each set (row), for each object
         for block, sums in self._sums.blocks(subsets):
-            spread = (
-                np.log(_spread(sums))
-                if self._adds_points
-                else -0.5 * np.log(np.maximum(sums, UNSEEN_SPREAD**-2))
-            )
-            entropy = 2 * spread.sum(axis=1, dtype=np.float64) / max(1, objects)
-            score[block] = (
-                np.clip((max_entropy - entropy) / (max_entropy - min_entropy), 0, 1)
-                if objects
-                else 0.0
-            )
-        return Estimate(score, score.copy(), self._sent.kbit(subsets))
+            if self._adds_points:
+                log_sigma = np.log(_compute_sigma(sums))
+            else:
+                log_sigma = -0.5 * np.log(np.maximum(sums, UNSEEN_SIGMA**-2))  # sums of 1/σ²
+            entropy = 2 * log_sigma.sum(axis=1, dtype=np.float64) / max(1, objects)
+            scaled = np.clip((max_entropy - entropy) / (max_entropy - min_entropy), 0, 1)
+            score[block] = scaled if objects else 0.0
+        return Estimate(ap=score, recall=score.copy(), kbit=self._sent.kbit(subsets))
 
 
-def _spread(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """σ = 1/AP - 1 for a number of points; AP = a ln points + b, kept in `LOWEST` to `HIGHEST`."""
+def _compute_sigma(points: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """σ = 1/AP - 1 for a number of points; AP = a ln points + b, kept in `MIN_AP` to `MAX_AP`."""
     with np.errstate(divide="ignore"):
-        return 1 / np.clip(SLOPE * np.log(points) + OFFSET, LOWEST, HIGHEST) - 1
+        return 1 / np.clip(SLOPE * np.log(points) + OFFSET, MIN_AP, MAX_AP) - 1

@@ -27,16 +27,18 @@ class PointCount:
     def __init__(
         self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER
     ) -> None:
-        self._sums = MemberSums(visibility.points.astype(np.float32))
+        self._point_sums = MemberSums(visibility.points.astype(np.float32))
         self._sent = SentData(visibility, scheme, codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Return the score of each set, from 0 for nothing seen to 1."""
+        """Score of each set as AP and recall, from 0 for nothing seen to 1, and its kbit.
+
+        It is the mean over the objects of log(1 + points), as a share of its greatest value."""
         score = np.zeros(len(subsets))
-        objects = self._sums.rows.shape[1]
-        for block, points in self._sums.blocks(subsets):
-            logarithm = np.log1p(np.minimum(points, ENOUGH_POINTS))
-            score[block] = logarithm.sum(axis=1, dtype=np.float64) / (
-                max(1, objects) * math.log1p(ENOUGH_POINTS)
-            )
-        return Estimate(score, score.copy(), self._sent.kbit(subsets))
+        objects = self._point_sums.rows.shape[1]  # number of objects
+        max_sum = max(1, objects) * math.log1p(ENOUGH_POINTS)
+        # block: slice of sets; points: points of all sensors of each set on each object
+        for block, points in self._point_sums.blocks(subsets):
+            logarithms = np.log1p(np.minimum(points, ENOUGH_POINTS))
+            score[block] = logarithms.sum(axis=1, dtype=np.float64) / max_sum
+        return Estimate(ap=score, recall=score.copy(), kbit=self._sent.kbit(subsets))

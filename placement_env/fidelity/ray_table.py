@@ -11,24 +11,36 @@ import numpy as np
 
 from placement_env.fidelity.bounded import Bounded
 from placement_env.fidelity.cells import CELL_ROWS, find_cells
-from placement_env.fidelity.rectangles import AZIMUTHS, ELEVATIONS, PER_STEEP, PER_TURN, Rectangles
+from placement_env.fidelity.rectangles import (
+    AZIMUTHS,
+    AZIMUTHS_PER_RAD,
+    ELEVATIONS,
+    ELEVATIONS_PER_RAD,
+    Rectangles,
+)
 from toolkit.arrays import Int64, Shaped
 from toolkit.geometry import pose
 from toolkit.sensors.sensor import Sensor, SensorModel
 
 TABLE_TILT_STEP_RAD = float(np.deg2rad(1.0))  # rad between the tilts of tables
 MAX_TABLE_BYTES = 220_000_000  # memory of the tables kept at a time, 3 to 12 MB each
+MAX_AHEAD_SHARE = 0.85  # share of this memory that tables made ahead may fill
 Counts = Shaped[np.ndarray, " m"]  # rays in each rectangle
 RAY_TABLES = Bounded()  # `RayTable` by model, tilt and roll (rad), shared by all threads
 _LOCK = Lock()
 
 
 class Aim(NamedTuple):
-    """Angles of a sensor's optical axis in the world (rad)."""
+    """Angles of a sensor's optical axis in the world (rad).
 
-    heading: float  # counter-clockwise from x
-    tilt: float  # below the horizon
-    roll: float  # about the optical axis
+    Attributes:
+        heading: Counter-clockwise from x.
+        tilt: Below the horizon.
+        roll: About the optical axis."""
+
+    heading: float
+    tilt: float
+    roll: float
 
 
 def compute_aim(sensor: Sensor) -> Aim:
@@ -36,13 +48,16 @@ def compute_aim(sensor: Sensor) -> Aim:
 
     One that looks straight down or up has roll 0; its heading comes from the y axis of its body,
     that is from the top of its image."""
-    turn = sensor.world_SE3_body[:3, :3]
-    tilt = float(np.arctan2(-turn[2, 0], np.hypot(turn[0, 0], turn[1, 0])))
-    if np.hypot(turn[0, 0], turn[1, 0]) < 1e-6:
-        return Aim(float(np.arctan2(-turn[0, 1], turn[1, 1])), tilt, 0.0)
-    return Aim(
-        float(np.arctan2(turn[1, 0], turn[0, 0])), tilt, float(np.arctan2(turn[2, 1], turn[2, 2]))
-    )
+    turn = sensor.world_SE3_body[:3, :3]  # columns: forward (optical axis), left and up
+    x, y, z = turn[:, 0].tolist()  # optical axis
+    horizontal_length = np.hypot(x, y)
+    tilt = float(np.arctan2(-z, horizontal_length))
+    if horizontal_length < 1e-6:
+        # the left axis is horizontal, a quarter turn counter-clockwise from the heading
+        left_x, left_y = turn[:2, 1].tolist()
+        return Aim(heading=float(np.arctan2(-left_x, left_y)), tilt=tilt, roll=0.0)
+    left_z, up_z = turn[2, 1:].tolist()
+    return Aim(heading=float(np.arctan2(y, x)), tilt=tilt, roll=float(np.arctan2(left_z, up_z)))
 
 
 class Lookup(NamedTuple):
@@ -52,26 +67,33 @@ class Lookup(NamedTuple):
         model: Model of the sensor.
         tilt: Tilt of the table (rad).
         roll: Roll of the table (rad).
-        heading: Heading of the sensor, in places of azimuth (`PER_TURN` to a radian).
-        more: Places of elevation (`PER_STEEP` to a radian) by which the sensor is tilted more than
-            the table, < 0 if it is tilted less."""
+        heading: Heading of the sensor, in places of azimuth (`AZIMUTHS_PER_RAD` to a radian).
+        extra_tilt: Places of elevation (`ELEVATIONS_PER_RAD` to a radian) by which the sensor is
+            tilted more than the table, < 0 if it is tilted less."""
 
     model: SensorModel
     tilt: float
     roll: float
     heading: np.float32
-    more: np.float32
+    extra_tilt: np.float32
 
     @staticmethod
     def of(sensor: Sensor) -> "Lookup":
-        """Aim of a sensor in the table of nearest tilt; nothing is computed before `table`."""
+        """Aim of a sensor in the table of rays with the nearest tilt.
+
+        The table is made when `table` is first read."""
         aim = compute_aim(sensor)
-        tilt = round(aim.tilt / TABLE_TILT_STEP_RAD) * TABLE_TILT_STEP_RAD
-        more = aim.tilt - tilt if abs(aim.tilt - tilt) >= 1e-6 else 0.0
-        turned = np.float32(aim.heading) * PER_TURN
-        further = np.float32(more) * PER_STEEP
-        # + 0.0 makes -0.0 to 0.0
-        return Lookup(sensor.model, tilt, round(aim.roll, 4) + 0.0, turned, further)
+        table_tilt = round(aim.tilt / TABLE_TILT_STEP_RAD) * TABLE_TILT_STEP_RAD
+        extra_tilt_rad = aim.tilt - table_tilt
+        if abs(extra_tilt_rad) < 1e-6:  # rounding
+            extra_tilt_rad = 0.0
+        return Lookup(
+            model=sensor.model,
+            tilt=table_tilt,
+            roll=round(aim.roll, 4) + 0.0,  # + 0.0 makes -0.0 to 0.0
+            heading=np.float32(aim.heading) * AZIMUTHS_PER_RAD,
+            extra_tilt=np.float32(extra_tilt_rad) * ELEVATIONS_PER_RAD,
+        )
 
     @property
     def table(self) -> "RayTable":
@@ -82,7 +104,8 @@ class Lookup(NamedTuple):
 class RayTable:
     """Number of rays of a model in each direction, tilted and rolled (rad), heading 0.
 
-    Places are as in `rectangles`: azimuth from straight behind on, elevation from straight down.
+    Directions are places as in `rectangles`: `AZIMUTHS` columns to a turn, from straight behind on,
+    and `ELEVATIONS` rows from straight down to straight up.
 
     Attributes:
         first_column: First place of azimuth with rays.
@@ -94,49 +117,53 @@ class RayTable:
         nbytes: Bytes of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
+        # rotation from the sensor's axes to axes with x along the heading and z up
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
         x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
         azimuth = np.arctan2(y, x)
         elevation = np.arctan2(z, np.hypot(x, y))
+        # place of each ray in the grid of all directions
         column = np.floor((azimuth + np.pi) * (AZIMUTHS / (2 * np.pi))).astype(np.int64) % AZIMUTHS
         row = np.clip(
             np.floor((elevation + np.pi / 2) * (ELEVATIONS / np.pi)), 0, ELEVATIONS - 1
         ).astype(np.int64)
         self.first_column = int(column.min())
         self.first_row = int(row.min())
-        shape = int(column.max()) - self.first_column + 1, int(row.max()) - self.first_row + 1
-        self.columns = shape[0]
-        kind = np.uint32 if len(column) >> 16 else np.uint16  # 2 ** 16 rays or more need uint32
+        self.columns = int(column.max()) - self.first_column + 1
+        rows = int(row.max()) - self.first_row + 1
+        dtype = np.uint32 if len(column) >> 16 else np.uint16  # 2 ** 16 rays or more need uint32
         # sums[i, j]: rays in the first i columns and the first j rows of the table
-        self._sums = np.zeros((shape[0] + 1, shape[1] + 1), kind)
-        flat_cell = (column - self.first_column + 1) * (shape[1] + 1) + row - self.first_row + 1
-        np.add.at(self._sums.ravel(), flat_cell, kind(1))
-        for before, after in pairwise(
-            self._sums
-        ):  # row by row, as accumulate along this axis is five times slower
+        self._sums = np.zeros((self.columns + 1, rows + 1), dtype)
+        flat_place = (column - self.first_column + 1) * (rows + 1) + row - self.first_row + 1
+        np.add.at(self._sums.ravel(), flat_place, dtype(1))
+        # column by column, as accumulate along this axis is five times slower
+        for before, after in pairwise(self._sums):
             np.add(before, after, out=after)
         np.add.accumulate(self._sums, axis=1, out=self._sums)
-        column, row = find_cells(azimuth, elevation)
-        rays = np.bincount(column * CELL_ROWS + row)
+        # the same by coarser cells; cells without rays are left out
+        cell_column, cell_row = find_cells(azimuth, elevation)
+        rays = np.bincount(cell_column * CELL_ROWS + cell_row)
         self.cells = np.flatnonzero(rays)
         self.cell_rays = rays[self.cells].astype(np.float32)
         self.nbytes = self._sums.nbytes + self.cells.nbytes + self.cell_rays.nbytes
 
     def counts(
-        self, rectangles: "Rectangles", heading: np.float32, more: np.float32
+        self, rectangles: "Rectangles", heading: np.float32, extra_tilt: np.float32
     ) -> tuple[Int64[np.ndarray, " m"], Counts]:
         """Return the indices of rectangles that hold rays, ascending, and the rays in each.
 
         Args:
             rectangles: Rectangles of azimuth and elevation of the world.
             heading: Heading of the sensor, in places of azimuth.
-            more: Places of elevation by which the sensor is tilted more than the table."""
-        left, right, low, high = rectangles.list_places(heading, more)
-        begin = np.rint(left).astype(np.int32)
-        width = np.rint(right).astype(np.int32) - begin
+            extra_tilt: Places of elevation by which the sensor is tilted more than the table."""
+        edges = rectangles.find_edges(heading, extra_tilt)
+        # columns begin to begin + width and rows low to up of this table, ends excluded
+        begin = np.rint(edges.left).astype(np.int32)
+        width = np.rint(edges.right).astype(np.int32) - begin
         begin %= AZIMUTHS
         begin -= self.first_column
-        low, up = (np.rint(bound).astype(np.int32) - self.first_row for bound in (low, high))
+        low = np.rint(edges.low).astype(np.int32) - self.first_row
+        up = np.rint(edges.high).astype(np.int32) - self.first_row
         last_column = self._sums.shape[0] - 1
         last_row = self._sums.shape[1] - 1
         # before the table's end and beyond its start, or across the seam into its next turn
@@ -146,35 +173,37 @@ class RayTable:
         low = np.maximum(low.take(reachable), 0)
         up = np.minimum(up.take(reachable), last_row)
         end = begin + width.take(reachable)
-        counts = self._within(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
+        counts = self._count_rays(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
         wrapped = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
         if len(wrapped):
             wrapped_end = np.minimum(end[wrapped] - AZIMUTHS, last_column)
-            counts[wrapped] += self._within(
+            counts[wrapped] += self._count_rays(
                 np.zeros_like(wrapped_end), wrapped_end, low[wrapped], up[wrapped]
             )
         hit = np.flatnonzero(counts)
         return reachable[hit], counts[hit]
 
-    def _within(
+    def _count_rays(
         self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray
     ) -> Counts:
-        # rays in columns begin to end and rows low to up of the table, ends excluded; 0 if
-        # begin > end. Sums of unsigned integers may wrap in between: the differences are right.
-        flat = self._sums.ravel()
-        across = self._sums.shape[1]
-        begin = np.minimum(begin, end) * across
-        end = end * across
-        counts: Counts = flat.take(end + up) - flat.take(end + low)
-        counts -= flat.take(begin + up) - flat.take(begin + low)
+        """Rays in columns begin to end and rows low to up of the table; 0 if begin > end.
+
+        Ends are excluded. It is sums[end, up] - sums[end, low] - sums[begin, up] +
+        sums[begin, low]: unsigned integers may wrap in between, but the result is right."""
+        flat_sums = self._sums.ravel()
+        stride = self._sums.shape[1]  # from one column to the next in `flat_sums`
+        begin_place = np.minimum(begin, end) * stride
+        end_place = end * stride
+        counts: Counts = flat_sums.take(end_place + up) - flat_sums.take(end_place + low)
+        counts -= flat_sums.take(begin_place + up) - flat_sums.take(begin_place + low)
         return counts
 
 
 def get_ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
     """Return the table of a model, tilted and rolled (rad), from memory or made now.
 
-    It stays in memory until newer uses of others fill `MAX_TABLE_BYTES`. Threads wait while one
-    makes a table."""
+    It counts the model's rays by direction. It stays in memory until newer uses of others fill
+    `MAX_TABLE_BYTES`. Threads wait while one makes a table."""
     key = model, tilt, roll
     with _LOCK:
         table: RayTable = RAY_TABLES.get(key) or RayTable(*key)
@@ -183,7 +212,7 @@ def get_ray_table(model: SensorModel, tilt: float, roll: float) -> RayTable:
 
 
 def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around: float) -> bool:
-    """Make one missing table of roll 0 between two tilts, the nearest to a third first.
+    """Make one missing table of roll 0 between two tilts, the nearest to `around` first.
 
     Args:
         model: Model of the rays.
@@ -192,11 +221,12 @@ def make_table_ahead(model: SensorModel, lowest: float, steepest: float, around:
         around: Tilt whose nearest tables come first (rad).
 
     Returns:
-        True if a table was made; False if all are there, or memory is 85 % full."""
+        True if a table was made; False if all are there, or memory is full up to
+        `MAX_AHEAD_SHARE`."""
     steps = range(round(lowest / TABLE_TILT_STEP_RAD), round(steepest / TABLE_TILT_STEP_RAD) + 1)
     for step in sorted(steps, key=lambda tilt_step: abs(tilt_step - around / TABLE_TILT_STEP_RAD)):
         key = (model, step * TABLE_TILT_STEP_RAD, 0.0)
-        has_room = RAY_TABLES.nbytes < 0.85 * MAX_TABLE_BYTES
+        has_room = RAY_TABLES.nbytes < MAX_AHEAD_SHARE * MAX_TABLE_BYTES
         if key not in RAY_TABLES and has_room:
             get_ray_table(*key)
             return True

@@ -12,8 +12,23 @@ from toolkit.arrays import Float32
 AZIMUTHS = 3600  # places of azimuth in a turn
 ELEVATIONS = 3600  # places of elevation from straight down to straight up
 PI = np.float32(np.pi)
-PER_TURN = np.float32(AZIMUTHS / (2 * np.pi))  # places of azimuth in a radian
-PER_STEEP = np.float32(ELEVATIONS / np.pi)  # places of elevation in a radian
+AZIMUTHS_PER_RAD = np.float32(AZIMUTHS / (2 * np.pi))  # places of azimuth in a radian
+ELEVATIONS_PER_RAD = np.float32(ELEVATIONS / np.pi)  # places of elevation in a radian
+
+
+class Edges(NamedTuple):
+    """Edges of rectangles, in places of a table of rays.
+
+    Attributes:
+        left: Edge of the smaller azimuth, in places from straight behind the sensor on.
+        right: Edge of the larger azimuth, up to a turn farther.
+        low: Lower edge, in places of elevation from straight down on.
+        high: Upper edge, in the same places."""
+
+    left: Float32[np.ndarray, " n"]
+    right: Float32[np.ndarray, " n"]
+    low: Float32[np.ndarray, " n"]
+    high: Float32[np.ndarray, " n"]
 
 
 class Rectangles(NamedTuple):
@@ -42,26 +57,36 @@ class Rectangles(NamedTuple):
     ) -> "Rectangles":
         """Build from edges (rad, float32): azimuths left < right, elevations bottom < top."""
         middle = (left + right) / 2
-        tan = np.clip(np.tan((bottom + top) / 2), -3, 3)
-        azimuths = (left + PI) * PER_TURN, (right + PI) * PER_TURN
-        elevations = (bottom + PI / 2) * PER_STEEP, (top + PI / 2) * PER_STEEP
-        return Rectangles(*azimuths, *elevations, np.cos(middle), np.sin(middle), tan)
+        return Rectangles(
+            left=(left + PI) * AZIMUTHS_PER_RAD,
+            right=(right + PI) * AZIMUTHS_PER_RAD,
+            low=(bottom + PI / 2) * ELEVATIONS_PER_RAD,
+            high=(top + PI / 2) * ELEVATIONS_PER_RAD,
+            cos=np.cos(middle),
+            sin=np.sin(middle),
+            tan=np.clip(np.tan((bottom + top) / 2), -3, 3),
+        )
 
-    def list_places(self, heading: np.float32, more: np.float32) -> tuple[np.ndarray, ...]:
-        """Edges left, right, low and high as a sensor sees them, in places of its table of rays.
+    def find_edges(self, heading: np.float32, extra_tilt: np.float32) -> Edges:
+        """Edges as a sensor sees them, in places of its table of rays.
 
-        Azimuth is counted from the sensor's heading. The rectangles are turned by the extra tilt,
-        to first order, by as much as their middles.
+        Azimuth is counted from the sensor's heading. All edges of a rectangle are moved by the
+        extra tilt as its middle is, to first order.
 
         Args:
             heading: Heading of the sensor, in places of azimuth.
-            more: Places of elevation by which the sensor is tilted more than the table."""
+            extra_tilt: Places of elevation by which the sensor is tilted more than the table."""
         left = self.left - heading
         right = self.right - heading
-        if not more:
-            return left, right, self.low, self.high
-        angle = heading / PER_TURN
+        if not extra_tilt:
+            return Edges(left, right, self.low, self.high)
+        angle = heading / AZIMUTHS_PER_RAD
         cos, sin = np.cos(angle), np.sin(angle)
-        up = more * (self.cos * cos + self.sin * sin)
-        aside = (more * PER_TURN / PER_STEEP) * self.tan * (self.sin * cos - self.cos * sin)
-        return left + aside, right + aside, self.low + up, self.high + up
+        # cosine and sine of the middle's azimuth, counted from the heading
+        middle_cos = self.cos * cos + self.sin * sin
+        middle_sin = self.sin * cos - self.cos * sin
+        up = extra_tilt * middle_cos
+        sideways = (extra_tilt * AZIMUTHS_PER_RAD / ELEVATIONS_PER_RAD) * self.tan * middle_sin
+        return Edges(
+            left=left + sideways, right=right + sideways, low=self.low + up, high=self.high + up
+        )

@@ -10,6 +10,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,10 +41,23 @@ from toolkit.sensors.track_velocities import velocities
 from toolkit.sites.files import format_site
 from toolkit.traffic.spawner import LIFE
 
-IN_MEMORY = 2048  # parts of candidates' frames held in memory if a cache keeps them too
+MAX_PARTS_IN_MEMORY = 2048  # parts of candidates' frames held in memory if a cache keeps them too
 # parts of the frames, rendered separately: part p has the frames whose number modulo this is p. A
 # race of sets scores one frame of every block of so many first
 RENDER_PARTS = 2 * LIFE
+
+
+class _CropMeasurement(NamedTuple):
+    """Measurement of one sensor in the crop, with noise.
+
+    Attributes:
+        points: Points (m, world frame).
+        pixels: Pixel of each point, row after row of the image.
+        depth: Measurement of each pixel (m)."""
+
+    points: Float32[np.ndarray, "n 3"]
+    pixels: Shaped[np.ndarray, " n"]
+    depth: Float32[np.ndarray, " n"]
 
 
 class Renders:
@@ -83,11 +97,12 @@ class Renders:
         self._cache = cache
         self._noise_seed = noise_seed
         self.errors = errors
-        self._whole = not only_own_noise(errors)  # whether errors need whole images
+        # errors beyond noise look at neighbouring pixels, in the crop and outside
+        self._needs_whole_images = not only_own_noise(errors)
         # by candidate and part of the frames, least recently used first
         self._packed: dict[tuple[int, int], _Packed] = {}
-        self._rigs: dict[int, Rig] = {}
-        self._scenes: dict[int, EmptyScene] = {}
+        self._rigs: dict[int, Rig] = {}  # by candidate
+        self._scenes: dict[int, EmptyScene] = {}  # by candidate
 
     def __reduce__(self) -> tuple[object, ...]:
         make = partial(
@@ -100,10 +115,11 @@ class Renders:
         """SHA-256 (hexadecimal) over all that measurements depend on except the sensors.
 
         It covers code, traffic, noise seed and errors; a cache key adds each sensor's digest."""
-        parts = [_code(self.sensors), self.traffic.digest(), self._noise_seed]
-        return make_key(
-            *parts, *_beyond_noise(self.errors), *(() if self.redrawn else ("once",))
-        ).hex()
+        parts = [_digest_code(self.sensors), self.traffic.digest(), self._noise_seed]
+        parts += _digest_errors(self.errors)
+        if not self.redrawn:
+            parts.append("once")
+        return make_key(*parts).hex()
 
     def draw_once(self, seed: int, indices: Sequence[int], frames: int) -> "Renders":
         """Measurements of some candidates, with errors drawn once for all of the first frames.
@@ -113,101 +129,118 @@ class Renders:
             indices: Candidates, which are numbered in this order in the result.
             frames: Number of frames from the first on."""
         traffic, candidates, cache = self._arguments
-        fewer = replace(traffic, snapshots=traffic.snapshots[:frames])
-        selection = candidates.select(np.asarray(indices))
-        return Renders(fewer, selection, cache, noise_seed=seed, errors=self.errors, redrawn=False)
+        return Renders(
+            replace(traffic, snapshots=traffic.snapshots[:frames]),
+            candidates.select(np.asarray(indices)),
+            cache,
+            noise_seed=seed,
+            errors=self.errors,
+            redrawn=False,
+        )
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of candidate c in frame k inside the crop, with noise and errors (m, world)."""
-        return (
-            frame_points(self._reading(k, c), area=self.site)[0]
-            if self._whole
-            else self._measure(k, c)[0]
-        )
+        if self._needs_whole_images:
+            (points,) = frame_points(self._read_frame(k, c), area=self.site)
+            return points
+        return self._measure(k, c).points
 
     def captured(self, k: int, c: int) -> Captured:
         """Image of candidate c in frame k, from which the points of `clouds` come.
 
         Pixels outside the crop are 0, unless errors need whole images: then it shows everything."""
-        if self._whole:
-            return Captured(self._reading(k, c), 0, self.site)
-        sensor, snapshot, (_, pixels, depth) = (
-            self.sensors[c],
-            self.traffic.snapshots[k],
-            self._measure(k, c),
-        )
+        if self._needs_whole_images:
+            return Captured(self._read_frame(k, c), index=0, area=self.site)
+        sensor = self.sensors[c]
+        snapshot = self.traffic.snapshots[k]
+        measured = self._measure(k, c)
         image = np.zeros(sensor.model.shape, np.float32)
-        image.ravel()[pixels] = depth
-        frame = Frame((sensor,), (image,), snapshot.objects, snapshot.time, k)
-        return Captured(frame, 0, self.site, crop_pixels=pixels.astype(np.int64))
+        image.ravel()[measured.pixels] = measured.depth
+        frame = Frame(
+            sensors=(sensor,),
+            measurements=(image,),
+            objects=snapshot.objects,
+            time=snapshot.time,
+            index=k,
+        )
+        crop_pixels = measured.pixels.astype(np.int64)
+        return Captured(frame, index=0, area=self.site, crop_pixels=crop_pixels)
 
     def scene(self, c: int) -> EmptyScene:
         """Scene without moving objects as candidate c measures it, kept once made.
 
         It is rendered; if errors need whole images it is learnt from all frames with errors."""
         if c not in self._scenes:
-            if self._whole:
+            if self._needs_whole_images:
                 learner = SceneLearner(self.sensors[c])
                 for k in range(self.frames):
-                    learner.add(self._reading(k, c).images[0])
+                    (image,) = self._read_frame(k, c).images
+                    learner.add(image)
                 self._scenes[c] = learner.scene()
             else:
-                self._scenes[c] = EmptyScene.from_render(self.sensors[c], _still(self._rig(c)))
+                empty_image = _build_empty_image(self._find_rig(c))
+                self._scenes[c] = EmptyScene.from_render(self.sensors[c], empty_image)
         return self._scenes[c]
 
     def objects(self, k: int) -> Objects:
         """All objects in frame k, scored or not."""
         return self.traffic.snapshots[k].objects
 
-    def _measure(self, k: int, c: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points in the crop with noise (m, world frame), their pixels and measurements (m)."""
-        packed = self._of_candidate(c, k)
+    def _measure(self, k: int, c: int) -> _CropMeasurement:
+        """Measurement of candidate c in the crop in frame k, with noise."""
+        # changes from the empty site; the noise of a sensor and frame is the same in any set
+        pixels, depth = self._find_packed(c, k).frame(k)
         rng = None
         if self._noise_seed is not None:
-            rng = np.random.default_rng([self._noise_seed, k, _seed(self.sensors[c])])
-        return self._rig(c).measure(0, *packed.frame(k), rng)
+            rng = np.random.default_rng([self._noise_seed, k, _hash_sensor(self.sensors[c])])
+        rig = self._find_rig(c)  # candidate c is its only sensor, number 0
+        return _CropMeasurement(*rig.measure(0, changed=pixels, measured=depth, rng=rng))
 
-    def _reading(self, k: int, c: int) -> Frame:
+    def _read_frame(self, k: int, c: int) -> Frame:
         """Frame k with one sensor, candidate c: its whole image with noise and errors.
 
         For errors that need velocities, the objects' ones come from the frames before and
         after."""
         snapshots = self.traffic.snapshots
         sensor = self.sensors[c]
-        packed = self._of_candidate(c, k)
+        packed = self._find_packed(c, k)
         now = snapshots[k]
-        speed = None
-        image = _still(self._rig(c))
+        object_velocities = None
         if self.errors.needs_velocities:
             neighbours = [
                 snapshots[index] for index in (k - 1, k + 1) if 0 <= index < len(snapshots)
             ]
-            speed = velocities(
+            object_velocities = velocities(
                 now.objects,
                 now.time,
                 [(neighbour.objects, neighbour.time) for neighbour in neighbours],
             )
+        image = _build_empty_image(self._find_rig(c))
         pixels, depth = packed.frame(k)
         image.ravel()[pixels] = depth
-        frame = Frame((sensor,), (image,), now.objects, now.time, k)
-        seed = (
-            block_seed(self._noise_seed or 0, k // LIFE) if self.redrawn else self._noise_seed or 0
+        frame = Frame(
+            sensors=(sensor,), measurements=(image,), objects=now.objects, time=now.time, index=k
         )
-        return with_errors(frame, self.errors, seed, velocities=speed, numbers=[_seed(sensor)])
+        seed = self._noise_seed or 0
+        if self.redrawn:
+            seed = block_seed(seed, k // LIFE)
+        return with_errors(
+            frame, self.errors, seed, velocities=object_velocities, numbers=[_hash_sensor(sensor)]
+        )
 
-    def _of_candidate(self, c: int, k: int) -> "_Packed":
+    def _find_packed(self, c: int, k: int) -> "_Packed":
         """Packed frames of candidate c among which frame k is: every `RENDER_PARTS`-th one.
 
-        The last `IN_MEMORY` used are in memory, or all without a cache."""
+        The last `MAX_PARTS_IN_MEMORY` used are in memory, or all without a cache."""
         key = c, k % RENDER_PARTS
         # removed and put back at the end: the order of use
-        packed = self._packed.pop(key, None) or self._kept(*key)
-        if self._cache is not None and len(self._packed) >= IN_MEMORY:
+        packed = self._packed.pop(key, None) or self._load_packed(*key)
+        if self._cache is not None and len(self._packed) >= MAX_PARTS_IN_MEMORY:
             self._packed.pop(next(iter(self._packed)))  # least recently used
         self._packed[key] = packed
         return packed
 
-    def _kept(self, c: int, part: int) -> "_Packed":
+    def _load_packed(self, c: int, part: int) -> "_Packed":
         """Packed frames `part`, `part` + `RENDER_PARTS`, ... of candidate c.
 
         They come from the cache; they are rendered if it does not hold them or they are damaged."""
@@ -216,26 +249,33 @@ class Renders:
         )
         return _Packed(*arrays)
 
-    def _rig(self, c: int) -> Rig:
-        """Rig of candidate c as the only sensor, with its image of the empty site.
+    def _find_rig(self, c: int) -> Rig:
+        """Candidate c as a rig of one sensor: with its measurements of the empty site.
 
-        The image holds the crop, or everything if errors need whole images; kept once made."""
+        They hold the crop, or everything if errors need whole images; kept once made."""
         if c not in self._rigs:
             (arrays,) = recall(
                 self._cache, [self._key(c, "empty")], lambda _: [self._render_empty(c)]
             )
-            area = tuple(self.site.area.tolist())
-            height = self.site.height
-            slope = self.site.relief.slope
-            self._rigs[c] = Rig((self.sensors[c],), area, height, (arrays[0],), (arrays[1],), slope)
+            pixels, depth = arrays
+            self._rigs[c] = Rig(
+                sensors=(self.sensors[c],),
+                area=tuple(self.site.area.tolist()),
+                height=self.site.height,
+                pixels=(pixels,),
+                depth=(depth,),
+                slope=self.site.relief.slope,
+            )
         return self._rigs[c]
 
     def _key(self, c: int, part: int | str) -> bytes:
-        # part: number of a part of the frames, or "empty" for the empty site
+        """Cache key of renders of candidate c.
+
+        part: Number of a part of the frames, or "empty" for the empty site."""
         sensor = self.sensors[c]
-        kind = "whole render" if self._whole else "render"
+        kind = "whole render" if self._needs_whole_images else "render"
         return make_key(
-            kind, _code([sensor]), self.traffic.digest(), sensor.digest, part, RENDER_PARTS
+            kind, _digest_code([sensor]), self.traffic.digest(), sensor.digest, part, RENDER_PARTS
         )
 
     def _render_empty(self, c: int) -> Arrays:
@@ -244,34 +284,41 @@ class Renders:
         Pixels without a return are left out; those outside the crop too, unless errors need whole
         images."""
         renderer = build_renderer(self.traffic).looking([self.sensors[c]])
-        if self._whole:
-            still = renderer.background[0].ravel().astype(np.float32)
-            seen = np.flatnonzero(still > 0).astype(np.uint32)
-            return seen, still[seen]
-        area = self.site.area
-        height = self.site.height
-        slope = self.site.relief.slope
-        rig = Rig.seeing(renderer.sensors, area, height, renderer.background, slope)
+        (background,) = renderer.background  # image of the only sensor
+        if self._needs_whole_images:
+            empty_depth = background.ravel().astype(np.float32)
+            pixels = np.flatnonzero(empty_depth > 0).astype(np.uint32)
+            return pixels, empty_depth[pixels]
+        rig = Rig.seeing(
+            renderer.sensors,
+            area=self.site.area,
+            height=self.site.height,
+            empty=[background],
+            slope=self.site.relief.slope,
+        )
         return rig.pixels[0], rig.depth[0]
 
     def _render_part(self, c: int, part: int) -> Arrays:
         """Render every `RENDER_PARTS`-th frame of candidate c, from frame `part` on.
 
-        Returns pixels, steps and ends as in `_Packed`: the pixels that differ from the empty site,
-        frame after frame."""
+        Returns:
+            Pixels that differ from the empty site, frame after frame; the measurement of each,
+            `STEPS_PER_METRE` to a metre, 0 for no return; and a 0, then for each frame the index
+            after its last pixel."""
         renderer = build_renderer(self.traffic).looking([self.sensors[c]])
-        empty_image = renderer.background[0].ravel().astype(np.float32)
-        rig = self._rig(c)
+        (background,) = renderer.background  # image of the only sensor
+        empty_image = background.ravel().astype(np.float32)
+        rig = self._find_rig(c)
         frame_pixels = []
         frame_steps = []
         for snapshot in self.traffic.snapshots[part::RENDER_PARTS]:
             images = renderer.render(snapshot).measurements
-            if self._whole:
+            if self._needs_whole_images:
                 pixels, steps = _find_changes(empty_image, images[0].ravel())
             else:
-                changed = change(rig, Frame(renderer.sensors, images, snapshot.objects))
-                pixels = changed.pixels[0]
-                steps = changed.steps[0]
+                changes = change(rig, Frame(renderer.sensors, images, snapshot.objects))
+                (pixels,) = changes.pixels
+                (steps,) = changes.steps
             frame_pixels.append(pixels)
             frame_steps.append(steps)
         ends = np.cumsum([0, *map(len, frame_pixels)])
@@ -311,22 +358,23 @@ class Recorded:
 
         It covers code, noise seed, errors, site and the bytes of the recording's file."""
         parts = [
-            _code(self.sensors),
+            _digest_code(self.sensors),
             self._noise_seed,
             format_site(self.site),
-            *_beyond_noise(self.errors),
+            *_digest_errors(self.errors),
         ]
         sha = hashlib.sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
-            return hashlib.file_digest(file, lambda: sha).hexdigest()
+            return hashlib.file_digest(file, lambda: sha).hexdigest()  # goes on with `sha`
 
     def clouds(self, k: int, c: int) -> Float32[np.ndarray, "n 3"]:
         """Points of sensor c in frame k inside the crop, with noise and errors (m, world)."""
-        return frame_points(self._frame(k), [c], area=self.site)[0]
+        (points,) = frame_points(self._frame(k), [c], area=self.site)
+        return points
 
     def captured(self, k: int, c: int) -> Captured:
         """Image of sensor c in frame k, from which the points of `clouds` come."""
-        return Captured(self._frame(k), c, self.site)
+        return Captured(self._frame(k), index=c, area=self.site)
 
     def objects(self, k: int) -> Objects:
         """All objects in frame k, scored or not."""
@@ -358,47 +406,51 @@ class _Packed:
         """Pixels of frame k that differ from the empty site, and their measurements (m).
 
         k: Number among all frames of the traffic; it must be in this part."""
-        rows = slice(*self.ends[k // RENDER_PARTS :][:2])
-        return self.pixels[rows], self.steps[rows].astype(np.float32) / np.float32(STEPS_PER_METRE)
+        index = k // RENDER_PARTS  # the frame's index in this part
+        begin, end = self.ends[index : index + 2]
+        depth = self.steps[begin:end].astype(np.float32) / np.float32(STEPS_PER_METRE)
+        return self.pixels[begin:end], depth
 
 
-def _still(rig: Rig) -> ImageRanges:
+def _build_empty_image(rig: Rig) -> ImageRanges:
     """New image of the empty site from the pixels of a rig's only sensor, 0 elsewhere (m)."""
     image = np.zeros(rig.sensors[0].model.shape, np.float32)
     image.ravel()[rig.pixels[0]] = rig.depth[0]
     return image
 
 
-def _find_changes(still: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_changes(empty_image: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels that differ from the empty site in a whole image, and their measurements in steps.
 
     A pixel that changes to a surface beyond `MAX_DEPTH_M` has 0 steps, as if nothing returned.
 
     Args:
-        still: Measurements (m) of the empty site, flat.
-        image: Measurements (m) of the frame, flat."""
-    pixels = np.flatnonzero(image != still).astype(np.uint32)
+        empty_image: Measurements (m) of the empty site, flat.
+        image: Measurements (m) of the frame, flat.
+
+    Returns:
+        Flat indices of the pixels; measurement of each, `STEPS_PER_METRE` to a metre."""
+    pixels = np.flatnonzero(image != empty_image).astype(np.uint32)
     depth = image[pixels]
+    is_measured = (depth > 0) & (depth < MAX_DEPTH_M)
     # at least 1 step, as 0 is no return
-    near = (depth > 0) & (depth < MAX_DEPTH_M)
-    return pixels, np.where(near, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0).astype(
-        np.uint16
-    )
+    steps = np.where(is_measured, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
+    return pixels, steps.astype(np.uint16)
 
 
-def _beyond_noise(errors: ErrorProfile) -> list[str]:
+def _digest_errors(errors: ErrorProfile) -> list[str]:
     """Digests of errors and their code, for a cache key; empty if only the sensors have noise."""
     return [] if only_own_noise(errors) else [errors.digest, code_digest(*errors.modules)]
 
 
-def _code(sensors: Sequence[Sensor]) -> str:
+def _digest_code(sensors: Sequence[Sensor]) -> str:
     """Digest of the source code of this module and of the sensors' models, for a cache key."""
     return code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
 
 
-def _seed(sensor: Sensor) -> int:
+def _hash_sensor(sensor: Sensor) -> int:
     """Seed of a sensor's noise and errors (64 bits), from its model and pose but not its name.
 
     It is not `Sensor.digest`, since published figures were measured with this noise."""
-    described = json.dumps((repr(sensor.model), sensor.pose.tolist()))
-    return int.from_bytes(hashlib.sha256(described.encode()).digest()[:8], "big")
+    description = json.dumps((repr(sensor.model), sensor.pose.tolist()))
+    return int.from_bytes(hashlib.sha256(description.encode()).digest()[:8], "big")

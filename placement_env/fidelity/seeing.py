@@ -2,10 +2,10 @@
 accurate enough."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -29,7 +29,18 @@ from toolkit.sites.files import format_site
 MAX_BLOCK_PIXELS = 4_000_000  # pixels of the sensors handled at once, about 40 bytes each
 VIEW_BLOCK_FRAMES = 8  # frames that a process handles before it returns its views from panoramas
 MIN_SENSORS_PER_PLACE = 4  # mean number of sensors per place above which panoramas pay
-Block = tuple[int, int]  # first index of the block, of sensors or frames, and the first after it
+RANGE_MARGIN_M = 10.0  # m above and below all objects that a panorama's sensor must measure
+
+
+class Block(NamedTuple):
+    """Range of sensors or frames that is handled together.
+
+    Attributes:
+        first: Index of the first.
+        end: Index after the last."""
+
+    first: int
+    end: int
 
 
 def see(
@@ -60,13 +71,16 @@ def see(
     check_choice("rendering", rendering, get_args(Rendering))
     labels = tuple(sorted(labels))
     sensors = candidates.sensors
-    quick = choose_quick(sensors, traffic, rendering)
+    is_quick = choose_quick(sensors, traffic, rendering)
     visibility = Visibility.unseen(traffic, sensors, labels)
-    for look, mask in ((look_round, quick), (look_in_full, ~quick)):
+    # function that looks, and the mask of the sensors that it looks from
+    for look, mask in ((look_round, is_quick), (look_in_full, ~is_quick)):
         if mask.any():
             seen = look(traffic, [sensors[c] for c in np.flatnonzero(mask)], labels, run)
             # rows of the arrays are filled in place
-            visibility.points[mask], visibility.sent[mask], visibility.far[mask] = seen
+            visibility.points[mask] = seen.points
+            visibility.sent[mask] = seen.sent
+            visibility.far[mask] = seen.far
     return visibility
 
 
@@ -76,7 +90,7 @@ def choose_quick(
     """Mask of the sensors whose view comes from panoramas rather than from casting all their rays.
 
     Panoramas have no limited range, so only sensors qualify that measure all of the detection area,
-    to its farthest corner and 10 m above and below all objects.
+    to its farthest corner and `RANGE_MARGIN_M` above and below all objects.
 
     Args:
         sensors: Sensors to choose from.
@@ -91,14 +105,16 @@ def choose_quick(
     xmin, ymin, xmax, ymax = traffic.site.area.tolist()
     corners = np.array([[x, y] for x in (xmin, xmax) for y in (ymin, ymax)])
     positions = np.array([sensor.position for sensor in sensors]).reshape(-1, 3)
-    across = np.linalg.norm(positions[:, None, :2] - corners, axis=2).max(axis=1)
-    # z of all objects (m), then the lowest and highest height to be measured
-    ends = np.concatenate(
+    # horizontal distance to the farthest corner, axes before the maximum: sensor, corner
+    horizontal = np.linalg.norm(positions[:, None, :2] - corners, axis=2).max(axis=1)
+    object_z = np.concatenate(
         [snapshot.objects.boxes[:, 2] for snapshot in traffic.snapshots] or [np.zeros(0)]
     )
-    low, high = ends.min(initial=0) - 10, max(ends.max(initial=0) + 10, traffic.site.height)
-    up = np.maximum(np.abs(positions[:, 2] - low), np.abs(positions[:, 2] - high))
-    return np.hypot(across, up) < [sensor.model.max_range for sensor in sensors]
+    lowest_z = object_z.min(initial=0) - RANGE_MARGIN_M
+    highest_z = max(object_z.max(initial=0) + RANGE_MARGIN_M, traffic.site.height)
+    sensor_z = positions[:, 2]
+    vertical = np.maximum(np.abs(sensor_z - lowest_z), np.abs(sensor_z - highest_z))
+    return np.hypot(horizontal, vertical) < [sensor.model.max_range for sensor in sensors]
 
 
 def look_in_full(
@@ -115,16 +131,18 @@ def look_in_full(
         run: Processes, progress, and the cache that keeps finished blocks."""
     blocks = list[Block]()
     first = 0
-    pixels = 0
+    pixels = 0  # in the block that begins at sensor `first`
     for c, sensor in enumerate(sensors):
-        size = math.prod(sensor.model.shape)
-        if pixels and pixels + size > MAX_BLOCK_PIXELS:
-            blocks.append((first, c))
+        sensor_pixels = math.prod(sensor.model.shape)
+        if pixels and pixels + sensor_pixels > MAX_BLOCK_PIXELS:
+            blocks.append(Block(first, end=c))
             first = c
             pixels = 0
-        pixels += size
-    blocks.append((first, len(sensors)))
-    seen = _FullLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(sensors))
+        pixels += sensor_pixels
+    blocks.append(Block(first, end=len(sensors)))
+    look = _FullLook(traffic, tuple(sensors), tuple(labels))
+    seen = look.see(blocks, run, total=len(sensors))
+    # points, sent and far of all blocks, each joined along the sensors
     return SeenPoints(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
 
 
@@ -141,10 +159,12 @@ def look_round(
         labels: Classes (numbers) of the scored objects.
         run: Processes, progress, and the cache that keeps finished blocks."""
     blocks = [
-        (k, min(k + VIEW_BLOCK_FRAMES, len(traffic)))
+        Block(first=k, end=min(k + VIEW_BLOCK_FRAMES, len(traffic)))
         for k in range(0, len(traffic), VIEW_BLOCK_FRAMES)
     ]
-    seen = _RoundLook(traffic, tuple(sensors), tuple(labels)).see(blocks, run, len(traffic))
+    look = _RoundLook(traffic, tuple(sensors), tuple(labels))
+    seen = look.see(blocks, run, total=len(traffic))
+    # points, sent and far of all blocks, each joined along the objects or frames
     return SeenPoints(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
 
 
@@ -163,20 +183,21 @@ class _Look:
         """Points in each block, from the run's cache or computed now by its processes.
 
         Args:
-            blocks: First index and the one after the last, ascending without gaps.
+            blocks: Blocks of sensors or frames, ascending without gaps.
             run: Processes, progress and cache.
             total: End of the last block; the share that is done gives the progress, in sensors."""
         report = run.stage("poses rendered", len(self.sensors))
         seen = []
-        computed = recall(
-            run.memo,
-            [*map(self.key, blocks)],
-            lambda missing: run.map(self, [blocks[k] for k in missing]),
-        )
-        for block, arrays in zip(blocks, computed, strict=True):
+
+        def compute(missing: list[int]) -> Iterator[SeenPoints]:
+            # points in the blocks with these indices, in parallel
+            return run.map(self, [blocks[k] for k in missing])
+
+        results = recall(run.memo, [*map(self.key, blocks)], compute)
+        for block, arrays in zip(blocks, results, strict=True):
             seen.append(SeenPoints(*arrays))
             if report:
-                report(len(self.sensors) * block[1] // total)
+                report(len(self.sensors) * block.end // total)
         return seen
 
     def __call__(self, block: Block) -> SeenPoints:
@@ -198,49 +219,53 @@ class _FullLook(_Look):
     """Points in all frames, by casting all rays; a block is a range of sensors."""
 
     def __call__(self, block: Block) -> SeenPoints:
-        return look_at(
-            self.traffic, build_renderer(self.traffic), self.sensors[slice(*block)], self.labels
-        )
+        """Points of a block of sensors on objects and in the crop, in all frames."""
+        sensors = self.sensors[block.first : block.end]
+        return look_at(self.traffic, build_renderer(self.traffic), sensors, self.labels)
 
     def key(self, block: Block) -> bytes:
-        return make_key(
-            "seen", self.traffic.digest(), *self._depends_on(self.sensors[slice(*block)])
-        )
+        sensors = self.sensors[block.first : block.end]
+        return make_key("seen", self.traffic.digest(), *self._depends_on(sensors))
 
 
 class _RoundLook(_Look):
     """Points of all sensors, from panoramas; a block is a range of frames."""
 
     def __call__(self, block: Block) -> SeenPoints:
-        # viewpoint: index of each sensor's place
-        scored = ScoredItems.of(self.traffic, self.traffic.snapshots[slice(*block)], self.labels)
-        places, viewpoint = self._places
+        """Points of all sensors on objects and in the crop, in a block of frames.
+
+        Each place is looked at once; all sensors there are looked up in that view."""
+        snapshots = self.traffic.snapshots[block.first : block.end]
+        scored = ScoredItems.of(self.traffic, snapshots, self.labels)
+        places, place_of_sensor = self._places
+        count = len(self.sensors)
         seen = SeenPoints(
-            *(
-                np.zeros((len(self.sensors), size), np.float32)
-                for size in (scored.items, *[scored.frames] * 2)
-            )
+            points=np.zeros((count, scored.items), np.float32),
+            sent=np.zeros((count, scored.frames), np.float32),
+            far=np.zeros((count, scored.frames), np.float32),
         )
-        for place, strips in enumerate(
-            place_strips(self._strips, self.traffic, range(*block), len(places))
-        ):
+        strips_of_places = place_strips(
+            self._strips, self.traffic, range(block.first, block.end), len(places)
+        )
+        for place, strips in enumerate(strips_of_places):
             surround = Surround.of(strips, scored, self._stills[place])
-            for sensor in np.flatnonzero(viewpoint == place).tolist():
-                for table, row in zip(seen, surround.seen(self._lookups[sensor]), strict=True):
-                    table[sensor] = row
+            for sensor in np.flatnonzero(place_of_sensor == place).tolist():
+                sensor_points = surround.seen(self._lookups[sensor])
+                seen.points[sensor] = sensor_points.points
+                seen.sent[sensor] = sensor_points.sent
+                seen.far[sensor] = sensor_points.far
         return seen
 
     def key(self, block: Block) -> bytes:
-        return make_key(
-            "panoramas", self.traffic.part(*block).digest(), self._depends_on(self.sensors)
-        )
+        traffic = self.traffic.part(block.first, block.end)
+        return make_key("panoramas", traffic.digest(), self._depends_on(self.sensors))
 
     @cached_property
     def _places(self) -> tuple[Float64[np.ndarray, "V 3"], Int64[np.ndarray, " S"]]:
         """Distinct places of the sensors (m, to 1e-6 m), and the index of each sensor's place."""
         positions = np.array([sensor.position for sensor in self.sensors]).round(6)
-        places, viewpoint = np.unique(positions, axis=0, return_inverse=True)
-        return places, viewpoint.ravel()
+        places, place_of_sensor = np.unique(positions, axis=0, return_inverse=True)
+        return places, place_of_sensor.ravel()
 
     @cached_property
     def _lookups(self) -> list[Lookup]:
@@ -258,18 +283,21 @@ class _RoundLook(_Look):
 
         It is computed once in a process for all traffic of the same site."""
         site = self.traffic.site
-        cached = _known_stills(format_site(site))
-        stills: list[dict[SensorModel, Still]] = [{} for _ in self._places[0]]
-        for place, model in {
+        cached_stills = _known_stills(format_site(site))
+        places, place_of_sensor = self._places
+        stills: list[dict[SensorModel, Still]] = [{} for _ in places]
+        # models of the sensors at each place, by index of the place
+        place_models = {
             (place, sensor.model)
-            for place, sensor in zip(self._places[1].tolist(), self.sensors, strict=True)
-        }:
-            key = self._places[0][place].tobytes(), model
-            if key not in cached:
-                cached[key] = Still.of(
-                    build_renderer(self.traffic), site, self._places[0][place], model
+            for place, sensor in zip(place_of_sensor.tolist(), self.sensors, strict=True)
+        }
+        for place, model in place_models:
+            key = places[place].tobytes(), model
+            if key not in cached_stills:
+                cached_stills[key] = Still.of(
+                    build_renderer(self.traffic), site, places[place], model
                 )
-            stills[place][model] = cached[key]
+            stills[place][model] = cached_stills[key]
         return stills
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from placement_env.fidelity.occlusion import Chances
 from placement_env.fidelity.ray_table import Lookup, RayTable
 from placement_env.fidelity.rectangles import AZIMUTHS, Rectangles
 from placement_env.fidelity.still import Still
@@ -28,6 +29,19 @@ from toolkit.traffic.snapshots import Snapshot
 
 TILT_MARGIN_COLUMNS = 16  # places of azimuth by which slightly more tilt may move a strip
 MAX_MOMENTS = 64  # frames whose scenes are kept
+
+
+class SensorPoints(NamedTuple):
+    """Points of one sensor on some objects, and in some frames.
+
+    Attributes:
+        points: Points on each scored object.
+        sent: Points sent in each frame.
+        far: The ones beyond the site's hybrid radius among these."""
+
+    points: Float64[np.ndarray, " items"]
+    sent: Float64[np.ndarray, " frames"]
+    far: Float64[np.ndarray, " frames"]
 
 
 class ScoredItems(NamedTuple):
@@ -53,13 +67,14 @@ class ScoredItems(NamedTuple):
             snapshots: Frames that are searched.
             labels: Classes (numbers) of the scored objects."""
         masks = [scored(snapshot.objects, traffic.site, labels) for snapshot in snapshots]
-        counts = np.concatenate([np.zeros(0, np.bool_), *masks])
-        frame = np.repeat(np.arange(len(masks)), list(map(len, masks)))
+        # objects frame after frame; an empty mask comes first, as there may be no frame
+        is_scored = np.concatenate([np.zeros(0, np.bool_), *masks])
+        items = is_scored.sum()
         return ScoredItems(
-            np.where(counts, np.cumsum(counts) - 1, counts.sum()),
-            frame,
-            int(counts.sum()),
-            len(masks),
+            place=np.where(is_scored, np.cumsum(is_scored) - 1, items),
+            frame=np.repeat(np.arange(len(masks)), list(map(len, masks))),
+            items=int(items),
+            frames=len(masks),
         )
 
 
@@ -76,8 +91,8 @@ class Surround:
             not scored or the strip is outside the crop.
         frame: Frame of each strip.
         widest: Width of the widest strip, in places of azimuth.
-        gains: By sensor model, points sent (n,) and far points (n,) that a ray in each strip adds
-            to the static scene's behind it, -1 to 1.
+        gains: By sensor model, points sent and far points that a ray in each strip adds to the
+            static scene's behind it, -1 to 1 each.
         stills: Static scene seen from this place, by sensor model."""
 
     scored: ScoredItems
@@ -85,7 +100,7 @@ class Surround:
     item: Int32[np.ndarray, " n"]
     frame: Int32[np.ndarray, " n"]
     widest: float
-    gains: dict[SensorModel, tuple[np.ndarray, np.ndarray]]
+    gains: dict[SensorModel, Chances]
     stills: "dict[SensorModel, Still]"
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Surround":
@@ -100,80 +115,89 @@ class Surround:
             scored: Scored objects among these.
             stills: Static scene seen from the same place, by sensor model."""
         rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
-        turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
+        # whole turns are taken off, so that all left edges are within the first turn
+        full_turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
         rectangles = rectangles._replace(
-            left=rectangles.left - turns, right=rectangles.right - turns
+            left=rectangles.left - full_turns, right=rectangles.right - full_turns
         )
         order = np.argsort(rectangles.left, kind="stable")
         rectangles = Rectangles(*(column[order] for column in rectangles))
         strips = Strips(*(column[order] for column in strips))
-        counts = strips.shows >= WITHIN
-        far = strips.shows == BEYOND
+        is_in_crop = strips.shows >= WITHIN
+        is_far = strips.shows == BEYOND
         gains = {}
         for model, still in stills.items():
-            behind = still.behind(
-                (strips.left + strips.right) / 2, (strips.bottom + strips.top) / 2
+            background = still.behind(
+                azimuth=(strips.left + strips.right) / 2, elevation=(strips.bottom + strips.top) / 2
             )
-            gains[model] = (counts - behind[0], far - behind[1])
-        widest = float((rectangles.right - rectangles.left).max(initial=0))
-        item = np.where(counts, scored.place[strips.item], scored.items)
+            gains[model] = Chances(sent=is_in_crop - background.sent, far=is_far - background.far)
+        item = np.where(is_in_crop, scored.place[strips.item], scored.items)
         frame = scored.frame[strips.item]
         return Surround(
-            scored, rectangles, item.astype(np.int32), frame.astype(np.int32), widest, gains, stills
+            scored=scored,
+            rectangles=rectangles,
+            item=item.astype(np.int32),
+            frame=frame.astype(np.int32),
+            widest=float((rectangles.right - rectangles.left).max(initial=0)),
+            gains=gains,
+            stills=stills,
         )
 
     @cached_property
     def nbytes(self) -> int:
         """Bytes of memory of the arrays, by which `Bounded` limits how many are kept."""
-        pairs = [*self.gains.values(), *((still.sent, still.far) for still in self.stills.values())]
-        return sum(
-            array.nbytes for array in (*self.rectangles, self.item, self.frame, *sum(pairs, ()))
-        )
+        arrays = [*self.rectangles, self.item, self.frame]
+        for gains in self.gains.values():
+            arrays += [gains.sent, gains.far]
+        for still in self.stills.values():
+            arrays += [still.sent, still.far]
+        return sum(array.nbytes for array in arrays)
 
-    def seen(
-        self, lookup: Lookup
-    ) -> tuple[
-        Float64[np.ndarray, " items"],
-        Float64[np.ndarray, " frames"],
-        Float64[np.ndarray, " frames"],
-    ]:
+    def seen(self, lookup: Lookup) -> SensorPoints:
         """Points of a sensor at this place on each scored object, and points sent in each frame.
 
-        Args:
-            lookup: Aim of the sensor; its model must be in `stills`.
+        The rays of the sensor that fall on each strip (upright part of an object, seen from here)
+        are counted. Points sent are the static scene's and what the objects add to these.
 
-        Returns:
-            Points on each scored object; points sent in each frame; the far ones among these."""
-        table = lookup.table
+        lookup: Aim of the sensor; its model must be in `stills`."""
+        table = lookup.table  # numbers of rays by direction, for heading 0
         items = self.scored.items + 1  # the last one gathers strips that are not scored
         frames = self.scored.frames
-        points, more_sent, more_far = np.zeros(items), *self.gains[lookup.model]
-        sent, far = (np.full(frames, chance) for chance in self.stills[lookup.model].alone(lookup))
-        for rows in self._ahead(table, float(lookup.heading)):
-            ahead = Rectangles(*(chance[rows] for chance in self.rectangles))
-            hit, rays = table.counts(ahead, lookup.heading, lookup.more)
+        gains = self.gains[lookup.model]
+        background_sent, background_far = self.stills[lookup.model].count_background(lookup)
+        points = np.zeros(items)
+        sent = np.full(frames, background_sent)
+        far = np.full(frames, background_far)
+        for rows in self._list_slices_ahead(table, float(lookup.heading)):
+            rectangles_ahead = Rectangles(*(column[rows] for column in self.rectangles))
+            # strips (within `rows`) that rays fall on, and the number of rays on each
+            hit, rays = table.counts(rectangles_ahead, lookup.heading, lookup.extra_tilt)
             points += np.bincount(self.item[rows].take(hit), rays, items)
             frame = self.frame[rows].take(hit)
-            sent += np.bincount(frame, rays * more_sent[rows].take(hit), frames)
-            far += np.bincount(frame, rays * more_far[rows].take(hit), frames)
-        return points[:-1], np.maximum(sent, 0), np.maximum(far, 0)
+            sent += np.bincount(frame, rays * gains.sent[rows].take(hit), frames)
+            far += np.bincount(frame, rays * gains.far[rows].take(hit), frames)
+        return SensorPoints(points=points[:-1], sent=np.maximum(sent, 0), far=np.maximum(far, 0))
 
-    def _ahead(self, table: RayTable, heading: float) -> list[slice]:
-        """Ranges of strips that rays of a table may fall on: two across the seam of azimuth.
+    def _list_slices_ahead(self, table: RayTable, heading: float) -> list[slice]:
+        """Ranges of strips that the rays of a sensor may fall on: two across the seam of azimuth.
+
+        Strips are ordered by their left edges, in places of azimuth (`AZIMUTHS` to a turn).
 
         Args:
             table: Rays of the sensor at heading 0.
             heading: Heading of the sensor, in places of azimuth."""
+        # a strip that begins before the rays may reach into them, by the width of the widest
         before = self.widest + TILT_MARGIN_COLUMNS
         length = table.columns + before + TILT_MARGIN_COLUMNS
         if length >= AZIMUTHS:
             return [slice(0, len(self.item))]
         first = (table.first_column + heading - before) % AZIMUTHS
-        ends = [(first, first + length), (0.0, first + length - AZIMUTHS)]
+        # begin and end, in places of azimuth: the second is left over beyond a whole turn
+        intervals = [(first, first + length), (0.0, first + length - AZIMUTHS)]
         return [
-            slice(*np.searchsorted(self.rectangles.left, end).tolist())
-            for end in ends
-            if end[1] > end[0]
+            slice(*np.searchsorted(self.rectangles.left, (begin, end)).tolist())
+            for begin, end in intervals
+            if end > begin
         ]
 
 
@@ -181,9 +205,8 @@ def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> S
     """Finder of the strips seen from V places (x, y, z; m, world frame), frame after frame.
 
     Each strip shows an object outside the crop, in it, or in it and beyond the hybrid radius."""
-    return SuccessiveStrips(
-        build_renderer(traffic), places, Counted(Crop.of(traffic.site), traffic.site.hybrid_radius)
-    )
+    limits = Counted(crop=Crop.of(traffic.site), radius=traffic.site.hybrid_radius)
+    return SuccessiveStrips(build_renderer(traffic), places, limits)
 
 
 def place_strips(
@@ -194,22 +217,23 @@ def place_strips(
     Args:
         successive: Finder of strips from these places.
         traffic: Traffic with the frames.
-        frames: Indices of frames, ascending; each is asked for when the one before is done.
+        frames: Indices of frames, ascending; the next is taken when the one before is done.
         places: Number of places.
 
     Returns:
         Strips of each place; `item` counts all their objects, frame after frame."""
     parts = []
-    first = 0
+    first_item = 0  # number of the frame's first object among the objects of all frames
     for k in frames:
-        fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
-        strips = successive.of(build_moment(traffic, k), fine)
-        parts.append(strips._replace(item=strips.item + np.int32(first)))
-        first += len(fine)
-    strips_of_all = concatenate_strips(parts)
-    order = np.argsort(strips_of_all.viewpoint, kind="stable")
-    ends = np.searchsorted(strips_of_all.viewpoint[order], np.arange(places + 1))
-    return [strips_of_all.take(order[begin:end]) for begin, end in pairwise(ends)]
+        # objects centred in the area are cut into narrow strips
+        is_fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
+        strips = successive.of(build_moment(traffic, k), is_fine)
+        parts.append(strips._replace(item=strips.item + np.int32(first_item)))
+        first_item += len(is_fine)
+    all_strips = concatenate_strips(parts)
+    order = np.argsort(all_strips.viewpoint, kind="stable")
+    bounds = np.searchsorted(all_strips.viewpoint[order], np.arange(places + 1))
+    return [all_strips.take(order[begin:end]) for begin, end in pairwise(bounds)]
 
 
 @lru_cache(maxsize=MAX_MOMENTS)

@@ -33,8 +33,21 @@ from toolkit.sites.files import format_site, load_site
 from toolkit.sites.site import HYBRID_RADIUS_M, Site
 
 SHIPPED = Path(__file__).parent / "exact"
-MOST_KBIT = 1e6  # data of one sensor in a frame: ten million points
+MAX_SENSOR_KBIT = 1e6  # data of one sensor in a frame: ten million points
 _no_more = partial(np.zeros, (0, 0, 0, 0))  # figures of further classes if there is only one
+
+
+class TableColumn(NamedTuple):
+    """Figures of all sets of a table, row by row, for one scheme, class and IoU threshold.
+
+    Attributes:
+        ap: AP of each set.
+        recall: Recall of each set.
+        kbit: Data of all sensors of each set per frame, the same for all classes."""
+
+    ap: Float64[np.ndarray, " sets"]
+    recall: Float64[np.ndarray, " sets"]
+    kbit: Float64[np.ndarray, " sets"]
 
 
 @dataclass(frozen=True)
@@ -73,9 +86,8 @@ class TableOrigin:
     ious: tuple[tuple[float, ...], ...] = (IOUS,)
 
     def __post_init__(self) -> None:
-        if len(self.ious) != len(self.classes) or any(
-            len(thresholds) != len(IOUS) for thresholds in self.ious
-        ):
+        has_all_thresholds = all(len(thresholds) == len(IOUS) for thresholds in self.ious)
+        if len(self.ious) != len(self.classes) or not has_all_thresholds:
             raise ValueError(
                 f"there must be {len(IOUS)} IoU thresholds of each of {self.classes}, got "
                 f"{self.ious}"
@@ -108,7 +120,8 @@ class Table:
     more_recall: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
 
     def __post_init__(self) -> None:
-        shape = (1 << len(self.origin.sensors), len(PAPER_SCHEMES), len(IOUS))
+        sets = 1 << len(self.origin.sensors)  # 2^C
+        shape = (sets, len(PAPER_SCHEMES), len(IOUS))
         if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
             raise ValueError(
                 f"a table of {len(self.origin.sensors)} sensors must be {shape}, got "
@@ -123,21 +136,17 @@ class Table:
                 f"a table of {self.origin.classes} needs {(more_classes, *shape)}, got "
                 f"{self.more_ap.shape}"
             )
-        for shares in (self.ap, self.recall, *self.more_ap, *self.more_recall):
-            wrong = shares[~((shares >= 0) & (shares <= 1))]
-            if len(wrong) and not np.isnan(shares).all():
-                raise ValueError(f"AP and recall must lie in 0..1, got {wrong[0]:g}")
-        max_kbit = MOST_KBIT * len(self.origin.sensors)
+        for figures in (self.ap, self.recall, *self.more_ap, *self.more_recall):
+            wrong_figures = figures[~((figures >= 0) & (figures <= 1))]  # NaN too
+            if len(wrong_figures) and not np.isnan(figures).all():
+                raise ValueError(f"AP and recall must lie in 0..1, got {wrong_figures[0]:g}")
+        max_kbit = MAX_SENSOR_KBIT * len(self.origin.sensors)
         if not ((self.kbit >= 0) & (self.kbit <= max_kbit)).all():
             raise ValueError(
                 f"kbit must lie in 0..{max_kbit:g}, got {self.kbit.min():g} to {self.kbit.max():g}"
             )
 
-    def column(
-        self, scheme: Scheme | str, name: str, iou: float
-    ) -> tuple[
-        Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"], Float64[np.ndarray, " sets"]
-    ]:
+    def column(self, scheme: Scheme | str, name: str, iou: float) -> TableColumn:
         """AP, recall and kbit of all sets, row by row, for one scheme, class and IoU threshold.
 
         Args:
@@ -153,11 +162,12 @@ class Table:
             )
         class_index = self.origin.classes.index(name)
         scheme = find_scheme(scheme)
-        ap, recall = (
-            (self.more_ap[class_index - 1], self.more_recall[class_index - 1])
-            if class_index
-            else (self.ap, self.recall)
-        )
+        if class_index:
+            ap = self.more_ap[class_index - 1]
+            recall = self.more_recall[class_index - 1]
+        else:
+            ap = self.ap
+            recall = self.recall
         thresholds = self.origin.ious[class_index]
         if (
             iou not in thresholds
@@ -170,9 +180,9 @@ class Table:
                 f"{tuple(dict.fromkeys(thresholds))}{class_words}"
             )
             raise ValueError(f"{problem}, got {scheme.name!r} and {iou}: say --fidelity detector")
-        number = PAPER_SCHEMES.index(scheme.name)
-        row = thresholds.index(iou)
-        return ap[:, number, row], recall[:, number, row], self.kbit[:, number]
+        s = PAPER_SCHEMES.index(scheme.name)
+        i = thresholds.index(iou)
+        return TableColumn(ap=ap[:, s, i], recall=recall[:, s, i], kbit=self.kbit[:, s])
 
     @property
     def subsets(self) -> Bool[np.ndarray, "sets C"]:
@@ -180,7 +190,9 @@ class Table:
         return all_subsets(len(self.origin.sensors))
 
     def row(self, subsets: Sets) -> Int64[np.ndarray, " n"]:
-        """Number of the table's row for each set, given as rows of booleans."""
+        """Number of the table's row for each set, given as rows of booleans.
+
+        It is the sum of 2^c over the sensors c of the set."""
         if subsets.shape[1] != len(self.origin.sensors):
             raise ValueError(
                 f"sets must be rows of {len(self.origin.sensors)} sensors, got {subsets.shape}"
@@ -214,7 +226,10 @@ class TableFidelity:
         self.table = table
         self.classes = classes
         columns = [table.column(scheme, name, classes.get_iou(name, iou)) for name in classes.names]
-        self._ap, self._recall, (self._kbit, *_) = zip(*columns, strict=True)
+        # figures of all sets of the table: AP and recall for each class; kbit, the same for all
+        self._ap = [column.ap for column in columns]
+        self._recall = [column.recall for column in columns]
+        self._kbit = columns[0].kbit
         if codec != PAPER:
             raise ValueError(
                 f"tables hold kbit of the paper's codec, got {codec}: say --fidelity detector"
@@ -225,18 +240,22 @@ class TableFidelity:
         if len(self.classes.names) > 1:
             return self.by_class(subsets).combined(self.classes)
         rows = self.table.row(subsets)
-        return Estimate(self._ap[0][rows], self._recall[0][rows], self._kbit[rows])
+        return Estimate(ap=self._ap[0][rows], recall=self._recall[0][rows], kbit=self._kbit[rows])
 
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """AP and recall of each set for each class, and kbit of the set."""
         rows = self.table.row(subsets)
         ap = np.stack([column[rows] for column in self._ap], axis=1)
         recall = np.stack([column[rows] for column in self._recall], axis=1)
-        return ClassEstimates(ap, recall, self._kbit[rows])
+        return ClassEstimates(ap=ap, recall=recall, kbit=self._kbit[rows])
 
 
 class Best(NamedTuple):
-    """One of the best sets: indices of its sensors, and its AP."""
+    """One of the best sets.
+
+    Attributes:
+        sensors: Indices of its sensors, ascending.
+        ap: Its AP (0 to 1)."""
 
     sensors: tuple[int, ...]
     ap: float
@@ -264,9 +283,10 @@ def best_sets(
     by_size = {}
     for size in range(len(table.origin.sensors), 0, -1):
         rows = np.flatnonzero(sizes == size)
-        best = rows[np.argsort(-ap[rows], kind="stable")][:top]
+        best_rows = rows[np.argsort(-ap[rows], kind="stable")][:top]
         by_size[size] = [
-            Best(tuple(np.flatnonzero(subsets[row]).tolist()), float(ap[row])) for row in best
+            Best(sensors=tuple(np.flatnonzero(subsets[row]).tolist()), ap=float(ap[row]))
+            for row in best_rows
         ]
     return by_size
 
@@ -327,7 +347,9 @@ def make_table(
     ap = _stack_classes(columns, "ap")
     recall = _stack_classes(columns, "recall")
     kbit = np.stack([column[0].kbit for column in columns], axis=1)
-    table = Table(origin, ap[0], recall[0], kbit, ap[1:], recall[1:])
+    table = Table(
+        origin, ap=ap[0], recall=recall[0], kbit=kbit, more_ap=ap[1:], more_recall=recall[1:]
+    )
     save_table(table, out)
     memo.delete()
     return table
@@ -355,25 +377,21 @@ def hash_site(site: Site, sensors: Sequence[Sensor]) -> str:
     """SHA-256 (hexadecimal) over a site and its sensors; a table applies to no others.
 
     The hybrid radius is left out: `TableOrigin` has it in a separate field."""
-    # + 0.0 makes -0.0 to 0.0
-    mounted = [
-        (type(s.model).__name__, astuple(s.model), (s.pose.round(4) + 0.0).tolist())
-        for s in sensors
-    ]
-    return make_key(format_site(site, without=["hybrid_radius"]), mounted).hex()
+    descriptions = []
+    for sensor in sensors:
+        pose = sensor.pose.round(4) + 0.0  # + 0.0 makes -0.0 to 0.0
+        descriptions.append((type(sensor.model).__name__, astuple(sensor.model), pose.tolist()))
+    return make_key(format_site(site, without=["hybrid_radius"]), descriptions).hex()
 
 
 def save_table(table: Table, path: str | Path) -> None:
     """Write a table to a .npz file, which is replaced whole or not at all."""
-    origin = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
-    more = (
-        {"more_ap": table.more_ap, "more_recall": table.more_recall}
-        if len(table.origin.classes) > 1
-        else {}
-    )
-    write_arrays(
-        path, {"ap": table.ap, "recall": table.recall, "kbit": table.kbit, **more, "origin": origin}
-    )
+    arrays = {"ap": table.ap, "recall": table.recall, "kbit": table.kbit}
+    if len(table.origin.classes) > 1:
+        arrays |= {"more_ap": table.more_ap, "more_recall": table.more_recall}
+    # the origin as the bytes of a JSON text
+    arrays["origin"] = np.frombuffer(json.dumps(vars(table.origin)).encode(), np.uint8)
+    write_arrays(path, arrays)
 
 
 def load_table(name: str | Path) -> Table:
@@ -406,13 +424,10 @@ def load_table(name: str | Path) -> Table:
             "ious": [IOUS],
             **values,
         }
+        # JSON has lists instead of tuples
         values |= {name: tuple(values[name]) for name in ("sensors", "classes")}
-        return Table(
-            TableOrigin(
-                **values | {"ious": tuple(tuple(map(float, file)) for file in values["ious"])}
-            ),
-            **arrays,
-        )
+        values["ious"] = tuple(tuple(map(float, thresholds)) for thresholds in values["ious"])
+        return Table(TableOrigin(**values), **arrays)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"{path} is no table of sensor sets ({error}): make it again with coview table"

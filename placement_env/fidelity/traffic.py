@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer
 
 FRAMES = 200  # frames of traffic unless a run has another number
-KEPT_TRAFFIC = 4  # simulations held in memory
+MAX_KEPT_TRAFFIC = 4  # simulations held in memory
 _KEPT: "dict[tuple[str, int, int], Traffic]" = {}  # by text of the site's file, frames and seed
 
 
@@ -53,7 +53,7 @@ class Traffic:
         return self._of(self.snapshots[first:end])
 
     def _of(self, snapshots: tuple[Snapshot, ...]) -> "Traffic":
-        # same site and bodies, so their digest is shared
+        # traffic with other frames; site and bodies are the same, so their digest is shared
         traffic = replace(self, snapshots=snapshots)
         set_cached(traffic, _scene=self._scene)
         return traffic
@@ -69,21 +69,20 @@ class Traffic:
         """SHA-256 (bytes) over site and bodies, shared by parts of the same traffic."""
         sha = sha256(format_site(self.site).encode())
         for body in self.bodies:
-            sha.update(
-                repr((body.name, body.label, body.vertices.shape, body.triangles.shape)).encode()
-            )
+            description = body.name, body.label, body.vertices.shape, body.triangles.shape
+            sha.update(repr(description).encode())
             sha.update(b"" if body.truth is None else repr(body.truth).encode())
             sha.update(body.vertices.tobytes() + body.triangles.tobytes())
         return sha.digest()
 
     @cached_property
     def _digest(self) -> str:
+        """SHA-256 (hexadecimal) over site, bodies and frames, computed once."""
         sha = sha256(self._scene)
         for snapshot in self.snapshots:
             objects = snapshot.objects
-            sha.update(
-                repr((len(objects), snapshot.bodies.tolist(), objects.labels.tolist())).encode()
-            )
+            description = len(objects), snapshot.bodies.tolist(), objects.labels.tolist()
+            sha.update(repr(description).encode())
             sha.update(objects.boxes.tobytes())
         return sha.hexdigest()
 
@@ -91,18 +90,20 @@ class Traffic:
 def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic:
     """Simulate frames of traffic, the same for the same seed.
 
-    The last `KEPT_TRAFFIC` results are kept. The bodies of all objects are drawn afresh. Parked
-    vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks of that
-    length, which a van parked there throughout would bias unnoticed. Raises ValueError for fewer
-    frames than one, and errors of `toolkit.traffic.snapshots.simulate`."""
+    The last `MAX_KEPT_TRAFFIC` results are kept in memory. Bodies are drawn for each simulation.
+    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks
+    of that length, which a van parked there throughout would bias unnoticed.
+
+    Raises ValueError for fewer frames than one, and errors of
+    `toolkit.traffic.snapshots.simulate`."""
     check_whole("frames", frames, least=1)
     key = format_site(site), frames, seed
     if key not in _KEPT:
-        drawn = fleet_named().bodies(frames, np.random.default_rng([seed, 1]))
-        snapshots = simulate(site, drawn, frames=frames, seed=seed, once=True, mix=Mix(stay=LIFE))
-        _KEPT[key] = Traffic(site, drawn, tuple(snapshots))
-        if len(_KEPT) > KEPT_TRAFFIC:
-            del _KEPT[next(iter(_KEPT))]
+        bodies = fleet_named().bodies(frames, np.random.default_rng([seed, 1]))
+        snapshots = simulate(site, bodies, frames=frames, seed=seed, once=True, mix=Mix(stay=LIFE))
+        _KEPT[key] = Traffic(site, bodies, tuple(snapshots))
+        if len(_KEPT) > MAX_KEPT_TRAFFIC:
+            del _KEPT[next(iter(_KEPT))]  # the oldest
     return _KEPT[key]
 
 

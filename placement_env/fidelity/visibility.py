@@ -61,7 +61,7 @@ class Visibility:
     @property
     def on_objects(self) -> Float32[np.ndarray, "C F"]:
         """Points of each candidate on all scored objects of each frame together."""
-        sums = np.zeros((self.frames, len(self.points)), np.float32)
+        sums = np.zeros((self.frames, len(self.points)), np.float32)  # axes: frame, candidate
         np.add.at(sums, self.frame, self.points.T)
         return np.ascontiguousarray(sums.T)
 
@@ -77,35 +77,32 @@ class Visibility:
             snapshot.objects[scored(snapshot.objects, traffic.site, labels)]
             for snapshot in traffic.snapshots
         ]
-        nothing = np.zeros((2, len(sensors), len(objects)), np.float32)
+        # two arrays, as the caller fills them separately
+        sent, far = np.zeros((2, len(sensors), len(objects)), np.float32)
         return _join(
             sensors,
             objects,
-            [np.zeros((len(sensors), len(snapshot))) for snapshot in objects],
-            *nothing,
+            points=[np.zeros((len(sensors), len(frame_objects))) for frame_objects in objects],
+            sent=sent,
+            far=far,
         )
 
     def select(self, indices: Sequence[int] | Int64[np.ndarray, " n"]) -> "Visibility":
         """Visibility from some of the candidates (indices), in this order."""
         rows = np.asarray(indices, np.int64)
-        return replace(
-            self,
-            **{name: getattr(self, name)[rows] for name in ("points", "distance", "sent", "far")},
-        )
+        per_candidate = ("points", "distance", "sent", "far")  # fields with a row per candidate
+        return replace(self, **{name: getattr(self, name)[rows] for name in per_candidate})
 
     def of_classes(self, labels: Sequence[int]) -> "Visibility":
         """Visibility of the objects of some classes (numbers); points sent stay."""
-        of_classes = np.isin(self.labels, labels)
-        return self if of_classes.all() else self._with_objects(of_classes)
+        mask = np.isin(self.labels, labels)
+        return self if mask.all() else self._with_objects(mask)
 
-    def _with_objects(self, objects: Bool[np.ndarray, " O"]) -> "Visibility":
-        # copy with the objects of a mask
-        per_pair = {name: getattr(self, name)[:, objects] for name in ("points", "distance")}
-        return replace(
-            self,
-            **per_pair,
-            **{name: getattr(self, name)[objects] for name in ("frame", "boxes", "labels")},
-        )
+    def _with_objects(self, mask: Bool[np.ndarray, " O"]) -> "Visibility":
+        """Copy with only the objects of a mask; points sent stay."""
+        per_pair = {name: getattr(self, name)[:, mask] for name in ("points", "distance")}
+        per_object = {name: getattr(self, name)[mask] for name in ("frame", "boxes", "labels")}
+        return replace(self, **per_pair, **per_object)
 
     def save(self, path: str | Path) -> None:
         """Write a file that `load` reads; it is replaced whole or not at all."""
@@ -118,10 +115,8 @@ class Visibility:
         Raises FileNotFoundError; ValueError for a damaged or foreign file."""
         arrays = read_arrays(path)
         names = {field.name for field in fields(Visibility)}
-        if arrays.keys() not in (
-            names,
-            names - {"labels"},
-        ):  # older files lack labels: only vehicles counted
+        # older files lack labels, as only vehicles counted
+        if arrays.keys() not in (names, names - {"labels"}):
             raise ValueError(
                 f"{path} must hold {', '.join(sorted(names))}, got {', '.join(sorted(arrays))}: "
                 "see save"
@@ -148,37 +143,43 @@ class Visibility:
 
         site = recording.site
         count = min(len(recording), len(recording) if frames is None else frames)
-        points = []
-        sent = []
-        far = []
+        # by frame: scored objects, points on these, and each sensor's points sent and far ones
         objects = []
+        points = []
+        sent_counts = []
+        far_counts = []
         for k in range(count):
             frame = recording[k]
-            objects.append(frame.objects[scored(frame.objects, site, labels)])
+            frame_objects = frame.objects[scored(frame.objects, site, labels)]
+            objects.append(frame_objects)
             clouds = frame_points(frame, area=site)
             points.append(
-                np.array([count_on_ground(cloud, objects[-1].boxes, site) for cloud in clouds])
+                np.array([count_on_ground(cloud, frame_objects.boxes, site) for cloud in clouds])
             )
-            clouds = frame_points(
-                frame if noise_seed is None else with_errors(frame, "paper", noise_seed), area=site
+            noisy_frame = frame if noise_seed is None else with_errors(frame, "paper", noise_seed)
+            sent_clouds = frame_points(noisy_frame, area=site)
+            sent_counts.append([len(cloud) for cloud in sent_clouds])
+            far_masks = (
+                is_beyond(cloud, sensor, site.hybrid_radius)
+                for cloud, sensor in zip(sent_clouds, recording.sensors, strict=True)
             )
-            sent.append([len(cloud) for cloud in clouds])
-            beyond = (
-                is_beyond(*pair, site.hybrid_radius)
-                for pair in zip(clouds, recording.sensors, strict=True)
-            )
-            far.append([mask.sum() for mask in beyond])
-        sent_each, far_each = (
-            np.array(counts, np.float32).reshape(count, -1).T for counts in (sent, far)
+            far_counts.append([mask.sum() for mask in far_masks])
+        sent, far = (
+            np.array(counts, np.float32).reshape(count, -1).T  # axes: sensor, frame
+            for counts in (sent_counts, far_counts)
         )
-        return _join(recording.sensors, objects, points, sent_each, far_each)
+        return _join(recording.sensors, objects, points, sent, far)
 
 
 def of_frames(visibility: Visibility, frames: Int64[np.ndarray, " k"]) -> Visibility:
     """Visibility in some of the frames (indices, ascending), which are numbered from 0 then."""
-    view = visibility._with_objects(np.isin(visibility.frame, frames))
-    per_frame = {"sent": visibility.sent[:, frames], "far": visibility.far[:, frames]}
-    return replace(view, frame=np.searchsorted(frames, view.frame), **per_frame)
+    selected = visibility._with_objects(np.isin(visibility.frame, frames))
+    return replace(
+        selected,
+        frame=np.searchsorted(frames, selected.frame),  # position of each frame in `frames`
+        sent=visibility.sent[:, frames],
+        far=visibility.far[:, frames],
+    )
 
 
 def _join(
@@ -192,17 +193,26 @@ def _join(
 
     Args:
         sensors: The C sensors.
-        objects: Scored objects of each frame.
+        objects: Scored objects of each of F frames.
         points: For each frame (C, objects) points on these.
         sent: (C, F) points sent.
         far: (C, F) far points sent."""
+    # an empty array comes first, as there may be no frame
     on_objects = np.concatenate([np.zeros((len(sensors), 0)), *points], axis=1).astype(np.float32)
     boxes = np.concatenate([np.zeros((0, 7)), *(frame_objects.boxes for frame_objects in objects)])
-    kinds = np.concatenate(
+    labels = np.concatenate(
         [np.zeros(0, np.int64), *(frame_objects.labels for frame_objects in objects)]
     )
     frame = np.repeat(np.arange(len(objects)), [len(frame_objects) for frame_objects in objects])
-    return Visibility(on_objects, distances(sensors, boxes), frame, boxes, sent, far, kinds)
+    return Visibility(
+        points=on_objects,
+        distance=distances(sensors, boxes),
+        frame=frame,
+        boxes=boxes,
+        sent=sent,
+        far=far,
+        labels=labels,
+    )
 
 
 def distances(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.checks import check_whole
-from placement_env.fidelity.preparation import CasesFidelity
+from placement_env.fidelity.cases_fidelity import CasesFidelity
 from placement_env.objective import Objective, Score
 from placement_env.protocol import ByFrames
 from placement_env.racing import find_best

@@ -8,13 +8,8 @@ import pytest
 from models.detector import VoxelNetDetector, load_detector
 from placement_env.cases import Cases
 from placement_env.fidelity import preparation, seeing
-from placement_env.fidelity.preparation import (
-    GENERAL,
-    Preparation,
-    check_scorable,
-    find_network,
-    load_shipped_detector,
-)
+from placement_env.fidelity.preparation import Preparation, check_scorable
+from placement_env.fidelity.shipped import GENERAL, find_network, load_shipped_detector
 from placement_env.setting import Setting
 from toolkit.detection.background import KnownBackground, add_background
 from toolkit.detection.schemes import find_scheme

@@ -104,7 +104,7 @@ def test_errors_are_drawn_anew_for_each_block_or_once(small_traffic, small_candi
     crooked = ErrorProfile("crooked", (Calibration(0.02, 0.1),))
 
     def believed(renders):
-        return [renders._reading(k, 0).sensors[0].pose.round(9).tolist() for k in range(5)]
+        return [renders._read_frame(k, 0).sensors[0].pose.round(9).tolist() for k in range(5)]
 
     anew = Renders(small_traffic, small_candidates, errors=crooked)
     poses = believed(anew)
@@ -173,7 +173,7 @@ def test_code_that_changed_is_run_again(small_traffic, small_candidates, tmp_pat
 
 
 def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, monkeypatch):
-    monkeypatch.setattr("placement_env.fidelity.renders.IN_MEMORY", 2)
+    monkeypatch.setattr("placement_env.fidelity.renders.MAX_PARTS_IN_MEMORY", 2)
     kept = Renders(small_traffic, small_candidates, Cache())
     for c in (0, 1, 2, 0, 3):
         assert np.array_equal(kept.clouds(0, c), renders.clouds(0, c))

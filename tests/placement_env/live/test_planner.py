@@ -95,8 +95,8 @@ def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> N
     assert len(live._kept) == known + 1
     assert not planner.finish().coarse
     assert planner.finish().ap == pytest.approx(planner.score().ap, abs=0.005)
-    live.hold, live._queue = (lambda: True), [None]  # another waits for rays
-    assert list(live._in_turn()) == [0, 1, 2, 3]
+    live.hold, live._waiting = (lambda: True), [None]  # another waits for rays
+    assert list(live._iterate_frames()) == [0, 1, 2, 3]
 
 
 def test_figures_of_few_frames_are_coarse_until_those_of_all_follow(planner) -> None:

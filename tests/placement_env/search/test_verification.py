@@ -8,7 +8,8 @@ import pytest
 
 from placement_env.candidates.candidates import paper_candidates
 from placement_env.cases import Cases
-from placement_env.fidelity.preparation import Preparation, ProfileFidelities, over_cases
+from placement_env.fidelity.cases_fidelity import ProfileFidelities, over_cases
+from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.search import greedy, verification

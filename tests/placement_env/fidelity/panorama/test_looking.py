@@ -76,7 +76,7 @@ def test_a_strip_counts_for_its_object_and_for_what_is_sent():
         strips, ScoredItems(np.arange(3), np.array([0, 1, 1]), 3, 2), {model: still}
     )
     towards, away = (Lookup.of(Sensor("a", model, pose(z=5.0, yaw=yaw))) for yaw in (1.0, -2.0))
-    np.testing.assert_allclose(still.alone(towards), [800, 0], rtol=1e-5)
+    np.testing.assert_allclose(still.count_background(towards), [800, 0], rtol=1e-5)
     points, sent, far = surround.seen(towards)
     each = 64.0  # rays of a fifth of the field of view both ways
     np.testing.assert_allclose(points, [each, each, 0], atol=9)

@@ -50,7 +50,7 @@ def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_tra
     first, second, *_ = small_traffic.snapshots
     traffic = replace(small_traffic, snapshots=(first, first, second, first))
     job = seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))
-    for block in ((0, 4), (2, 4), (1, 2)):
+    for block in (seeing.Block(0, 4), seeing.Block(2, 4), seeing.Block(1, 2)):
         assert same(job(block), seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))(block))
 
 
@@ -65,10 +65,11 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatc
     )
     assert told == [1, 3, 4]
     job = seeing._RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))
-    job((0, 1))
+    job(seeing.Block(0, 1))
     again = pickle.loads(pickle.dumps(job))
     assert "_stills" not in vars(again)
-    assert same(again((0, 2)), job((0, 2)))
+    block = seeing.Block(0, 2)
+    assert same(again(block), job(block))
 
 
 def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):

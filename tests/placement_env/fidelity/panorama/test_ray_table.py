@@ -8,7 +8,12 @@ import pytest
 from placement_env.fidelity import ray_table
 from placement_env.fidelity.cells import CELL_COLUMNS, CELL_EDGES, cell_elevations, find_cells
 from placement_env.fidelity.ray_table import Lookup, RayTable, compute_aim, get_ray_table
-from placement_env.fidelity.rectangles import AZIMUTHS, PER_STEEP, PER_TURN, Rectangles
+from placement_env.fidelity.rectangles import (
+    AZIMUTHS,
+    AZIMUTHS_PER_RAD,
+    ELEVATIONS_PER_RAD,
+    Rectangles,
+)
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
 from toolkit.sensors.sensor import Sensor
@@ -52,7 +57,9 @@ def counted(model, rects, heading, tilt, roll=0.0):
 
 def whole(table, rects, heading=0.0, more=0.0):
     where, counts = table.counts(
-        Rectangles.of(*rects), np.float32(heading * PER_TURN), np.float32(more * PER_STEEP)
+        Rectangles.of(*rects),
+        np.float32(heading * AZIMUTHS_PER_RAD),
+        np.float32(more * ELEVATIONS_PER_RAD),
     )
     every = np.zeros(len(rects[0]), np.int64)
     every[where] = counts
@@ -98,10 +105,10 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
     assert steady.table is tilted.table
     assert tuple(steady[:3]) == (CAMERA, pytest.approx(np.deg2rad(15.0)), 0.0)
     np.testing.assert_allclose(
-        [steady.heading / PER_TURN, tilted.heading / PER_TURN], 0.5, atol=1e-5
+        [steady.heading / AZIMUTHS_PER_RAD, tilted.heading / AZIMUTHS_PER_RAD], 0.5, atol=1e-5
     )
     np.testing.assert_allclose(
-        [steady.more, tilted.more / PER_STEEP], [0, np.deg2rad(0.4)], atol=1e-5
+        [steady.extra_tilt, tilted.extra_tilt / ELEVATIONS_PER_RAD], [0, np.deg2rad(0.4)], atol=1e-5
     )
 
 

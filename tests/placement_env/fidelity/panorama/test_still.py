@@ -34,9 +34,9 @@ def empty(small_traffic):
 )
 def test_it_is_what_rays_see(empty, sensor):
     exact = look_at(empty, build_renderer(empty), [sensor])
-    sent, far = Still.of(build_renderer(empty), empty.site, sensor.position, sensor.model).alone(
-        Lookup.of(sensor)
-    )
+    sent, far = Still.of(
+        build_renderer(empty), empty.site, sensor.position, sensor.model
+    ).count_background(Lookup.of(sensor))
     assert exact.sent[0, 0] > 150
     assert sent == pytest.approx(exact.sent[0, 0], rel=0.05)
     assert far == pytest.approx(exact.far[0, 0], rel=0.05, abs=20)

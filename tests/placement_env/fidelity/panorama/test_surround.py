@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from placement_env.fidelity.ray_table import Lookup, RayTable
-from placement_env.fidelity.rectangles import AZIMUTHS, PER_TURN
+from placement_env.fidelity.rectangles import AZIMUTHS, AZIMUTHS_PER_RAD
 from placement_env.fidelity.still import Still
 from placement_env.fidelity.surround import ScoredItems, Surround
 from toolkit.rendering.strips import BEYOND, OUTSIDE, WITHIN, Strips
@@ -54,16 +54,18 @@ def test_strips_are_sorted_and_only_what_is_scored_counts(strips, scored):
     assert left[0] >= 0
     assert left[-1] <= AZIMUTHS
     np.testing.assert_allclose(
-        left, np.sort((strips.left + np.pi) % (2 * np.pi)) * PER_TURN, atol=2e-3
+        left, np.sort((strips.left + np.pi) % (2 * np.pi)) * AZIMUTHS_PER_RAD, atol=2e-3
     )
     width = np.sort(around.rectangles.right - left)
-    np.testing.assert_allclose(width, np.sort(strips.right - strips.left) * PER_TURN, atol=2e-3)
+    np.testing.assert_allclose(
+        width, np.sort(strips.right - strips.left) * AZIMUTHS_PER_RAD, atol=2e-3
+    )
     around = Surround.of(strips, scored, {LIDAR: still(0, 0)})
     order = sort_by_azimuth(strips)
     nobody = (strips.shows[order] == OUTSIDE) | (strips.item[order] >= 30)
     np.testing.assert_array_equal(around.item == 30, nobody)
     np.testing.assert_array_equal(around.frame, strips.item[order] % 3)
-    assert around.widest == pytest.approx(0.1 * PER_TURN, rel=0.02)
+    assert around.widest == pytest.approx(0.1 * AZIMUTHS_PER_RAD, rel=0.02)
 
 
 @pytest.mark.parametrize("model", [CAMERA, LIDAR], ids=["camera", "lidar"])
@@ -73,10 +75,10 @@ def test_what_is_ahead_is_all_that_is_seen(strips, scored, model, more):
     table, seen_any = RayTable(model, 0.3, 0.0), 0
     order = sort_by_azimuth(strips)
     for heading in (-3.1, -1.0, 0.0, 2.0, 3.1):
-        place = float(np.float32(heading * PER_TURN))
+        place = float(np.float32(heading * AZIMUTHS_PER_RAD))
         lookup = Lookup(model, 0.3, 0.0, np.float32(place), np.float32(more))
         points, sent, far = around.seen(lookup)
-        held, rays = table.counts(around.rectangles, lookup.heading, lookup.more)
+        held, rays = table.counts(around.rectangles, lookup.heading, lookup.extra_tilt)
         np.testing.assert_array_equal(points, np.bincount(around.item[held], rays, 31)[:30])
         frame, shows = around.frame[held], strips.shows[order][held]
         everything = float(np.prod(model.shape))
@@ -85,7 +87,7 @@ def test_what_is_ahead_is_all_that_is_seen(strips, scored, model, more):
         added = np.bincount(frame, rays * ((shows == BEYOND) - 0.2), 3)
         np.testing.assert_allclose(far, everything * 0.2 + added, rtol=1e-5, atol=1e-2)
         seen_any += points.sum() > 0
-        pieces = around._ahead(table, place)
+        pieces = around._list_slices_ahead(table, place)
         assert sum(each.stop - each.start for each in pieces) <= 600
         if model is CAMERA:
             assert sum(each.stop - each.start for each in pieces) < 400
