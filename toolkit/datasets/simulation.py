@@ -10,18 +10,18 @@ sensors and bodies of every recording follow from a seed and its number."""
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
 
 from toolkit.arrays import Float32, Rng
-from toolkit.bodies.body import stretch_randomly
+from toolkit.bodies.body import Body, stretch_randomly
 from toolkit.bodies.fleet import Fleet, fleet_named
 from toolkit.datasets.recording_file import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
@@ -33,7 +33,21 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import format_site, load_site
 from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
-from toolkit.traffic.snapshots import INTERVAL, MOST_OBJECTS, Mix, simulate, sumo_step
+from toolkit.traffic.continuous import ContinuousTraffic, simulate_continuously
+from toolkit.traffic.flow import Flow
+from toolkit.traffic.snapshots import (
+    INTERVAL,
+    MOST_OBJECTS,
+    Mix,
+    check_interval,
+    simulate,
+    take_continuous,
+)
+from toolkit.traffic.sumo import STEP
+from toolkit.traffic.supply import Supply
+
+if TYPE_CHECKING:
+    from toolkit.rendering.renderer import Renderer
 
 DEFAULT_FRAMES = 1000
 FRAMES_PER_BLOCK = 50  # frames drawn with one seed
@@ -57,6 +71,7 @@ def simulate_dataset(
     fleet: Fleet | None = None,
     interval: float = INTERVAL,
     strays: float = 0.0,
+    flow: Flow | Literal["drawn"] | None = None,
     overwrite: bool = False,
 ) -> int:
     """Simulate frames at a site and write them to HDF5.
@@ -68,8 +83,10 @@ def simulate_dataset(
     (`DEFAULT_FRAMES` by default), seed and processes, which change no byte; with several, a script
     must call it under `if __name__ == "__main__":`; sensors: None for the site's; fleet: all bodies
     drawn by default, again for every block of frames; interval: seconds between frames, 5 or e.g.
-    0.1; traffic restarts every `FRAMES_PER_BLOCK` frames; strays: share of road users that are
-    anywhere, see `Mix`; overwrite: replace a file, or drop an unfinished run, of another plan.
+    0.1; traffic is continuous below 1 s, else it restarts every `FRAMES_PER_BLOCK` frames; strays:
+    share of road users that are anywhere, see `Mix`, if traffic is not continuous; flow: demand of
+    continuous traffic, at any interval, drawn if it is "drawn" or None; overwrite: replace a file,
+    or drop an unfinished run, of another plan.
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError
     for arguments that do not fit; FileExistsError if `out`, or an unfinished run, has another plan;
@@ -85,6 +102,7 @@ def simulate_dataset(
         int(run.seed),
         float(interval),
         strays,
+        flow,
     )
     out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
@@ -98,6 +116,8 @@ def simulate_dataset(
     with shards.lock(), shards.explain_disk_errors(out, job.count):
         shards.open(overwrite)
         made_before = job.count(shards.check_shards())
+        if job.is_continuous:
+            job = job.with_traffic(run.stage("seconds of traffic", job.seconds))
         report = run.stage("frames simulated", frames, before=made_before)
         make_shards(job, shards, range(job.blocks), workers=run.count, ray=run.ray, progress=report)
         shards.publish(out, lambda paths, target: join(job.header, paths, target))
@@ -116,6 +136,10 @@ class Job:
         seed: seed of all random numbers.
         interval: time between frames (s).
         strays: share of road users that are anywhere.
+        flow: demand of continuous traffic, "drawn" to draw it; None for traffic that is
+            continuous, and drawn, only below 1 s between frames.
+        bodies: bodies of continuous traffic, once it is simulated.
+        traffic: all its frames, once it is simulated.
     """
 
     site: Site
@@ -125,9 +149,17 @@ class Job:
     seed: int
     interval: float = INTERVAL
     strays: float = 0.0
+    flow: Flow | Literal["drawn"] | None = None
+    bodies: tuple[Body, ...] = ()
+    traffic: ContinuousTraffic | None = None
 
     def __post_init__(self) -> None:
-        sumo_step(self.interval)
+        check_interval(self.interval)
+        if self.is_continuous and self.strays:
+            raise ValueError(
+                f"strays are no part of continuous traffic, got a share of {self.strays:g}: leave "
+                "them out, or take frames 5 s apart without a flow"
+            )
         self.mix  # noqa: B018  # raises for an impossible share
         if not self.sensors:
             which = "coview plan or coview search --out says which to build, coview site import"
@@ -138,6 +170,34 @@ class Job:
         for name in names:
             if names.count(name) > 1 or "/" in name or name in ("", "."):
                 raise ValueError(f"sensors must have different names without '/', got {names}")
+
+    @property
+    def is_continuous(self) -> bool:
+        """True if road users come in at the border and leave there."""
+        return self.flow is not None or self.interval < STEP
+
+    @property
+    def seconds(self) -> int:
+        """Whole seconds from the first to the last frame, 1 or more."""
+        return max(1, int((self.frames - 1) * self.interval))
+
+    def with_traffic(self, progress: Callable[[int], None] | None = None) -> "Job":
+        """Return the job with all frames of its continuous traffic.
+
+        progress: called with the number of simulated seconds."""
+        rng = np.random.default_rng([self.seed, 2])
+        bodies = self.fleet.bodies(self.frames, rng)
+        supply = Supply(bodies, rng, once=bool(self.fleet.drawn))
+        traffic = simulate_continuously(
+            self.site,
+            supply,
+            frames=self.frames,
+            interval=self.interval,
+            max_parked=self.mix.most_parked,
+            flow=self.flow if isinstance(self.flow, Flow) else None,
+            progress=progress,
+        )
+        return replace(self, bodies=bodies, traffic=traffic)
 
     @property
     def mix(self) -> Mix:
@@ -169,6 +229,8 @@ class Job:
         plan["bodies"] = describe_fleet(self.fleet)
         plan["schema"] = RECORDING_SCHEMA
         plan |= {} if self.interval == INTERVAL else {"interval": self.interval}
+        if self.is_continuous:
+            plan["flow"] = _digest(self.flow.text()) if isinstance(self.flow, Flow) else "drawn"
         return plan | ({"strays": self.strays} if self.strays else {})
 
     @property
@@ -185,6 +247,9 @@ class Job:
         empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
         # number in the file's list of bodies; `numbers` has it for each of the renderer's bodies
         number_of = {name: number for number, name in enumerate(self.fleet.names)}
+
+        if self.traffic is not None:
+            return partial(self._continuous_scenes, empty, number_of)
 
         def scenes(block: int) -> Iterator[Scene]:
             seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
@@ -213,6 +278,22 @@ class Job:
                 )
 
         return scenes
+
+    def _continuous_scenes(
+        self, empty: "Renderer", number_of: Mapping[str, int], block: int
+    ) -> Iterator[Scene]:
+        """Yield the scenes of a block of continuous traffic.
+
+        empty: renderer of the static parts; number_of: number of each body in the file's list, by
+        its name."""
+        assert self.traffic is not None
+        renderer = empty.of(self.bodies) if self.fleet.drawn else empty
+        numbers = np.array([number_of[body.name] for body in self.bodies])
+        for index in self.block_frames(block):
+            snapshot = take_continuous(self.traffic, index)
+            measurements = renderer.render(snapshot).measurements
+            frame = Frame(self.sensors, measurements, snapshot.objects, snapshot.time, index)
+            yield Scene(frame, numbers[snapshot.bodies])
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
         """Return the bytes of a shard, a complete file of these scenes."""

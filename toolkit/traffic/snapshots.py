@@ -20,6 +20,8 @@ from toolkit.bodies.body import Body
 from toolkit.boxes import footprints
 from toolkit.objects import VEHICLE, Objects
 from toolkit.sites.site import Site
+from toolkit.traffic.continuous import ContinuousTraffic, simulate_continuously
+from toolkit.traffic.flow import Flow
 from toolkit.traffic.obstacles import Obstacles, separate
 from toolkit.traffic.parked import Parked
 from toolkit.traffic.spawner import Spawner
@@ -32,9 +34,6 @@ MOST_OBJECTS = 30
 # m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
 MARGIN = 10.0
 WARM_UP = 15.0  # s before the first frame
-# If frames are closer together than `STEP`, this many snapshots `INTERVAL` apart are taken and not
-# given out first: at the start everything still waits in queues, until objects have come and gone.
-COMING_AND_GOING = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +60,8 @@ class Mix:
     Attributes:
         most: largest number of objects at a time.
         parked: largest number of parked vehicles among them; None for a fifth.
-        stay: periods of `INTERVAL`, or frames if these are farther apart, until all parked
-            vehicles are replaced, for independent blocks; None if each leaves at random.
+        stay: frames until all parked vehicles are replaced, for independent blocks; None if each
+            leaves at random.
         strays: share of the objects that are anywhere, whatever their class, see
             `toolkit.traffic.strays`."""
 
@@ -96,10 +95,13 @@ def simulate(
     interval: float = INTERVAL,
     mix: Mix | None = None,
     once: bool = False,
+    flow: Flow | None = None,
 ) -> Generator[Snapshot, None, None]:
     """Simulate `frames` snapshots of traffic on a site, `interval` (s) apart.
 
-    Below 1 s objects live as long as ever, in more frames. once: no body is used again before all
+    Below 1 s, and with a flow, traffic is continuous (`toolkit.traffic.continuous`): road users
+    come in at the border of the network and leave there. flow: their demand, drawn if it is None;
+    of `mix` only the number of parked vehicles counts then. once: no body is used again before all
     of its class have been, as is right for a fleet drawn for one recording; some pedestrians walk
     in groups then. Same seed, same bytes. One simulation runs at a time in a process: use up or
     close() the iterator before the next.
@@ -113,20 +115,22 @@ def simulate(
         )
     if frames < 0:
         raise ValueError(f"frames must be at least 0, got {frames}")
-    step = sumo_step(interval)
+    check_interval(interval)
     if not any(body.label == VEHICLE for body in bodies):
         raise ValueError(
             f"bodies must hold at least one vehicle, got {len(bodies)} bodies: pass catalogue()"
         )
-    obstacles = Obstacles(site)
+    mix = mix or Mix()
     supply = Supply(bodies, np.random.default_rng(seed), once=once)
-    return _run(site, supply, obstacles, mix or Mix(), frames, interval, step)
+    if flow is None and interval >= STEP:
+        return _run(site, supply, Obstacles(site), mix, frames, interval)
+    return _run_continuously(site, supply, mix, frames, interval, flow)
 
 
-def sumo_step(interval: float) -> float:
-    """Step of SUMO (s) for frames `interval` seconds apart: `STEP`, or `FINE_STEP` below it.
+def check_interval(interval: float) -> None:
+    """Raise ValueError unless an interval (s) is a whole number of steps.
 
-    Raises ValueError unless the interval is a whole number of steps."""
+    A step has `STEP`, or `FINE_STEP` below that."""
     step = STEP if interval >= STEP else FINE_STEP
     steps = interval / step
     if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
@@ -134,21 +138,31 @@ def sumo_step(interval: float) -> float:
             f"interval must be a whole number of SUMO's steps of {STEP} or {FINE_STEP} s, got "
             f"{interval}"
         )
-    return step
+
+
+def _run_continuously(
+    site: Site, supply: Supply, mix: Mix, frames: int, interval: float, flow: Flow | None
+) -> Generator[Snapshot, None, None]:
+    """Yield the snapshots of continuous traffic. Arguments are as in `simulate`."""
+    traffic = simulate_continuously(
+        site, supply, frames=frames, interval=interval, max_parked=mix.most_parked, flow=flow
+    )
+    for k in range(frames):
+        yield take_continuous(traffic, k)
+
+
+def take_continuous(traffic: ContinuousTraffic, k: int) -> Snapshot:
+    """Snapshot of frame k of continuous traffic."""
+    objects, bodies = traffic.objects(k)
+    return Snapshot(objects, bodies, k * traffic.interval)
 
 
 def _run(
-    site: Site,
-    supply: Supply,
-    obstacles: Obstacles,
-    mix: Mix,
-    frames: int,
-    interval: float,
-    step: float,
+    site: Site, supply: Supply, obstacles: Obstacles, mix: Mix, frames: int, interval: float
 ) -> Generator[Snapshot, None, None]:
     """Yield the snapshots of `simulate` while SUMO runs.
 
-    interval: time between frames (s); step: time step of SUMO (s)."""
+    interval: time between frames (s)."""
     # all draw from the supply's one generator: the order of draws decides the results
     parked = Parked.draw(site, obstacles, supply, max_parked=mix.most_parked)
     parked_count = len(parked.ids)
@@ -159,35 +173,18 @@ def _run(
     max_moving = mix.most - parked_count - len(strays.ids)
     types = supply.sumo_types()
     sumo_seed = int(supply.rng.integers(2**31 - 1))
-    with running(site.network, types, seed=sumo_seed, step=step) as sumo:
-        spawner = Spawner(sumo, site, supply, max_objects=max_moving, step=step)
+    with running(site.network, types, seed=sumo_seed) as sumo:
+        spawner = Spawner(sumo, site, supply, max_objects=max_moving)
         take = partial(_take_snapshot, site, spawner, obstacles)
         spawner.advance(WARM_UP)
-        for _ in range(COMING_AND_GOING if step < STEP else 0):
-            take(parked, strays, time=0.0)
-            spawner.advance(INTERVAL)
-        periods = 0
         for index in range(frames):
-            is_last = _ends_period(index, interval)
-            yield take(parked, strays, time=index * interval, counts=is_last)
-            if is_last:
-                periods += 1
-                if mix.stay is None:
-                    parked = parked.later(supply)
-                elif periods % mix.stay == 0:
-                    parked = Parked.draw(site, obstacles, supply, max_parked=mix.most_parked)
-                strays = strays.later(supply, (index + 1) * interval)
+            yield take(parked, strays, time=index * interval)
+            if mix.stay is None:
+                parked = parked.later(supply)
+            elif (index + 1) % mix.stay == 0:
+                parked = Parked.draw(site, obstacles, supply, max_parked=mix.most_parked)
+            strays = strays.later(supply, (index + 1) * interval)
             spawner.advance(interval)
-
-
-def _ends_period(index: int, interval: float) -> bool:
-    """True if frame `index` is the last one of a period of `INTERVAL`.
-
-    Parking and the life of objects are counted in such periods. interval: time between frames (s);
-    with `STEP` or more, each frame ends a period."""
-    passed = int(index * interval / INTERVAL + 1e-6)
-    passed_next = int((index + 1) * interval / INTERVAL + 1e-6)
-    return interval >= STEP or passed_next > passed
 
 
 def _take_snapshot(
@@ -198,12 +195,10 @@ def _take_snapshot(
     strays: Strays,
     *,
     time: float,
-    counts: bool = True,
 ) -> Snapshot:
     """Objects near the area now; those that cannot be kept apart are removed.
 
-    time: seconds since the first frame; counts: True to count this frame for the life of the
-    objects."""
+    time: seconds since the first frame."""
     moving_ids, moving_bodies, moving_poses = spawner.state()
     ids = np.concatenate([parked.ids, moving_ids, strays.ids])
     bodies = np.concatenate([parked.bodies, moving_bodies, strays.bodies])
@@ -218,8 +213,7 @@ def _take_snapshot(
     near = shapely.box(*(site.area + MARGIN * np.array([-1, -1, 1, 1])))
     kept_shapes = shapely.polygons(footprints(boxes[is_kept]))
     seen = np.flatnonzero(is_kept)[shapely.intersects(kept_shapes, near)]
-    if counts:
-        spawner.count_frame(ids[seen])
+    spawner.count_frame(ids[seen])
     boxes = boxes[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     labels = spawner.supply.labels[bodies[seen]]

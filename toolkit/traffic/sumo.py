@@ -3,7 +3,7 @@
 import io
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from types import ModuleType
 
 STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
-FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
+FINE_STEP = 0.1  # s, for continuous traffic
 LATERAL_RESOLUTION = (
     0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
 )
@@ -28,7 +28,14 @@ _OPTIONS = {
 
 
 @contextmanager
-def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[ModuleType]:
+def running(
+    network: str,
+    types: str,
+    *,
+    seed: int,
+    step: float = STEP,
+    options: Mapping[str, float] | None = None,
+) -> Iterator[ModuleType]:
     """Start a simulation and yield the libsumo module that runs it; close it at the end.
 
     Args:
@@ -36,6 +43,7 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
         types: text of the additional file with the vehicle types.
         seed: seed of SUMO's random numbers.
         step: time step (s).
+        options: further options of SUMO by name, without the leading "--".
 
     Raises ImportError without SUMO, RuntimeError if a simulation is open in this process already
     (libsumo knows only one), ValueError with SUMO's words if it refuses the network."""
@@ -55,15 +63,14 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
         files = {name: Path(folder) / name for name in ("net.xml", "types.xml", "said.txt")}
         files["net.xml"].write_text(network, encoding="utf-8")
         files["types.xml"].write_text(types, encoding="utf-8")
-        options = {
+        all_options = {
             **_OPTIONS,
             "net-file": files["net.xml"],
             "additional-files": files["types.xml"],
             "seed": seed,
+            "step-length": step,
         }
-        options |= {"step-length": step} | (
-            {} if step == STEP else {"default.action-step-length": STEP}
-        )
+        all_options |= options or {}
         try:
             with _stderr_into(files["said.txt"]):
                 sumo.start(
@@ -71,7 +78,7 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
                         "sumo",
                         *(
                             word
-                            for name, value in options.items()
+                            for name, value in all_options.items()
                             for word in (f"--{name}", str(value))
                         ),
                     ]

@@ -37,6 +37,7 @@ def simulate_command(
     *,
     out: Path,
     every: float = 5.0,
+    flow: str | None = None,
     bodies: Bodies = Bodies(),
     run: Simulation = Simulation(frames=1000, workers=None),
     writing: Writing = Writing(),
@@ -50,11 +51,19 @@ def simulate_command(
     Args:
         site: tjunction, roundabout, or a site file.
         out: HDF5 file to write.
-        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz, in runs of 50 frames."""
+        every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz. Below 1 s traffic goes on:
+            road users come in at the border of the map and leave there.
+        flow: Demand of traffic that goes on: a table (CSV) with the columns kind (vehicle, cyclist
+            or walker), entry, exit and per_hour, or drawn; drawn when left out, below 1 s between
+            frames."""
     from toolkit.bodies.fleet import fleet_named
     from toolkit.datasets.simulation import DEFAULT_FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
+    from toolkit.traffic.flow import Flow
 
+    demand: Flow | Literal["drawn"] | None = None
+    if flow is not None:
+        demand = "drawn" if flow == "drawn" else Flow.read(flow)
     fleet = fleet_named(
         bodies.fleet, bodies.meshes, held_out=bodies.held_out, mirrors=bodies.mirrors_in_boxes
     )
@@ -76,6 +85,7 @@ def simulate_command(
             fleet=fleet,
             interval=every,
             strays=bodies.strays,
+            flow=demand,
             overwrite=writing.overwrite,
         )
     seconds = perf_counter() - started

@@ -310,9 +310,9 @@ def test_frames_a_tenth_of_a_second_apart(tmp_path):
         np.testing.assert_allclose(
             [frame.time for frame in close], 0.1 * np.arange(FRAMES_PER_BLOCK + 2)
         )
-        one, two, anew = close[3].objects, close[4].objects, close[FRAMES_PER_BLOCK].objects
-        assert len(np.intersect1d(one.ids, two.ids)) > 5
-        assert not np.isin(anew.ids, two.ids).any()
+        last = close[FRAMES_PER_BLOCK - 1].objects
+        next_block = close[FRAMES_PER_BLOCK].objects
+        assert len(np.intersect1d(last.ids, next_block.ids)) > 2
     with pytest.raises(FileExistsError, match="interval"):
         simulate_dataset(out=tmp_path / "close.hdf5", **small_job(frames=FRAMES_PER_BLOCK + 2))
     assert (

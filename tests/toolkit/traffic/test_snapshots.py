@@ -281,22 +281,6 @@ def test_of_a_drawn_fleet_everyone_has_a_body_of_its_own_and_some_walk_together(
     assert 0.05 < abreast / (abreast + alone) < 0.75
 
 
-def test_frames_a_tenth_of_a_second_apart_show_motion_and_live_as_long(site):
-    close = list(simulate(site, BODIES, frames=80, seed=3, interval=0.1))
-    assert [s.time for s in close[:3]] == pytest.approx([0.0, 0.1, 0.2])
-    seen = Counter(name for s in close for name in s.objects.ids.tolist())
-    assert max(seen.values()) == 80, "nobody is gone after four frames"
-    steps = []
-    for one, two in pairwise(close):
-        _, mine, theirs = np.intersect1d(one.objects.ids, two.objects.ids, return_indices=True)
-        steps.append(
-            np.linalg.norm(two.objects.boxes[theirs, :2] - one.objects.boxes[mine, :2], axis=1)
-        )
-    moved = np.concatenate(steps)
-    assert np.quantile(moved, 0.99) < 2.0, "20 m/s at most"
-    assert 0.2 < np.quantile(moved, 0.9) < 1.6, "and some drive"
-
-
 AREA = np.array([-50.0, -50, 50, 50])
 FREE = Obstacles(Site("free", AREA))
 

@@ -1,0 +1,154 @@
+"""Continuous traffic: nobody appears, vanishes, jumps or overlaps inside the view."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import shapely
+
+from toolkit.bodies.fleet import catalogue
+from toolkit.boxes import footprints
+from toolkit.objects import LABELS, PEDESTRIAN
+from toolkit.sites.files import load_site
+from toolkit.traffic.continuous import simulate_continuously
+from toolkit.traffic.flow import Flow, Movement
+from toolkit.traffic.road_lanes import distance_to_area
+from toolkit.traffic.snapshots import simulate
+from toolkit.traffic.supply import Supply
+from toolkit.traffic.ways import move_driver, move_walker, possible_movements, smooth_motion
+
+needs_sumo = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
+BODIES = catalogue()
+FRAMES = 600
+
+
+def supply_of(seed):
+    return Supply(BODIES, np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="module", params=["tjunction", "roundabout"])
+def traffic(request):
+    return simulate_continuously(
+        load_site(request.param), supply_of(5), frames=FRAMES, interval=0.1, max_parked=4
+    )
+
+
+@pytest.fixture(scope="module")
+def tracks(traffic):
+    """By id: class, first frame, and a row of the box for each frame."""
+    found = {}
+    for k in range(FRAMES):
+        objects, _ = traffic.objects(k)
+        for box, label, name in zip(objects.boxes, objects.labels, objects.ids, strict=True):
+            found.setdefault(int(name), (int(label), k, []))[2].append(box)
+    return {name: (label, first, np.array(boxes)) for name, (label, first, boxes) in found.items()}
+
+
+@needs_sumo
+def test_all_classes_come_in_at_the_border_and_leave_there(traffic, tracks):
+    parked = set(traffic.parked_ids.tolist())
+    seen = set()
+    for name, (label, first, boxes) in tracks.items():
+        if name in parked:
+            assert len(boxes) == FRAMES
+            assert np.ptp(boxes, axis=0).max() == 0
+            continue
+        seen.add(LABELS[label])
+        outside = distance_to_area(boxes[:, :2], traffic.site.area) > 0
+        assert outside[0] or first == 0
+        assert outside[-1] or first + len(boxes) == FRAMES
+    assert {"vehicle", "cyclist", "pedestrian"} <= seen
+    assert len(tracks) > 20
+
+
+@needs_sumo
+def test_motion_is_smooth_and_headed(tracks):
+    steps = []
+    for label, _, boxes in tracks.values():
+        if len(boxes) < 5:
+            continue
+        velocity = np.diff(boxes[:, :2], axis=0) / 0.1
+        steps.append(np.hypot(*(np.diff(velocity, axis=0) / 0.1).T))
+        speed = np.hypot(*velocity.T)
+        turn = np.abs(np.angle(np.exp(1j * np.diff(boxes[:, 6]))))
+        assert np.quantile(turn, 0.99) < np.deg2rad(25)
+        if label != PEDESTRIAN:
+            course = np.arctan2(velocity[:, 1], velocity[:, 0])
+            away = np.abs(np.angle(np.exp(1j * (course - boxes[1:, 6]))))
+            assert np.quantile(np.where(speed > 2, away, 0.0), 0.99) < np.deg2rad(35)
+    assert (np.concatenate(steps) > 15).mean() < 1e-3
+
+
+@needs_sumo
+def test_nothing_overlaps(traffic):
+    for k in range(0, FRAMES, 7):
+        objects, _ = traffic.objects(k)
+        shapes = shapely.polygons(footprints(objects.boxes))
+        first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+        assert (first == second).all()
+
+
+@needs_sumo
+def test_the_demand_is_kept(site):
+    supply = supply_of(1)
+    possible = possible_movements(site, supply)
+    entry = next(iter(possible["vehicle"]))
+    leave = possible["vehicle"][entry][0]
+    flow = Flow((Movement("vehicle", entry, leave, 900.0),))
+    traffic = simulate_continuously(site, supply, frames=240, interval=1.0, max_parked=0, flow=flow)
+    assert {(user.entry, user.exit) for user in traffic.travellers} == {(entry, leave)}
+    assert 40 <= len(traffic.travellers) <= 85  # 60 expected within 240 s, with Poisson's spread
+    with pytest.raises(ValueError, match="no vehicle can come in at 'nowhere'"):
+        simulate_continuously(
+            site,
+            supply_of(1),
+            frames=2,
+            interval=0.1,
+            max_parked=0,
+            flow=Flow((Movement("vehicle", "nowhere", leave, 1.0),)),
+        )
+
+
+@needs_sumo
+def test_the_same_seed_gives_the_same_snapshots(site):
+    def boxes(seed):
+        snapshots = simulate(site, BODIES, frames=30, seed=seed, interval=0.1)
+        return np.concatenate([snapshot.objects.boxes for snapshot in snapshots])
+
+    np.testing.assert_array_equal(boxes(3), boxes(3))
+    assert not np.array_equal(boxes(3)[:5], boxes(4)[:5])
+
+
+def test_a_driver_s_rear_follows_its_front():
+    angle = np.linspace(0, np.pi / 2, 60)  # a bend of 15 m, then straight on
+    bend = 15 * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    straight = bend[-1] + np.column_stack([np.zeros(80), np.arange(1, 81) * 0.4])
+    poses = move_driver(np.concatenate([bend, straight]), 0.0, 4.0)
+    assert poses[0] == pytest.approx([-2.0, 0.0, 0.0], abs=0.05)
+    assert poses[-1, 2] == pytest.approx(np.pi / 2, abs=0.01)
+    assert np.diff(poses[:, 2]).min() > -1e-3
+    rears = poses[:, :2] - np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    sideways = np.diff(rears, axis=0) * np.column_stack(
+        [-np.sin(poses[1:, 2]), np.cos(poses[1:, 2])]
+    )
+    assert np.abs(sideways.sum(axis=1)).max() < 0.02
+
+
+def test_a_walker_faces_its_way_and_keeps_facing_it_while_it_waits():
+    x = np.concatenate([np.arange(40) * 0.13, np.full(60, 39 * 0.13)])
+    poses = move_walker(np.column_stack([x, np.zeros(100)]), 2.0)
+    assert np.abs(poses[:, 2]).max() < 1e-6
+    assert move_walker(np.zeros((9, 2)), 2.0)[:, 2] == pytest.approx(2.0)
+    assert move_walker(np.zeros((1, 2)), 2.0)[0] == pytest.approx([0, 0, 2.0])
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 200])
+def test_smoothing_keeps_ends_and_straight_lines(steps):
+    line = np.column_stack([np.arange(steps) * 0.3, 4 - np.arange(steps) * 0.1])
+    np.testing.assert_allclose(smooth_motion(line), line, atol=1e-9)
+    rng = np.random.default_rng(0)
+    noise = line + rng.normal(0, 0.1, line.shape)
+    smoothed = smooth_motion(noise)
+    np.testing.assert_allclose(smoothed[[0, -1]], noise[[0, -1]], atol=1e-9)
+    if steps > 100:
+        assert np.diff(smoothed, 2, axis=0).std() < 0.1 * np.diff(noise, 2, axis=0).std()

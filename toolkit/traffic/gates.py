@@ -1,0 +1,164 @@
+"""Gates: places at the border of a site's network at which road users come in and leave."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from toolkit.arrays import Float64
+from toolkit.sites.georeference import bearing_deg
+from toolkit.sites.site import Site
+from toolkit.traffic.flow import name_gates
+from toolkit.traffic.road_lanes import Lane, Roads
+
+VIEW_MARGIN_M = (
+    10.0  # about the area: a route or walk that comes no nearer is no traffic of the site
+)
+_SAME_GATE_M = 30.0  # between ends of roads that are one gate
+
+
+class Passage(NamedTuple):
+    """Way through the network from one gate to another.
+
+    Attributes:
+        edges: ids of SUMO's edges, in order.
+        start_m: place on the first edge at which it begins.
+        end_m: place on the last edge at which it ends."""
+
+    edges: tuple[str, ...]
+    start_m: float
+    end_m: float
+
+
+class _End(NamedTuple):
+    """End of an edge at the border of the network.
+
+    Attributes:
+        edge: id of the edge.
+        is_start: True for the edge's start, which drivers come in by.
+        length_m: length of the edge.
+        point: x, y of the end (m)."""
+
+    edge: str
+    is_start: bool
+    length_m: float
+    point: Float64[np.ndarray, "2"]
+
+
+@dataclass(frozen=True, eq=False)
+class Gates:
+    """Gates of a site's network, and the passages between them.
+
+    Attributes:
+        sumo: libsumo module that runs the network.
+        site: site of the network.
+        roads: its lanes."""
+
+    sumo: ModuleType
+    site: Site
+    roads: Roads
+
+    def passages(self, vehicle_class: str, type_id: str) -> dict[tuple[str, str], Passage]:
+        """Passages of a SUMO class that come near the area, by names of entry and exit.
+
+        type_id: id of a vehicle type of that class. Pedestrians may go either way on an edge. No
+        passage leads back to its own gate."""
+        walks = vehicle_class == "pedestrian"
+        open_edges = self._list_open_edges(vehicle_class)
+        passages: dict[tuple[str, str], Passage] = {}
+        for entry in self._ends:
+            if entry.edge not in open_edges or not (walks or entry.is_start):
+                continue
+            for leave in self._ends:
+                if leave.edge not in open_edges or not (walks or not leave.is_start):
+                    continue
+                names = (
+                    self._names[entry.edge, entry.is_start],
+                    self._names[leave.edge, leave.is_start],
+                )
+                if names[0] == names[1] or names in passages:
+                    continue
+                start = 0.0 if entry.is_start else entry.length_m
+                end = 0.0 if leave.is_start else leave.length_m
+                edges = self._find_edges(entry.edge, leave.edge, type_id, walks=walks)
+                if edges and self._comes_near(edges):
+                    passages[names] = Passage(edges, start, end)
+        return passages
+
+    def _list_open_edges(self, vehicle_class: str) -> set[str]:
+        """Ids of edges with a lane that is open to a SUMO class; for pedestrians, without cars."""
+        walks = vehicle_class == "pedestrian"
+        return {
+            lane.edge
+            for lane in self.roads.lanes.values()
+            if vehicle_class not in lane.forbidden
+            and not (walks and "passenger" not in lane.forbidden)
+        }
+
+    def _find_edges(self, first: str, last: str, type_id: str, *, walks: bool) -> tuple[str, ...]:
+        """Ids of the edges of the quickest way between two edges; empty without one."""
+        if not walks:
+            return tuple(self.sumo.simulation.findRoute(first, last, type_id).edges)
+        stages = self.sumo.simulation.findIntermodalRoute(first, last, pType=type_id)
+        return tuple(edge for stage in stages for edge in stage.edges)
+
+    def _comes_near(self, edges: Sequence[str]) -> bool:
+        """True if one of these edges, or a junction between them, is near the area."""
+        shapes = [lane.shape for edge in edges for lane in self._lanes_by_edge[edge]]
+        view = shapely.box(*(self.site.area + VIEW_MARGIN_M * np.array([-1, -1, 1, 1])))
+        # as one line, so that gaps at junctions are bridged
+        return bool(shapely.LineString(np.concatenate(shapes)).intersects(view))
+
+    @cached_property
+    def _lanes_by_edge(self) -> dict[str, list[Lane]]:
+        lanes: dict[str, list[Lane]] = {}
+        for lane in self.roads.lanes.values():
+            lanes.setdefault(lane.edge, []).append(lane)
+        return lanes
+
+    @cached_property
+    def _ends(self) -> list[_End]:
+        """Ends of edges at junctions that join no more than one other junction."""
+        edge = self.sumo.edge
+        joined: dict[str, set[str]] = {}
+        for name in self._lanes_by_edge:
+            origin = edge.getFromJunction(name)
+            target = edge.getToJunction(name)
+            joined.setdefault(origin, set()).add(target)
+            joined.setdefault(target, set()).add(origin)
+        ends = []
+        for name, lanes in self._lanes_by_edge.items():
+            shape = lanes[0].shape
+            if len(joined[edge.getFromJunction(name)]) == 1:
+                ends.append(_End(name, True, lanes[0].length, shape[0]))
+            if len(joined[edge.getToJunction(name)]) == 1:
+                ends.append(_End(name, False, lanes[0].length, shape[-1]))
+        return ends
+
+    @cached_property
+    def _names(self) -> dict[tuple[str, bool], str]:
+        """Name of the gate of each end, by its edge and `is_start`.
+
+        Ends near each other, such as both directions of a road, are one gate."""
+        ends = self._ends
+        if not ends:
+            return {}
+        points = np.array([end.point for end in ends])
+        discs = shapely.buffer(shapely.points(points), _SAME_GATE_M / 2)
+        groups = shapely.get_parts(shapely.union_all(discs))
+        group_of_end = shapely.STRtree(groups).query(shapely.points(points), "within")[1]
+        area = self.site.area
+        middle = (area[:2] + area[2:]) / 2
+        offsets = [
+            points[group_of_end == group].mean(axis=0) - middle for group in range(len(groups))
+        ]
+        bearings = [bearing_deg(self.site, float(np.arctan2(dy, dx))) for dx, dy in offsets]
+        names = name_gates(bearings, [float(np.hypot(*offset)) for offset in offsets])
+        return {
+            (end.edge, end.is_start): names[group]
+            for end, group in zip(ends, group_of_end.tolist(), strict=True)
+        }

@@ -1,0 +1,352 @@
+"""Ways of road users through a site: SUMO moves them from gate to gate, in steps of 0.1 s.
+
+Nobody appears or vanishes inside the view: who comes in at a gate leaves at another, or is under
+way when the recording begins or ends. SUMO moves points along the middles of lanes; `move_driver`
+and `move_walker` turn them into the motion of bodies."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.sites.site import Site
+from toolkit.traffic.flow import KINDS, Flow
+from toolkit.traffic.gates import Gates, Passage
+from toolkit.traffic.road_lanes import Roads
+from toolkit.traffic.sumo import FINE_STEP, running
+from toolkit.traffic.supply import ASIDE, HEAVY_SHARE, SWAY, Supply
+
+WARM_UP_S = 150.0  # before the first frame, so that the roads are as full as they stay
+SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
+WHEELBASE_SHARE = 0.75  # distance from front to rear axle, per length of the body
+MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
+MAX_STRIPE_SHIFT_M = 0.3  # sideways, of a walker from the middle of its stripe
+GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # walkers with 0, 1, 2, 3 companions
+COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next to each other
+LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "walker": (PEDESTRIAN,)}
+
+
+class Traveller(NamedTuple):
+    """Road user on its way.
+
+    Attributes:
+        id: its number.
+        body: row of its body in the supply.
+        entry: name of the gate at which it comes in.
+        exit: name of the gate at which it leaves."""
+
+    id: int
+    body: int
+    entry: str
+    exit: str
+
+
+class Way(NamedTuple):
+    """Way of one road user.
+
+    Attributes:
+        traveller: the road user.
+        first: number of the step (`FINE_STEP`) of the first pose; 0 is that of the first frame, and
+            steps before it are negative.
+        poses: x, y of the middle of the body (m), yaw (rad), one for each step."""
+
+    traveller: Traveller
+    first: int
+    poses: Float64[np.ndarray, "steps 3"]
+
+
+@dataclass
+class _Course:
+    """Course of one object in SUMO.
+
+    Attributes:
+        traveller: the road user.
+        first: number of the step of the first position.
+        points: x, y (m), step after step.
+        yaws: headings (rad), step after step."""
+
+    traveller: Traveller
+    first: int = 0
+    points: list[tuple[float, float]] = field(default_factory=list)
+    yaws: list[float] = field(default_factory=list)
+
+
+def possible_movements(site: Site, supply: Supply) -> dict[str, dict[str, list[str]]]:
+    """Exits that each kind of road user can reach, by kind and entry. See `Flow`."""
+    with running(site.network, _describe_types(supply), seed=0, step=FINE_STEP) as sumo:
+        return _Demand(sumo, site, supply).possible()
+
+
+def simulate_ways(
+    site: Site,
+    supply: Supply,
+    *,
+    seconds: float,
+    flow: Flow | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[Way]:
+    """Ways of all road users within so many seconds, in the order in which they set out.
+
+    Args:
+        site: Site with a network.
+        supply: Gives bodies, ids and random numbers.
+        seconds: Time from the first to the last frame.
+        flow: Demand, None to draw it.
+        progress: Called with the number of simulated seconds.
+
+    Raises ValueError for a network without a passage near the area, and for a flow that it has no
+    way for; the errors of `toolkit.traffic.sumo.running`."""
+    steps = round(seconds / FINE_STEP) + 1
+    warm_up = round(WARM_UP_S / FINE_STEP)
+    types = _describe_types(supply)
+    seed = int(supply.rng.integers(2**31 - 1))
+    options = {"max-depart-delay": -1, "default.action-step-length": FINE_STEP}
+    with running(site.network, types, seed=seed, step=FINE_STEP, options=options) as sumo:
+        demand = _Demand(sumo, site, supply)
+        possible = demand.possible()
+        if not possible["vehicle"]:
+            raise ValueError(
+                f"site {site.name!r}: no road leads from one border of its network past the area "
+                "to another: import a larger piece of the map"
+            )
+        if flow is None:
+            flow = Flow.draw(possible, supply.rng)
+        flow.check(possible)
+        courses: dict[int, _Course] = {}
+        for step in range(-warm_up, steps):
+            demand.add_due(flow, courses)
+            sumo.simulationStep()
+            _record(sumo, step, courses)
+            if progress is not None and step >= 0 and step % 10 == 0:
+                progress(step // 10)
+    ways = []
+    for course in courses.values():
+        if course.points:
+            ways += _make_ways(course, supply)
+    return ways
+
+
+def _describe_types(supply: Supply) -> str:
+    """Text of SUMO's additional file with a type for each body; a type's id is the body's row.
+
+    Random numbers are drawn at each call."""
+    rng = supply.rng
+    rows = []
+    for row, (label, (length, width, height)) in enumerate(
+        zip(supply.labels.tolist(), supply.sizes, strict=True)
+    ):
+        if label == PEDESTRIAN:
+            habits = {"minGap": 0.5, "speedFactor": np.clip(rng.normal(1, 0.15), 0.6, 1.4)}
+        else:
+            habits = {
+                "minGap": rng.uniform(1.0, 2.5),
+                "latAlignment": np.clip(rng.normal(0, ASIDE[label]), -1.2, 1.2),
+                "speedFactor": np.clip(rng.normal(1, 0.1), 0.8, 1.2),
+                "accel": rng.uniform(1.4, 2.4) if label != HEAVY else rng.uniform(0.8, 1.3),
+                "decel": rng.uniform(2.5, 4.0),
+                "emergencyDecel": 7.0,
+                "tau": rng.uniform(1.0, 1.6),
+            }
+        text = " ".join(f'{name}="{value:.3f}"' for name, value in habits.items())
+        model = "" if label == PEDESTRIAN else ' carFollowModel="IDM" maxSpeedLat="0.6" lcSigma="0"'
+        rows.append(
+            f'<vType id="{row}" vClass="{supply.classes[row]}" length="{length:.3f}" '
+            f'width="{width:.3f}" height="{height:.3f}" {text}{model}/>'
+        )
+    return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
+
+
+class _Demand:
+    """Set road users out on their passages when they are due.
+
+    Args:
+        sumo: libsumo module with a running simulation.
+        site: Site of the network.
+        supply: Gives bodies, ids and random numbers."""
+
+    def __init__(self, sumo: ModuleType, site: Site, supply: Supply) -> None:
+        self._sumo = sumo
+        self._supply = supply
+        gates = Gates(sumo, site, Roads.read(sumo))
+        # by SUMO class: passages by names of entry and exit
+        self._passages: dict[str, dict[tuple[str, str], Passage]] = {}
+        for row, vehicle_class in enumerate(supply.classes):
+            if vehicle_class not in self._passages:
+                self._passages[vehicle_class] = gates.passages(vehicle_class, str(row))
+        self._bodies = {
+            label: np.flatnonzero(supply.labels == label)
+            for label in (VEHICLE, HEAVY, CYCLIST, PEDESTRIAN)
+        }
+        self._routes: set[str] = set()  # names of the routes that SUMO knows
+
+    def possible(self) -> dict[str, dict[str, list[str]]]:
+        """Exits that each kind can reach, by kind and entry."""
+        possible: dict[str, dict[str, list[str]]] = {kind: {} for kind in KINDS}
+        for kind in KINDS:
+            label = LABELS_OF_KIND[kind][0]
+            for vehicle_class in sorted({self._supply.classes[row] for row in self._bodies[label]}):
+                for entry, leave in self._passages[vehicle_class]:
+                    exits = possible[kind].setdefault(entry, [])
+                    if leave not in exits:
+                        exits.append(leave)
+        return possible
+
+    def add_due(self, flow: Flow, courses: dict[int, _Course]) -> None:
+        """Add the road users that set out in this step, and their courses."""
+        rng = self._supply.rng
+        rates = np.array([movement.per_hour for movement in flow.movements]) * FINE_STEP / 3600
+        for number in np.repeat(np.arange(len(rates)), rng.poisson(rates)).tolist():
+            kind, entry, leave, _ = flow.movements[number]
+            labels = LABELS_OF_KIND[kind]
+            is_heavy = len(labels) > 1 and rng.random() < HEAVY_SHARE
+            body = self._choose_body(labels[1] if is_heavy else labels[0], (entry, leave))
+            if body is None:
+                continue
+            name = next(self._supply.ids)
+            passage = self._passages[self._supply.classes[body]][entry, leave]
+            if kind == "walker":
+                self._add_walker(str(name), body, passage)
+            else:
+                self._add_driver(str(name), body, passage)
+            courses[name] = _Course(Traveller(name, body, entry, leave))
+
+    def _choose_body(self, label: int, gates: tuple[str, str]) -> int | None:
+        """Draw a body of a class with a passage between two gates; None if no body has one."""
+        rows = [
+            row
+            for row in self._bodies[label].tolist()
+            if gates in self._passages[self._supply.classes[row]]
+        ]
+        if not rows:
+            return None
+        body = self._supply.offer(np.array(rows))
+        self._supply.take(body)
+        return body
+
+    def _add_driver(self, name: str, body: int, passage: Passage) -> None:
+        """Add a vehicle to SUMO, which lets it in when there is room."""
+        route = " ".join(passage.edges)
+        if route not in self._routes:
+            self._sumo.route.add(route, passage.edges)
+            self._routes.add(route)
+        self._sumo.vehicle.add(
+            name, route, str(body), departLane="best", departPos="base", departSpeed="max"
+        )
+
+    def _add_walker(self, name: str, body: int, passage: Passage) -> None:
+        """Add a person to SUMO, who walks the passage."""
+        self._sumo.person.add(name, passage.edges[0], passage.start_m, typeID=str(body))
+        self._sumo.person.appendWalkingStage(name, passage.edges, passage.end_m)
+
+
+def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None:
+    """Add the present positions and angles of all objects to their courses."""
+    for domain in (sumo.vehicle, sumo.person):
+        for name in domain.getIDList():
+            course = courses[int(name)]
+            angle = domain.getAngle(name)
+            yaw = np.pi / 2 - np.radians(angle)
+            if not np.isfinite(angle):  # as of some vehicles that change lanes
+                yaw = course.yaws[-1] if course.yaws else 0.0
+            if not course.points:
+                course.first = step
+            course.points.append(domain.getPosition(name))
+            course.yaws.append(float(yaw))
+
+
+def _make_ways(course: _Course, supply: Supply) -> list[Way]:
+    """Way of an object of SUMO; a walker may have companions, with ways next to it."""
+    rng = supply.rng
+    traveller = course.traveller
+    label = int(supply.labels[traveller.body])
+    points = np.array(course.points)
+    turn = float(np.radians(rng.normal(0, SWAY[label])))
+    if label != PEDESTRIAN:
+        length = float(supply.sizes[traveller.body, 0])
+        poses = move_driver(points, course.yaws[0], length)
+        poses[:, 2] += turn
+        return [Way(traveller, course.first, poses)]
+    walked = move_walker(points, course.yaws[0])
+    ways = []
+    left = rng.uniform(-MAX_STRIPE_SHIFT_M, MAX_STRIPE_SHIFT_M)  # of the walked course (m)
+    for companions in range(int(rng.choice(len(GROUP_SHARES), p=GROUP_SHARES)), -1, -1):
+        poses = walked.copy()
+        poses[:, 0] -= left * np.sin(walked[:, 2])
+        poses[:, 1] += left * np.cos(walked[:, 2])
+        poses[:, 2] += turn
+        ways.append(Way(traveller, course.first, poses))
+        if companions:  # the next one walks to the left of this one
+            body = int(supply.several(np.flatnonzero(supply.labels == PEDESTRIAN), 1)[0])
+            left += supply.sizes[[traveller.body, body], 1].mean() + rng.uniform(*COMPANION_GAP_M)
+            traveller = traveller._replace(id=next(supply.ids), body=body)
+            turn = float(np.radians(rng.normal(0, SWAY[label])))
+    return ways
+
+
+def move_driver(
+    fronts: Float64[np.ndarray, "steps 2"], yaw: float, length: float
+) -> Float64[np.ndarray, "steps 3"]:
+    """Poses (x, y of the middle, yaw) of a vehicle whose front takes a course.
+
+    The rear axle follows the front as a trailer does, so headings turn smoothly and no body slides
+    sideways.
+
+    Args:
+        fronts: x, y of the middle of the front (m), one for each step of `FINE_STEP`.
+        yaw: heading at the start (rad).
+        length: length of the body (m)."""
+    smoothed = smooth_motion(fronts)
+    wheelbase = WHEELBASE_SHARE * length
+    rear_x = smoothed[0, 0] - wheelbase * np.cos(yaw)
+    rear_y = smoothed[0, 1] - wheelbase * np.sin(yaw)
+    poses = np.empty((len(smoothed), 3))
+    for step, (x, y) in enumerate(smoothed.tolist()):
+        dx = x - rear_x
+        dy = y - rear_y
+        distance = float(np.hypot(dx, dy))
+        rear_x = x - wheelbase * dx / distance
+        rear_y = y - wheelbase * dy / distance
+        poses[step, 2] = np.arctan2(dy, dx)
+    poses[:, 0] = smoothed[:, 0] - length / 2 * np.cos(poses[:, 2])
+    poses[:, 1] = smoothed[:, 1] - length / 2 * np.sin(poses[:, 2])
+    return poses
+
+
+def move_walker(
+    points: Float64[np.ndarray, "steps 2"], yaw: float
+) -> Float64[np.ndarray, "steps 3"]:
+    """Poses (x, y, yaw) of a walker who takes a course and faces where it leads.
+
+    Args:
+        points: x, y (m), one for each step of `FINE_STEP`.
+        yaw: heading at the start (rad), for one who does not move."""
+    smoothed = smooth_motion(points)
+    velocities = np.gradient(smoothed, FINE_STEP, axis=0) if len(smoothed) > 1 else np.zeros((1, 2))
+    is_walking = np.hypot(*velocities.T) >= MIN_WALKING_M_S
+    yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
+    # step of the last heading that holds; before the first one, that one
+    last = np.maximum.accumulate(np.where(is_walking, np.arange(len(yaws)), -1))
+    if is_walking.any():
+        last[last < 0] = int(np.argmax(is_walking))
+        yaws = yaws[last]
+    else:
+        yaws[:] = yaw
+    return np.column_stack([smoothed, smooth_motion(np.unwrap(yaws)[:, None])[:, 0]])
+
+
+def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:
+    """Means over time, weighted by a Gaussian of `SMOOTHING_S`; the first and last value stay.
+
+    values: one row for each step of `FINE_STEP`."""
+    from scipy.ndimage import gaussian_filter1d
+
+    sigma = SMOOTHING_S / FINE_STEP
+    reach = round(4 * sigma)
+    # continued by its mirror image through each end, which keeps speed
+    continued = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    smoothed = gaussian_filter1d(continued, sigma, axis=0, mode="nearest")
+    return np.asarray(smoothed[reach : reach + len(values)])
