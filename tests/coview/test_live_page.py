@@ -206,6 +206,7 @@ def test_sensors_are_added_failed_and_suggested(page):
     assert page.ap >= before - 0.001
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_by_a_reload_a_second_browser_and_a_kill(page):
     page.press("Variants", "Keep as a new variant")
     page.tab.wait_for_function("document.querySelectorAll('.live-variant').length == 2")
@@ -328,6 +329,7 @@ def draw_street(path):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("kind", ["osm", "xodr"])
 def test_a_map_is_opened_from_the_page(browser, tmp_path, kind):

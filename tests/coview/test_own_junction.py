@@ -52,6 +52,7 @@ def planned(run, folder, place, *candidates) -> dict[str, str]:
     return row
 
 
+@pytest.mark.slow
 def test_an_openstreetmap_extract_with_poles_of_ones_own(run, tmp_path):
     row = planned(run, tmp_path, OSM, "--candidates", poles(tmp_path, "LM 104", "LM 106"))
     x, y, price = {"LM 104": (34, 10, "0.8"), "LM 106": (12, -9, "0.8")}[row["pole"]]

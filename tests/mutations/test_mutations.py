@@ -1,4 +1,4 @@
-"""No damaged file makes a traceback, a crash or a hang, and none is touched: some hundred mutants,
+"""No damaged file makes a traceback, a crash or a hang, and none is touched: some dozens of mutants,
 or very many."""
 
 import subprocess
@@ -38,11 +38,11 @@ def run(mutants: int, wanted: Sequence[str], *options: str) -> None:
 
 @pytest.mark.parametrize("wanted", HALVES)
 def test_some_mutants_of_every_format(wanted):
-    run(120, wanted)
+    run(40, wanted)
 
 
 def test_some_mutants_of_every_layout():
-    run(30, LAYOUTS)
+    run(10, LAYOUTS)
 
 
 @pytest.mark.slow
@@ -57,6 +57,7 @@ def test_what_is_no_file_is_refused_in_the_place_of_each():
     run(1, [""], "--places")
 
 
+@pytest.mark.slow
 def test_every_layout_has_damaged_files_and_the_halves_are_all_formats():
     text = printed(
         "from layout_formats import FILES, NAMED; print(*{NAMED.get(f[0], f[0]) for f in "

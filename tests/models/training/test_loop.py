@@ -129,6 +129,7 @@ class Clock:
         return self.now
 
 
+@pytest.mark.slow
 def test_a_training_of_seconds_ends_its_cycle_with_the_clock(packed_file, tmp_path, monkeypatch):
     config, machine = (
         presets.make_config(AREA, "fast"),

@@ -109,6 +109,7 @@ def test_a_table_holds_what_detection_gives_and_says_where_from(made):
     assert same(load_table(path), table)
 
 
+@pytest.mark.slow
 def test_tables_in_parts_and_processes_have_the_same_bytes(made, tmp_path):
     table, path, _, all_calls = made
     first, second = Guess(fails=all_calls - 8), Guess()

@@ -248,6 +248,7 @@ def test_variants_stand_side_by_side(planner) -> None:
     assert planner.estimate(planner.variants["B"]).sensors == 5
 
 
+@pytest.mark.slow
 def test_a_suggestion_keeps_what_it_promises(planner) -> None:
     for name in ("d1", "d3", "d4", "d5"):
         planner.remove(name)

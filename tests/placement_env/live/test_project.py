@@ -163,6 +163,7 @@ for k in range(100000):
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_what_it_has_said(planner, path):
     """Whenever kill -9 comes, the file holds the last change that was answered, or the one after
     it."""

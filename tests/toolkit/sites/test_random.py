@@ -148,6 +148,7 @@ def drawn(count):
     return [random_site(seed) for seed in range(count)]
 
 
+@pytest.mark.slow
 def test_streets_hold_what_detectors_must_tell_from_vehicles():
     """Over a dozen sites: crowns over the road, bays in it, works, and many things as big as
     cars."""

@@ -132,6 +132,7 @@ def test_large_differences_are_listed(made):
     assert lines[2].split()[1] == "9"
 
 
+@pytest.mark.slow
 def test_the_same_bytes_again_without_the_detector(made, table):
     _, _, out, _ = made
     before, never = files(out), Guess(fails=1)

@@ -91,6 +91,7 @@ def test_delays_rates_and_silent_sensors_cost_what_drives(rows):
     assert all(row.judged.ap < 0.5 for row in by(rows, kind="frozen", scheme="early"))
 
 
+@pytest.mark.slow
 def test_differences_show_what_foreground_does_in_fewer_bytes_unless_messages_are_lost(
     monkeypatch, driving, tops
 ):

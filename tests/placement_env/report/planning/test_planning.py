@@ -251,6 +251,7 @@ def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, asked):
     assert rough.chosen.judged.ap < planned.plan.chosen.judged.ap
 
 
+@pytest.mark.slow
 def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned, asked):
     made = plan(asked(iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01)).plan
     chosen = made.chosen
@@ -339,6 +340,7 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
         assert judge.frames == frames[-1]
 
 
+@pytest.mark.slow
 def test_error_profiles_decide_and_are_said(planned, asked):
     """Judged at both profiles, searched as before; what else is said is at the first."""
     made = plan(asked(sensors=1, errors=("paper", "poor"), min_ap=0.01)).plan
