@@ -44,7 +44,8 @@ class _Rows(Displayed):
 
     def __getitem__(self: _Selected, rows: object) -> _Selected:
         """Return the rows at a mask, slice or index array."""
-        return type(self)(*(column[rows] for column in vars(self).values()))
+        columns = (None if column is None else column[rows] for column in vars(self).values())
+        return type(self)(*columns)
 
     def _card(self) -> Card:
         counts = np.bincount(self.labels, minlength=len(LABELS))
@@ -61,7 +62,7 @@ class _Rows(Displayed):
         further_columns = {
             name.removesuffix("s"): column
             for name, column in vars(self).items()
-            if name not in ("boxes", "labels")
+            if name not in ("boxes", "labels", "doubts", "velocities")
         }
         box_columns = ("x", "y", "z", "length", "width", "height", "yaw")
         boxes = dict(zip(box_columns, self.boxes.T, strict=True))
@@ -108,16 +109,26 @@ class Detections(_Rows):
         boxes: As in `Objects`.
         scores: (n,), kept as float64; higher is surer.
         labels: As in `Objects`.
+        doubts: (n, 5), expected error (m, above 0) of the front, rear, left, right and top face of
+            each box, kept as float64; None from a detector that does not estimate it.
     """
 
     boxes: Shaped[np.ndarray, "n 7"]
     scores: Shaped[np.ndarray, " n"]
     labels: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
+    doubts: Shaped[np.ndarray, "n 5"] | None = None
 
     def __post_init__(self) -> None:
         boxes = _boxes(self.boxes)
         scores = _rows(np.asarray(self.scores, np.float64), "scores", len(boxes))
-        set_fields(self, boxes=boxes, scores=scores, labels=_labels(self.labels, len(boxes)))
+        doubts = None if self.doubts is None else np.asarray(self.doubts, np.float64)
+        if doubts is not None and (doubts.shape != (len(boxes), 5) or not (doubts > 0).all()):
+            raise ValueError(
+                f"doubts must have shape ({len(boxes)}, 5), front rear left right top, and be "
+                f"above 0 m, got {doubts.shape} from {doubts.min(initial=np.inf):g}"
+            )
+        labels = _labels(self.labels, len(boxes))
+        set_fields(self, boxes=boxes, scores=scores, labels=labels, doubts=doubts)
 
     @staticmethod
     def empty() -> "Detections":
@@ -126,10 +137,16 @@ class Detections(_Rows):
 
     @staticmethod
     def merge(parts: "Iterable[Detections]") -> "Detections":
-        """Merge several lists of detections, in order."""
-        parts = [Detections.empty(), *parts]
-        columns = zip(*((p.boxes, p.scores, p.labels) for p in parts), strict=True)
-        return Detections(*(np.concatenate(column) for column in columns))
+        """Merge several lists of detections, in order; doubts stay if all that detect have them."""
+        merged = [Detections.empty(), *parts]
+        doubts = [part.doubts for part in merged if len(part)]
+        known_doubts = [rows for rows in doubts if rows is not None]
+        return Detections(
+            boxes=np.concatenate([part.boxes for part in merged]),
+            scores=np.concatenate([part.scores for part in merged]),
+            labels=np.concatenate([part.labels for part in merged]),
+            doubts=np.concatenate(known_doubts) if len(known_doubts) == len(doubts) > 0 else None,
+        )
 
 
 @runtime_checkable

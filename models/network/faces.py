@@ -33,6 +33,8 @@ SIDE_MARGIN_M = 0.1  # next to a face, in which its points are counted too
 MIN_FACE_POINTS = 3  # about a face or the opposite one; with fewer a face stays
 HIDDEN_WIDTH = 56
 SORTS = ("end", "side", "top")
+# expected error of the front, rear, left, right and top of a box whose faces are not measured
+USUAL_DOUBTS_M = (0.15, 0.15, 0.08, 0.08, 0.06)
 _FACE_COUNTS = BIN_COUNT * ZONES
 _EXTRA_FEATURES = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 
@@ -69,6 +71,18 @@ class FaceShifts(NamedTuple):
     end: _BothSides
     side: _BothSides
     top: Float[np.ndarray, " n"]
+
+
+class FaceMeasurements(NamedTuple):
+    """What the networks say of the faces of n boxes.
+
+    Attributes:
+        shifts: Shift of each face outwards (m), 0 without evidence.
+        doubts: Expected error (m) of each face once it is shifted.
+    """
+
+    shifts: FaceShifts
+    doubts: FaceShifts
 
 
 class _FaceRows(NamedTuple):
@@ -112,15 +126,19 @@ class FaceNetworks(nn.Module):
         return shift / 4, spread - 3
 
     @torch.inference_mode()
-    def shifts(self, features: FaceFeatures) -> FaceShifts:
-        """Shift of each face, 0 without evidence."""
+    def measure(self, features: FaceFeatures) -> FaceMeasurements:
+        """Shifts and doubts of faces. A face without evidence stays, with the doubt of its sort."""
         shifts = []
+        doubts = []
         for number, sort in enumerate(SORTS):
             shift, spread = self.answers(sort, torch.from_numpy(features[number]))
             has_points = torch.from_numpy(features.counted[number]) >= MIN_FACE_POINTS
-            is_better = torch.exp(spread) < self.prior[number]
-            shifts.append(torch.where(is_better & has_points, shift, 0.0).double().numpy())
-        return FaceShifts(*shifts)
+            error = torch.exp(spread)
+            prior = self.prior[number]
+            is_moved = (error < prior) & has_points
+            shifts.append(torch.where(is_moved, shift, 0.0).double().numpy())
+            doubts.append(torch.where(is_moved, error, prior).double().numpy())
+        return FaceMeasurements(FaceShifts(*shifts), FaceShifts(*doubts))
 
 
 def measure_faces(
@@ -128,15 +146,29 @@ def measure_faces(
 ) -> Detections:
     """Detections with the faces of all boxes of these labels moved; scores and order stay.
 
-    points: x y z (m) in the frame of the boxes.
+    Boxes of other labels have `USUAL_DOUBTS_M`. points: x y z (m) in the frame of the
+    boxes.
     """
     rows = np.flatnonzero(np.isin(detections.labels, [label_index(label) for label in labels]))
     if not len(rows):
         return detections
     boxes = detections.boxes.copy()
     features = face_features(points, boxes[rows], detections.labels[rows])
-    boxes[rows] = move_faces(boxes[rows], *networks.shifts(features))
-    return Detections(boxes, detections.scores, detections.labels)
+    measurements = networks.measure(features)
+    boxes[rows] = move_faces(boxes[rows], *measurements.shifts)
+    doubts = None
+    if np.isfinite(networks.prior).all():  # networks that were trained
+        doubts = np.empty((len(boxes), 5))
+        doubts[:] = USUAL_DOUBTS_M
+        doubts[rows] = _by_box(measurements.doubts)
+    return Detections(boxes, detections.scores, detections.labels, doubts)
+
+
+def _by_box(faces: FaceShifts) -> Float[np.ndarray, "n 5"]:
+    """Values of the front, rear, left, right and top of each box, a row for each."""
+    front, rear = np.split(faces.end, 2)
+    left, right = np.split(faces.side, 2)
+    return np.stack([front, rear, left, right, faces.top], axis=1)
 
 
 def move_faces(

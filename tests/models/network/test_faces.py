@@ -178,7 +178,7 @@ def test_faces_move_where_sure_and_untrained_networks_stay_finite():
     )
     torch.manual_seed(0)
     networks = faces.FaceNetworks()
-    shifts = networks.shifts(faces.face_features(cloud_at_the_front(9), BOX, CAR))
+    shifts = networks.measure(faces.face_features(cloud_at_the_front(9), BOX, CAR)).shifts
     assert [len(each) for each in shifts] == [2, 2, 1]
     assert all(np.isfinite(each).all() for each in shifts)
     assert [name for name, _ in networks.named_children()] == list(faces.SORTS)

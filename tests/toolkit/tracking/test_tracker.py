@@ -1,0 +1,198 @@
+"""Tracks of road users whose motion is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from toolkit.boxes import iou_3d
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detections
+from toolkit.tracking.tracker import Tracker
+from toolkit.tracking.tracks import Tracks
+
+CAR = np.array([4.6, 1.9, 1.5])
+SURE = np.full(5, 0.02)
+
+
+def drive(steps, speed=8.0, yaw=0.3, start=(0.0, 0.0)):
+    """Boxes of a car that drives straight on, 0.1 s apart."""
+    way = np.arange(steps) * 0.1 * speed
+    boxes = np.zeros((steps, 7))
+    boxes[:, 0] = start[0] + way * np.cos(yaw)
+    boxes[:, 1] = start[1] + way * np.sin(yaw)
+    boxes[:, 2] = 0.75
+    boxes[:, 3:6] = CAR
+    boxes[:, 6] = yaw
+    return boxes
+
+
+def seen(*boxes, label=VEHICLE, score=0.9, doubts=SURE):
+    rows = np.array(boxes).reshape(-1, 7)
+    return Detections(
+        rows, np.full(len(rows), score), np.full(len(rows), label), np.tile(doubts, (len(rows), 1))
+    )
+
+
+def follow(frames, tracker=None):
+    tracker = tracker or Tracker()
+    return [tracker.update(frame, 0.1 * k) for k, frame in enumerate(frames)]
+
+
+def test_a_car_keeps_its_number_and_has_its_velocity():
+    way = drive(30)
+    noise = np.random.default_rng(0).normal(0, 0.02, (30, 2))
+    noisy = way.copy()
+    noisy[:, :2] += noise
+    tracks = follow([seen(box) for box in noisy])
+    assert all(np.array_equal(found.ids, [0]) for found in tracks)
+    last = tracks[-1]
+    assert last.velocities[0] == pytest.approx([8 * np.cos(0.3), 8 * np.sin(0.3), 0], abs=0.3)
+    assert last.ages[0] == pytest.approx(2.9)
+    assert last.unseen[0] == 0
+    error = np.linalg.norm([found.boxes[0, :2] for found in tracks[10:]] - way[10:, :2], axis=1)
+    assert error.mean() < np.linalg.norm(noise[10:], axis=1).mean()
+
+
+def test_a_front_that_is_not_seen_follows_from_the_size():
+    way = drive(40)
+    detections = []
+    for step, box in enumerate(way):
+        doubts = SURE.copy()
+        cut = box.copy()
+        if step >= 15:  # the front third is hidden from here on
+            cut[3] -= 1.2
+            cut[:2] -= 0.6 * np.array([np.cos(0.3), np.sin(0.3)])
+            doubts[0] = 0.6
+        detections.append(seen(cut, doubts=doubts))
+    tracks = follow(detections)
+    for step in (20, 39):
+        assert iou_3d(detections[step].boxes, way[[step]])[0, 0] < 0.8
+        assert iou_3d(tracks[step].boxes, way[[step]])[0, 0] > 0.95
+        assert tracks[step].doubts[0, 0] < 0.1
+
+
+def test_a_half_turn_in_a_detection_is_no_turn_of_the_car():
+    way = drive(20)
+    way[7, 6] += np.pi
+    tracks = follow([seen(box) for box in way])
+    assert [float(np.cos(found.boxes[0, 6] - 0.3)) for found in tracks] == pytest.approx([1.0] * 20)
+    backwards = drive(20)
+    backwards[:, 6] += np.pi  # the detector is wrong in every frame, and the motion is right
+    turned = follow([seen(box) for box in backwards])[-1]
+    assert np.cos(turned.boxes[0, 6] - 0.3) == pytest.approx(1.0)
+
+
+def test_a_car_that_is_hidden_for_a_moment_returns_as_itself():
+    way = drive(30)
+    frames = [seen(box) if not 12 <= k < 16 else Detections.empty() for k, box in enumerate(way)]
+    tracks = follow(frames)
+    assert [found.ids.tolist() for found in tracks] == [[0]] * 30
+    assert tracks[15].unseen[0] == pytest.approx(0.4)
+    assert tracks[15].scores[0] < tracks[11].scores[0]
+    assert np.linalg.norm(tracks[15].boxes[0, :2] - way[15, :2]) < 0.3
+
+
+def test_a_standing_car_lives_on_behind_what_hides_it_and_a_flicker_does_not():
+    standing = drive(1, speed=0.0)[0]
+    frames = [seen(standing) for _ in range(10)] + [Detections.empty()] * 20
+    tracks = follow(frames)
+    assert len(tracks[-1]) == 1
+    flicker = [seen(standing), *[Detections.empty()] * 5]
+    assert [len(found) for found in follow(flicker)][:3] == [1, 1, 0]
+
+
+def test_a_track_ends_at_the_border():
+    way = drive(30, yaw=0.0)
+    frames = [seen(box) if box[0] <= 10 else Detections.empty() for box in way]
+    tracks = follow(frames, Tracker((-10, -10, 10, 10)))
+    assert len(tracks[12]) == 1
+    assert all(len(found) == 0 for found in tracks[14:])
+
+
+def test_classes_are_settled_by_votes_and_unlike_ones_stay_apart():
+    box = drive(1, speed=0.0)[0]
+    frames = [seen(box, label=VEHICLE if k % 3 else HEAVY) for k in range(9)]
+    assert follow(frames)[-1].labels.tolist() == [VEHICLE]
+    near = box + np.array([0.5, 0, 0, 0, 0, 0, 0])
+    frames = [
+        Detections.merge([seen(box), seen(near, label=PEDESTRIAN)]),
+        Detections.merge([seen(near, label=PEDESTRIAN), seen(box)]),
+    ]
+    first, second = follow(frames)
+    labels = dict(zip(first.ids.tolist(), first.labels.tolist(), strict=True))
+    assert labels == dict(zip(second.ids.tolist(), second.labels.tolist(), strict=True))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.permutations(range(6)), st.floats(-3, 3))
+def test_neither_order_nor_the_frame_of_reference_matter(order, turn):
+    rng = np.random.default_rng(0)
+    cars = [
+        drive(8, speed, yaw, rng.uniform(-40, 40, 2)) for speed, yaw in rng.uniform(1, 6, (6, 2))
+    ]
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    plain = follow([seen(*(car[k] for car in cars)) for k in range(8)])[-1]
+    turned_cars = []
+    for car in (cars[number] for number in order):
+        turned = car.copy()
+        turned[:, :2] = car[:, :2] @ rotation.T
+        turned[:, 6] += turn
+        turned_cars.append(turned)
+    turned_tracks = follow([seen(*(car[k] for car in turned_cars)) for k in range(8)])[-1]
+    assert len(plain) == len(turned_tracks) == 6
+    rows = np.argsort(order)
+    np.testing.assert_allclose(
+        turned_tracks.boxes[rows, :2], plain.boxes[:, :2] @ rotation.T, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        turned_tracks.velocities[rows, :2], plain.velocities[:, :2] @ rotation.T, atol=1e-6
+    )
+
+
+def test_tracks_are_asked_for_between_frames():
+    tracker = Tracker()
+    assert len(tracker.at(3.0)) == 0
+    for k, box in enumerate(drive(20)):
+        tracker.update(seen(box), 0.1 * k)
+    later = tracker.at(2.4)
+    assert later.boxes[0, :2] == pytest.approx(drive(25)[24, :2], abs=0.1)
+    assert later.unseen[0] == pytest.approx(0.5)
+    with pytest.raises(ValueError, match=r"known from 1\.9 s on"):
+        tracker.at(1.0)
+
+
+@pytest.mark.parametrize(
+    ("time", "message"), [(0.0, "in the order of time"), (np.nan, "must be a number of seconds")]
+)
+def test_times_that_do_not_go_on_are_refused(time, message):
+    tracker = Tracker()
+    tracker.update(Detections.empty(), 0.0)
+    with pytest.raises(ValueError, match=message):
+        tracker.update(Detections.empty(), time)
+
+
+def test_boxes_that_are_no_numbers_are_left_out_and_a_thousand_are_followed():
+    box = drive(1)[0]
+    broken = box.copy()
+    broken[0] = np.inf
+    assert len(Tracker().update(seen(broken, box), 0.0)) == 1
+    crowd = np.tile(box, (1000, 1))
+    crowd[:, 0] = np.arange(1000) % 40 * 8
+    crowd[:, 1] = np.arange(1000) // 40 * 5
+    tracks = follow([seen(*crowd) for _ in range(3)])
+    assert np.array_equal(tracks[0].ids, tracks[2].ids)
+
+
+def test_detections_without_doubts_are_followed_too():
+    frames = [Detections(box[None], np.array([0.5]), np.array([CYCLIST])) for box in drive(6, 3.0)]
+    last = follow(frames)[-1]
+    assert last.ids.tolist() == [0]
+    assert np.isfinite(last.doubts).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("velocities", np.zeros((1, 2))), ("ages", [1.0, 2.0]), ("ids", [[1]])]
+)
+def test_columns_of_tracks_must_fit(name, value):
+    with pytest.raises(ValueError, match=f"{name} must have shape"):
+        Tracks(drive(1), np.ones(1), **{name: value})
+    assert len(Tracks.empty()) == 0

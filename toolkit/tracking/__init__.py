@@ -1,0 +1,1 @@
+"""Tracking: road users over time, from the detections of frames."""
