@@ -47,25 +47,30 @@ class _Rows(Displayed):
         return type(self)(*(column[rows] for column in vars(self).values()))
 
     def _card(self) -> Card:
+        """Return title, facts, table and picture of the boxes, for `repr` and notebooks."""
         counts = np.bincount(self.labels, minlength=len(LABELS))
-        kinds = tuple(
+        counts_by_class = tuple(
             f"{number} {label}" for label, number in zip(LABELS, counts, strict=True) if number
         )
-        facts = (describe_count(len(self), "box", "boxes"), *kinds)
         return Card(
-            type(self).__name__, facts, {"boxes": self._table}, "toolkit.viewing.still:draw_boxes"
+            title=type(self).__name__,
+            facts=(describe_count(len(self), "box", "boxes"), *counts_by_class),
+            tables={"boxes": self._tabulate},
+            drawing="toolkit.viewing.still:draw_boxes",
         )
 
-    def _table(self) -> Table:
-        labels = {"label": [LABELS[label] for label in self.labels]}
+    def _tabulate(self) -> Table:
+        """Return a table with a row for each box: class, further fields, and the box's columns."""
+        class_names = {"label": [LABELS[label] for label in self.labels]}
+        # such as "id" of the field `ids`
         further_columns = {
             name.removesuffix("s"): column
             for name, column in vars(self).items()
             if name not in ("boxes", "labels")
         }
-        box_columns = ("x", "y", "z", "length", "width", "height", "yaw")
-        boxes = dict(zip(box_columns, self.boxes.T, strict=True))
-        return labels | further_columns | boxes
+        box_column_names = ("x", "y", "z", "length", "width", "height", "yaw")
+        box_columns = dict(zip(box_column_names, self.boxes.T, strict=True))
+        return class_names | further_columns | box_columns
 
 
 @dataclass(frozen=True)
@@ -128,8 +133,11 @@ class Detections(_Rows):
     def merge(parts: "Iterable[Detections]") -> "Detections":
         """Merge several lists of detections, in order."""
         parts = [Detections.empty(), *parts]
-        columns = zip(*((p.boxes, p.scores, p.labels) for p in parts), strict=True)
-        return Detections(*(np.concatenate(column) for column in columns))
+        return Detections(
+            boxes=np.concatenate([part.boxes for part in parts]),
+            scores=np.concatenate([part.scores for part in parts]),
+            labels=np.concatenate([part.labels for part in parts]),
+        )
 
 
 @runtime_checkable
@@ -183,24 +191,28 @@ def known_labels(detector: Detector) -> tuple[str, ...] | None:
 
 
 def check_known(detector: Detector, labels: Iterable[str]) -> None:
-    """Raise ValueError for classes that a detector does not know."""
+    """Raise ValueError for classes that a detector does not know.
+
+    A detector without a list of its classes passes."""
     detector_labels = known_labels(detector)
-    unknown = [
-        label for label in labels if detector_labels is not None and label not in detector_labels
-    ]
+    if detector_labels is None:
+        return
+    unknown = [label for label in labels if label not in detector_labels]
     if unknown:
         remedy = (
             "take one trained on all of them, such as the weights tjunction, or leave these "
             "classes out"
         )
         raise ValueError(
-            f"the detector knows {', '.join(detector_labels or ())} only, not "
+            f"the detector knows {', '.join(detector_labels)} only, not "
             f"{', '.join(unknown)}: {remedy}"
         )
 
 
 def _boxes(boxes: ArrayLike) -> np.ndarray:
-    """Return boxes (n, 7) as float64; an empty list counts as none. Raises ValueError else."""
+    """Return boxes (n, 7) as float64; an empty list counts as no boxes.
+
+    Raises ValueError for another shape. The numbers are not checked."""
     boxes = np.asarray(boxes, np.float64)
     if boxes.size == 0 and boxes.ndim < 2:
         return np.zeros((0, 7))
@@ -212,9 +224,11 @@ def _boxes(boxes: ArrayLike) -> np.ndarray:
 
 
 def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
-    """Return the class numbers of n boxes as int64, vehicles for None. Raises ValueError else."""
+    """Return the class numbers of n boxes as int64, vehicles for None.
+
+    labels: numbers, or names of `LABELS`. Raises ValueError for anything else."""
     if labels is None:
-        return np.zeros(n, np.int64)
+        return np.full(n, VEHICLE, np.int64)
     labels = np.asarray(labels)
     if labels.dtype.kind not in "biufUO":
         raise ValueError(
