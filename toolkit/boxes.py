@@ -303,12 +303,14 @@ def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
     """Return the IoU of each row of `a` with the same row of `b`: of footprints or of volumes."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
-    z_a, length_a, width_a, height_a = a[:, 2:6].T
-    z_b, length_b, width_b, height_b = b[:, 2:6].T
+    length_a, width_a = a[:, 3], a[:, 4]
+    length_b, width_b = b[:, 3], b[:, 4]
     overlap = _overlap_area(a, b)
     size_a = length_a * width_a
     size_b = length_b * width_b
     if metric == "3d":
+        z_a, height_a = a[:, 2], a[:, 5]
+        z_b, height_b = b[:, 2], b[:, 5]
         top = np.minimum(z_a + height_a / 2, z_b + height_b / 2)
         bottom = np.maximum(z_a - height_a / 2, z_b - height_b / 2)
         overlap = overlap * np.maximum(top - bottom, 0)

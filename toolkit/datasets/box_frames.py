@@ -18,7 +18,8 @@ def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     yaw = np.asarray(yaw, np.float64)
     forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
     rotation = target_SE3_source[:3, :3]
-    x, y, _ = np.moveaxis(forward @ rotation.T, -1, 0)
+    turned_forward = forward @ rotation.T
+    x, y = turned_forward[..., 0], turned_forward[..., 1]
     return np.asarray(np.arctan2(y, x))
 
 
@@ -38,7 +39,8 @@ def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.
     """Turn boxes of the source frame into boxes of the target frame.
 
     z must be up in both frames, as a box keeps only its heading. Boxes with NaN give NaN."""
-    centres, extents, yaws = boxes[:, :3], boxes[:, 3:6], boxes[:, 6]
+    centres, extents = boxes[:, :3], boxes[:, 3:6]
+    yaws = boxes[:, 6]
     with np.errstate(all="ignore"):
         moved_centres = transform(target_SE3_source, centres)
         moved_yaws = heading(target_SE3_source, yaws)

@@ -155,7 +155,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         # a forked process must not share the parent's handle
         if self._open is None or self._open[0] != os.getpid():
             self._open = os.getpid(), open_file(self.path), {}
-        _, file, datasets = self._open
+        file, datasets = self._open[1:]
         return file, datasets
 
     def _frame(self, number: int) -> Frame:

@@ -81,8 +81,9 @@ def parse_extrinsic(
 
 def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
     """Published intrinsic matrix of a camera, [[cu, f, 0], [cv, 0, -f], [1, 0, 0]]."""
-    # rows of the camera's matrix: (focal, 0, cu), (0, focal, cv), (0, 0, 1)
-    (focal, _, cu), (_, _, cv), _ = camera.intrinsic
+    focal = camera.intrinsic[0, 0]
+    cu = camera.intrinsic[0, 2]
+    cv = camera.intrinsic[1, 2]
     return np.array([[cu, focal, 0.0], [cv, 0.0, -focal], [1.0, 0.0, 0.0]])
 
 
@@ -99,8 +100,9 @@ def parse_intrinsic(
         raise ValueError(
             f"{name} must be a finite 3×3 matrix {form} with f > 0, got {matrix.tolist()}"
         )
-    centre_u, focal, centre_v = float(matrix[0, 0]), matrix[0, 1], float(matrix[1, 0])
+    centre_u, centre_v = float(matrix[0, 0]), float(matrix[1, 0])
     centre = (centre_u, centre_v)
+    focal = matrix[0, 1]
     if not (0 <= centre_u <= width and 0 <= centre_v <= height):
         raise ValueError(
             f"{name} must have its centre (cu, cv) in the image of {width}×{height} pixels, got "
@@ -124,7 +126,8 @@ def format_objects(objects: Objects, map_SE3_site: Pose) -> Float64[np.ndarray, 
     The columns are `OBJECT_COLUMNS`: x, y, z (m), pitch, roll, yaw (degrees), half length, width
     and height (m), and class. map_SE3_site: pose of the site in the map."""
     boxes = objects.boxes
-    centres, extents, yaw = boxes[:, :3], boxes[:, 3:6], boxes[:, 6]
+    centres, extents = boxes[:, :3], boxes[:, 3:6]
+    yaw = boxes[:, 6]
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))  # pitch and roll stay 0
     rows[:, _CENTRE] = transform(MAP_FROM_CARLA @ map_SE3_site, centres)
     rows[:, _YAW] = -np.rad2deg(yaw + map_turn(map_SE3_site))

@@ -145,8 +145,8 @@ def _copy_chunks(source: h5py.Dataset, target: h5py.Dataset, first_frame: int) -
     for index in range(source.id.get_num_chunks()):
         chunk_offset = source.id.get_chunk_info(index).chunk_offset
         filter_mask, content = source.id.read_direct_chunk(chunk_offset)
-        frame, *other_axes = chunk_offset
-        target.id.write_direct_chunk((first_frame + frame, *other_axes), content, filter_mask)
+        target_offset = (first_frame + chunk_offset[0], *chunk_offset[1:])  # axis 0 is frames
+        target.id.write_direct_chunk(target_offset, content, filter_mask)
 
 
 def _create(file: h5py.File, header: Header, *, frames: int, objects: int) -> None:

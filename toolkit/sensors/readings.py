@@ -119,7 +119,8 @@ class TrueImage:
         if len(self.objects):
             boxes = self.objects.boxes.copy()
             # views: writing to them changes `boxes`
-            middle_z, length_and_width, height = boxes[:, 2], boxes[:, 3:5], boxes[:, 5]
+            middle_z, height = boxes[:, 2], boxes[:, 5]
+            length_and_width = boxes[:, 3:5]
             # raise the bottom of each box by the margin, and its other sides outwards by the skin
             middle_z += (FOOT_MARGIN_M + SKIN_M) / 2
             length_and_width += 2 * SKIN_M

@@ -153,13 +153,12 @@ def clip_windows(
     bounds and the result: row of the box, top, bottom, left, right; bottom and right are
     excluded. shape: rows and columns of the image."""
     rows, columns = shape
-    box_row, top, bottom, left, right = bounds.T
-    top = np.clip(top, 0, None)
-    bottom = np.minimum(bottom, rows)
-    left = np.clip(left, 0, None)
-    right = np.minimum(right, columns)
+    top = np.clip(bounds[:, 1], 0, None)
+    bottom = np.minimum(bounds[:, 2], rows)
+    left = np.clip(bounds[:, 3], 0, None)
+    right = np.minimum(bounds[:, 4], columns)
     is_inside = (top < bottom) & (left < right)
-    windows = np.column_stack([box_row, top, bottom, left, right])
+    windows = np.column_stack([bounds[:, 0], top, bottom, left, right])
     return windows[is_inside].astype(np.int64)
 
 
