@@ -70,7 +70,8 @@ def boxes_record(
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
     """Write a file of frame entries, whole or not at all.
 
-    entries: texts of `boxes_record`; more: further fields of the file."""
+    entries: JSON text of each frame, as `boxes_record` returns it; more: further fields of the
+    file."""
     # the entries are JSON already, so their text is put between "[" and "]" of an empty list
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
     head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
@@ -123,8 +124,8 @@ def _describe_form(content: Unchecked) -> str:
 def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) -> FrameLabels:
     """Parse one entry of a file of boxes as the labels of a frame.
 
-    path: the file, for errors; frame_entry: from `read_entries`; problems: kinds and numbers of
-    labels left out are added to it."""
+    path: the file, for errors; frame_entry: parsed JSON of the frame, from `read_entries`;
+    problems: kinds and numbers of labels left out are added to it."""
     with name_damage(path, "file of boxes"):
         sample = f"sample {str(entry(frame_entry, 'name'))[:60]!r}"
         if "objects" not in frame_entry:
@@ -138,7 +139,7 @@ def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) 
                 raise ValueError(f"objects[{k}] of {sample}: {error}") from None
         boxes = np.array([labelled.box for labelled in objects]).reshape(-1, 7)
         yaw = boxes[:, 6]
-        yaw[:] = np.deg2rad(yaw)  # in `boxes`
+        yaw[:] = np.deg2rad(yaw)  # a view: this changes `boxes`
         return make_labels(
             boxes,
             categories=[labelled.category for labelled in objects],

@@ -24,7 +24,7 @@ def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
 
 
 def level_frame(map_SE3_frame: Pose) -> Pose:
-    """Return the pose of a frame that boxes can be given in.
+    """Return the pose of a frame with z up, in which boxes can be given.
 
     A pose tilted by more than 8° is a sensor's, not a vehicle's: it is turned level, with its
     position and heading kept. Any other pose comes back as it is."""

@@ -39,6 +39,9 @@ Group = dict[str, int]
 def parse_epoch(name: str) -> float:
     """Parse a name as seconds since 1970, NaN for a name without a time.
 
+    A time is a whole number of seconds, milli-, micro- or nanoseconds, seconds with decimals, or
+    seconds and their fraction with `_` between them.
+
     >>> parse_epoch("1700000000004")
     1700000000.004
     >>> parse_epoch("1688625741_047447463")
@@ -55,7 +58,7 @@ def parse_epoch(name: str) -> float:
     if not _WHOLE.fullmatch(number):
         return float("nan")
     ticks = int(number)
-    # in the unit that makes it a time of our days
+    # the unit is the one that makes it a time from 1973 to 2100
     for rate in _TICKS_PER_SECOND:
         if EARLIEST_S * rate <= ticks < LATEST_S * rate:
             return ticks / rate
@@ -85,6 +88,7 @@ def parse_time(value: object, name: str) -> float | None:
         return None
     if seconds < LATEST_S:
         return seconds
+    # whole numbers as they are written, since a float has lost their last digits
     epoch = parse_epoch(text if text.isdigit() else f"{seconds:.0f}")
     if math.isnan(epoch):
         raise ValueError(f"{name} must be a time in s, ms, us or ns since 1970, got {text[:40]}")
@@ -168,7 +172,8 @@ def _find_partners(
     A group gets at most one cloud, the closest after the sensor's usual lag is taken off. times:
     times of the clouds (s, rising); centres: times of the groups (s, rising); period: time between
     two clouds of the fastest sensor (s)."""
-    lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
+    differences = times - centres[_find_nearest(times, centres)]
+    lag = _find_lag(differences, period)
     nearest_groups = _find_nearest(times - lag, centres)
     distances = np.abs(times - lag - centres[nearest_groups])
     groups = np.where(distances < MAX_JITTER_SHARE * period, nearest_groups, -1)

@@ -71,7 +71,7 @@ def crop_area(
     floor: float = 0.0,
     remedy: str = "",
 ) -> "PointCloud":
-    """Crop a cloud as `toolkit.clouds.crop` does, but raise ValueError if no point remains.
+    """Keep a cloud's points inside an area; raise ValueError if no point remains.
 
     area: xmin, ymin, xmax, ymax (m); height, floor: points with floor < z < height (m) stay,
     below 4 m by default; remedy: words that end the error, after the extent of the points."""

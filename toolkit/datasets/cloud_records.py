@@ -51,7 +51,8 @@ def read_cloud(
         world_SE3_sensor: its pose.
         problems: kinds and numbers of points left out are added to it.
         stamp_s: time of the cloud (s), None if unknown.
-        middles: middles of the recording's sensors; None for one cloud only.
+        middles: place from which each sensor's clouds are counted if they are kilometres from
+            their origin, the same for a whole recording; None for a single cloud.
 
     Raises FileNotFoundError, and ValueError for a file without readable points."""
     attributes = read_recorded(path)
@@ -143,7 +144,7 @@ class _PointColumns(NamedTuple):
     attributes: Mapping[str, np.ndarray]
     is_kept: Mask
 
-    def _list(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
+    def _kept_columns(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
         """Yield the attributes of these names, for the kept points, in the names' order.
 
         Names without an attribute are skipped, and attributes of another length. wide: True to take
@@ -159,12 +160,12 @@ class _PointColumns(NamedTuple):
 
     def find_intensity(self) -> Float32[np.ndarray, " n"] | None:
         """Intensities, None without any; OPV2V keeps them in the red of colours."""
-        intensity = next(self._list(_INTENSITIES, wide=True), None)
+        intensity = next(self._kept_columns(_INTENSITIES, wide=True), None)
         return None if intensity is None else intensity.astype(np.float32)
 
     def find_rings(self) -> Int64[np.ndarray, " n"] | None:
         """Laser of each point by the first column of whole numbers, None without one."""
-        for column in self._list(_RINGS):
+        for column in self._kept_columns(_RINGS):
             is_small = column.dtype.kind in "iu" or (np.abs(column) < _MAX_RINGS).all()
             if is_small and (column % 1 == 0).all():
                 return column.astype(np.int64)
@@ -177,7 +178,7 @@ class _PointColumns(NamedTuple):
         count = len(self.is_kept)
         for name, column in self.attributes.items():
             if is_time(name) and np.size(column) == count:
-                kept_times = next(self._list([name]))
+                kept_times = next(self._kept_columns([name]))
                 seconds = parse_point_times(name, kept_times)
                 add_problem(problems, UNTIMED, int(seconds is None))
                 return seconds

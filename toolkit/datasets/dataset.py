@@ -192,7 +192,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             for channel in self.channels
             if channel.depth_index is not None
         ]
-        shared_images = iter(published.measure_images(full_images))
+        shared_images = iter(published.measure_images(full_images))  # in the order of channels
         images = []
         for channel in self.channels:
             if channel.depth_index is None:

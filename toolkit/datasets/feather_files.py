@@ -69,6 +69,7 @@ def _batch_size(message: bytes, body: Any) -> int:
         table: position of its table in the message. The table begins with the distance back to a
         list: its size in bytes, the table's size, and each field's offset in the table, 2 bytes
         each."""
+        # "i" is a number of 4 bytes, "H" one of 2 bytes without sign
         field_list = table - number("i", table)
         entry = 4 + 2 * field_index
         list_size = number("H", field_list)

@@ -43,7 +43,7 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 
 
 def check_kinds(file: h5py.File) -> tuple[str, ...]:
-    """Check that groups and datasets are as the layout expects, and return `list_cameras`.
+    """Check that groups and datasets are as the layout expects; return the names of the cameras.
 
     Raises ValueError for a dataset in place of a group, for a group in place of a dataset, and for
     a file of recorded clouds."""

@@ -48,7 +48,7 @@ class Layout:
         def write_whole(frames: Iterable[Frame], path: Path) -> int:
             """Write all frames or nothing at a path; return their number."""
             numbers = itertools.count()
-            # takes a number with each frame that the writer takes
+            # each frame that the writer takes uses up a number: the next one is how many it took
             counted_frames = (frame for frame, _ in zip(frames, numbers, strict=False))
             with nullcontext(path) if self.file else writing_folder(path) as unfinished:
                 writer(counted_frames, unfinished)

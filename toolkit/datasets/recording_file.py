@@ -75,6 +75,7 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
 
     They are made in memory, so that whoever writes them can write all or none."""
     object_counts = [len(scene.frame.objects) for scene in scenes]
+    # in memory, which grows by 4 MiB at a time
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
         _create(file, header, frames=len(scenes), objects=sum(object_counts))
         # the objects of all frames are one after the other
@@ -135,7 +136,7 @@ def join(header: Header, shards: Sequence[Path], out: Path) -> None:
                     _add(joined, f"objects/{first_frame + number}", rows)
                 for name in dict.fromkeys(header.images):
                     _copy_chunks(shard[name], joined[name], first_frame)
-            check()
+            check()  # raises if the disk failed
             first_frame += frames
             first_object += objects
 

@@ -23,8 +23,8 @@ def read(
 ) -> Iterator[Frame]:
     """Open a recording and yield its frames with only their objects of some classes.
 
-    layout: see `open_recording`; classes: names or numbers, None for all.
-    Raises the errors of `open_recording`."""
+    layout: name of its layout, guessed by the path if None; classes: names or numbers, None for
+    all. Raises the errors of `open_recording`."""
     return filter_classes(open_recording(path, layout), classes)
 
 
@@ -32,11 +32,10 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
     """Yield frames with only their objects of some classes, None for all.
 
     Raises ValueError for an unknown class."""
-    class_numbers = None if classes is None else [label_index(label) for label in classes]
-    return (
-        frame if class_numbers is None else frame.of(np.isin(frame.objects.labels, class_numbers))
-        for frame in frames
-    )
+    if classes is None:
+        return (frame for frame in frames)
+    class_numbers = [label_index(label) for label in classes]
+    return (frame.of(np.isin(frame.objects.labels, class_numbers)) for frame in frames)
 
 
 @dataclass(frozen=True)

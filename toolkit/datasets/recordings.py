@@ -78,7 +78,7 @@ def guess_layout(path: str | Path) -> str:
         if ending in BAG_ENDINGS:
             return "rosbag"
         has_other_ending = ending not in _HDF5 and path.is_file()
-        if has_other_ending and not _head(path).startswith(b"\x89HDF"):
+        if has_other_ending and not _head(path).startswith(b"\x89HDF"):  # as HDF5 files do
             raise ValueError(
                 f"{path} is no recording: its ending is none of "
                 f"{', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"

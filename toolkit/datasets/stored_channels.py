@@ -33,8 +33,8 @@ class StoredChannel(NamedTuple):
 def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
     """List the sensors of a file and where their images are, in the order of a frame.
 
-    cameras: names of the groups in cameras/, in the order of `dslices`; site: places published
-    extrinsics."""
+    cameras: names of the groups in cameras/, in the order of the dataset `dslices`; site: its place
+    in the map, in which published cameras are placed. Raises ValueError for another layout."""
     stored: list[StoredChannel] = []
     has_shared_images = hdf5.contains(file, "dslices")
     if has_shared_images:
@@ -65,7 +65,8 @@ def _list_depth_channels(
 ) -> list[StoredChannel]:
     """List the cameras whose images are in the dataset `dslices`, in its order.
 
-    cameras: names of their groups in cameras/; site: places published extrinsics."""
+    cameras: names of their groups in cameras/; site: its place in the map, in which published
+    cameras are placed."""
     depth = hdf5.dataset(file, "dslices", kinds="fiub")
     if depth.ndim != 4 or depth.dtype.kind != "f":
         raise ValueError(

@@ -2,9 +2,9 @@
 
 - A static transform holds at all times, whatever its stamp. A later one of the same frame replaces
   it from the time on at which it was recorded, as a listener would see it.
-- The pose of a moving frame is interpolated between two transforms to one parent; before the first,
-  after the last and while its parent changes, the pose is the nearest transform's. `gap_s` is how
-  far away that is.
+- The pose of a moving frame is interpolated between two transforms to one parent; after the last
+  and while its parent changes, it is the pose of the last transform before, and before the first
+  the first one's. `gap_s` is how far away the transform is.
 - A frame that both topics place is static: tf2 keeps one history for a frame.
 - A transform that tf2 would not take is left out and counted: a quaternion not of length 1, numbers
   that are not finite, a frame without a name or in itself."""
