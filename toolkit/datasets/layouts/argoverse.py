@@ -131,7 +131,9 @@ def _parse_poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"
 
 
 def argoverse(path: Path) -> listing.Listing:
-    """Open a log, its sweeps as frames. Raises FileNotFoundError if the folder is not a log."""
+    """Open a log as a recording, its sweeps as frames that are read on demand.
+
+    Raises FileNotFoundError if the folder is not a log."""
     names = tuple(map(str, sweep_times(path)))
     annotations = path / "annotations.feather"
     labelled: list[str] = []
@@ -175,7 +177,7 @@ def _sample(log: Path, name: str) -> Frame:
     return Frame.of_clouds(
         name,
         clouds,
-        *labels_in_frame,
+        *labels_in_frame,  # objects, categories, counts, others
         time=time_ns * 1e-9,
         map_SE3_world=map_SE3_ego,
         problems=problems,

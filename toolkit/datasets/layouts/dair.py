@@ -58,9 +58,9 @@ _MAX_OFFSET_M = 1000.0  # correction of the position of the infrastructure
 
 
 def dair(path: Path) -> listing.Listing:
-    """Open the folder of one side or of the cooperative part.
+    """Open the folder of one side or of the cooperative part as a recording.
 
-    Raises FileNotFoundError for any other folder."""
+    Frames are read on demand. Raises FileNotFoundError for any other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
             return _open_pairs(root)
@@ -69,11 +69,10 @@ def dair(path: Path) -> listing.Listing:
         raise FileNotFoundError(
             f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/"
         )
-
     labelled = _list_labels(path, _LABELS)
     stamps = _read_stamps(path)
+    # clouds far from their sensor's origin are counted from the middle of the first one
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
-
     load = partial(_load_side, path, stamps, middles, bool(labelled))
     return listing.Listing(names, load, labelled=labelled)
 
@@ -102,7 +101,7 @@ def _load_side(
     return Frame.of_clouds(
         name,
         (cloud,),
-        *labels,
+        *labels,  # objects, categories, counts, others
         time=frame_times.frame_time([cloud]),
         complete=complete,
         map_SE3_world=map_SE3_lidar,
@@ -245,7 +244,7 @@ def _load_pair(
     return Frame.of_clouds(
         name,
         (road_cloud, car_cloud),
-        *labels,
+        *labels,  # objects, categories, counts, others
         time=frame_times.frame_time([road_cloud]),
         map_SE3_world=map_SE3_road,
         problems=problems,

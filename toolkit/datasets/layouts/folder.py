@@ -199,6 +199,7 @@ class _Loader:
         epoch_s = find_epoch(name)
         time = stated_time if epoch_s is None else epoch_s
         frame_time = float("nan") if time is None else time
+        # labels: objects, categories, counts, others
         return Frame.of_clouds(name, clouds, *labels, time=frame_time, problems=problems)
 
 

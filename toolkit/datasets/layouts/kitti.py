@@ -50,7 +50,9 @@ _KITTI_KINDS = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist"
 
 
 def kitti(path: Path) -> listing.Listing:
-    """Open a folder of KITTI's. Raises FileNotFoundError for any other folder."""
+    """Open a folder of KITTI's as a recording, whose frames are read on demand.
+
+    Raises FileNotFoundError for any other folder."""
     candidates = (path, path / "training", path / "testing")
     folder = next((folder for folder in candidates if (folder / "velodyne").is_dir()), None)
     if folder is None:
@@ -117,7 +119,7 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
     return Frame.of_clouds(
         name,
         (cloud,),
-        *labels_in_frame,
+        *labels_in_frame,  # objects, categories, counts, others
         complete=wedge,
         map_SE3_world=calibration.map_SE3_lidar,
         problems=problems,

@@ -59,11 +59,13 @@ _Row = dict[str, record_values.Unchecked]
 
 
 def nuscenes(path: Path) -> listing.Listing:
-    """Open a data root or its folder of tables; frames are in order of time.
+    """Open a data root or its folder of tables as a recording, whose frames are read on demand.
 
-    Raises FileNotFoundError for any other folder."""
+    Frames are samples, in order of time. Raises FileNotFoundError for any other folder."""
     folder = _find_folder(path)
-    tables = {name: _read_rows(folder / f"{name}.json", name in _LISTS) for name in _TABLES}
+    tables = {
+        name: _read_rows(folder / f"{name}.json", is_list=name in _LISTS) for name in _TABLES
+    }
     with name_damage(folder / "sample_data.json", "table"):
         lidars, unknown = _group_lidars(tables)
         between = 0
@@ -71,7 +73,7 @@ def nuscenes(path: Path) -> listing.Listing:
             timestamp = tables["sample"].get(token, {}).get("timestamp")
             lidars[token] = _drop_sweeps(tables, rows, timestamp)
             between += len(rows) - len(lidars[token])
-    labels: dict[str, list[_Row]] = {}
+    labels: dict[str, list[_Row]] = {}  # by token of the sample
     with name_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
@@ -139,7 +141,7 @@ def _group_lidars(tables: dict[str, dict[str, _Row]]) -> tuple[dict[str, list[_R
     return lidars, unknown_count
 
 
-def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
+def _read_rows(path: Path, *, is_list: bool) -> dict[str, _Row]:
     """Read the rows of a table by token.
 
     is_list: True for a table whose tokens no other refers to: all rows are kept, and repeated
@@ -188,6 +190,10 @@ def _load(
     is_clock: bool,
     token: str,
 ) -> Frame:
+    """Read the sample of a token; the arguments before it are the same for all samples.
+
+    tables: rows by token, by name of the table; lidars, labels: rows of sample_data and of
+    sample_annotation by token of the sample; is_clock: True if timestamps are times."""
     return _sample(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
 
 

@@ -70,7 +70,7 @@ def openlabel(path: Path) -> listing.Listing:
                 other_count += 1
                 continue
             content = entry(document, "openlabel")
-            described = _frames(content)
+            described = _list_frames(content)
             stem = file.relative_to(root).with_suffix("").as_posix()
             keys_by_name = {
                 stem if len(described) == 1 else f"{stem}#{key}": key for key in described
@@ -91,12 +91,14 @@ def openlabel(path: Path) -> listing.Listing:
     )
 
 
-def _frames(content: Unchecked) -> dict[str, Unchecked]:
+def _list_frames(content: Unchecked) -> dict[str, Unchecked]:
     """Return the frames of a file by key, in the order of their numbers.
 
-    A file of objects without frames, whose cuboids always hold, is one frame."""
+    A file of objects without frames, whose cuboids always hold, is one frame. content: what the
+    file holds under "openlabel"."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
+    # wrapped again, so that the error for a missing entry names openlabel.frames
     frames = dict(entry({"openlabel": content}, "openlabel", "frames"))
     return {key: frames[key] for key in sorted(frames, key=folders.natural_order)}
 
@@ -111,7 +113,7 @@ def _sample(
     file, key = frames[name]
     with name_damage(file, "OpenLABEL file"):
         content = entry(record_values.load_json(file), "openlabel")
-        frame = _frames(content)[key]
+        frame = _list_frames(content)[key]
         properties = frame.get("frame_properties") or {}
         seconds = parse_time(properties.get("timestamp"), "timestamp")
         sensors = find_sensors(file, content, frame, clouds, problems)

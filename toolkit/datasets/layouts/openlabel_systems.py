@@ -36,7 +36,7 @@ class Systems:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def find_root(self, name: str) -> tuple[str, Pose]:
-        """Return the name of a system's root, and the system's pose in the root.
+        """Return the name of a coordinate system's root, and the system's pose in the root.
 
         Raises ValueError if a pose on the way cannot be read, or the systems run in a circle."""
         ancestor = name
@@ -52,7 +52,7 @@ class Systems:
         raise ValueError(f"its coordinate systems run in a circle, through {ancestor!r}")
 
     def list_roots(self) -> set[str]:
-        """Return the names of the roots of all systems that can be read."""
+        """Return the names of the roots of all coordinate systems that can be read."""
         roots = set()
         for name in self.known:
             with suppress(ValueError):

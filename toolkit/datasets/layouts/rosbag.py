@@ -107,7 +107,7 @@ class Bag:
         next_number, frames = self._reading.pop() if self._reading else (0, iter(self))
         if index < next_number:
             next_number, frames = 0, iter(self)
-        frame = next(islice(frames, index - next_number, None))
+        frame = next(islice(frames, index - next_number, None))  # skips those before
         self._reading.append((index + 1, frames))
         return frame
 
@@ -297,8 +297,8 @@ def _make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject
     package = "geometry_msgs/msg"
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
     rotation = store.types[f"{package}/Quaternion"](x=x, y=y, z=z, w=w)
-    x, y, z = cloud.world_SE3_sensor[:3, 3].tolist()
-    position = store.types[f"{package}/Vector3"](x=x, y=y, z=z)
+    place = dict(zip("xyz", cloud.world_SE3_sensor[:3, 3].tolist(), strict=True))
+    position = store.types[f"{package}/Vector3"](**place)
     return store.types[f"{package}/TransformStamped"](
         header=_make_header(store, stamp_ns, frame="world"),
         child_frame_id=cloud.name,

@@ -39,7 +39,9 @@ _NAMES = frame_labels.COMMON_NAMES | {"cyclist": "Bicycle"}
 
 
 def sustech(path: Path) -> Listing:
-    """Open the folder of a scene. Raises FileNotFoundError if it is not a scene."""
+    """Open the folder of a scene as a recording, whose frames are read on demand.
+
+    Raises FileNotFoundError if it is not a scene."""
     clouds = [file for file in folders.list_files(path / "lidar") if file.suffix.lower() in ENDINGS]
     file_by_name: dict[str, Path] = {}
     # of several files of one name, the one with the ending that comes first in ENDINGS
@@ -50,6 +52,7 @@ def sustech(path: Path) -> Listing:
     if not files:
         raise FileNotFoundError(f"{path} is no SUSTechPOINTS scene: it has no lidar/*.pcd")
     labelled = [file.stem for file in folders.list_files(path / "label", "*.json")]
+    # clouds far from their sensor's origin are counted from the middle of the first one
     middles = Middles({"lidar": next(iter(files.values()))})
     load = partial(_sample, path, files, middles, bool(labelled))
     noted = {problem_kinds.DOUBLED_CLOUDS: len(clouds) - len(files)}
@@ -83,9 +86,13 @@ def _sample(
     frame_labels.count_full_turns(angles[:, 2], problems)
     headings = box_frames.find_headings(_make_rotations(angles), problems)
     boxes = np.column_stack([np.array(centres_and_sizes).reshape(-1, 6), headings])
-    frame_objects = frame_labels.make_labels(boxes, categories, ids, problems)
+    labels_in_frame = frame_labels.make_labels(boxes, categories, ids, problems)
     return Frame.of_clouds(
-        name, (cloud,), *frame_objects, time=frame_times.frame_time([cloud]), problems=problems
+        name,
+        (cloud,),
+        *labels_in_frame,  # objects, categories, counts, others
+        time=frame_times.frame_time([cloud]),
+        problems=problems,
     )
 
 
