@@ -67,7 +67,7 @@ def check_boxes(boxes: ArrayLike, name: str = "boxes") -> BoxRows:
 
 
 def footprints(boxes: ArrayLike) -> Float64[np.ndarray, "n 4 2"]:
-    """Ground corners of each box, counter-clockwise from front left.
+    """Ground corners (x, y) of each box, counter-clockwise from front left.
 
     >>> footprints([[10, 0, 1, 4, 2, 1.5, 0]]).tolist()
     [[[12.0, 1.0], [8.0, 1.0], [8.0, -1.0], [12.0, -1.0]]]
@@ -91,23 +91,23 @@ def corners(boxes: ArrayLike) -> Float64[np.ndarray, "n 8 3"]:
 
 
 def iou_bev(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """IoU of the footprints, exact for any yaw.
+    """IoU of the footprint of each box of `a` with each of `b`, exact for any yaw.
 
     >>> iou_bev([[0, 0, 0, 4, 2, 1, 0]], [[2, 0, 9, 4, 2, 1, np.pi]]).round(6)
     array([[0.333333]])
     >>> iou_bev([], [[0, 0, 0, 4, 2, 1, 0]]).shape
     (0, 1)
     """
-    return _matrix(a, b, partial(_iou_pairs, metric="bev"))
+    return _measure_all_pairs(a, b, partial(_iou_pairs, metric="bev"))
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """IoU of the volumes, exact for any yaw (paper equation 3).
+    """IoU of the volume of each box of `a` with each of `b`, exact for any yaw (paper equation 3).
 
     >>> iou_3d([[0, 0, 0, 4, 2, 1, 0]], [[0, 0, 0.5, 4, 2, 1, 0]]).round(6)
     array([[0.333333]])
     """
-    return _matrix(a, b, partial(_iou_pairs, metric="3d"))
+    return _measure_all_pairs(a, b, partial(_iou_pairs, metric="3d"))
 
 
 def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
@@ -121,7 +121,7 @@ def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
         length, width = first[:, 3], first[:, 4]
         return _overlap_area(first, second) / (length * width)
 
-    return _matrix(a, b, covered_share)
+    return _measure_all_pairs(a, b, covered_share)
 
 
 def nms(
@@ -283,7 +283,7 @@ def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, n
     return forward * cos - left * sin, forward * sin + left * cos
 
 
-def _matrix(
+def _measure_all_pairs(
     a: ArrayLike, b: ArrayLike, measure_pairs: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Return a measure of overlap (n, m) of each of n boxes `a` with each of m boxes `b`.

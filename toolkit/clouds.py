@@ -49,7 +49,8 @@ def from_depth(
 ) -> PointCloud:
     """Return the cloud, world frame, of one depth or lidar range image (paper equations 1 and 2).
 
-    rng draws its noise first; without one the image is taken as it is.
+    rng: draws noise that is added to the image first, None for none; sensor_id: number of the
+    sensor, which each point gets.
     """
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)

@@ -89,7 +89,7 @@ class SensorCloud:
                 "unknown"
             )
         pose = check_pose(self.world_SE3_sensor, f"pose of {self.name!r}")
-        set_fields(self, world_SE3_sensor=pose)
+        set_fields(self, world_SE3_sensor=pose)  # as float64; the dataclass is frozen
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
         """Points (m) in the sensor's frame, as float64."""
@@ -191,6 +191,7 @@ class ImageWedge(Region):
         Boxes do not count if more than `IGNORED_SHARE` of their rectangle in the image is in an
         ignored region."""
         centres = boxes[:, :3]
+        # pixels from the left and from the top, and metres from the camera
         u, v, depth = self._pixels(centres)
         is_inside = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
         if not self.ignored:
@@ -437,7 +438,10 @@ class Frame(Displayed):
             world_points, has_return = unproject(sensor, measurement, shift)
             body = sensor.world_SE3_body
             body_points = transform(invert(body), world_points.T[has_return].astype(np.float64))
-            clouds.append(SensorCloud(sensor.name, body_points.astype(np.float32), body))
+            cloud = SensorCloud(
+                sensor.name, points=body_points.astype(np.float32), world_SE3_sensor=body
+            )
+            clouds.append(cloud)
         return tuple(clouds)
 
     def points(self) -> Float64[np.ndarray, "n 3"]:

@@ -21,6 +21,7 @@ class ErrorProfile:
     terms: tuple[ErrorTerm, ...]
 
     def __post_init__(self) -> None:
+        """Raise ValueError for an empty name, and for a term that is no error term."""
         if not self.name:
             raise ValueError(
                 "an error profile needs a name, got an empty one: results say which it was"

@@ -71,7 +71,8 @@ class ClockOffset(_Term):
     def _change(self, reading: Reading, draws: Draws) -> Reading:
         """Shift each pixel's point as far as its object moves during the clock's offset.
 
-        Pixels without object stay, and pixels that an earlier error moved off their object."""
+        Pixels without object stay, and pixels that an earlier error moved off their object.
+        `self.offset` is the standard deviation (s) of the sensors' offsets."""
         truth = reading.truth
         if truth.velocities is None:
             raise ValueError(
@@ -101,12 +102,14 @@ class DropOut(_Term):
     steepness: float = 2.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns at random, more of them far away and at grazing incidence."""
+        """Drop `self.share` of the returns, and more of them far away and at grazing incidence."""
         # probability that each pixel keeps its return
         chance = np.full(reading.measurement.shape, 1.0 - self.share)
         truth = reading.truth
-        if self.half_range:
-            chance *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
+        if self.half_range:  # 0 for no loss by range
+            chance *= chance_of_return(
+                truth.ranges, truth.cosines, half_range=self.half_range, steepness=self.steepness
+            )
         return reading.without(draws.of_frame().random(chance.shape) >= chance)
 
 
@@ -192,7 +195,10 @@ class MixedPixels(_Term):
     reach: float = 1000.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Move some pixels next to an edge towards the measurement of one of their neighbours."""
+        """Move some pixels next to an edge towards the measurement of one of their neighbours.
+
+        An edge is a difference between `self.gap` and `self.reach` (m); `self.share` of the pixels
+        there move."""
         image = reading.measurement
         rng = draws.of_frame()
         # three draws for every pixel in this order, so that results stay the same
@@ -224,7 +230,9 @@ class Calibration(_Term):
     translation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Move the believed pose by a rotation and a translation that stay for the recording."""
+        """Move the believed pose by a rotation and a translation that stay for the recording.
+
+        `self.rotation` (rad) and `self.translation` (m) are root mean squares of their sizes."""
         # rotation about and translation along x, y, z of the sensor; / sqrt(3) gives the length of
         # each vector a root mean square of 1
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
@@ -250,7 +258,9 @@ class PoleSway(_Term):
     period: float = 3.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Tilt and move the believed pose as the pole's tip sways at the time of the frame."""
+        """Tilt and move the believed pose as the pole sways at the time of the frame.
+
+        `self.amplitude` (rad) is how far its tip turns, `self.period` (s) the mean period."""
         position = reading.truth.sensor.position
         height = max(position[2], 0.0)
         # shares from 0 to 1, the same in every frame: heading and phase as shares of a full turn
@@ -307,9 +317,10 @@ class RangeNoise(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Add normal noise with the standard deviation of the class's law to all returns.
+        """Add normal noise to all returns; its standard deviation (m) grows with the measurement z.
 
-        The reading itself comes back for a sensor that does not measure `self.measures`."""
+        The reading itself comes back for a sensor that measures another quantity than
+        `self.measures`, "depth" or "range"."""
         if self.measures not in (None, reading.truth.sensor.model.measures):
             return reading
         z = np.where(reading.valid, reading.measurement, np.float32(0))
@@ -375,7 +386,9 @@ class Glass(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Move returns from glass to anywhere inside the vehicle, or drop them."""
+        """Move returns from glass to anywhere inside the vehicle, or drop them.
+
+        `self.share` of the window band is glass; `self.behind` of the rays through it return."""
         # three draws for every pixel in this order, so that results stay the same
         rng = draws.of_frame()
         shape = reading.measurement.shape
@@ -440,6 +453,7 @@ class Paint(_Term):
             return reading
         is_vehicle = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
         is_dark = (draws.of_objects(truth.objects.ids) < self.share) & is_vehicle
+        # `self.wet` of a wet vehicle, and `self.dark` of a dark one, relative to others
         reflectivity = np.where(is_vehicle, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
         # owners: row of the object in each pixel; 1 last, for -1, no object
         pixel_reflectivity = np.append(reflectivity, 1.0)[truth.owners]
@@ -511,7 +525,10 @@ class Weather(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns by the light lost on the way, then let drops in front of them return."""
+        """Drop returns by the light lost on the way, then let drops in front of them return.
+
+        `self.extinction` (1/m) is how fast light is lost, `self.share` the share of rays into the
+        open that meet a drop, and `self.reach` (m) how far most drops are."""
         rng = draws.of_frame()
         truth = reading.truth
         # two draws for every pixel, even if only one is used

@@ -146,7 +146,7 @@ class DepthCamera(_Noisy):
 
         sensor_corners: corners of each box (x right, y down, z forward; m). row: row of the box in
         it; bottom and right are excluded. Boxes out of view have no rectangle."""
-        points = _cut_behind(sensor_corners)
+        points = _cut_behind(sensor_corners)  # (box, point, 3)
         depth = points[..., 2:]
         is_ahead = depth >= NEAR - 1e-6
         focal = self.intrinsic[0, 0]
@@ -201,7 +201,8 @@ class AngleGrid(NamedTuple):
 def unit_rays(grid: AngleGrid) -> ImageVectors:
     """Unit ray (x forward, y left, z up) of each row and column of a lidar's image.
 
-    Rows have equal elevation, columns equal azimuth. It is read-only, since it is cached."""
+    grid: elevation of each row, number of columns, the angle that they cover, and the azimuth of
+    their middle (rad). The result is read-only, since it is cached."""
     elevation = np.array(grid.elevations)[:, None]
     columns_from_middle = np.arange(grid.columns) - (grid.columns - 1) / 2
     azimuth = grid.heading + columns_from_middle * grid.width / grid.columns

@@ -142,8 +142,8 @@ class TrueImage:
         normal = np.cross(column_step, row_step)
         area = np.linalg.norm(normal, axis=2)
         is_known = self.valid & (area > 0)
-        product = np.abs(np.einsum("ijk,ijk->ij", normal, rays))
-        cosine = product / np.where(is_known, area * self.ray_lengths, 1)
+        dot_product = np.abs(np.einsum("ijk,ijk->ij", normal, rays))
+        cosine = dot_product / np.where(is_known, area * self.ray_lengths, 1)
         return np.where(is_known, np.clip(cosine, 0, 1), 1).astype(np.float32)
 
 

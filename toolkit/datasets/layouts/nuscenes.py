@@ -63,9 +63,7 @@ def nuscenes(path: Path) -> listing.Listing:
 
     Frames are samples, in order of time. Raises FileNotFoundError for any other folder."""
     folder = _find_folder(path)
-    tables = {
-        name: _read_rows(folder / f"{name}.json", is_list=name in _LISTS) for name in _TABLES
-    }
+    tables = {name: _read_rows(folder / f"{name}.json", is_list=name in _LISTS) for name in _TABLES}
     with name_damage(folder / "sample_data.json", "table"):
         lidars, unknown = _group_lidars(tables)
         between = 0
