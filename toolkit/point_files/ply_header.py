@@ -104,7 +104,8 @@ def _parse_property(words: list[str], order: str) -> PlyProperty:
 
     words: words after "property"; order: byte order as NumPy's types state it, "" for text. Raises
     ValueError for an unknown type."""
-    *type_words, name = words or [""]
+    type_words = words[:-1]
+    name = words[-1] if words else ""
     length_type = None
     if len(type_words) == 3 and type_words[0] == "list":
         length_type = _PLY_TYPES.get(type_words[1], "f")

@@ -140,7 +140,7 @@ def argoverse(path: Path) -> listing.Listing:
     if lexists(annotations):
         with name_damage(annotations, "table of labels"):
             labelled = np.unique(_get_stamps(read_table(annotations))).astype(str).tolist()
-    return listing.Listing(names, partial(_sample, path), labelled=labelled)
+    return listing.Listing(names, partial(_read_frame, path), labelled=labelled)
 
 
 def _get_stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -156,7 +156,7 @@ def _get_stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
     return stamps
 
 
-def _sample(log: Path, name: str) -> Frame:
+def _read_frame(log: Path, name: str) -> Frame:
     """Read the sweep of a name, its time in ns, as a frame. log: folder of the log."""
     problems: problem_kinds.Problems = {}
     time_ns = int(name)

@@ -82,10 +82,10 @@ def hdf5_clouds(path: Path) -> Listing:
 
 def _load(path: Path, numbers: Mapping[str, int], name: str) -> Frame:
     with _open(path) as file:
-        return _sample(file, f"samples/{numbers[name]}", name)
+        return _read_frame(file, f"samples/{numbers[name]}", name)
 
 
-def _sample(file: h5py.File, path: str, name: str) -> Frame:
+def _read_frame(file: h5py.File, path: str, name: str) -> Frame:
     """Read a frame. path: path of its group in the file; name: name of the frame."""
     about = parse_json(reader.text(file, f"{path}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))

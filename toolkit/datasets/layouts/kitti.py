@@ -65,11 +65,11 @@ def kitti(path: Path) -> listing.Listing:
     labelled = [file.stem for file in folders.list_files(folder / "label_2", "*.txt")]
     # clouds far from their sensor's origin are counted from the middle of the first one
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    load = partial(_sample, folder, middles, bool(labelled))
+    load = partial(_read_frame, folder, middles, bool(labelled))
     return listing.Listing(names, load, labelled=labelled)
 
 
-def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
+def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
     problems: problem_kinds.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = cloud_records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)

@@ -85,7 +85,7 @@ def openlabel(path: Path) -> listing.Listing:
             f"{path} holds no OpenLABEL files, but {other_count} other *.json, such as "
             f"{files[0].name}"
         )
-    load = partial(_sample, frames, clouds, Middles(first_clouds))
+    load = partial(_read_frame, frames, clouds, Middles(first_clouds))
     return listing.Listing(
         tuple(frames), load, labelled=frames, known=cloud_names, noted={NOT_OPENLABEL: other_count}
     )
@@ -103,7 +103,7 @@ def _list_frames(content: Unchecked) -> dict[str, Unchecked]:
     return {key: frames[key] for key in sorted(frames, key=folders.natural_order)}
 
 
-def _sample(
+def _read_frame(
     frames: dict[str, tuple[Path, str]], clouds: CloudFiles, middles: Middles, name: str
 ) -> Frame:
     """Read the frame of a name.

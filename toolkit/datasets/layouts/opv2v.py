@@ -117,10 +117,10 @@ def _load(
     scenario = files[0].parent.parent  # a file is SCENARIO/AGENT/TICK.yaml
     problems: problem_kinds.Problems = {}
     problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < counts[scenario]))
-    return _sample(name, files, mirror, problems)
+    return _read_frame(name, files, mirror, problems)
 
 
-def _sample(
+def _read_frame(
     name: str, files: list[Path], mirror: np.ndarray, problems: problem_kinds.Problems
 ) -> Frame:
     contents = []

@@ -70,7 +70,7 @@ def rcooper(path: Path) -> Listing:
             f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd"
         )
 
-    load = partial(_sample, path, names, noted, bool(labelled))
+    load = partial(_read_frame, path, names, noted, bool(labelled))
     return Listing(tuple(names), load, labelled=labelled, known=cloud_names)
 
 
@@ -109,7 +109,7 @@ def _time(file: Path) -> tuple[float, tuple[str | int, ...]]:
         return float("inf"), natural_order(file.stem)
 
 
-def _sample(
+def _read_frame(
     root: Path,
     clouds_of: Mapping[str, list[tuple[str, Path]]],
     noted: Mapping[str, Problems],

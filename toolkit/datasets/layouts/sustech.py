@@ -54,12 +54,12 @@ def sustech(path: Path) -> Listing:
     labelled = [file.stem for file in folders.list_files(path / "label", "*.json")]
     # clouds far from their sensor's origin are counted from the middle of the first one
     middles = Middles({"lidar": next(iter(files.values()))})
-    load = partial(_sample, path, files, middles, bool(labelled))
+    load = partial(_read_frame, path, files, middles, bool(labelled))
     noted = {problem_kinds.DOUBLED_CLOUDS: len(clouds) - len(files)}
     return Listing(tuple(files), load, labelled=labelled, noted=noted)
 
 
-def _sample(
+def _read_frame(
     folder: Path, files: dict[str, Path], middles: Middles, is_labelled: bool, name: str
 ) -> Frame:
     """Read the frame of a name: its cloud and its labels.
