@@ -300,7 +300,7 @@ def _measure_all_pairs(
 
 
 def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
-    """Return the IoU of each row of `a` with the same row of `b`: of footprints or of volumes."""
+    """Return the IoU of each row of `a` with the same row of `b`, by footprint or volume."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
     length_a, width_a = a[:, 3], a[:, 4]

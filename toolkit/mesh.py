@@ -52,7 +52,7 @@ def _loft_triangles(ring_count: int, points_per_ring: int) -> Int64[np.ndarray, 
 
     Vertices are the points ring by ring, then the centres of the first and of the last ring.
     """
-    # all of these are row numbers of vertices; in the first ring
+    # these are row numbers of vertices; first in the first ring
     point = np.arange(points_per_ring)
     next_point = (point + 1) % points_per_ring
     # a piece of the skin is a quadrilateral: its lower edge from a to b, and its upper edge

@@ -132,7 +132,7 @@ def _mark_sound(
     add_problem(problems, EMPTY, int(not is_kept.any()))
     if is_kept.any():
         points = positions[is_kept]
-        middle = np.median(points[:: len(points) // 1000 + 1], axis=0)  # of a thousand, for speed
+        middle = np.median(points[:: len(points) // 1000 + 1], axis=0)  # a thousand are enough
         is_far = np.linalg.norm(points - middle, axis=1) > _FAR_POINT_M
         add_problem(problems, FAR_POINTS, int(is_far.sum()))
     return is_kept

@@ -184,7 +184,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         """Read the image of each sensor (m, 0 for no return) in the frame of a number.
 
         A channel with a `depth_index` shares its dataset with others, in the published form: the
-        full image, of which only every `stride`-th pixel is measured."""
+        full image, with only every `stride`-th pixel measured."""
         dataset_names = dict.fromkeys(channel.name for channel in self.channels)
         arrays = {name: hdf5.rows(self.open_dataset(name), name, number) for name in dataset_names}
         full_images = [

@@ -88,7 +88,7 @@ def make_labels(
         row_counts = np.asarray(counts, np.int64)
         object_counts = _known_counts(row_counts[rows])
         other_counts = _known_counts(row_counts[other_rows])
-    others = OtherObjects(
+    other_objects = OtherObjects(
         boxes[other_rows],
         categories=tuple(str(categories[row]) for row in other_rows.tolist()),
         counts=other_counts,
@@ -97,7 +97,7 @@ def make_labels(
         objects=Objects(boxes[rows], labels=classes[rows], ids=tracks),
         categories=tuple(str(categories[row]) for row in rows.tolist()),
         counts=object_counts,
-        others=others,
+        others=other_objects,
     )
 
 

@@ -51,7 +51,7 @@ def check_kinds(file: h5py.File) -> tuple[str, ...]:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     cameras = list_cameras(file)
     camera_groups = [f"cameras/{name}" for name in cameras]
-    kinds = hdf5.find_kinds(file, ("dslices", *_GROUPS, *camera_groups))  # of those in the file
+    kinds = hdf5.find_kinds(file, ("dslices", *_GROUPS, *camera_groups))
     for name, kind in kinds.items():
         expected_kind = h5py.Dataset if name == "dslices" else h5py.Group
         if not issubclass(kind, expected_kind):

@@ -76,7 +76,7 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
 
     This is so if no label has a cloud, or if the first frames of an unknown site have no label.
     frames: number of first frames to look at, None for all."""
-    source = recording  # as it was opened, without the views of it
+    source = recording  # as it was opened, under all views
     while isinstance(source, RecordingView):
         source = source.recording
     if (

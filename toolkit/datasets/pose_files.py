@@ -138,8 +138,8 @@ def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
     w, x, y, z = quaternion.tolist()
     if w == x == 0.0:
         return z != 0.0
-    # z of the sensor's z axis is 1 - 2 (x² + y²), positive for an upright sensor; if w is the last
-    # of the four, the first two are really x and y
+    # z of the sensor's z axis is 1 - 2 (x² + y²), positive for an upright sensor; if w comes last,
+    # the first two numbers are really x and y
     up_if_w_first = 1 - 2 * (x**2 + y**2)
     up_if_w_last = 1 - 2 * (w**2 + x**2)
     return up_if_w_first < 0 < up_if_w_last

@@ -151,7 +151,7 @@ def _copy_chunks(source: h5py.Dataset, target: h5py.Dataset, first_frame: int) -
 
 
 def _create(file: h5py.File, header: Header, *, frames: int, objects: int) -> None:
-    """Make all groups and datasets of a file; leave those of frames and objects to be filled.
+    """Make all groups and datasets of a file; leave frames and objects to be filled in.
 
     frames, objects: their numbers in the file."""
     coview_group = file.create_group("coview")

@@ -71,7 +71,7 @@ class FrameHistory:
     def from_links(by_time: Mapping[int, TransformLink]) -> "FrameHistory":
         """Make the history of one frame from its transforms by time (ns), in any order.
 
-        All of them must have a pose."""
+        Every transform must have a pose."""
         times = sorted(by_time)
         links = [by_time[time] for time in times]
         poses = [link.parent_SE3_child for link in links if link.parent_SE3_child is not None]

@@ -4,22 +4,22 @@
 def decompress_lzf(packed: bytes, size: int) -> bytes:
     """Decompress bytes of the library LibLZF. Raises ValueError unless they make `size` bytes."""
     out = bytearray()
-    place = 0  # in `packed`
+    position = 0  # in `packed`
     try:
-        while place < len(packed):
-            control = packed[place]
+        while position < len(packed):
+            control = packed[position]
             if control < 32:  # control + 1 plain bytes follow
-                out += packed[place + 1 : place + 2 + control]
-                place += 2 + control
+                out += packed[position + 1 : position + 2 + control]
+                position += 2 + control
                 continue
             # else a copy of earlier output: its length in the upper three bits, and its distance in
             # the other five and the next byte
             length = control >> 5
             if length == 7:  # a further byte of length
-                place += 1
-                length += packed[place]
-            distance = ((control & 31) << 8) + packed[place + 1] + 1
-            place += 2
+                position += 1
+                length += packed[position]
+            distance = ((control & 31) << 8) + packed[position + 1] + 1
+            position += 2
             start = len(out) - distance
             length = length + 2
             if start < 0 or len(out) > size:
@@ -29,6 +29,6 @@ def decompress_lzf(packed: bytes, size: int) -> bytes:
             out += (source * (length // distance + 1))[:length]
     except IndexError:  # cut off
         pass
-    if place != len(packed) or len(out) != size:
+    if position != len(packed) or len(out) != size:
         raise ValueError("its compressed points are damaged")
     return bytes(out)

@@ -394,7 +394,7 @@ class Glass(_Term):
         shape = reading.measurement.shape
         is_pane = rng.random(shape) < self.share  # not a pillar
         returns_from_inside = rng.random(shape) < self.behind
-        depth_share = rng.random(shape)  # of the way from the glass to the far side
+        depth_share = rng.random(shape)  # share of the way from the glass to the far side
         is_glass = self.band(reading.truth) & is_pane & reading.valid
         is_inside = is_glass & returns_from_inside
         pixels = np.flatnonzero(is_inside)
@@ -478,7 +478,7 @@ def _depths_of_boxes(
     pixels: flat numbers of pixels (row after row) that show an object."""
     boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
     centres = boxes[:, :3]
-    half_extents = boxes[:, 3:6] / 2  # of length, width and height
+    half_extents = boxes[:, 3:6] / 2  # half length, width and height
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     # from here on along each box's length, width and height, from its centre
@@ -525,7 +525,7 @@ class Weather(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop returns by the light lost on the way, then let drops in front of them return.
+        """Drop returns by the light lost on the way, then let drops nearer than them return.
 
         `self.extinction` (1/m) is how fast light is lost, `self.share` the share of rays into the
         open that meet a drop, and `self.reach` (m) how far most drops are."""

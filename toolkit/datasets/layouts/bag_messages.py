@@ -138,7 +138,8 @@ def _make_parser(
 ) -> Callable[[bytes], RosObject]:
     """Make the parser of one message type, by its definition in the bag, else by ROS 2 Humble's.
 
-    kind: the message type; readers: of rosbags, for the bag's files; has_seq: True for ROS 1."""
+    kind: the message type; readers: rosbags' readers of the bag's files; has_seq: True for ROS
+    1."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 

@@ -187,7 +187,7 @@ def _open_pairs(root: Path) -> listing.Listing:
     car = root / "vehicle-side"
     with name_damage(index, "list of pairs"):
         all_rows = record_values.as_list(record_values.load_json(index))
-        # all of them if no pair has its clouds, so that reading explains it
+        # if no pair has its clouds, all pairs, so that reading explains it
         rows_with_clouds = [row for row in all_rows if _has_clouds(row, road, car)] or all_rows
         pairs = _name_pairs(rows_with_clouds)
         # labels go by the name of the vehicle's cloud

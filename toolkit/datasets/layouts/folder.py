@@ -170,7 +170,7 @@ class _Loader:
     middles: Middles
 
     def __call__(self, name: str) -> Frame:
-        """Read the frame of a name: its clouds, and the labels under the name of one of them."""
+        """Read the frame of a name: its clouds, and the labels under the name of a cloud."""
         files = self.names[name]
         problems = problem_kinds.Problems()
         label_names = [stem for stem in map(_stem, files.values()) if stem in self.entries]
@@ -208,8 +208,8 @@ def _find_remedy(path: Path) -> str:
     recordings = sorted(entry for pattern in RECORDED for entry in path.glob(pattern))
     recordings += [entry.parent for entry in sorted(path.glob("*/metadata.yaml"))]
     if recordings:
-        others = f" or another of its {len(recordings)}" if len(recordings) > 1 else ""
-        return f"give the recording in it, {recordings[0]}{others}"
+        hint = f" or another of its {len(recordings)}" if len(recordings) > 1 else ""
+        return f"give the recording in it, {recordings[0]}{hint}"
     files = sorted(file for file in (*path.glob("*"), *path.glob("*/*")) if file.is_file())
     files = [file for file in files if file.name not in POSES]
     for endings, remedy in SCANS.items():

@@ -93,13 +93,15 @@ def _read_frame(file: h5py.File, path: str, name: str) -> Frame:
     labels = reader.array(file, f"{path}/labels", axes=1, kinds="iu").astype(np.int64)
     ids = reader.array(file, f"{path}/ids", axes=1, kinds="iu").astype(np.int64)
     objects = Objects(_read_boxes(file, f"{path}/boxes"), labels=labels, ids=ids)
-    others = OtherObjects(
+    other_objects = OtherObjects(
         boxes=_read_boxes(file, f"{path}/others"),
         categories=tuple(map(str, as_list(entry(about, "others"), "others"))),
         counts=_read_counts(file, f"{path}/others_counts"),
     )
-    if others.categories and len(others.categories) != len(others.boxes):
-        raise ValueError(f"{len(others.boxes)} other boxes but {len(others.categories)} names")
+    if other_objects.categories and len(other_objects.categories) != len(other_objects.boxes):
+        raise ValueError(
+            f"{len(other_objects.boxes)} other boxes but {len(other_objects.categories)} names"
+        )
     time = entry(about, "time")
     map_SE3_world = reader.array(file, f"{path}/map_SE3_world", axes=2)
     problems = entry(about, "problems")
@@ -109,7 +111,7 @@ def _read_frame(file: h5py.File, path: str, name: str) -> Frame:
         objects,
         categories=tuple(map(str, as_list(entry(about, "categories"), "categories"))),
         counts=_read_counts(file, f"{path}/counts"),
-        others=others,
+        others=other_objects,
         complete=parse_region(entry(about, "complete")),
         time=float("nan") if time is None else as_number(time, "time"),
         map_SE3_world=rigid_matrix(map_SE3_world, "map_SE3_world"),

@@ -170,7 +170,7 @@ def _drop_sweeps(
     if len(set(channels)) == len(rows):
         return rows
     sample_time = as_number(stamp, "timestamp")
-    distances: dict[str, float] = {}  # of each channel's nearest row
+    distances: dict[str, float] = {}  # each channel's nearest row so far
     nearest_index: dict[str, int] = {}
     for index, (channel, row) in enumerate(zip(channels, rows, strict=True)):
         distance = abs(as_number(entry(row, "timestamp"), "timestamp") - sample_time)
@@ -369,7 +369,7 @@ def _write_cloud(
     """Write a cloud's file, and add its rows to sample_data and calibrated_sensor in `tables`.
 
     channel: name of its sensor; token: token of its sample; time_s: time of the cloud (s)."""
-    cloud_token = f"{token}_{channel}"  # of its calibration too
+    cloud_token = f"{token}_{channel}"  # for its calibration too
     file = f"samples/{channel}/{token}.pcd.bin"
     ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
     columns = cloud.in_sensor(), cloud_records.get_intensity(cloud), ring

@@ -164,7 +164,7 @@ def _place_sensors(
     counted in `problems`, which is changed in place.
 
     systems: coordinate systems of the frame; sensors: names of the sensors with a cloud."""
-    # of each sensor that is a coordinate system: its root and its pose in it
+    # for each sensor that is a coordinate system: its root, and its pose in the root
     root_and_pose = {
         sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known
     }

@@ -125,7 +125,7 @@ def _read_frame(
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
     objects_of_agents: list[Objects] = []
-    categories: list[str] = []  # of all agents' objects, one agent after the other
+    categories: list[str] = []  # for all objects, one agent after the other
     for agent, file in clouds_of[name]:
         pose = read_transform(root / "calib" / "lidar2world" / f"{agent}.json")
         clouds.append(read_cloud(file, agent, pose, problems, stamp_s=find_epoch(file.stem)))

@@ -122,7 +122,7 @@ class Bag:
             for number, group in enumerate(self.groups)
             for topic, index in group.items()
         }
-        counts = dict.fromkeys(self.topics, 0)  # of the messages read so far
+        counts = dict.fromkeys(self.topics, 0)  # messages read so far
         waiting: dict[int, dict[str, BagMessage]] = {}  # clouds by frame number and topic
         next_frame = 0
         for message in read_messages(self.path, CLOUD):
@@ -297,8 +297,8 @@ def _make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject
     package = "geometry_msgs/msg"
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
     rotation = store.types[f"{package}/Quaternion"](x=x, y=y, z=z, w=w)
-    place = dict(zip("xyz", cloud.world_SE3_sensor[:3, 3].tolist(), strict=True))
-    position = store.types[f"{package}/Vector3"](**place)
+    coordinates = dict(zip("xyz", cloud.world_SE3_sensor[:3, 3].tolist(), strict=True))
+    position = store.types[f"{package}/Vector3"](**coordinates)
     return store.types[f"{package}/TransformStamped"](
         header=_make_header(store, stamp_ns, frame="world"),
         child_frame_id=cloud.name,

@@ -44,7 +44,7 @@ def sustech(path: Path) -> Listing:
     Raises FileNotFoundError if it is not a scene."""
     clouds = [file for file in folders.list_files(path / "lidar") if file.suffix.lower() in ENDINGS]
     file_by_name: dict[str, Path] = {}
-    # of several files of one name, the one with the ending that comes first in ENDINGS
+    # a name with several files gets the one whose ending comes first in ENDINGS
     for file in sorted(clouds, key=lambda file: ENDINGS.index(file.suffix.lower())):
         file_by_name.setdefault(file.stem, file)
     names = sorted(file_by_name, key=folders.natural_order)
