@@ -47,6 +47,7 @@ class Listing(DisplayedRecording):
         if not is_first:
             return frame
         problems = dict(frame.problems)
+        # labels without a cloud, and what the reader noted
         for kind, count in {STRAY: len(self.strays), **self.noted}.items():
             add_problem(problems, kind, count)
         return replace(frame, problems=problems) if problems != frame.problems else frame

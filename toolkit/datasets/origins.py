@@ -33,7 +33,7 @@ def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
     """Return the median of points, rounded to a metre; zeros unless most are far from the origin.
 
     Points that are not finite or all 0, which some drivers write for no return, do not count."""
-    sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]
+    sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]  # evenly taken
     is_return = np.isfinite(sample).all(axis=1) & (sample != 0).any(axis=1)
     sample = sample[is_return]
     is_far = np.abs(sample).max(axis=1, initial=0) > NEAR_ORIGIN_M

@@ -110,6 +110,7 @@ def parse_intrinsic(
         )
     is_central = np.allclose(centre, (width / 2, height / 2))
     fov = 2 * float(np.arctan(width / 2 / focal))
+    # a DepthCamera measures every second pixel by default
     camera = DepthCamera(width, height, fov=fov, centre=None if is_central else centre)
     # the other entries of the matrix must follow from these
     if not np.allclose(matrix, intrinsic(camera), rtol=1e-3):
@@ -130,6 +131,7 @@ def format_objects(objects: Objects, map_SE3_site: Pose) -> Float64[np.ndarray, 
     yaw = boxes[:, 6]
     rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))  # pitch and roll stay 0
     rows[:, _CENTRE] = transform(MAP_FROM_CARLA @ map_SE3_site, centres)
+    # CARLA's y is mirrored, so turns have the other sign
     rows[:, _YAW] = -np.rad2deg(yaw + map_turn(map_SE3_site))
     rows[:, _HALF_EXTENTS] = extents / 2
     rows[:, _CLASS] = objects.labels

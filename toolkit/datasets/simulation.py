@@ -164,7 +164,7 @@ class Job:
 
     @cached_property
     def plan(self) -> dict[str, object]:
-        """Values that decide the bytes of the file, by the words that people are shown.
+        """Values that decide the bytes of the file, by the names that errors show.
 
         Two runs with equal plans make equal files."""
         sensor_digests = [[sensor.name, sensor.digest] for sensor in self.sensors]

@@ -93,7 +93,7 @@ def read_binary(body: bytes, row: np.dtype, points: int) -> list[np.ndarray]:
     needed = points * row.itemsize
     if len(body) < needed:
         raise ValueError(f"it is cut off, {len(body)} of {needed} bytes are there")
-    if len(body) >= needed + row.itemsize:
+    if len(body) >= needed + row.itemsize:  # fewer bytes after the table are no row
         raise ValueError(
             f"its header says {points} points, {needed} bytes, but {len(body)} are there"
         )

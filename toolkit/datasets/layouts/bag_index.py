@@ -71,7 +71,7 @@ def moving_times(
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Stamps and times of recording (ns) of moving transforms, under the topic of tf.
 
-    links: all transforms; tree: tells which frames move. Empty without such a transform."""
+    links: all transforms; tree: states which frames move. Empty without such a transform."""
     moving_links = [
         link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
     ]
@@ -106,7 +106,7 @@ def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
     has_clouds: True if there are clouds, but none with x, y and z; reason: error of a cloud that
     cannot be read, None without such a cloud."""
     if reason is not None:
-        with name_bag_damage(path):
+        with name_bag_damage(path):  # makes it a ValueError that names the bag
             raise reason
     if has_clouds:
         raise ValueError(

@@ -196,7 +196,9 @@ def _load(
 
 
 def _find_sensor_entry(tables: dict[str, _Row], row: _Row, key: str) -> str:
-    """Return an entry, by its key, of the sensor of a row of sample_data."""
+    """Return an entry, by its key, of the sensor to which a row of sample_data refers.
+
+    tables: rows by token, by name of the table."""
     calibration = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
     return str(entry(tables["sensor"], str(entry(calibration, "sensor_token")), key))
 
@@ -209,6 +211,7 @@ def _read_frame(
     labels: list[_Row],
     is_clock: bool,
 ) -> Frame:
+    """Read a sample. data, labels: its rows of sample_data and of sample_annotation."""
     problems: problem_kinds.Problems = {}
     ego_poses = [_read_pose(folder, tables, "ego_pose", row) for row in data]
     sensor_poses = [_read_pose(folder, tables, "calibrated_sensor", row) for row in data]
@@ -257,7 +260,8 @@ def _parse_time(value: record_values.Unchecked) -> float:
 def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Read the pose to which a row of sample_data refers.
 
-    name: its table, "ego_pose" (pose in the map) or "calibrated_sensor" (pose in the vehicle)."""
+    folder: folder of the tables, for errors; tables: rows by token, by name of the table; name:
+    table of the pose, "ego_pose" (pose in the map) or "calibrated_sensor" (pose in the vehicle)."""
     with name_damage(folder / f"{name}.json", "table"):
         pose_row = entry(tables[name], str(entry(row, f"{name}_token")))
         quaternion = numbers(entry(pose_row, "rotation"), 4, "rotation")

@@ -188,7 +188,7 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as label files and clouds. Every sensor's cloud is in its sensor's frame."""
     for number, sample in enumerate(samples):
         name = f"{number:06d}"
-        content = openlabel_content(sample)
+        content = openlabel_content(sample)  # the objects; sensors and clouds are added below
         document = content["openlabel"]
         systems = document["coordinate_systems"]
         properties = document["frames"]["0"]["frame_properties"]
