@@ -36,7 +36,7 @@ def pose(
     cy, sy = np.cos(yaw), np.sin(yaw)
     cp, sp = np.cos(pitch), np.sin(pitch)
     cr, sr = np.cos(roll), np.sin(roll)
-    # rows of the product Rz(yaw) Ry(pitch) Rx(roll), then the translation
+    # rows of the product Rz(yaw) Ry(pitch) Rx(roll), each with its part of the translation
     x_row = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x]
     y_row = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y]
     z_row = [-sp, cp * sr, cp * cr, z]

@@ -148,7 +148,7 @@ def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
     sides = Mesh(walls.vertices, walls.triangles[: 2 * len(ring)])
     cap = triangulate(outline)
     roof = Mesh(_lift(cap.vertices[:, :2], top), cap.triangles)
-    floor = Mesh(_lift(cap.vertices[:, :2], base), cap.triangles[:, ::-1])
+    floor = Mesh(_lift(cap.vertices[:, :2], base), cap.triangles[:, ::-1])  # facing down
     return merge([sides, roof, floor])
 
 

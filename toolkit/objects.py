@@ -94,10 +94,10 @@ class Objects(_Rows):
     ids: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0..n-1
 
     def __post_init__(self) -> None:
-        boxes = _boxes(self.boxes)
+        boxes = _parse_boxes(self.boxes)
         ids = np.arange(len(boxes)) if self.ids is None else np.asarray(self.ids, np.int64)
-        labels = _labels(self.labels, len(boxes))
-        set_fields(self, boxes=boxes, labels=labels, ids=_rows(ids, "ids", len(boxes)))
+        labels = _parse_labels(self.labels, len(boxes))
+        set_fields(self, boxes=boxes, labels=labels, ids=_check_column(ids, "ids", len(boxes)))
 
     @staticmethod
     def empty() -> "Objects":
@@ -120,9 +120,9 @@ class Detections(_Rows):
     labels: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: all vehicles
 
     def __post_init__(self) -> None:
-        boxes = _boxes(self.boxes)
-        scores = _rows(np.asarray(self.scores, np.float64), "scores", len(boxes))
-        set_fields(self, boxes=boxes, scores=scores, labels=_labels(self.labels, len(boxes)))
+        boxes = _parse_boxes(self.boxes)
+        scores = _check_column(np.asarray(self.scores, np.float64), "scores", len(boxes))
+        set_fields(self, boxes=boxes, scores=scores, labels=_parse_labels(self.labels, len(boxes)))
 
     @staticmethod
     def empty() -> "Detections":
@@ -209,7 +209,7 @@ def check_known(detector: Detector, labels: Iterable[str]) -> None:
         )
 
 
-def _boxes(boxes: ArrayLike) -> np.ndarray:
+def _parse_boxes(boxes: ArrayLike) -> np.ndarray:
     """Return boxes (n, 7) as float64; an empty list counts as no boxes.
 
     Raises ValueError for another shape. The numbers are not checked."""
@@ -223,7 +223,7 @@ def _boxes(boxes: ArrayLike) -> np.ndarray:
     return boxes
 
 
-def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
+def _parse_labels(labels: ArrayLike | None, n: int) -> np.ndarray:
     """Return the class numbers of n boxes as int64, vehicles for None.
 
     labels: numbers, or names of `LABELS`. Raises ValueError for anything else."""
@@ -240,7 +240,7 @@ def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
         raise ValueError(
             f"labels must be whole numbers 0..{len(LABELS) - 1} {LABELS}, got {labels.tolist()}"
         )
-    labels = _rows(labels.astype(np.int64), "labels", n)
+    labels = _check_column(labels.astype(np.int64), "labels", n)
     if n and (labels.min() < 0 or labels.max() >= len(LABELS)):
         raise ValueError(
             f"labels must be 0..{len(LABELS) - 1} {LABELS}, got {sorted(set(labels.tolist()))}"
@@ -248,7 +248,7 @@ def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
     return labels
 
 
-def _rows(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
+def _check_column(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
     """Return a column with one entry for each of n boxes, or raise ValueError by its name."""
     if column.shape != (n,):
         raise ValueError(

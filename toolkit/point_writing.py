@@ -47,12 +47,12 @@ def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     >>> choose_origin(np.array([[692012.0, 5336044.0, 520.0]]))
     array([ 692000., 5336000.,       0.])
     """
-    finite = points[np.isfinite(points).all(axis=1)]
-    if not len(finite):
+    finite_points = points[np.isfinite(points).all(axis=1)]
+    if not len(finite_points):
         return np.zeros(3)
-    middle = np.median(finite.astype(np.float64), axis=0)
-    far = np.abs(finite).max(axis=0) > NEAR_ORIGIN_M
-    return np.where(far, np.round(middle / ORIGIN_GRID_M) * ORIGIN_GRID_M, 0.0)
+    middle = np.median(finite_points.astype(np.float64), axis=0)
+    is_far = np.abs(finite_points).max(axis=0) > NEAR_ORIGIN_M  # for each axis
+    return np.where(is_far, np.round(middle / ORIGIN_GRID_M) * ORIGIN_GRID_M, 0.0)
 
 
 def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]:
