@@ -145,7 +145,7 @@ def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) 
             categories=[labelled.category for labelled in objects],
             ids=[row.get("id", k) for k, row in enumerate(rows)],
             problems=problems,
-            counts=[labelled.count for labelled in objects],
+            counts=[labelled.point_count for labelled in objects],
         )
 
 
@@ -155,11 +155,11 @@ class _LabelledBox(NamedTuple):
     Attributes:
         box: x, y, z, length, width, height (m) and yaw (degrees).
         category: name of its class.
-        count: number of points on it, -1 if unknown."""
+        point_count: number of points on it, -1 if unknown."""
 
     box: list[float]
     category: str
-    count: int
+    point_count: int
 
 
 def _parse_object(row: Unchecked) -> _LabelledBox:
@@ -167,5 +167,5 @@ def _parse_object(row: Unchecked) -> _LabelledBox:
     return _LabelledBox(
         box=[as_number(entry(row, key), key) for key in (*_SIZES, "yaw_deg")],
         category=str(entry(row, "label")),
-        count=int(as_number(row.get("points", -1), "points")),
+        point_count=int(as_number(row.get("points", -1), "points")),
     )
