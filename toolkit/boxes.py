@@ -55,67 +55,73 @@ def check_boxes(boxes: ArrayLike, name: str = "boxes") -> BoxRows:
         raise ValueError(
             f"{name} must have shape (n, 7): x y z length width height yaw, got {rows.shape}"
         )
-    for rule, wrong in (
+    extents = rows[:, 3:6]  # length, width, height
+    for rule, is_wrong in (
         ("boxes must hold finite numbers", ~np.isfinite(rows).all(axis=1)),
-        ("length, width and height must be positive", (rows[:, 3:6] <= 0).any(axis=1)),
+        ("length, width and height must be positive", (extents <= 0).any(axis=1)),
     ):
-        if wrong.any():
-            row = int(np.argmax(wrong))
+        if is_wrong.any():
+            row = int(np.argmax(is_wrong))
             raise ValueError(f"{rule}, but {name} row {row} is {rows[row].tolist()}")
     return rows
 
 
 def footprints(boxes: ArrayLike) -> Float64[np.ndarray, "n 4 2"]:
-    """Ground corners of each box, counter-clockwise from front left.
+    """Ground corners (x, y) of each box, counter-clockwise from front left.
 
     >>> footprints([[10, 0, 1, 4, 2, 1.5, 0]]).tolist()
     [[[12.0, 1.0], [8.0, 1.0], [8.0, -1.0], [12.0, -1.0]]]
     """
     boxes = check_boxes(boxes)
-    return boxes[:, None, :2] + np.stack(_corner_offsets(boxes, boxes[:, 6]), axis=-1)
+    yaw = boxes[:, 6]
+    return boxes[:, None, :2] + np.stack(_corner_offsets(boxes, yaw), axis=-1)
 
 
 def corners(boxes: ArrayLike) -> Float64[np.ndarray, "n 8 3"]:
-    """Eight corners of each box, in the drawing's order.
+    """Eight corners (x, y, z) of each box, counter-clockwise from front left, bottom before top.
 
     >>> corners([[0, 0, 1, 4, 2, 1.5, 0]])[0, [0, 6]].tolist()
     [[2.0, 1.0, 0.25], [-2.0, -1.0, 1.75]]
     """
     boxes = check_boxes(boxes)
-    ground = np.tile(footprints(boxes), (1, 2, 1))
-    height = boxes[:, 2:3] + boxes[:, 5:6] / 2 * np.repeat([-1.0, 1.0], 4)
-    return np.concatenate([ground, height[..., None]], axis=-1)
+    middle_z, height = boxes[:, 2:3], boxes[:, 5:6]
+    corner_xy = np.tile(footprints(boxes), (1, 2, 1))
+    corner_z = middle_z + height / 2 * np.repeat([-1.0, 1.0], 4)
+    return np.concatenate([corner_xy, corner_z[..., None]], axis=-1)
 
 
 def iou_bev(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """IoU of the footprints, exact for any yaw.
+    """IoU of the footprint of each box of `a` with each of `b`, exact for any yaw.
 
     >>> iou_bev([[0, 0, 0, 4, 2, 1, 0]], [[2, 0, 9, 4, 2, 1, np.pi]]).round(6)
     array([[0.333333]])
     >>> iou_bev([], [[0, 0, 0, 4, 2, 1, 0]]).shape
     (0, 1)
     """
-    return _matrix(a, b, partial(_iou_pairs, metric="bev"))
+    return _measure_all_pairs(a, b, partial(_iou_pairs, metric="bev"))
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """IoU of the volumes, exact for any yaw (paper equation 3).
+    """IoU of the volume of each box of `a` with each of `b`, exact for any yaw (paper equation 3).
 
     >>> iou_3d([[0, 0, 0, 4, 2, 1, 0]], [[0, 0, 0.5, 4, 2, 1, 0]]).round(6)
     array([[0.333333]])
     """
-    return _matrix(a, b, partial(_iou_pairs, metric="3d"))
+    return _measure_all_pairs(a, b, partial(_iou_pairs, metric="3d"))
 
 
 def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
-    """Share of each footprint of `a` that lies on the footprint of each of `b`.
+    """Share of each footprint of `a` that the footprint of each box of `b` covers.
 
     >>> footprint_overlap([[0, 0, 0, 2, 1, 1, 0]], [[1, 0, 0, 2, 4, 1, 0]]).tolist()
     [[0.5]]
     """
-    return _matrix(
-        a, b, lambda first, second: _overlap_area(first, second) / (first[:, 3] * first[:, 4])
-    )
+
+    def covered_share(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        length, width = first[:, 3], first[:, 4]
+        return _overlap_area(first, second) / (length * width)
+
+    return _measure_all_pairs(a, b, covered_share)
 
 
 def nms(
@@ -158,7 +164,7 @@ def nms(
     for start in range(0, len(boxes), _AT_ONCE):
         rows = np.arange(start, min(start + _AT_ONCE, len(boxes)))
         if start:  # what the boxes kept so far suppress
-            i, j = _near(boxes[kept_rows], boxes[rows])
+            i, j = _find_near_pairs(boxes[kept_rows], boxes[rows])
             better, worse = kept_rows[i], rows[j]
             same_label = label_of_box[better] == label_of_box[worse]
             better, worse = better[same_label], worse[same_label]
@@ -170,7 +176,7 @@ def nms(
 
 
 def _keep_best(boxes: np.ndarray, labels: np.ndarray, iou_threshold: float) -> np.ndarray:
-    """Return the mask of the boxes that `nms` keeps.
+    """Return the mask of the boxes that greedy non-maximum suppression keeps.
 
     Args:
         boxes: Best first.
@@ -178,35 +184,37 @@ def _keep_best(boxes: np.ndarray, labels: np.ndarray, iou_threshold: float) -> n
         iou_threshold: A box that overlaps a better kept one by more than this is dropped.
     """
     keep = np.ones(len(boxes), bool)
-    better, worse = _near(boxes, boxes)
-    rivals = (better < worse) & (labels[better] == labels[worse])
-    better, worse = better[rivals], worse[rivals]
+    # row numbers of the two boxes of each pair of rivals, whose outcome is still open
+    better, worse = _find_near_pairs(boxes, boxes)
+    are_rivals = (better < worse) & (labels[better] == labels[worse])
+    better, worse = better[are_rivals], worse[are_rivals]
     # in each round, boxes that no undecided box may suppress stay, and suppress their rivals
     while len(better):
         is_contested = np.zeros(len(boxes), bool)
         is_contested[worse] = True
-        decided = ~is_contested[better]
-        suppressed = worse[decided]
-        overlap = _iou_pairs(boxes[better[decided]], boxes[suppressed], "bev")
-        keep[suppressed[overlap > iou_threshold]] = False
-        undecided = ~decided & keep[better] & keep[worse]
-        better, worse = better[undecided], worse[undecided]
+        is_decided = ~is_contested[better]  # a mask of the pairs
+        rival = worse[is_decided]
+        overlap = _iou_pairs(boxes[better[is_decided]], boxes[rival], "bev")
+        keep[rival[overlap > iou_threshold]] = False
+        # pairs with a dropped box are settled too
+        is_open = ~is_decided & keep[better] & keep[worse]
+        better, worse = better[is_open], worse[is_open]
     return keep
 
 
 def points_in_boxes(points: ArrayLike, boxes: ArrayLike) -> Bool[np.ndarray, "n m"]:
     """Return the mask (n, m) of the points inside each box.
 
-    Faces belong to the box; points that are not finite belong to none.
+    Faces belong to the box; points that are not finite belong to no box.
 
     >>> points_in_boxes(np.array([[2.0, 1, 0], [2.1, 0, 0]]), [[0, 0, 0, 4, 2, 1, 0]]).tolist()
     [[True], [False]]
     """
-    rows = rows_in_boxes(points, boxes)
-    inside = np.zeros((len(_points(points)), len(rows)), bool)
-    for column, within in enumerate(rows):
-        inside[within, column] = True
-    return inside
+    rows_of_boxes = rows_in_boxes(points, boxes)
+    is_inside = np.zeros((len(_check_points(points)), len(rows_of_boxes)), bool)
+    for box, rows in enumerate(rows_of_boxes):
+        is_inside[rows, box] = True
+    return is_inside
 
 
 def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray, " k"]]:
@@ -216,7 +224,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     Those points are measured from the box's centre in float64, which keeps map coordinates of a
     million metres exact.
     """
-    points = _points(points)
+    points = _check_points(points)
     boxes = check_boxes(boxes)
     if not len(boxes):
         return []
@@ -264,63 +272,74 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> Int64[np.ndarray, " m"]
 def _corner_offsets(boxes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return x and y, (n, 4) each, of footprints' corners from their centres.
 
-    Corners run anticlockwise. angle: rad, in place of the boxes' yaw.
+    Corners run anticlockwise from front left. angle: heading of each box (rad, counter-clockwise
+    from +x), which is used instead of the yaw in `boxes`.
     """
-    front = boxes[:, 3:4] / 2 * _FRONT
-    left = boxes[:, 4:5] / 2 * _LEFT
+    length, width = boxes[:, 3:4], boxes[:, 4:5]
+    # each corner's distance along the box and across it; _FRONT and _LEFT hold the signs
+    forward = length / 2 * _FRONT
+    left = width / 2 * _LEFT
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return front * cos - left * sin, front * sin + left * cos
+    return forward * cos - left * sin, forward * sin + left * cos
 
 
-def _matrix(
+def _measure_all_pairs(
     a: ArrayLike, b: ArrayLike, measure_pairs: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Return a measure (n, m) of each of n boxes `a` with each of m boxes `b`.
+    """Return a measure of overlap (n, m) of each of n boxes `a` with each of m boxes `b`.
 
-    Only pairs that may overlap are measured, row by row, by `measure_pairs`; others get 0.
+    Only pairs that may overlap are measured; others get 0. measure_pairs: measure of each row of
+    its first argument with the same row of its second.
     """
     a = check_boxes(a, "a")
     b = check_boxes(b, "b")
     measures = np.zeros((len(a), len(b)))
-    i, j = _near(a, b)
+    i, j = _find_near_pairs(a, b)
     measures[i, j] = measure_pairs(a[i], b[j])
     return measures
 
 
 def _iou_pairs(a: np.ndarray, b: np.ndarray, metric: Overlap) -> np.ndarray:
-    """Return the IoU of each row of `a` with the same row of `b`."""
+    """Return the IoU of each row of `a` with the same row of `b`, by footprint or volume."""
     if metric not in ("bev", "3d"):
         raise ValueError(f'metric must be "bev" or "3d", got {metric!r}')
+    length_a, width_a = a[:, 3], a[:, 4]
+    length_b, width_b = b[:, 3], b[:, 4]
     overlap = _overlap_area(a, b)
-    size_a = a[:, 3] * a[:, 4]
-    size_b = b[:, 3] * b[:, 4]
+    size_a = length_a * width_a
+    size_b = length_b * width_b
     if metric == "3d":
-        top = np.minimum(a[:, 2] + a[:, 5] / 2, b[:, 2] + b[:, 5] / 2)
-        bottom = np.maximum(a[:, 2] - a[:, 5] / 2, b[:, 2] - b[:, 5] / 2)
+        z_a, height_a = a[:, 2], a[:, 5]
+        z_b, height_b = b[:, 2], b[:, 5]
+        top = np.minimum(z_a + height_a / 2, z_b + height_b / 2)
+        bottom = np.maximum(z_a - height_a / 2, z_b - height_b / 2)
         overlap = overlap * np.maximum(top - bottom, 0)
-        size_a = size_a * a[:, 5]
-        size_b = size_b * b[:, 5]
+        size_a = size_a * height_a
+        size_b = size_b * height_b
     return np.minimum(overlap / (size_a + size_b - overlap), 1.0)
 
 
-def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_near_pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of boxes that may overlap: rows i of `a`, ascending, and j of `b`.
 
     The circles around their footprints meet. `b` is sorted along x, so that each box of `a` is
     compared only with one run of that order.
     """
-    radius_a = np.hypot(a[:, 3], a[:, 4]) / 2
+    x_a, y_a = a[:, :2].T
+    x_b, y_b = b[:, :2].T
+    radius_a = np.hypot(a[:, 3], a[:, 4]) / 2  # from length and width
     radius_b = np.hypot(b[:, 3], b[:, 4]) / 2
-    order = np.argsort(b[:, 0])
+    order = np.argsort(x_b)
     reach = radius_a + radius_b.max(initial=0)
-    run_start = np.searchsorted(b[order, 0], a[:, 0] - reach)
-    run_length = np.searchsorted(b[order, 0], a[:, 0] + reach, side="right") - run_start
+    run_start = np.searchsorted(x_b[order], x_a - reach)
+    run_length = np.searchsorted(x_b[order], x_a + reach, side="right") - run_start
     i = np.repeat(np.arange(len(a)), run_length)
     pairs_before = np.cumsum(run_length) - run_length  # of the boxes of `a` before this one
+    # position of each pair in `order`: the start of its run, and its place in the run
     j = order[np.arange(len(i)) + np.repeat(run_start - pairs_before, run_length)]
-    squared_distance = (a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2
-    near = squared_distance <= (radius_a[i] + radius_b[j]) ** 2
-    return i[near], j[near]
+    squared_distance = (x_a[i] - x_b[j]) ** 2 + (y_a[i] - y_b[j]) ** 2
+    is_near = squared_distance <= (radius_a[i] + radius_b[j]) ** 2
+    return i[is_near], j[is_near]
 
 
 def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -376,7 +395,8 @@ def _nonzero(divisor: np.ndarray) -> np.ndarray:
     return np.where(np.abs(divisor) < 1e-12, 1.0, divisor)
 
 
-def _points(points: ArrayLike) -> np.ndarray:
+def _check_points(points: ArrayLike) -> np.ndarray:
+    """Return points (n, 3) as an array; an empty list counts as no points. Raises ValueError."""
     rows = np.asarray(points)
     if rows.size == 0 and rows.ndim < 2:
         return np.zeros((0, 3))

@@ -28,11 +28,13 @@ def check_classes(names: Iterable[str]) -> None:
 
 
 def _hint(name: str) -> str:
+    """Hint for an unknown class name, to go into an error: the class that it may mean, or ""."""
     category = name.strip().lower().replace(" ", "")
-    near = get_close_matches(category, [*LABELS, *CATEGORIES], 1, 0.75)
-    for meant in (category, category.removesuffix("s"), *near):
-        if meant in LABELS:
-            return f", but {meant}"
-        if meant in CATEGORIES:
-            return f", it counts as {LABELS[CATEGORIES[meant]]}"
+    matches = get_close_matches(category, [*LABELS, *CATEGORIES], n=1, cutoff=0.75)
+    # the name itself, its singular, and the most similar known name
+    for candidate in (category, category.removesuffix("s"), *matches):
+        if candidate in LABELS:
+            return f", but {candidate}"
+        if candidate in CATEGORIES:
+            return f", it counts as {LABELS[CATEGORIES[candidate]]}"
     return ""

@@ -49,7 +49,8 @@ def from_depth(
 ) -> PointCloud:
     """Return the cloud, world frame, of one depth or lidar range image (paper equations 1 and 2).
 
-    rng draws its noise first; without one the image is taken as it is.
+    rng: draws noise that is added to the image first, None for none; sensor_id: number of the
+    sensor, which each point gets.
     """
     if rng is not None:
         measurement = sensor.model.noisy(measurement, rng)
@@ -100,10 +101,13 @@ def from_attributes(
     Raises:
         ValueError: The lengths differ.
     """
-    column = attributes.get("sensor", np.zeros(1)) if sensor_id is None else np.array([sensor_id])
-    numbers = column.reshape(-1).astype(np.int32)
+    if sensor_id is None:
+        sensor_column = attributes.get("sensor", np.zeros(1))
+    else:
+        sensor_column = np.array([sensor_id])
+    numbers = sensor_column.reshape(-1).astype(np.int32)
     points = attributes["positions"]
-    if len(numbers) == 1:
+    if len(numbers) == 1:  # one for all points
         numbers = np.broadcast_to(numbers, len(points))
     cloud = from_points(points, numbers)
     for name, column in attributes.items():
@@ -176,7 +180,10 @@ def fuse(clouds: Iterable[AnyCloud], poses: Sequence[Pose] | None = None) -> Poi
 
 
 def _join(tables: Sequence[Attributes]) -> PointCloud:
-    """Join clouds with numbers of sensors; attributes that not all have are dropped."""
+    """Join clouds, given by their attributes, into one.
+
+    Each has the attribute "sensor", numbers of sensors. Attributes that not all clouds have in one
+    width are dropped, with a warning."""
     if not tables:
         return from_points(np.zeros((0, 3), np.float32))
     names = {name for table in tables for name in table} - {"sensor"}
@@ -201,10 +208,11 @@ def _have_one_width(tables: Sequence[Attributes], name: str) -> bool:
 
 
 def _move(table: Attributes, pose: Pose) -> Attributes:
-    """Move a cloud's positions and turn its normals."""
+    """Return a cloud's attributes with positions (float64) moved and normals turned by a pose."""
     moved = {"positions": transform(pose, table["positions"].astype(np.float64))}
     if "normals" in table:
-        moved["normals"] = table["normals"] @ pose[:3, :3].T.astype(table["normals"].dtype)
+        rotation = pose[:3, :3].astype(table["normals"].dtype)
+        moved["normals"] = table["normals"] @ rotation.T
     return {**table, **moved}
 
 
@@ -251,17 +259,18 @@ def down_sample(cloud: AnyCloud, voxel_m: float) -> PointCloud:
     points = positions(cloud).astype(np.float64)
     if not len(points):
         return _select(cloud, np.zeros(0, bool))
-    cubes = np.column_stack([np.floor(points / voxel_m), sensor_numbers(cloud)])
-    _, cube, count = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
-    cube = cube.reshape(-1)  # number of each point's cube
+    # a cube of a sensor is named by four numbers
+    cube_names = np.column_stack([np.floor(points / voxel_m), sensor_numbers(cloud)])
+    _, inverse, count = np.unique(cube_names, axis=0, return_inverse=True, return_counts=True)
+    cube = inverse.reshape(-1)  # number of each point's cube
     totals = np.stack([np.bincount(cube, column) for column in points.T], axis=1)
     means = totals / count[:, None]
     squared_distance = ((points - means[cube]) ** 2).sum(axis=1)
     # by cube, then distance, then place in the cloud; rounded, so that equals count as equal
     order = np.lexsort((np.arange(len(points)), squared_distance.round(12), cube))
-    nearest = order[np.append(0, np.cumsum(count)[:-1])]
+    first_of_cube = np.append(0, np.cumsum(count)[:-1])  # index in `order`
     keep = np.zeros(len(points), bool)
-    keep[nearest] = True
+    keep[order[first_of_cube]] = True
     return _select(cloud, keep)
 
 
@@ -371,7 +380,9 @@ def load(path: str | Path) -> PointCloud:
 
 
 def _check_positions(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Raise ValueError for columns without positions (n, 3) of floats."""
+    """Raise ValueError for columns of a file without positions (n, 3) of floats.
+
+    path: the file, for the error; columns: arrays of the file by name."""
     points = columns.get("positions")
     is_table = points is not None and points.ndim == 2 and points.shape[1] == 3
     if points is not None and is_table and points.dtype in (np.float32, np.float64):

@@ -59,13 +59,14 @@ class Displayed:
     def _repr_html_(self) -> str:
         """HTML for a notebook. Names are escaped, nothing is loaded from elsewhere."""
         card = self._card()
-        table = next(iter(card.tables.values()), dict)()
-        parts = [_draw(self, card), _format_table(table)]
+        # the first table, an empty one if there is none
+        make_table = next(iter(card.tables.values()), dict)
+        picture_and_table = _draw(self, card) + _format_table(make_table())
         facts = " · ".join(card.facts)
         return (
             f'<div style="font-family:sans-serif;font-size:.85rem"><p><b>{escape(card.title)}</b> '
             f"{escape(facts)}</p><div "
-            f'style="display:flex;flex-wrap:wrap;gap:1em;align-items:flex-start">{"".join(parts)}</div></div>'
+            f'style="display:flex;flex-wrap:wrap;gap:1em;align-items:flex-start">{picture_and_table}</div></div>'
         )
 
     def to_frame(self, table: str = "") -> Any:
@@ -83,13 +84,14 @@ class Displayed:
             raise ImportError(
                 "to_frame needs pandas, which is not installed: pip install pandas"
             ) from None
-        return pandas.DataFrame(dict(tables[table or next(iter(tables))]()))
+        make_table = tables[table or next(iter(tables))]
+        return pandas.DataFrame(dict(make_table()))
 
 
 def figure_digits(objects: int, max_digits: int = 3) -> int:
     """Return the number of decimals that a share of this many objects supports.
 
-    One object more or less changes the last.
+    One object more or less changes the last decimal. There are at least two.
 
     >>> [figure_digits(objects) for objects in (6, 60, 600, 6000)]
     [2, 2, 3, 3]
@@ -112,23 +114,29 @@ def describe_count(number: int, thing: str, things: str = "") -> str:
 
 
 def _draw(noun: object, card: Card) -> str:
-    """Return a picture of a noun as an <img>, or the reason why there is none."""
+    """Return a picture of an object as an <img>, or a line why there is none; "" without drawing.
+
+    noun: object to draw; card: its card, whose `drawing` names the function that draws it."""
     if not card.drawing:
         return ""
     from PIL import Image
 
-    module, _, name = card.drawing.partition(":")
-    shrunk = BytesIO()
+    module_name, _, function_name = card.drawing.partition(":")
+    png = BytesIO()
     try:
+        draw_to_file = getattr(import_module(module_name), function_name)
         with TemporaryDirectory() as folder:
-            getattr(import_module(module), name)(noun, Path(folder) / "drawn.png")
-            with Image.open(Path(folder) / "drawn.png") as drawn:
-                picture = drawn.convert("RGB")
+            path = Path(folder) / "drawn.png"
+            draw_to_file(noun, path)
+            with Image.open(path) as drawing:
+                picture = drawing.convert("RGB")
         picture.thumbnail((PICTURE_PIXELS, PICTURE_PIXELS))
-        picture.quantize(dither=Image.Dither.NONE).save(shrunk, "PNG", optimize=True)
+        # a palette makes the file small
+        picture.quantize(dither=Image.Dither.NONE).save(png, "PNG", optimize=True)
     except (ImportError, IndexError, OSError, ValueError) as error:
         return f"<p>no picture: {escape(str(error))}</p>"
-    source = b64encode(shrunk.getvalue()).decode()
+    source = b64encode(png.getvalue()).decode()
+    # shown smaller than drawn, for sharp screens
     size = f"width:{picture.width * 0.8:.0f}px;max-width:100%;height:auto"
     return f'<img style="{size}" alt="{escape(card.title)}" src="data:image/png;base64,{source}">'
 
@@ -150,24 +158,22 @@ def _format_table(table: Table) -> str:
     hidden_rows = (
         f"<p>{MOST_ROWS} of {count:,} rows; to_frame() has all</p>" if count > MOST_ROWS else ""
     )
-    scrolled = (
-        '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
-    )
+    opening = '<div style="overflow-x:auto;max-width:100%"><table style="border-collapse:collapse">'
     return (
-        f"{scrolled}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{hidden_rows}</div>"
+        f"{opening}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{hidden_rows}</div>"
     )
 
 
 def _format_value(value: object) -> str:
-    """Return a cell's text."""
+    """Return a cell's text: four digits of a real number, "" for None and NaN."""
     if isinstance(value, tuple):
         return ", ".join(map(_format_value, value))
+    if isinstance(value, str | int | bool):
+        return str(value)
     try:
-        number = float(value) if not isinstance(value, str | int | bool) else None  # type: ignore[arg-type]
+        number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return "" if value is None else str(value)
-    if number is None:
-        return str(value)
-    return (
-        "" if math.isnan(number) else f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.4g}"
-    )
+    if math.isnan(number):
+        return ""
+    return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.4g}"

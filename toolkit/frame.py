@@ -68,6 +68,7 @@ class SensorCloud:
     stamp_s: float | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError for columns of another length and a pose that is no rigid motion."""
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise ValueError(
                 f"points of {self.name!r} must have shape (n, 3), got {self.points.shape}"
@@ -88,7 +89,7 @@ class SensorCloud:
                 "unknown"
             )
         pose = check_pose(self.world_SE3_sensor, f"pose of {self.name!r}")
-        set_fields(self, world_SE3_sensor=pose)
+        set_fields(self, world_SE3_sensor=pose)  # as float64; the dataclass is frozen
 
     def in_sensor(self) -> Float64[np.ndarray, "n 3"]:
         """Points (m) in the sensor's frame, as float64."""
@@ -185,21 +186,24 @@ class ImageWedge(Region):
     ignored: tuple[tuple[float, float, float, float], ...] = ()
 
     def covers(self, boxes: BoxRows) -> Mask:
-        """Mask of the boxes with their centre in the image. Boxes that are mostly in an ignored
-        region do not count."""
-        u, v, depth = self._pixels(boxes[:, :3])
+        """Mask of the boxes (world frame) with their centre in the camera's image.
+
+        Boxes do not count if more than `IGNORED_SHARE` of their rectangle in the image is in an
+        ignored region."""
+        centres = boxes[:, :3]
+        # pixels from the left and from the top, and metres from the camera
+        u, v, depth = self._pixels(centres)
         is_inside = (depth > 0) & (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
-        for region in self.ignored:
-            rectangles = self.rectangles(boxes)
+        if not self.ignored:
+            return is_inside
+        rectangles = self.rectangles(boxes)
+        left_top, right_bottom = rectangles[:, :2], rectangles[:, 2:]
+        area = (right_bottom - left_top).prod(axis=1)
+        for region in self.ignored:  # left, top, right, bottom
             # width and height of the overlap, negative for none
-            overlap = np.minimum(rectangles[:, 2:], region[2:]) - np.maximum(
-                rectangles[:, :2], region[:2]
-            )
-            area = (rectangles[:, 2:] - rectangles[:, :2]).prod(axis=1)
-            is_inside &= (
-                np.clip(overlap, 0, None).prod(axis=1) / np.where(area > 0, area, 1.0)
-                <= IGNORED_SHARE
-            )
+            overlap = np.minimum(right_bottom, region[2:]) - np.maximum(left_top, region[:2])
+            overlap_area = np.clip(overlap, 0, None).prod(axis=1)
+            is_inside &= overlap_area / np.where(area > 0, area, 1.0) <= IGNORED_SHARE
         return is_inside
 
     def move_origin(self, origin: Float64[np.ndarray, "3"]) -> "ImageWedge":
@@ -214,16 +218,15 @@ class ImageWedge(Region):
         All four are 0 for a box with a corner behind the camera."""
         if not len(boxes):
             return np.zeros((0, 4))
-        # (box, 8 corners) each
+        # each (box, corner): pixels from the left and from the top, and metres from the camera
         u, v, depth = (
             column.reshape(-1, 8) for column in self._pixels(corners(boxes).reshape(-1, 3))
         )
         limits = np.array([self.width - 1.0, self.height - 1.0])
-        low, high = (
-            np.clip(np.stack([end(u, axis=1), end(v, axis=1)], axis=1), 0, limits)
-            for end in (np.min, np.max)
-        )
-        return np.where((depth > 0).all(axis=1, keepdims=True), np.hstack([low, high]), 0.0)
+        left_top = np.clip(np.stack([u.min(axis=1), v.min(axis=1)], axis=1), 0, limits)
+        right_bottom = np.clip(np.stack([u.max(axis=1), v.max(axis=1)], axis=1), 0, limits)
+        is_in_front = (depth > 0).all(axis=1, keepdims=True)
+        return np.where(is_in_front, np.hstack([left_top, right_bottom]), 0.0)
 
     def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # u, v (pixels) and depth (m) of points (n, 3); a depth of 0 becomes 1e-9 to divide by
@@ -240,7 +243,10 @@ def _four(values: Any) -> tuple[float, float, float, float]:
 
 
 def parse_region(record: object) -> Region:
-    """Return the region that `Region.record` wrote, or raise ValueError."""
+    """Return the region in which labels are complete, as `Region.record` wrote it.
+
+    record: "kind" (everywhere, rectangle or image) and the fields of such a region, as read from
+    JSON. Raises ValueError for anything else."""
     fields: Mapping[str, Any] = record if isinstance(record, Mapping) else {}
     kind = str(fields.get("kind"))
     try:
@@ -253,7 +259,12 @@ def parse_region(record: object) -> Region:
             if projection.shape != (3, 4):
                 raise ValueError(f"a projection must be 3 by 4, got {projection.shape}")
             ignored = tuple(_four(rectangle) for rectangle in fields["ignored"])
-            return ImageWedge(projection, int(fields["width"]), int(fields["height"]), ignored)
+            return ImageWedge(
+                projection,
+                width=int(fields["width"]),
+                height=int(fields["height"]),
+                ignored=ignored,
+            )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(
             f"the numbers of a region {kind} are damaged ({' '.join(str(error).split())[:80]})"
@@ -312,6 +323,7 @@ class Frame(Displayed):
     problems: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Raise ValueError for fields that do not fit each other, and for equal sensor names."""
         if len(self.sensors) != len(self.measurements):
             raise ValueError(
                 f"{len(self.sensors)} sensors but {len(self.measurements)} measurements"
@@ -329,6 +341,7 @@ class Frame(Displayed):
             if isinstance(measurement, np.ndarray):
                 _check_image(sensor, measurement)
         count = len(self.objects.boxes)
+        # no categories at all are allowed with any number of objects
         for column, values in (("categories", self.categories or None), ("counts", self.counts)):
             if values is not None and len(values) != count:
                 raise ValueError(f"{count} objects but {len(values)} {column} in {self.name!r}")
@@ -345,11 +358,20 @@ class Frame(Displayed):
         time: float = np.nan,
         **more: Any,
     ) -> "Frame":
-        """Return a labelled frame of clouds.
+        """Return a labelled frame of clouds, with a sensor of unknown model for each cloud.
 
         Its `problems` also count objects a kilometre away from all clouds, and clouds measured at
-        different times. time: seconds, NaN if unknown; more: other fields of the frame; for the
-        other arguments see `Frame`."""
+        different times.
+
+        Args:
+            name: Name of the frame, unique in its recording.
+            clouds: A cloud of each sensor.
+            objects: Labels of our classes, world frame.
+            categories: Class of each object as the data set names it.
+            counts: The data set's number of points on each object, None if it gives none.
+            others: Labels of other classes, None if there are none.
+            time: Seconds, NaN if unknown.
+            more: Further fields of `Frame`."""
         more |= {
             "categories": categories,
             "counts": counts,
@@ -359,17 +381,28 @@ class Frame(Displayed):
             more["problems"] = {**more.get("problems", {}), AWAY: away}
         if measure_spread(clouds) > MAX_APART_S:
             more["problems"] = {**more.get("problems", {}), APART: 1}
-        return Frame(_cloud_sensors(clouds), tuple(clouds), objects, time, name=name, **more)
+        return Frame(
+            sensors=_cloud_sensors(clouds),
+            measurements=tuple(clouds),
+            objects=objects,
+            time=time,
+            name=name,
+            **more,
+        )
 
     def _card(self) -> Card:
-        time = () if np.isnan(self.time) else (f"time {self.time:g} s",)
-        things = (
+        """Return title, facts, table and picture of the frame, for `repr` and notebooks."""
+        time_facts = () if np.isnan(self.time) else (f"time {self.time:g} s",)
+        counts = (
             describe_count(len(self.sensors), "sensor"),
             describe_count(len(self.objects), "object"),
         )
-        title = f"Frame({self.name!r})" if self.name else f"Frame {self.index}"
-        tables = {"sensors": lambda: tabulate_measured(self)}
-        return Card(title, (*time, *things), tables, "toolkit.viewing.still:draw_frame_alone")
+        return Card(
+            title=f"Frame({self.name!r})" if self.name else f"Frame {self.index}",
+            facts=(*time_facts, *counts),
+            tables={"sensors": lambda: tabulate_measured(self)},
+            drawing="toolkit.viewing.still:draw_frame_alone",
+        )
 
     @property
     def has_images(self) -> bool:
@@ -401,10 +434,14 @@ class Frame(Displayed):
             if isinstance(measurement, SensorCloud):
                 clouds.append(measurement)
                 continue
-            points, seen = unproject(sensor, measurement, self.shifts[k] if self.shifts else None)
+            shift = self.shifts[k] if self.shifts else None
+            world_points, has_return = unproject(sensor, measurement, shift)
             body = sensor.world_SE3_body
-            local = transform(invert(body), points.T[seen].astype(np.float64))
-            clouds.append(SensorCloud(sensor.name, local.astype(np.float32), body))
+            body_points = transform(invert(body), world_points.T[has_return].astype(np.float64))
+            cloud = SensorCloud(
+                sensor.name, points=body_points.astype(np.float32), world_SE3_sensor=body
+            )
+            clouds.append(cloud)
         return tuple(clouds)
 
     def points(self) -> Float64[np.ndarray, "n 3"]:
@@ -419,22 +456,23 @@ class Frame(Displayed):
         """Return the frame with only some sensors, in the frame's order.
 
         sensors: names or positions in `Frame.sensors`. Raises ValueError for unknown ones."""
-        numbers = sorted(select_sensors(self.sensors, sensors))
-        if len(numbers) == len(self.sensors):
+        positions = sorted(select_sensors(self.sensors, sensors))
+        if len(positions) == len(self.sensors):
             return self
-        seeing = tuple(self.sensors[k] for k in numbers)
-        measurements = tuple(self.measurements[k] for k in numbers)
-        shifts = tuple(self.shifts[k] for k in numbers) if self.shifts else ()
-        return replace(self, sensors=seeing, measurements=measurements, shifts=shifts)
+        kept_sensors = tuple(self.sensors[k] for k in positions)
+        measurements = tuple(self.measurements[k] for k in positions)
+        shifts = tuple(self.shifts[k] for k in positions) if self.shifts else ()
+        return replace(self, sensors=kept_sensors, measurements=measurements, shifts=shifts)
 
     def of(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
         """Return the frame with only some objects, their categories and counts.
 
         rows: mask of the objects or their row numbers."""
-        rows = np.arange(len(self.objects))[rows]
-        categories = tuple(self.categories[k] for k in rows) if self.categories else ()
-        counts = None if self.counts is None else self.counts[rows]
-        return replace(self, objects=self.objects[rows], categories=categories, counts=counts)
+        row_numbers = np.arange(len(self.objects))[rows]
+        categories = tuple(self.categories[k] for k in row_numbers) if self.categories else ()
+        counts = None if self.counts is None else self.counts[row_numbers]
+        objects = self.objects[row_numbers]
+        return replace(self, objects=objects, categories=categories, counts=counts)
 
 
 def tabulate_measured(frame: Frame) -> Table:
@@ -452,25 +490,24 @@ def measure_spread(clouds: Sequence[SensorCloud]) -> float:
 
 
 def _count_away(clouds: Sequence[SensorCloud], objects: Objects) -> int:
-    """Count the objects farther than `FARTHEST_BOX` from each sensor and its points.
+    """Count the objects farther than `FARTHEST_BOX` (m) from every sensor and its points.
 
-    0 without clouds."""
+    The distance to points is the distance along an axis to the cuboid around them. 0 without
+    clouds."""
+    centres = objects.boxes[:, :3]
     is_away_of_all = np.full(len(objects), len(clouds) > 0)
     for cloud in clouds:
-        if is_away_of_all.any():
-            is_away = (
-                np.linalg.norm(objects.boxes[:, :3] - cloud.world_SE3_sensor[:3, 3], axis=1)
-                > FARTHEST_BOX
-            )
-            if (is_away_of_all & is_away).any() and len(
-                cloud.points
-            ):  # clouds in a map may come without their sensor's place
-                points = cloud.in_world()
-                low, high = points.min(axis=0) - FARTHEST_BOX, points.max(axis=0) + FARTHEST_BOX
-                is_away &= ((objects.boxes[:, :3] < low) | (objects.boxes[:, :3] > high)).any(
-                    axis=1
-                )
-            is_away_of_all &= is_away
+        if not is_away_of_all.any():
+            break
+        sensor_position = cloud.world_SE3_sensor[:3, 3]
+        is_away = np.linalg.norm(centres - sensor_position, axis=1) > FARTHEST_BOX
+        # clouds in a map may come without their sensor's position, so their points count too
+        if (is_away_of_all & is_away).any() and len(cloud.points):
+            points = cloud.in_world()
+            low = points.min(axis=0) - FARTHEST_BOX
+            high = points.max(axis=0) + FARTHEST_BOX
+            is_away &= ((centres < low) | (centres > high)).any(axis=1)
+        is_away_of_all &= is_away
     return int(is_away_of_all.sum())
 
 
@@ -522,8 +559,9 @@ def unproject(
     """Return the world point of every pixel, and a mask of the pixels that have a return.
 
     Pixels are in one line, row after row of the image. A pixel without return has the sensor's
-    position, moved by its shift. shift: see `Frame.shifts`; None for none. Raises ValueError for
-    a sensor more than 100 km from the origin."""
+    position, moved by its shift. measurement: depth or range (m) of each pixel; shift: displacement
+    of each pixel's point (m, world frame), None for none. Raises ValueError for a sensor more than
+    100 km from the origin."""
     _check_image(sensor, measurement)
     position = sensor.pose[:3, 3]
     if np.abs(position).max() > 1e5:
@@ -532,13 +570,14 @@ def unproject(
             "float32 points"
         )
         raise ValueError(f"{far}: take coordinates from an origin near the site")
-    flat = np.asarray(measurement, np.float32).ravel()
-    valid = is_return(flat, sensor.model.max_range)
-    xyz = sensor.world_rays * np.where(valid, flat, np.float32(0))
+    flat_measurement = np.asarray(measurement, np.float32).ravel()
+    has_return = is_return(flat_measurement, sensor.model.max_range)
+    # rays (3, pixels) are scaled so that measurement times ray leads from the sensor to the point
+    xyz = sensor.world_rays * np.where(has_return, flat_measurement, np.float32(0))
     xyz += position.astype(np.float32)[:, None]
     if shift is not None:
         xyz += shift.reshape(-1, 3).T
-    return xyz, valid
+    return xyz, has_return
 
 
 def select_sensors(
@@ -584,16 +623,20 @@ class DisplayedRecording(Displayed):
     The card has path and number of frames, and the sensors and the scene of the first frame."""
 
     def _card(self) -> Card:
+        """Return title, facts, table and picture of the recording, for `repr` and notebooks."""
         recording = cast("Recording", self)
+        # not all recordings have a path, or sensors that are the same in every frame
         path = getattr(self, "path", None)
-        name = type(self).__name__
-        site = () if recording.site is None else (f"site {recording.site.name!r}",)
-        tables = {"sensors": lambda: tabulate_measured(recording[0]) if len(recording) else {}}
         sensors = getattr(self, "sensors", None)
+        class_name = type(self).__name__
         sensor_facts = () if sensors is None else (describe_count(len(sensors), "sensor"),)
-        facts = describe_count(len(recording), "frame"), *sensor_facts, *site
-        title = name if path is None else f"{name}({str(path)!r})"
-        return Card(title, facts, tables, "toolkit.viewing.still:draw_recording")
+        site_facts = () if recording.site is None else (f"site {recording.site.name!r}",)
+        return Card(
+            title=class_name if path is None else f"{class_name}({str(path)!r})",
+            facts=(describe_count(len(recording), "frame"), *sensor_facts, *site_facts),
+            tables={"sensors": lambda: tabulate_measured(recording[0]) if len(recording) else {}},
+            drawing="toolkit.viewing.still:draw_recording",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -632,12 +675,15 @@ def empty_scene(frames: Sequence[Frame], sample: int = 100) -> Frame:
     frames to use, spread evenly over all. Raises ValueError without frames."""
     if not len(frames):
         raise ValueError("the empty scene needs a frame, got none")
-    farthest: list[np.ndarray] = []
-    for k in np.unique(np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)):
-        # no return is infinite here and 0 again in `still`
-        seen = [np.where(image > 0, image, np.inf) for image in frames[int(k)].images]
-        farthest = (
-            [np.maximum(*pair) for pair in zip(farthest, seen, strict=True)] if farthest else seen
-        )
-    still = tuple(np.where(np.isfinite(depth), depth, 0).astype(np.float32) for depth in farthest)
-    return Frame(frames[0].sensors, still, Objects.empty())
+    indices = np.linspace(0, len(frames) - 1, min(sample, len(frames))).astype(int)
+    farthest: list[np.ndarray] = []  # an image of each sensor
+    for index in np.unique(indices):
+        # no return is infinite here and 0 again in `still_images`
+        images = [np.where(image > 0, image, np.inf) for image in frames[int(index)].images]
+        if farthest:
+            images = [np.maximum(*pair) for pair in zip(farthest, images, strict=True)]
+        farthest = images
+    still_images = tuple(
+        np.where(np.isfinite(image), image, 0).astype(np.float32) for image in farthest
+    )
+    return Frame(frames[0].sensors, measurements=still_images, objects=Objects.empty())

@@ -33,10 +33,14 @@ def pose(
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
     array([[1., 3., 0.]])
     """
-    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
-    forward = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x]
-    left = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y]
-    return np.array([forward, left, [-sp, cp * sr, cp * cr, z], [0.0, 0.0, 0.0, 1.0]], np.float64)
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    cp, sp = np.cos(pitch), np.sin(pitch)
+    cr, sr = np.cos(roll), np.sin(roll)
+    # rows of the product Rz(yaw) Ry(pitch) Rx(roll), each with its part of the translation
+    x_row = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x]
+    y_row = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y]
+    z_row = [-sp, cp * sr, cp * cr, z]
+    return np.array([x_row, y_row, z_row, [0.0, 0.0, 0.0, 1.0]], np.float64)
 
 
 def look(position: Iterable[SupportsFloat], heading: float, tilt: float = 0.0) -> Pose:
@@ -79,9 +83,9 @@ def transform(
     if points.ndim < 1 or points.shape[-1] != 3:
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
-    return points @ target_SE3_source[:3, :3].T.astype(points.dtype) + target_SE3_source[
-        :3, 3
-    ].astype(points.dtype)
+    rotation = target_SE3_source[:3, :3].astype(points.dtype)
+    translation = target_SE3_source[:3, 3].astype(points.dtype)
+    return points @ rotation.T + translation
 
 
 def plane_rotation(angle: float) -> Float[np.ndarray, "2 2"]:
@@ -121,9 +125,10 @@ def level_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray
     comes back, otherwise a copy."""
     if slope == LEVEL:
         return rows
-    moved = rows.copy()
-    moved[:, 2] -= rows[:, :2] @ np.array(slope, rows.dtype)
-    return moved
+    levelled = rows.copy()
+    ground_height = rows[:, :2] @ np.array(slope, rows.dtype)
+    levelled[:, 2] -= ground_height
+    return levelled
 
 
 def tilt_rows(rows: Float[np.ndarray, "n c"], slope: Slope) -> Float[np.ndarray, "n c"]:

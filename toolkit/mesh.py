@@ -22,8 +22,10 @@ class Mesh(NamedTuple):
 
 
 def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """Join meshes into one."""
-    meshes = [Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), *meshes]
+    """Join meshes into one; an empty mesh for no meshes."""
+    no_mesh = Mesh(vertices=np.zeros((0, 3)), triangles=np.zeros((0, 3), np.int64))
+    meshes = [no_mesh, *meshes]
+    # triangles hold row numbers of vertices, so they move by the vertices of the meshes before
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
     return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
@@ -33,7 +35,7 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
     """Return a closed skin over a row of rings, with both ends capped.
 
     Args:
-        rings: s closed rings of p points each. Faces point outwards if every ring runs
+        rings: s closed rings of p points x, y, z each. Faces point outwards if every ring runs
             counter-clockwise as seen from the last ring.
     """
     ring_count, points_per_ring, _ = rings.shape
@@ -50,8 +52,10 @@ def _loft_triangles(ring_count: int, points_per_ring: int) -> Int64[np.ndarray, 
 
     Vertices are the points ring by ring, then the centres of the first and of the last ring.
     """
+    # these are row numbers of vertices; first in the first ring
     point = np.arange(points_per_ring)
     next_point = (point + 1) % points_per_ring
+    # a piece of the skin is a quadrilateral: its lower edge from a to b, and its upper edge
     ring_start = np.arange(ring_count - 1)[:, None] * points_per_ring
     a = (ring_start + point).ravel()
     b = (ring_start + next_point).ravel()
@@ -59,12 +63,12 @@ def _loft_triangles(ring_count: int, points_per_ring: int) -> Int64[np.ndarray, 
     above_b = b + points_per_ring
     bottom_centre = np.full(points_per_ring, ring_count * points_per_ring)
     top_centre = bottom_centre + 1
-    top_start = (ring_count - 1) * points_per_ring
+    last_ring_start = (ring_count - 1) * points_per_ring
     corners = [
         (a, b, above_b),
         (a, above_b, above_a),
         (next_point, point, bottom_centre),
-        (point + top_start, next_point + top_start, top_centre),
+        (point + last_ring_start, next_point + last_ring_start, top_centre),
     ]
     triangles = [np.stack(corner_columns, axis=1) for corner_columns in corners]
     return np.concatenate(triangles).astype(np.int64)
@@ -83,10 +87,12 @@ def tube(
     """
     line = np.asarray(path, np.float64)
     radius = np.broadcast_to(np.asarray(radii, np.float64), len(line))
+    # at the first point, the points between, and the last point
     tangent = np.concatenate(
         [line[1:2] - line[:1], (line[2:] - line[:-2]) / 2, line[-1:] - line[-2:-1]]
     )
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    # the reference must not be parallel to the bar
     runs_along_y = np.abs(tangent[:, 1]).max() >= 0.95
     reference = np.array([0.0, 0.0, 1.0]) if runs_along_y else np.array([0.0, 1.0, 0.0])
     # two directions of the cross-section, perpendicular to the line and to each other
@@ -106,7 +112,9 @@ def ellipsoid(centre: Vector, radii: Vector, rings: int = 5, sides: int = 8) -> 
 
 @lru_cache(maxsize=64)
 def _unit_sphere(rings: int, sides: int) -> Float64[np.ndarray, "_ _ 3"]:
-    """Return rings (rings + 2, sides, 3) of a sphere of radius 1, from south to north."""
+    """Return rings (rings + 2, sides, 3) of a sphere of radius 1, from south to north.
+
+    rings: number of rings between the poles; sides: number of points of each ring."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[:, None]
     latitude[[0, -1]] *= 0.999  # rings about the poles, not points
     longitude = (np.arange(sides) * 2 * np.pi / sides)[None]
@@ -140,7 +148,7 @@ def extrude(polygon: Float[np.ndarray, "k 2"], base: float, top: float) -> Mesh:
     sides = Mesh(walls.vertices, walls.triangles[: 2 * len(ring)])
     cap = triangulate(outline)
     roof = Mesh(_lift(cap.vertices[:, :2], top), cap.triangles)
-    floor = Mesh(_lift(cap.vertices[:, :2], base), cap.triangles[:, ::-1])
+    floor = Mesh(_lift(cap.vertices[:, :2], base), cap.triangles[:, ::-1])  # facing down
     return merge([sides, roof, floor])
 
 
@@ -149,12 +157,16 @@ def _lift(plan: Float[np.ndarray, "n 2"], z: float) -> Float[np.ndarray, "n 3"]:
 
 
 def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
-    """Return triangles of polygons, holes left out, at z = 0 and facing up."""
+    """Return triangles of polygons, holes left out, at z = 0 and facing up.
+
+    Triangles do not share vertices. shape: a polygon, several in one, or an array of polygons."""
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     if len(pieces) == 0:
         return merge([])
     # an outline of a triangle has four coordinates, the last of which repeats the first
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    # from the first corner to the second (a) and to the third (b); their cross product is twice
+    # the triangle's area, negative if the corners run clockwise
     ax, ay = (corners[:, 1] - corners[:, 0]).T
     bx, by = (corners[:, 2] - corners[:, 0]).T
     is_clockwise = ax * by - ay * bx < 0

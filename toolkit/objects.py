@@ -48,25 +48,30 @@ class _Rows(Displayed):
         return type(self)(*columns)
 
     def _card(self) -> Card:
+        """Return title, facts, table and picture of the boxes, for `repr` and notebooks."""
         counts = np.bincount(self.labels, minlength=len(LABELS))
-        kinds = tuple(
+        counts_by_class = tuple(
             f"{number} {label}" for label, number in zip(LABELS, counts, strict=True) if number
         )
-        facts = (describe_count(len(self), "box", "boxes"), *kinds)
         return Card(
-            type(self).__name__, facts, {"boxes": self._table}, "toolkit.viewing.still:draw_boxes"
+            title=type(self).__name__,
+            facts=(describe_count(len(self), "box", "boxes"), *counts_by_class),
+            tables={"boxes": self._tabulate},
+            drawing="toolkit.viewing.still:draw_boxes",
         )
 
-    def _table(self) -> Table:
-        labels = {"label": [LABELS[label] for label in self.labels]}
+    def _tabulate(self) -> Table:
+        """Return a table with a row for each box: class, further fields, and the box's columns."""
+        class_names = {"label": [LABELS[label] for label in self.labels]}
+        # such as "id" of the field `ids`
         further_columns = {
             name.removesuffix("s"): column
             for name, column in vars(self).items()
             if name not in ("boxes", "labels", "doubts", "velocities")
         }
-        box_columns = ("x", "y", "z", "length", "width", "height", "yaw")
-        boxes = dict(zip(box_columns, self.boxes.T, strict=True))
-        return labels | further_columns | boxes
+        box_column_names = ("x", "y", "z", "length", "width", "height", "yaw")
+        box_columns = dict(zip(box_column_names, self.boxes.T, strict=True))
+        return class_names | further_columns | box_columns
 
 
 @dataclass(frozen=True)
@@ -90,10 +95,10 @@ class Objects(_Rows):
     ids: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0..n-1
 
     def __post_init__(self) -> None:
-        boxes = _boxes(self.boxes)
+        boxes = _parse_boxes(self.boxes)
         ids = np.arange(len(boxes)) if self.ids is None else np.asarray(self.ids, np.int64)
-        labels = _labels(self.labels, len(boxes))
-        set_fields(self, boxes=boxes, labels=labels, ids=_rows(ids, "ids", len(boxes)))
+        labels = _parse_labels(self.labels, len(boxes))
+        set_fields(self, boxes=boxes, labels=labels, ids=_check_column(ids, "ids", len(boxes)))
 
     @staticmethod
     def empty() -> "Objects":
@@ -119,15 +124,15 @@ class Detections(_Rows):
     doubts: Shaped[np.ndarray, "n 5"] | None = None
 
     def __post_init__(self) -> None:
-        boxes = _boxes(self.boxes)
-        scores = _rows(np.asarray(self.scores, np.float64), "scores", len(boxes))
+        boxes = _parse_boxes(self.boxes)
+        scores = _check_column(np.asarray(self.scores, np.float64), "scores", len(boxes))
         doubts = None if self.doubts is None else np.asarray(self.doubts, np.float64)
         if doubts is not None and (doubts.shape != (len(boxes), 5) or not (doubts > 0).all()):
             raise ValueError(
                 f"doubts must have shape ({len(boxes)}, 5), front rear left right top, and be "
                 f"above 0 m, got {doubts.shape} from {doubts.min(initial=np.inf):g}"
             )
-        labels = _labels(self.labels, len(boxes))
+        labels = _parse_labels(self.labels, len(boxes))
         set_fields(self, boxes=boxes, scores=scores, labels=labels, doubts=doubts)
 
     @staticmethod
@@ -200,24 +205,28 @@ def known_labels(detector: Detector) -> tuple[str, ...] | None:
 
 
 def check_known(detector: Detector, labels: Iterable[str]) -> None:
-    """Raise ValueError for classes that a detector does not know."""
+    """Raise ValueError for classes that a detector does not know.
+
+    A detector without a list of its classes passes."""
     detector_labels = known_labels(detector)
-    unknown = [
-        label for label in labels if detector_labels is not None and label not in detector_labels
-    ]
+    if detector_labels is None:
+        return
+    unknown = [label for label in labels if label not in detector_labels]
     if unknown:
         remedy = (
             "take one trained on all of them, such as the weights tjunction, or leave these "
             "classes out"
         )
         raise ValueError(
-            f"the detector knows {', '.join(detector_labels or ())} only, not "
+            f"the detector knows {', '.join(detector_labels)} only, not "
             f"{', '.join(unknown)}: {remedy}"
         )
 
 
-def _boxes(boxes: ArrayLike) -> np.ndarray:
-    """Return boxes (n, 7) as float64; an empty list counts as none. Raises ValueError else."""
+def _parse_boxes(boxes: ArrayLike) -> np.ndarray:
+    """Return boxes (n, 7) as float64; an empty list counts as no boxes.
+
+    Raises ValueError for another shape. The numbers are not checked."""
     boxes = np.asarray(boxes, np.float64)
     if boxes.size == 0 and boxes.ndim < 2:
         return np.zeros((0, 7))
@@ -228,10 +237,12 @@ def _boxes(boxes: ArrayLike) -> np.ndarray:
     return boxes
 
 
-def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
-    """Return the class numbers of n boxes as int64, vehicles for None. Raises ValueError else."""
+def _parse_labels(labels: ArrayLike | None, n: int) -> np.ndarray:
+    """Return the class numbers of n boxes as int64, vehicles for None.
+
+    labels: numbers, or names of `LABELS`. Raises ValueError for anything else."""
     if labels is None:
-        return np.zeros(n, np.int64)
+        return np.full(n, VEHICLE, np.int64)
     labels = np.asarray(labels)
     if labels.dtype.kind not in "biufUO":
         raise ValueError(
@@ -243,7 +254,7 @@ def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
         raise ValueError(
             f"labels must be whole numbers 0..{len(LABELS) - 1} {LABELS}, got {labels.tolist()}"
         )
-    labels = _rows(labels.astype(np.int64), "labels", n)
+    labels = _check_column(labels.astype(np.int64), "labels", n)
     if n and (labels.min() < 0 or labels.max() >= len(LABELS)):
         raise ValueError(
             f"labels must be 0..{len(LABELS) - 1} {LABELS}, got {sorted(set(labels.tolist()))}"
@@ -251,7 +262,7 @@ def _labels(labels: ArrayLike | None, n: int) -> np.ndarray:
     return labels
 
 
-def _rows(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
+def _check_column(column: Shaped[np.ndarray, "..."], name: str, n: int) -> np.ndarray:
     """Return a column with one entry for each of n boxes, or raise ValueError by its name."""
     if column.shape != (n,):
         raise ValueError(

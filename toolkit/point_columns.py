@@ -119,7 +119,9 @@ def name_attributes(columns: Mapping[str, Shaped[np.ndarray, "..."]]) -> Attribu
 
 
 def _pop_positions(unread: dict[str, np.ndarray]) -> np.ndarray:
-    """Take x, y and z out of the columns; return them in metres, float32 or float64."""
+    """Take x, y and z out of `unread`; return them (n, 3) in metres, float32 or float64.
+
+    unread: columns that are not attributes yet, by name; changed in place."""
     axes = find_axes(list(unread))
     for name in axes.names:
         dtype = unread[name].dtype
@@ -136,16 +138,19 @@ def _pop_positions(unread: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _pop_colours(unread: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Take colours out of the columns; return red, green and blue, None if there are none.
+    """Take colours out of `unread`; return red, green and blue (n, 3), None if there are none.
 
-    They are bytes, or float32 if the columns hold anything but whole numbers from 0 to 255.
+    They are bytes, or float32 if the columns hold anything but whole numbers from 0 to 255. unread:
+    columns that are not attributes yet, by name; changed in place.
     """
     colours = None
     for name in ("rgb", "rgba"):  # packed into the four bytes of one number
         column = unread.get(name)
         if column is not None and column.dtype.itemsize == 4 and column.shape[1:] in ((), (1,)):
             word = np.ascontiguousarray(unread.pop(name)).reshape(-1).view(np.uint32)
+            # blue is the lowest byte; uint8 drops the bytes above
             colours = np.stack([word >> 16, word >> 8, word], axis=1).astype(np.uint8)
+    # separate columns are left as they are if there are packed colours
     channel_names = _first_present(COLOURS, unread)
     if colours is not None or channel_names is None:
         return colours
@@ -172,9 +177,9 @@ def find_axes(names: Sequence[str]) -> CoordinateColumns:
     (0.001, 0.001, 0.001)
     """
     lower_names = [name.lower() for name in names]
-    for spelled in (names, lower_names):
-        if all(spelled.count(axis) == 1 for axis in "xyz"):
-            x, y, z = (names[spelled.index(axis)] for axis in "xyz")
+    for spellings in (names, lower_names):
+        if all(spellings.count(axis) == 1 for axis in "xyz"):
+            x, y, z = (names[spellings.index(axis)] for axis in "xyz")
             return CoordinateColumns(names=(x, y, z), scales_m=(1.0, 1.0, 1.0))
     sets = _coordinate_sets(names)
     listed = ", ".join(names)[:MAX_LISTED]
@@ -199,15 +204,15 @@ def find_axes(names: Sequence[str]) -> CoordinateColumns:
 
 
 def warn_of_offset(comments: Iterable[str]) -> None:
-    """Warn of an offset that another program left in a comment.
+    """Warn of an offset of coordinates that another program left in a file's comment.
 
     It is not applied, because no format defines it.
     """
     for comment in comments:
-        stated = STATED_OFFSET.search(comment)
-        if stated is not None:
+        offset = STATED_OFFSET.search(comment)
+        if offset is not None:
             message = (
-                f"the comment {stated[0]!r} is not applied, the points stay as they are: add it "
+                f"the comment {offset[0]!r} is not applied, the points stay as they are: add it "
                 "if it is theirs"
             )
             warnings.warn(message, stacklevel=3)
@@ -216,45 +221,52 @@ def warn_of_offset(comments: Iterable[str]) -> None:
 def _coordinate_sets(names: Iterable[str]) -> list[list[_Parsed]]:
     """Return every x, y and z column, in this order, whose names differ in nothing but the axis.
 
-    Names with axes by number count only if none has letters.
+    Names with axes by number, such as Points_0, count only if none has letters.
     """
-    templates: dict[_Template, list[_Parsed]] = {}
+    columns_by_template: dict[_Template, list[_Parsed]] = {}
     for name in names:
-        parsed = _parse(name)
-        if parsed is not None:
-            templates.setdefault(parsed.template, []).append(parsed)
-    lettered: list[list[_Parsed]] = []
-    numbered: list[list[_Parsed]] = []
-    for template, columns in templates.items():
+        column = _parse(name)
+        if column is not None:
+            columns_by_template.setdefault(column.template, []).append(column)
+    lettered_sets: list[list[_Parsed]] = []
+    numbered_sets: list[list[_Parsed]] = []
+    for template, columns in columns_by_template.items():
         columns.sort(key=lambda column: column.axis)
-        if [column.axis for column in columns] == [0, 1, 2]:
-            (numbered if template.numbered else lettered).append(columns)
-    return lettered or numbered
+        if [column.axis for column in columns] != [0, 1, 2]:
+            continue
+        if template.numbered:
+            numbered_sets.append(columns)
+        else:
+            lettered_sets.append(columns)
+    return lettered_sets or numbered_sets
 
 
 def _parse(name: str) -> _Parsed | None:
-    """Return the parts of a column's name; None if it names no coordinate."""
+    """Return the parts of a column's name: axis, unit and other words.
+
+    None if it names no coordinate of points: no axis or two, two units, or an unknown word."""
     # "posX" -> "pos X", "Xcoord" -> "X coord", "xPos" -> "x Pos"
     separated = re.sub(
         r"(?<=[a-z])(?=[XYZ]\b)|(?<=\b[XYZ])(?=[A-Z]?[a-z])|(?<=\b[xyz])(?=[A-Z])", " ", name
     )
     tokens = re.findall(r"[^\W_]+", separated.lower())
-    indices = [index for index, token in enumerate(tokens) if token in ("x", "y", "z")]
-    numbered = False
-    if not indices and len(tokens) > 1 and tokens[-1] in ("0", "1", "2"):
-        indices = [len(tokens) - 1]
-        numbered = True
-    if len(indices) != 1:
+    axis_indices = [index for index, token in enumerate(tokens) if token in ("x", "y", "z")]
+    is_numbered = False
+    if not axis_indices and len(tokens) > 1 and tokens[-1] in ("0", "1", "2"):
+        axis_indices = [len(tokens) - 1]
+        is_numbered = True
+    if len(axis_indices) != 1:
         return None
-    letter = tokens.pop(indices[0])
+    axis_token = tokens.pop(axis_indices[0])
     units = [token for token in tokens if token in UNITS_M or token in FOREIGN_UNITS]
     words = [token for token in tokens if token not in units]
-    about_points = all(token in _WORDS for token in words)
-    if len(units) > 1 or not about_points or (numbered and not words):
+    is_about_points = all(token in _WORDS for token in words)
+    if len(units) > 1 or not is_about_points or (is_numbered and not words):
         return None
-    axis = "012".index(letter) if numbered else "xyz".index(letter)
+    axis = "012".index(axis_token) if is_numbered else "xyz".index(axis_token)
     unit = units[0] if units else ""
-    return _Parsed(name, axis, _Template(" ".join(words), unit, numbered))
+    template = _Template(words=" ".join(words), unit=unit, numbered=is_numbered)
+    return _Parsed(name, axis=axis, template=template)
 
 
 def _pop_together(unread: dict[str, np.ndarray], names: Iterable[str]) -> np.ndarray:

@@ -23,6 +23,8 @@ from toolkit.point_files.pcd_header import ORIGIN_COMMENT
 NEAR_ORIGIN_M = 4096.0  # farther out, float32 is off by more than a quarter of a millimetre
 ORIGIN_GRID_M = 1000.0
 EXACT_DOUBLE = 2**53
+PCD_NORMALS, PLY_NORMALS = NORMALS
+PLY_COLOURS = COLOURS[0]  # red, green, blue
 PLY_NAMES = {
     "i1": "char",
     "u1": "uchar",
@@ -45,49 +47,53 @@ def choose_origin(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     >>> choose_origin(np.array([[692012.0, 5336044.0, 520.0]]))
     array([ 692000., 5336000.,       0.])
     """
-    finite = points[np.isfinite(points).all(axis=1)]
-    if not len(finite):
+    finite_points = points[np.isfinite(points).all(axis=1)]
+    if not len(finite_points):
         return np.zeros(3)
-    middle = np.median(finite.astype(np.float64), axis=0)
-    far = np.abs(finite).max(axis=0) > NEAR_ORIGIN_M
-    return np.where(far, np.round(middle / ORIGIN_GRID_M) * ORIGIN_GRID_M, 0.0)
+    middle = np.median(finite_points.astype(np.float64), axis=0)
+    is_far = np.abs(finite_points).max(axis=0) > NEAR_ORIGIN_M  # for each axis
+    return np.where(is_far, np.round(middle / ORIGIN_GRID_M) * ORIGIN_GRID_M, 0.0)
 
 
 def format_pcd(attributes: Attributes) -> tuple[bytes, Float64[np.ndarray, "3"]]:
-    """Return a cloud's attributes as a binary PCD file, and the origin subtracted from it (m)."""
+    """Return a cloud's attributes as a binary PCD file, and the origin subtracted from it (m).
+
+    attributes: by name, n rows each, "positions" (n, 3) among them."""
     points = attributes["positions"]
     origin = choose_origin(points) if points.dtype == np.float64 else np.zeros(3)
-    near = (points - origin.astype(points.dtype)).astype(np.float32)
-    columns = dict(zip("xyz", near.T, strict=True))
+    points_from_origin = (points - origin.astype(points.dtype)).astype(np.float32)
+    columns = dict(zip("xyz", points_from_origin.T, strict=True))
     if "normals" in attributes:
-        columns |= _split(NORMALS[0], attributes["normals"].astype(np.float32))
+        columns |= _split(PCD_NORMALS, attributes["normals"].astype(np.float32))
     if "colors" in attributes:
         red, green, blue = _as_bytes(attributes["colors"]).astype(np.uint32).T
-        columns["rgb"] = red << 16 | green << 8 | blue
+        columns["rgb"] = red << 16 | green << 8 | blue  # a byte of each in one number, as PCL does
     columns |= _single_columns(attributes, columns)
-    comment = (
-        f"{ORIGIN_COMMENT} {' '.join(f'{value:.0f}' for value in origin)}" if origin.any() else ""
-    )
+    comment = ""
+    if origin.any():
+        comment = f"{ORIGIN_COMMENT} {' '.join(f'{value:.0f}' for value in origin)}"
     return pcd_bytes(columns, comment), origin
 
 
 def format_ply(attributes: Attributes) -> bytes:
-    """Return a cloud's attributes as a binary little-endian PLY file."""
+    """Return a cloud's attributes as a binary little-endian PLY file.
+
+    attributes: by name, n rows each, "positions" (n, 3) among them."""
     columns = dict(zip("xyz", attributes["positions"].T, strict=True))
     if "normals" in attributes:
-        columns |= _split(NORMALS[1], attributes["normals"])
+        columns |= _split(PLY_NORMALS, attributes["normals"])
     if "colors" in attributes:
-        columns |= _split(COLOURS[0], _as_bytes(attributes["colors"]))
+        columns |= _split(PLY_COLOURS, _as_bytes(attributes["colors"]))
     for name, column in _single_columns(attributes, columns).items():
-        fitting = _fit_ply(name, column)
-        if fitting is not None:
-            columns[name] = fitting
+        ply_column = _fit_ply(name, column)
+        if ply_column is not None:
+            columns[name] = ply_column
     little_endian = [column.astype(column.dtype.newbyteorder("<")) for column in columns.values()]
     table = np.rec.fromarrays(little_endian)
-    properties = [
-        f"property {PLY_NAMES[column.dtype.str[1:]]} {name}"
-        for name, column in zip(columns, little_endian, strict=True)
-    ]
+    properties = []
+    for name, column in zip(columns, little_endian, strict=True):
+        type_code = column.dtype.str[1:]  # such as f4, without the byte order
+        properties.append(f"property {PLY_NAMES[type_code]} {name}")
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}", *properties]
     return "\n".join([*lines, "end_header\n"]).encode("ascii") + table.tobytes()
 
@@ -95,27 +101,29 @@ def format_ply(attributes: Attributes) -> bytes:
 def _single_columns(attributes: Attributes, columns_in_use: Mapping[str, object]) -> Columns:
     """Return attributes of one number a point, by names that a header can hold.
 
-    Positions, normals and colours are not among them. Others that do not fit are left out, with a
-    warning.
+    Positions, normals and colours are not among them. Attributes of several numbers a point, and
+    those whose name is in use, are left out with a warning.
     """
     columns: Columns = {}
     for name, values in attributes.items():
         if name in ("positions", "normals", "colors"):
             continue
-        word = re.sub(r"[^!-~]+", "_", name)
-        if values[:1].size != 1 or word in columns_in_use or word in columns:
+        header_name = re.sub(r"[^!-~]+", "_", name)  # visible ASCII letters only
+        if values[:1].size != 1 or header_name in columns_in_use or header_name in columns:
             reason = "the file holds one number of each name a point, .npz holds all"
             warnings.warn(f"{name} is left out: {reason}", stacklevel=4)
             continue
-        flat = values.reshape(-1)
-        columns[word] = flat.astype(np.uint8) if flat.dtype == np.bool_ else flat
+        column = values.reshape(-1)
+        columns[header_name] = column.astype(np.uint8) if column.dtype == np.bool_ else column
     return columns
 
 
 def _fit_ply(name: str, column: Shaped[np.ndarray, " n"]) -> np.ndarray | None:
     """Return a column in a type that PLY has; None, with a warning, if none holds its numbers."""
-    if column.dtype.str[1:] in PLY_NAMES:
+    type_code = column.dtype.str[1:]  # such as f4, without the byte order
+    if type_code in PLY_NAMES:
         return column
+    # 64-bit integers are left
     lowest = int(column.min())
     highest = int(column.max())
     limits = np.iinfo(np.int32)

@@ -67,7 +67,7 @@ def crop_sensor(
 ) -> Float32[np.ndarray, "_ 3"]:
     """Return the points (n, 3) of sensor number `index` inside a crop, world frame.
 
-    rng draws the noise of an image; clouds that were recorded have theirs.
+    rng: draws the noise of an image, None for none; recorded clouds get no noise.
     """
     sensor = frame.sensors[index]
     measurement = frame.measurements[index]
@@ -118,7 +118,8 @@ def crop_image(
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
     """Return x, y, z in the world of every pixel, and the numbers of those inside the crop.
 
-    Pixels are numbered row by row. shift: motion of each pixel during the sweep (`Frame.shifts`).
+    Pixels are numbered row by row. shift: displacement of each pixel's point (m, world frame), None
+    for none.
     """
     xyz, valid = unproject(sensor, measurement, shift)
     return xyz, np.flatnonzero(valid & crop.holds(xyz.T))
@@ -134,7 +135,8 @@ def is_inside(
     """
     x, y, z = points.T
     xmin, ymin, xmax, ymax = area.tolist()
-    return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & (z > floor) & (z < height)
+    is_in_area = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
+    return is_in_area & (z > floor) & (z < height)
 
 
 def count_on_ground(
@@ -148,7 +150,9 @@ def count_on_ground(
 def detect_on_ground(
     detector: Detector, points: Float32[np.ndarray, "n 3"], place: Area
 ) -> Detections:
-    """Run a detector on levelled points, and return its boxes on the ground of the place."""
+    """Run a detector on levelled points, and return its boxes on the ground of the place.
+
+    points: world frame; place: site, or a plain area, which is level."""
     slope = get_slope(place)
     if slope == LEVEL:
         return detector(points)
@@ -162,9 +166,10 @@ def detect_unions_on_ground(
     unions: Bool[np.ndarray, "U C"],
     place: Area,
 ) -> list[Detections]:
-    """Return the detections in each union of the clouds, as `detect_on_ground` for one.
+    """Run a detector on each union of some clouds; return its boxes on the ground of the place.
 
-    unions: a row for each, True for its clouds.
+    The detector gets levelled points. clouds: points of each sensor, world frame; unions: a row
+    for each union, True for its clouds.
     """
     slope = get_slope(place)
     level_clouds = [level_rows(cloud, slope) for cloud in clouds]
@@ -185,7 +190,8 @@ def join_clouds(
 
 def has_centre_inside(boxes: BoxRows, area: Float64[np.ndarray, "4"]) -> Mask:
     """Return the mask of boxes with their centre in the area (xmin, ymin, xmax, ymax, m)."""
-    (x, y), (xmin, ymin, xmax, ymax) = boxes[:, :2].T, area.tolist()
+    x, y = boxes[:, :2].T
+    xmin, ymin, xmax, ymax = area.tolist()
     return (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
 
 
@@ -206,13 +212,15 @@ def is_beyond(
         raise ValueError(f"radius must be at least 0 m, got {radius}")
     if metric == "horizontal":  # camera and body of a sensor have one position
         pose = sensor.pose if isinstance(sensor, Sensor) else sensor
-        offsets = points[:, :2] - np.asarray(pose)[:2, 3]
+        sensor_xy = np.asarray(pose)[:2, 3]
+        offsets = points[:, :2] - sensor_xy
     elif metric == "published":
         if isinstance(sensor, Sensor):
             world_SE3_body = sensor.world_SE3_body
         else:
             world_SE3_body = sensor @ invert(BODY_SE3_CAMERA)
-        offsets = (points - world_SE3_body[:3, 3]) @ world_SE3_body[:3, :2]
+        forward_and_left = world_SE3_body[:3, :2]
+        offsets = (points - world_SE3_body[:3, 3]) @ forward_and_left
     else:
         raise ValueError(f'metric must be "horizontal" or "published", got {metric!r}')
     return np.einsum("ij,ij->i", offsets, offsets) > radius**2

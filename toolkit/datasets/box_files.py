@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,35 +47,38 @@ def boxes_record(
         stamps_s: time of each sensor's cloud by its name (`SensorCloud.stamp_s`)."""
     objects = []
     for k, (box, label) in enumerate(zip(boxes.boxes.tolist(), boxes.labels, strict=True)):
-        row = {
+        centre_and_size, yaw = box[:6], box[6]
+        row: dict[str, object] = {
             "label": LABELS[label],
-            **dict(zip(_SIZES, box[:6], strict=True)),
-            "yaw_deg": float(np.rad2deg(box[6])),
+            **dict(zip(_SIZES, centre_and_size, strict=True)),
+            "yaw_deg": float(np.rad2deg(yaw)),
         }
-        row |= (
-            {"score": float(boxes.scores[k])}
-            if isinstance(boxes, Detections)
-            else {"id": int(boxes.ids[k])}
-        )
-        objects.append(row if counts is None else row | {"points": int(counts[k])})
-    content = {
-        "name": name,
-        "time": time,
-        **({"clouds": dict(stamps_s)} if stamps_s else {}),
-        "objects": objects,
-    }
+        if isinstance(boxes, Detections):
+            row["score"] = float(boxes.scores[k])
+        else:
+            row["id"] = int(boxes.ids[k])
+        if counts is not None:
+            row["points"] = int(counts[k])
+        objects.append(row)
+    content: dict[str, object] = {"name": name, "time": time}
+    if stamps_s:
+        content["clouds"] = dict(stamps_s)
+    content["objects"] = objects
     return json.dumps(replace_infinite(content), indent=1, allow_nan=False)
 
 
 def write_boxes(path: str | Path, entries: Sequence[str], **more: object) -> None:
     """Write a file of frame entries, whole or not at all.
 
-    entries: texts of `boxes_record`; more: further fields of the file."""
-    # the entries' text is put between "[" and "]" of the file's, since it is JSON already
+    entries: JSON text of each frame, as `boxes_record` returns it; more: further fields of the
+    file."""
+    # the entries are JSON already, so their text is put between "[" and "]" of an empty list
     content = {"coview": "boxes", "version": _VERSION, "frame": "world", **more, "samples": []}
     head = json.dumps(replace_infinite(content), indent=1, allow_nan=False).removesuffix("]\n}")
-    rows = ",".join("\n  " + text.replace("\n", "\n  ") for text in entries)
-    write_text(path, head + rows + "\n " * bool(entries) + "]\n}")
+    body = ",".join("\n  " + text.replace("\n", "\n  ") for text in entries)
+    if entries:
+        body += "\n "
+    write_text(path, head + body + "]\n}")
 
 
 def read_entries(path: str | Path) -> dict[str, Unchecked]:
@@ -83,10 +87,8 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
     Raises ValueError, which names the file."""
     with name_damage(path, "file of boxes"):
         content = load_json(path)
-        if not isinstance(content, dict) or (content.get("coview"), content.get("version")) != (
-            "boxes",
-            _VERSION,
-        ):
+        is_ours = isinstance(content, dict) and content.get("coview") == "boxes"
+        if not is_ours or content.get("version") != _VERSION:
             raise ValueError(f"its form must be {_FORM}, got {_describe_form(content)}")
         if (frame := content.get("frame", "world")) != "world":
             raise ValueError(
@@ -101,11 +103,14 @@ def read_entries(path: str | Path) -> dict[str, Unchecked]:
 
 
 def _describe_form(content: Unchecked) -> str:
-    """Describe what a file holds in place of our boxes, and the layout that takes it."""
+    """Describe what a file holds in place of our boxes, and the layout that takes it.
+
+    content: parsed JSON."""
     if isinstance(content, list):
         rows = f"a list of {len(content)} rows"
-        keyed = bool(content) and isinstance(content[0], dict) and "psr" in content[0]
-        return f"{rows} of SUSTechPOINTS: give --layout sustech" if keyed else rows
+        # SUSTechPOINTS calls a box "psr": position, scale, rotation
+        is_sustech = bool(content) and isinstance(content[0], dict) and "psr" in content[0]
+        return f"{rows} of SUSTechPOINTS: give --layout sustech" if is_sustech else rows
     if not isinstance(content, dict):
         return str(content)[:40]
     if "openlabel" in content:
@@ -119,29 +124,48 @@ def _describe_form(content: Unchecked) -> str:
 def parse_objects(path: str | Path, frame_entry: Unchecked, problems: Problems) -> FrameLabels:
     """Parse one entry of a file of boxes as the labels of a frame.
 
-    path: the file, for errors; frame_entry: from `read_entries`; problems: kinds and numbers of
-    labels left out are added to it."""
+    path: the file, for errors; frame_entry: parsed JSON of the frame, from `read_entries`;
+    problems: kinds and numbers of labels left out are added to it."""
     with name_damage(path, "file of boxes"):
         sample = f"sample {str(entry(frame_entry, 'name'))[:60]!r}"
         if "objects" not in frame_entry:
             raise ValueError(f'{sample} has no entry objects: write "objects": [] for an empty one')
         rows = as_list(frame_entry["objects"], f"objects of {sample}")
-        parsed = []
+        objects = []
         for k, row in enumerate(rows):
             try:
-                parsed.append(_parse_object(row))
+                objects.append(_parse_object(row))
             except ValueError as error:
                 raise ValueError(f"objects[{k}] of {sample}: {error}") from None
-        boxes = np.array([box for box, _, _ in parsed]).reshape(-1, 7)
-        boxes[:, 6] = np.deg2rad(boxes[:, 6])
-        names = [name for _, name, _ in parsed]
-        counts = [count for _, _, count in parsed]
+        boxes = np.array([labelled.box for labelled in objects]).reshape(-1, 7)
+        yaw = boxes[:, 6]
+        yaw[:] = np.deg2rad(yaw)  # a view: this changes `boxes`
         return make_labels(
-            boxes, names, [row.get("id", k) for k, row in enumerate(rows)], problems, counts
+            boxes,
+            categories=[labelled.category for labelled in objects],
+            ids=[row.get("id", k) for k, row in enumerate(rows)],
+            problems=problems,
+            counts=[labelled.point_count for labelled in objects],
         )
 
 
-def _parse_object(row: Unchecked) -> tuple[list[float], str, int]:
-    """Box (yaw in degrees), class name and number of points of one object, -1 points if unknown."""
-    box = [as_number(entry(row, key), key) for key in (*_SIZES, "yaw_deg")]
-    return box, str(entry(row, "label")), int(as_number(row.get("points", -1), "points"))
+class _LabelledBox(NamedTuple):
+    """One object of a file.
+
+    Attributes:
+        box: x, y, z, length, width, height (m) and yaw (degrees).
+        category: name of its class.
+        point_count: number of points on it, -1 if unknown."""
+
+    box: list[float]
+    category: str
+    point_count: int
+
+
+def _parse_object(row: Unchecked) -> _LabelledBox:
+    """Parse one object of a file of boxes; ValueError for a missing or damaged entry."""
+    return _LabelledBox(
+        box=[as_number(entry(row, key), key) for key in (*_SIZES, "yaw_deg")],
+        category=str(entry(row, "label")),
+        point_count=int(as_number(row.get("points", -1), "points")),
+    )

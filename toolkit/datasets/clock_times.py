@@ -39,6 +39,9 @@ Group = dict[str, int]
 def parse_epoch(name: str) -> float:
     """Parse a name as seconds since 1970, NaN for a name without a time.
 
+    A time is a whole number of seconds, milli-, micro- or nanoseconds, seconds with decimals, or
+    seconds and their fraction with `_` between them.
+
     >>> parse_epoch("1700000000004")
     1700000000.004
     >>> parse_epoch("1688625741_047447463")
@@ -46,14 +49,16 @@ def parse_epoch(name: str) -> float:
     >>> parse_epoch("000017")
     nan
     """
-    if parted := _PARTED.fullmatch(name):
-        name = f"{parted[1]}.{parted[2]}"
-    if _DECIMAL.fullmatch(name):
-        seconds = float(name)
+    number = name
+    if parts := _PARTED.fullmatch(name):  # seconds and their fraction
+        number = f"{parts[1]}.{parts[2]}"
+    if _DECIMAL.fullmatch(number):
+        seconds = float(number)
         return seconds if EARLIEST_S <= seconds < LATEST_S else float("nan")
-    if not _WHOLE.fullmatch(name):
+    if not _WHOLE.fullmatch(number):
         return float("nan")
-    ticks = int(name)
+    ticks = int(number)
+    # the unit is the one that makes it a time from 1973 to 2100
     for rate in _TICKS_PER_SECOND:
         if EARLIEST_S * rate <= ticks < LATEST_S * rate:
             return ticks / rate
@@ -64,8 +69,8 @@ def parse_time(value: object, name: str) -> float | None:
     """Parse a time that a file states, as seconds; None if it is missing or empty.
 
     Numbers, also as text, are seconds, or smaller units since 1970 if they are that large; other
-    text is a date and time by ISO 8601, UTC unless it has a zone. Raises ValueError for anything
-    else."""
+    text is a date and time by ISO 8601, UTC unless it has a zone. An infinite number counts as
+    missing. name: what errors call the time. Raises ValueError for anything else."""
     if value is None or value == "":
         return None
     text = str(value).strip()
@@ -83,6 +88,7 @@ def parse_time(value: object, name: str) -> float | None:
         return None
     if seconds < LATEST_S:
         return seconds
+    # whole numbers as they are written, since a float has lost their last digits
     epoch = parse_epoch(text if text.isdigit() else f"{seconds:.0f}")
     if math.isnan(epoch):
         raise ValueError(f"{name} must be a time in s, ms, us or ns since 1970, got {text[:40]}")
@@ -96,8 +102,8 @@ def parse_microseconds(ticks: float) -> float:
 
     >>> parse_microseconds(500000), parse_microseconds(1700000000250000000)
     (0.5, 1700000000.25)"""
-    epoch = None if ticks < MAX_MICROSECONDS else find_epoch(str(round(ticks)))
-    return ticks * 1e-6 if epoch is None else epoch
+    epoch_s = None if ticks < MAX_MICROSECONDS else find_epoch(str(round(ticks)))
+    return ticks * 1e-6 if epoch_s is None else epoch_s
 
 
 def find_epoch(name: str) -> float | None:
@@ -161,23 +167,24 @@ def _find_period(times: Float64[np.ndarray, " n"]) -> float:
 def _find_partners(
     times: Float64[np.ndarray, " n"], centres: Float64[np.ndarray, " m"], period: float
 ) -> Int64[np.ndarray, " n"]:
-    """Index of the group that each cloud of a sensor belongs to, -1 for none.
+    """Index of the group that each cloud of a sensor belongs to, -1 for no group.
 
-    A group gets at most one cloud, the closest. times: times of the clouds (s, rising);
-    centres: times of the groups (s, rising); period: time between two clouds of the fastest sensor
-    (s)."""
-    lag = _find_lag(times - centres[_find_nearest(times, centres)], period)
-    nearest = _find_nearest(times - lag, centres)
-    distances = np.abs(times - lag - centres[nearest])
-    partners = np.where(distances < MAX_JITTER_SHARE * period, nearest, -1)
+    A group gets at most one cloud, the closest after the sensor's usual lag is taken off. times:
+    times of the clouds (s, rising); centres: times of the groups (s, rising); period: time between
+    two clouds of the fastest sensor (s)."""
+    differences = times - centres[_find_nearest(times, centres)]
+    lag = _find_lag(differences, period)
+    nearest_groups = _find_nearest(times - lag, centres)
+    distances = np.abs(times - lag - centres[nearest_groups])
+    groups = np.where(distances < MAX_JITTER_SHARE * period, nearest_groups, -1)
     closest_first = np.argsort(distances, kind="stable")
-    assigned: set[int] = set()
-    for row in closest_first.tolist():
-        partner = int(partners[row])
-        if partner in assigned:
-            partners[row] = -1
-        assigned.add(partner)
-    return partners
+    groups_in_use: set[int] = set()
+    for cloud in closest_first.tolist():
+        group = int(groups[cloud])
+        if group in groups_in_use:
+            groups[cloud] = -1
+        groups_in_use.add(group)
+    return groups
 
 
 def _find_nearest(
@@ -185,21 +192,23 @@ def _find_nearest(
 ) -> Int64[np.ndarray, " n"]:
     """Index of the centre nearest to each time; the earlier one if two are equally near.
 
-    centres: s, rising."""
-    after = np.clip(np.searchsorted(centres, times), 1, max(1, len(centres) - 1))
-    before = after - 1
+    times: s; centres: times to choose from (s, rising), one at least."""
     if len(centres) == 1:
         return np.zeros(len(times), np.int64)
+    # the two centres around each time, or the first or last two
+    after = np.clip(np.searchsorted(centres, times), 1, len(centres) - 1)
+    before = after - 1
     return np.where(times - centres[before] <= centres[after] - times, before, after)
 
 
 def _find_lag(differences: Float64[np.ndarray, " n"], period: float) -> float:
     """Lag (s) that a sensor's clouds usually have, at most half a period either way.
 
-    differences: from the nearest group's time to each cloud's (s); those above a period do not
-    count. The mean is taken on a circle of one period, as a full period more changes nothing."""
-    near = differences[np.abs(differences) <= period]
-    if not len(near):
+    It is a circular mean, as for angles, with a period (s) as the full turn: a cloud one period
+    later fits as well. differences: from the time of the nearest group of clouds to each cloud's
+    time (s); longer ones than a period do not count. 0 if there are no others."""
+    lags = differences[np.abs(differences) <= period]
+    if not len(lags):
         return 0.0
-    turns = np.exp(2j * np.pi * near / period)
-    return float(np.angle(turns.mean()) * period / (2 * np.pi))
+    points_on_circle = np.exp(2j * np.pi * lags / period)
+    return float(np.angle(points_on_circle.mean()) * period / (2 * np.pi))

@@ -43,22 +43,24 @@ def fuse_files(paths: Sequence[str | Path], poses: Sequence[Pose]) -> "PointClou
         raise ValueError(
             f"{len(paths)} cloud files but {len(poses)} poses: give one pose for each file"
         )
-    checked = [check_pose(pose, f"pose of {path}") for path, pose in zip(paths, poses, strict=True)]
-    parts = []
+    checked_poses = [
+        check_pose(pose, f"pose of {path}") for path, pose in zip(paths, poses, strict=True)
+    ]
+    clouds = []
     for number, path in enumerate(paths):
-        recorded = _drop_infinite(read_recorded(path))
-        returned = (recorded["positions"] != 0).any(axis=1)
-        no_return = int((~returned).sum())
+        attributes = _drop_infinite(read_recorded(path))
+        has_return = (attributes["positions"] != 0).any(axis=1)
+        no_return = int((~has_return).sum())
         if no_return:
             warnings.warn(
                 f"{path}: {no_return} points at 0 0 0, of no return, are left out", stacklevel=2
             )
-            recorded = {name: column[returned] for name, column in recorded.items()}
-        rounding = describe_rounding(recorded["positions"])
+            attributes = {name: column[has_return] for name, column in attributes.items()}
+        rounding = describe_rounding(attributes["positions"])
         if rounding:
             warnings.warn(f"{path}: {rounding}", stacklevel=2)
-        parts.append(from_attributes(recorded, number))
-    return fuse(parts, checked)
+        clouds.append(from_attributes(attributes, sensor_id=number))
+    return fuse(clouds, checked_poses)
 
 
 def crop_area(
@@ -69,23 +71,23 @@ def crop_area(
     floor: float = 0.0,
     remedy: str = "",
 ) -> "PointCloud":
-    """Crop a cloud as `toolkit.clouds.crop` does, but raise ValueError if no point remains.
+    """Keep a cloud's points inside an area; raise ValueError if no point remains.
 
-    area: xmin, ymin, xmax, ymax (m); height, floor: see `crop`; remedy: words that end the error,
-    after the extent of the points."""
+    area: xmin, ymin, xmax, ymax (m); height, floor: points with floor < z < height (m) stay,
+    below 4 m by default; remedy: words that end the error, after the extent of the points."""
     from toolkit.clouds import crop, positions
 
     cropped = crop(cloud, area, height, floor=floor)
-    if not len(positions(cropped)):
-        points = positions(cloud)
-        if not len(points):
-            raise ValueError("the clouds hold no point with finite coordinates: give others")
-        bounds = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
-        extent = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in bounds)
-        raise ValueError(
-            f"none of the {len(points)} points lies in the area: they lie at {extent} m; {remedy}"
-        )
-    return cropped
+    if len(positions(cropped)):
+        return cropped
+    points = positions(cloud)
+    if not len(points):
+        raise ValueError("the clouds hold no point with finite coordinates: give others")
+    bounds = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
+    extent = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in bounds)
+    raise ValueError(
+        f"none of the {len(points)} points lies in the area: they lie at {extent} m; {remedy}"
+    )
 
 
 def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
@@ -95,8 +97,8 @@ def read_points(path: str | Path) -> Float64[np.ndarray, "n 3"]:
 
 def _drop_infinite(recorded: Attributes) -> Attributes:
     """Return attributes without the points whose coordinates are not finite."""
-    finite = np.isfinite(recorded["positions"]).all(axis=1)
-    return {name: column[finite] for name, column in recorded.items()}
+    is_finite = np.isfinite(recorded["positions"]).all(axis=1)
+    return {name: column[is_finite] for name, column in recorded.items()}
 
 
 def read_recorded(path: str | Path) -> Attributes:
@@ -108,15 +110,15 @@ def read_recorded(path: str | Path) -> Attributes:
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud file: {path}")
     with np.errstate(all="ignore"):
-        recorded = _read(path)
-        recorded["positions"] = np.asarray(recorded["positions"], np.float64)
+        attributes = _read_by_ending(path)
+        attributes["positions"] = np.asarray(attributes["positions"], np.float64)
         with reading.name_errors(path):
-            check_extent(recorded["positions"])
-    return recorded
+            check_extent(attributes["positions"])
+    return attributes
 
 
-def _read(path: Path) -> Attributes:
-    """Attributes of one file by the reader of its ending."""
+def _read_by_ending(path: Path) -> Attributes:
+    """Attributes of one file, read as its ending states; ValueError for an unknown ending."""
     readers = {
         (".ply", ".pcd", ".npz"): _read_cloud,
         (".xyz", ".txt", ".csv"): _read_text,
@@ -145,8 +147,10 @@ def _read_text(path: Path) -> Attributes:
 
 
 def _read_array(path: Path) -> Attributes:
-    """Attributes of a .npy file: rows of x y z, or named columns."""
-    table = array_files.load_arrays(path).get("")
+    """Attributes of a .npy file: rows of x y z, or named columns.
+
+    Raises ValueError for other arrays."""
+    table = array_files.load_arrays(path).get("")  # "" is the array of a .npy file
     if table is None:
         raise ValueError(f"{path} is an archive of arrays, not one: call it .npz")
     if table.dtype.names is not None and table.ndim == 1:
@@ -165,22 +169,25 @@ def _read_array(path: Path) -> Attributes:
 
 
 def _read_binary(path: Path) -> Attributes:
-    """Attributes of rows of float32, as KITTI and nuScenes write them."""
+    """Attributes of rows of float32, as KITTI and nuScenes write them.
+
+    Raises ValueError for numbers that seem to be of another type or width."""
     is_nuscenes = path.name.lower().endswith(".pcd.bin")
     names = ("x", "y", "z", "intensity", "ring")[: 5 if is_nuscenes else 4]
     rule = f"{path} must hold rows of float32 {' '.join(names)}"
     size = path.stat().st_size
     count = len(names)
-    if size % (4 * count):
+    if size % (4 * count):  # a float32 has 4 bytes
         raise ValueError(
             f"{path} must hold rows of {count} float32, but {size} bytes are no whole number "
             "of them"
         )
     rows = np.frombuffer(reading.read_plain(path), "<f4").reshape(-1, count)
-    if len(rows) and np.mean(rows[:, 3] < 0) > 0.01:
+    intensities = rows[:, 3]
+    if len(rows) and np.mean(intensities < 0) > 0.01:
         problem = f"{rule}, but its intensities are below 0"
         raise ValueError(f"{problem}: save other types or columns as .npy or .csv")
-    if count == 4 and _has_five_columns(rows):
+    if not is_nuscenes and _has_five_columns(rows):
         layout = "5 columns, the last of whole numbers, as nuScenes has them"
         raise ValueError(f"{rule}, but fits {layout}: call it .pcd.bin")
     return name_attributes(dict(zip(names, rows.T, strict=True)))
@@ -190,20 +197,20 @@ def _read_feather(path: Path) -> Attributes:
     """Attributes of a feather file."""
     columns = read_table(path)
     with reading.name_errors(path):
-        axes = find_axes(list(columns)).names
-    if any(columns[name].dtype.kind not in "fiu" for name in axes):
-        raise ValueError(f"{path} must hold numbers in its columns {', '.join(axes)}")
+        coordinate_names = find_axes(list(columns)).names
+    if any(columns[name].dtype.kind not in "fiu" for name in coordinate_names):
+        raise ValueError(f"{path} must hold numbers in its columns {', '.join(coordinate_names)}")
     return name_attributes(columns)
 
 
 def _has_five_columns(rows: Float32[np.ndarray, "n 4"]) -> bool:
     """Return True if numbers read as rows of 4 look like rows of 5, whose fifth, a ring, is whole.
 
-    rows: as read, x y z intensity if they are really 4 wide."""
+    rows: as read, x y z intensity if they are really 4 wide. Whole intensities speak for 4."""
     if rows.size % 5 or not len(rows):
         return False
-    fifth = rows.reshape(-1, 5)[:MAX_CHECKED_ROWS, 4]
-    fourth = rows[:MAX_CHECKED_ROWS, 3]
-    if (fourth == np.trunc(fourth)).all():
+    intensities = rows[:MAX_CHECKED_ROWS, 3]
+    if (intensities == np.trunc(intensities)).all():
         return False
-    return bool((fifth == np.trunc(fifth)).all()) and bool(fifth.any())
+    rings = rows.reshape(-1, 5)[:MAX_CHECKED_ROWS, 4]
+    return bool((rings == np.trunc(rings)).all()) and bool(rings.any())

@@ -43,7 +43,16 @@ def read_cloud(
     stamp_s: float | None = None,
     middles: Middles | None = None,
 ) -> SensorCloud:
-    """Read the cloud of one sensor from a file; for the arguments see `build_cloud`.
+    """Read the cloud of one sensor from a file, without points that cannot be used.
+
+    Args:
+        path: the file, with positions in the sensor's frame.
+        name: name of the sensor.
+        world_SE3_sensor: its pose.
+        problems: kinds and numbers of points left out are added to it.
+        stamp_s: time of the cloud (s), None if unknown.
+        middles: place from which each sensor's clouds are counted if they are kilometres from
+            their origin, the same for a whole recording; None for a single cloud.
 
     Raises FileNotFoundError, and ValueError for a file without readable points."""
     attributes = read_recorded(path)
@@ -77,52 +86,53 @@ def build_cloud(
         middles: middles of the recording's sensors; None for one cloud only.
 
     Raises ValueError for points that are too far apart to be metres."""
-    recorded = np.asarray(attributes["positions"], np.float64)
-    check_extent(recorded)
-    is_returned = np.ones(len(recorded), bool)
-    if frame == "sensor":
-        is_returned = (recorded != 0).any(axis=1)
-    middle = find_far_middle(recorded)
+    positions = np.asarray(attributes["positions"], np.float64)
+    check_extent(positions)
+    is_returned = np.ones(len(positions), bool)
+    if frame == "sensor":  # drivers write 0 0 0 for no return
+        is_returned = (positions != 0).any(axis=1)
+    middle = find_far_middle(positions)
     if middle.any():
-        add_problem(problems, COARSE_POINTS, int(describe_rounding(recorded) is not None))
+        add_problem(problems, COARSE_POINTS, int(describe_rounding(positions) is not None))
         if frame == "world":
-            recorded = transform(invert(world_SE3_sensor), recorded)
+            positions = transform(invert(world_SE3_sensor), positions)
             frame = "sensor"
-            middle = find_far_middle(recorded)
+            middle = find_far_middle(positions)
     if middle.any():
         add_problem(problems, UNPLACED, 1)
         origin = (middles or Middles()).find(name, middle)
-        recorded = recorded - origin
+        positions = positions - origin
         world_SE3_sensor = world_SE3_sensor @ translation(origin)
-    is_kept = _mark_sound(recorded, is_returned, problems)
+    is_kept = _mark_sound(positions, is_returned, problems)
     columns = _PointColumns(attributes, is_kept)
     return SensorCloud(
-        name,
-        recorded[is_kept].astype(np.float32),
-        world_SE3_sensor,
-        frame,
-        columns.find_times(problems),
-        columns.find_intensity(),
-        columns.find_rings(),
-        stamp_s,
+        name=name,
+        points=positions[is_kept].astype(np.float32),
+        world_SE3_sensor=world_SE3_sensor,
+        frame=frame,
+        time=columns.find_times(problems),
+        intensity=columns.find_intensity(),
+        ring=columns.find_rings(),
+        stamp_s=stamp_s,
     )
 
 
 def _mark_sound(
-    recorded: Float64[np.ndarray, "n 3"], is_returned: Mask, problems: Problems
+    positions: Float64[np.ndarray, "n 3"], is_returned: Mask, problems: Problems
 ) -> Mask:
-    """Mask of the points to keep; the others are counted in `problems`.
+    """Mask of the points to keep; the others are counted in `problems`, which is changed in place.
 
-    recorded: m; is_returned: mask of the points that are no placeholder for no return."""
+    Points far from the middle are counted but kept. positions: m; is_returned: mask of the points
+    that are no placeholder for no return."""
     with np.errstate(invalid="ignore"):
-        is_sound = (np.abs(recorded) <= MAX_POINT_DISTANCE_M).all(axis=1)  # NaN is not
-    is_kept = is_sound & is_returned
-    add_problem(problems, NOT_FINITE_POINTS, int((~is_sound).sum()))
-    add_problem(problems, NO_RETURN_POINTS, int((is_sound & ~is_returned).sum()))
+        is_finite = (np.abs(positions) <= MAX_POINT_DISTANCE_M).all(axis=1)  # NaN is not
+    is_kept = is_finite & is_returned
+    add_problem(problems, NOT_FINITE_POINTS, int((~is_finite).sum()))
+    add_problem(problems, NO_RETURN_POINTS, int((is_finite & ~is_returned).sum()))
     add_problem(problems, EMPTY, int(not is_kept.any()))
     if is_kept.any():
-        points = recorded[is_kept]
-        middle = np.median(points[:: len(points) // 1000 + 1], axis=0)
+        points = positions[is_kept]
+        middle = np.median(points[:: len(points) // 1000 + 1], axis=0)  # a thousand are enough
         is_far = np.linalg.norm(points - middle, axis=1) > _FAR_POINT_M
         add_problem(problems, FAR_POINTS, int(is_far.sum()))
     return is_kept
@@ -134,49 +144,49 @@ class _PointColumns(NamedTuple):
     attributes: Mapping[str, np.ndarray]
     is_kept: Mask
 
-    def _list(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
-        """Yield the columns that have one of these names, for the kept points, in the names' order.
+    def _kept_columns(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
+        """Yield the attributes of these names, for the kept points, in the names' order.
 
-        Columns of another length are left out, and matrices too, unless `wide`: then their first
-        column counts."""
+        Names without an attribute are skipped, and attributes of another length. wide: True to take
+        the first column of attributes with several; otherwise they are skipped too."""
         count = len(self.is_kept)
         for name in names:
             if name not in self.attributes:
                 continue
-            column = np.asarray(self.attributes[name])
-            if len(column) == count and (wide or column.size == count):
-                yield (column if column.ndim == 1 else column[:, 0])[self.is_kept]
+            values = np.asarray(self.attributes[name])
+            if len(values) == count and (wide or values.size == count):
+                column = values if values.ndim == 1 else values[:, 0]
+                yield column[self.is_kept]
 
     def find_intensity(self) -> Float32[np.ndarray, " n"] | None:
         """Intensities, None without any; OPV2V keeps them in the red of colours."""
-        intensity = next(self._list(_INTENSITIES, wide=True), None)
+        intensity = next(self._kept_columns(_INTENSITIES, wide=True), None)
         return None if intensity is None else intensity.astype(np.float32)
 
     def find_rings(self) -> Int64[np.ndarray, " n"] | None:
         """Laser of each point by the first column of whole numbers, None without one."""
-        for column in self._list(_RINGS):
+        for column in self._kept_columns(_RINGS):
             is_small = column.dtype.kind in "iu" or (np.abs(column) < _MAX_RINGS).all()
             if is_small and (column % 1 == 0).all():
                 return column.astype(np.int64)
         return None
 
     def find_times(self, problems: Problems) -> Float64[np.ndarray, " n"] | None:
-        """Times of points (s), None without a column of times or if its unit is unknown."""
+        """Times of points (s), None without a column of times or if its unit is unknown.
+
+        An unknown unit is counted in `problems`, which is changed in place."""
         count = len(self.is_kept)
-        names = [
-            name
-            for name, column in self.attributes.items()
-            if is_time(name) and np.size(column) == count
-        ]
-        if not names:
-            return None
-        seconds = parse_point_times(names[0], next(self._list(names[:1])))
-        add_problem(problems, UNTIMED, int(seconds is None))
-        return seconds
+        for name, column in self.attributes.items():
+            if is_time(name) and np.size(column) == count:
+                kept_times = next(self._kept_columns([name]))
+                seconds = parse_point_times(name, kept_times)
+                add_problem(problems, UNTIMED, int(seconds is None))
+                return seconds
+        return None
 
 
 def write_cloud(path: str | Path, cloud: SensorCloud) -> None:
-    """Write a cloud in its frame as a binary PCD file: x y z, intensity, and ring if known."""
+    """Write a cloud as a binary PCD file: x y z (m) as stored, intensity, and ring if known."""
     columns = dict(zip("xyz", cloud.points.astype(np.float32).T, strict=True))
     columns["intensity"] = get_intensity(cloud)
     if cloud.ring is not None:
@@ -190,13 +200,16 @@ def one_cloud(sample: Frame) -> SensorCloud:
     Intensities are kept if all clouds have them, the time if it is the same for all. Its pose is
     the pose of the first cloud's sensor."""
     intensities = [cloud.intensity for cloud in sample.clouds if cloud.intensity is not None]
-    is_complete = len(intensities) == len(sample.clouds) and len(intensities) > 0
-    pose = sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4)
-    intensity = np.concatenate(intensities) if is_complete else None
+    all_have_intensity = len(intensities) == len(sample.clouds) and len(intensities) > 0
     stamps = {cloud.stamp_s for cloud in sample.clouds}
-    stamp = stamps.pop() if len(stamps) == 1 else None
-    points = sample.points().astype(np.float32)
-    return SensorCloud("lidar", points, pose, "world", intensity=intensity, stamp_s=stamp)
+    return SensorCloud(
+        name="lidar",
+        points=sample.points().astype(np.float32),
+        world_SE3_sensor=sample.clouds[0].world_SE3_sensor if sample.clouds else np.eye(4),
+        frame="world",
+        intensity=np.concatenate(intensities) if all_have_intensity else None,
+        stamp_s=stamps.pop() if len(stamps) == 1 else None,
+    )
 
 
 def get_intensity(cloud: SensorCloud) -> np.ndarray:

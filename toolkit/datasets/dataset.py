@@ -29,13 +29,13 @@ import operator
 import os
 import warnings
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import SupportsIndex, overload
 
 import h5py
 import numpy as np
 
+from toolkit.arrays import ImageRanges
 from toolkit.datasets import published_layout as published
 from toolkit.datasets.image_file import check_kinds, object_rows, open_file
 from toolkit.datasets.stored_channels import list_channels
@@ -110,15 +110,16 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     @overload
     def __getitem__(self, index: slice) -> list[Frame]: ...
     def __getitem__(self, index: SupportsIndex | slice) -> Frame | list[Frame]:
+        """Frame of an index, or list of frames of a slice; negative indices count from the end."""
         if isinstance(index, slice):
-            return [self._frame(k) for k in range(*index.indices(len(self)))]
-        k = operator.index(index)
-        if not -len(self) <= k < len(self):
+            return [self._frame(number) for number in range(*index.indices(len(self)))]
+        number = operator.index(index)
+        if not -len(self) <= number < len(self):
             raise IndexError(
-                f"frame {k} is out of range: {self.path} has {len(self)} frames, 0 to "
+                f"frame {number} is out of range: {self.path} has {len(self)} frames, 0 to "
                 f"{len(self) - 1}"
             )
-        return self._frame(k % len(self))
+        return self._frame(number % len(self))
 
     def __iter__(self) -> Iterator[Frame]:
         return (self._frame(k) for k in range(len(self)))
@@ -135,10 +136,10 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         """Return a dataset of the file by its path; it is checked on first use and then kept.
 
         axes: required number of axes, None for any; kinds: NumPy kinds that its type may have."""
-        file, checked = self._file()
-        if name not in checked:
-            checked[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
-        return checked[name]
+        file, datasets = self._file()
+        if name not in datasets:
+            datasets[name] = hdf5.dataset(file, name, axes=axes, kinds=kinds)
+        return datasets[name]
 
     def __enter__(self) -> "CoopDataset":
         return self
@@ -150,69 +151,90 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return {**self.__dict__, "_open": None}
 
     def _file(self) -> tuple[h5py.File, dict[str, h5py.Dataset]]:
+        """Return the open file, opened if need be, and its datasets that are checked already."""
         # a forked process must not share the parent's handle
         if self._open is None or self._open[0] != os.getpid():
             self._open = os.getpid(), open_file(self.path), {}
-        return self._open[1:]
+        file, datasets = self._open[1:]
+        return file, datasets
 
-    def _frame(self, k: int) -> Frame:
-        # Frame of number k, from 0: images, objects and time, in the site's frame.
+    def _frame(self, number: int) -> Frame:
+        """Read the frame of a number, from 0, in the site's frame."""
         file, _ = self._file()
         try:
-            names = dict.fromkeys(channel.name for channel in self.channels)
-            images = {name: hdf5.rows(self.open_dataset(name), name, k) for name in names}
-            shared = [
-                (images[c.name][c.depth_index], c.stride)
-                for c in self.channels
-                if c.depth_index is not None
-            ]
-            measured = iter(published.measure_images(shared))
-            measurements = tuple(
-                images[stored.name].astype(np.float32)
-                if stored.depth_index is None
-                else next(measured)
-                for stored in self.channels
-            )
-            objects = self._objects(file, k)
+            measurements = self._read_images(number)
+            objects = self._objects(file, number)
         except OSError as error:
-            raise OSError(f"{self.path}: frame {k} cannot be read: {error}") from None
+            raise OSError(f"{self.path}: frame {number} cannot be read: {error}") from None
         except ValueError as error:
-            raise type(error)(f"{self.path}: frame {k}: {error}") from None
-        time = 0.0 if self.times is None else float(self.times[k])
-        frame = partial(Frame, complete=self._area, map_SE3_world=self.site.map_SE3_site)
-        categories = tuple(LABELS[label] for label in objects.labels.tolist())
-        return frame(
-            self.sensors, measurements, objects, time, k, name=f"{k:06d}", categories=categories
+            raise type(error)(f"{self.path}: frame {number}: {error}") from None
+        return Frame(
+            sensors=self.sensors,
+            measurements=measurements,
+            objects=objects,
+            time=0.0 if self.times is None else float(self.times[number]),
+            index=number,
+            name=f"{number:06d}",
+            categories=tuple(LABELS[label] for label in objects.labels.tolist()),
+            complete=self._area,
+            map_SE3_world=self.site.map_SE3_site,
         )
 
-    def _objects(self, file: h5py.File, k: int) -> Objects:
-        name = f"objects/{k}"
+    def _read_images(self, number: int) -> tuple[ImageRanges, ...]:
+        """Read the image of each sensor (m, 0 for no return) in the frame of a number.
+
+        A channel with a `depth_index` shares its dataset with others, in the published form: the
+        full image, with only every `stride`-th pixel measured."""
+        dataset_names = dict.fromkeys(channel.name for channel in self.channels)
+        arrays = {name: hdf5.rows(self.open_dataset(name), name, number) for name in dataset_names}
+        full_images = [
+            (arrays[channel.name][channel.depth_index], channel.stride)
+            for channel in self.channels
+            if channel.depth_index is not None
+        ]
+        shared_images = iter(published.measure_images(full_images))  # in the order of channels
+        images = []
+        for channel in self.channels:
+            if channel.depth_index is None:
+                images.append(arrays[channel.name].astype(np.float32))
+            else:
+                images.append(next(shared_images))
+        return tuple(images)
+
+    def _objects(self, file: h5py.File, number: int) -> Objects:
+        """Read the objects in the frame of a number, with track ids if the file has them.
+
+        Rows that no object can have raise ValueError, or are left out if `self.drop_invalid`."""
+        name = f"objects/{number}"
         ids = None
         rows = object_rows(file, name)
         if self._starts is not None:
-            stored = self.open_dataset("coview/object_ids", axes=1, kinds="iu")
-            ids = hdf5.rows(stored, "coview/object_ids", slice(*self._starts[k : k + 2].tolist()))
+            # the ids of all frames are one after the other
+            start, end = self._starts[number : number + 2].tolist()
+            all_ids = self.open_dataset("coview/object_ids", axes=1, kinds="iu")
+            ids = hdf5.rows(all_ids, "coview/object_ids", slice(start, end))
             if len(ids) != len(rows):
                 raise ValueError(
                     f"{name} has {len(rows)} rows, but there are {len(ids)} coview/object_ids for "
                     "it"
                 )
         if self.drop_invalid:
-            sound = published.wrong_rows(rows) == ""
-            rows = rows[sound]
-            ids = None if ids is None else ids[sound]
+            is_sound = published.wrong_rows(rows) == ""
+            rows = rows[is_sound]
+            ids = None if ids is None else ids[is_sound]
         return published.parse_rows(rows, self.site.map_SE3_site, ids, name)
 
     def _warn_of_invalid(self, file: h5py.File) -> None:
         """Warn how many objects are left out, and describe the first one's fault."""
-        faults = {
-            k: published.wrong_rows(object_rows(file, f"objects/{k}")) for k in range(self._length)
-        }
-        frames = [k for k, words in faults.items() if (words != "").any()]
-        if frames:
-            count = sum(int((words != "").sum()) for words in faults.values())
-            first = faults[frames[0]]
-            row = int((first != "").argmax())
-            example = f"objects/{frames[0]} row {row}, which {first[row]}"
-            left_out = f"{self.path}: {count} objects in {len(frames)} frames are left out"
+        faults_of_frame: dict[int, np.ndarray] = {}  # a text for each object, "" for no fault
+        for number in range(self._length):
+            faults = published.wrong_rows(object_rows(file, f"objects/{number}"))
+            if (faults != "").any():
+                faults_of_frame[number] = faults
+        if faults_of_frame:
+            count = sum(int((faults != "").sum()) for faults in faults_of_frame.values())
+            first_frame, faults = next(iter(faults_of_frame.items()))
+            row = int((faults != "").argmax())
+            example = f"objects/{first_frame} row {row}, which {faults[row]}"
+            left_out = f"{self.path}: {count} objects in {len(faults_of_frame)} frames are left out"
             warnings.warn(f"{left_out}, the first is {example}", stacklevel=4)

@@ -64,13 +64,16 @@ def _batch_size(message: bytes, body: Any) -> int:
         return int(struct.unpack_from(f"<{kind}", message, position)[0])
 
     def field(table: int, field_index: int) -> int:
-        """Position of a table's field in the message, 0 if the table lacks it."""
-        fields = table - number("i", table)
-        offset = (
-            number("H", fields + 4 + 2 * field_index)
-            if 4 + 2 * field_index < number("H", fields)
-            else 0
-        )
+        """Position of a field in the message, 0 if the table lacks it.
+
+        table: position of its table in the message. The table begins with the distance back to a
+        list: its size in bytes, the table's size, and each field's offset in the table, 2 bytes
+        each."""
+        # "i" is a number of 4 bytes, "H" one of 2 bytes without sign
+        field_list = table - number("i", table)
+        entry = 4 + 2 * field_index
+        list_size = number("H", field_list)
+        offset = number("H", field_list + entry) if entry < list_size else 0
         return table + offset if offset else 0
 
     def follow_offset(position: int) -> int:

@@ -15,8 +15,8 @@ def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> 
     """List the files and folders in a folder in `natural_order`, by glob pattern.
 
     Hidden ones are left out, and files that macOS adds to archives (`._NAME`)."""
-    found = folder.rglob(pattern) if recursive else folder.glob(pattern)
-    files = [file for file in found if not _is_hidden(file.relative_to(folder).parts)]
+    matches = folder.rglob(pattern) if recursive else folder.glob(pattern)
+    files = [file for file in matches if not _is_hidden(file.relative_to(folder).parts)]
     return sorted(files, key=_path_order)
 
 
@@ -30,9 +30,10 @@ def natural_order(name: str) -> tuple[str | int, ...]:
     >>> sorted(["7.5", "7.25", "007"], key=natural_order)
     ['007', '7.25', '7.5']
     """
+    # texts and numbers in turn, a text first; the name itself decides between 7 and 007
     pieces = _WHOLE_NUMBER.split(name)
-    numbered = (int(piece) if index % 2 else piece for index, piece in enumerate(pieces))
-    return (*numbered, name)
+    key = (int(piece) if index % 2 else piece for index, piece in enumerate(pieces))
+    return (*key, name)
 
 
 def _path_order(file: Path) -> tuple[tuple[str | int, ...], ...]:

@@ -79,27 +79,36 @@ def make_labels(
     other_rows = rows[classes[rows] < 0]
     rows = rows[classes[rows] >= 0]
     add_problem(problems, OTHER_KINDS, len(other_rows))
-    tracks = np.array([track_number(k if ids is None else ids[k]) for k in rows.tolist()], np.int64)
+    tracks = np.array(
+        [track_number(row if ids is None else ids[row]) for row in rows.tolist()], np.int64
+    )
     object_counts = None
     other_counts = None
     if counts is not None:
         row_counts = np.asarray(counts, np.int64)
         object_counts = _known_counts(row_counts[rows])
         other_counts = _known_counts(row_counts[other_rows])
-    other_names = tuple(str(categories[k]) for k in other_rows.tolist())
+    other_objects = OtherObjects(
+        boxes[other_rows],
+        categories=tuple(str(categories[row]) for row in other_rows.tolist()),
+        counts=other_counts,
+    )
     return FrameLabels(
-        Objects(boxes[rows], classes[rows], tracks),
-        tuple(str(categories[k]) for k in rows.tolist()),
-        object_counts,
-        OtherObjects(boxes[other_rows], other_names, other_counts),
+        objects=Objects(boxes[rows], labels=classes[rows], ids=tracks),
+        categories=tuple(str(categories[row]) for row in rows.tolist()),
+        counts=object_counts,
+        others=other_objects,
     )
 
 
 def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mask:
-    """Mask of the boxes that an object may have; the others are counted by their first problem."""
-    is_sized = (boxes[:, 3:6] >= MIN_BOX_SIDE_M).all(axis=1)
-    is_small = (boxes[:, 3:6] <= MAX_BOX_SIDE_M).all(axis=1)
-    is_near = (np.abs(boxes[:, :3]) <= MAX_COORDINATE_M).all(axis=1)
+    """Mask of the boxes that an object may have.
+
+    The others are counted by their first problem in `problems`, which is changed in place."""
+    centres, sides = boxes[:, :3], boxes[:, 3:6]
+    is_sized = (sides >= MIN_BOX_SIDE_M).all(axis=1)
+    is_small = (sides <= MAX_BOX_SIDE_M).all(axis=1)
+    is_near = (np.abs(centres) <= MAX_COORDINATE_M).all(axis=1)
     checks = (
         (NOT_FINITE, np.isfinite(boxes).all(axis=1)),
         (NO_SIZE, is_sized),
@@ -118,17 +127,20 @@ def _find_doubled(
     """Rows that repeat the box and category of an earlier row.
 
     rows: row numbers of the boxes to compare, in order."""
-    category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)[1][:-1]
-    compared = np.column_stack([boxes, category_numbers])
-    by_x = rows[np.argsort(boxes[rows, 0], kind="stable")]
-    is_near = np.diff(boxes[by_x, 0]) <= MAX_DOUBLED_GAP
-    near = np.union1d(by_x[:-1][is_near], by_x[1:][is_near])  # no other row can be doubled
-    unique: list[int] = []  # near rows that differ from every earlier one
-    for row in near.tolist():
-        differs = (np.abs(compared[unique] - compared[row]) > MAX_DOUBLED_GAP).any(axis=1)
-        if not unique or differs.all():
-            unique.append(row)
-    return np.setdiff1d(near, unique)
+    # the extra "" makes an array of texts of no categories too
+    _, category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)
+    values = np.column_stack([boxes, category_numbers[:-1]])
+    x = boxes[:, 0]
+    rows_by_x = rows[np.argsort(x[rows], kind="stable")]
+    is_near_next = np.diff(x[rows_by_x]) <= MAX_DOUBLED_GAP
+    # only rows near the row before or after them along x can be doubled
+    near_rows = np.union1d(rows_by_x[:-1][is_near_next], rows_by_x[1:][is_near_next])
+    unique_rows: list[int] = []  # near rows that differ from every earlier one
+    for row in near_rows.tolist():
+        differs = (np.abs(values[unique_rows] - values[row]) > MAX_DOUBLED_GAP).any(axis=1)
+        if not unique_rows or differs.all():
+            unique_rows.append(row)
+    return np.setdiff1d(near_rows, unique_rows)
 
 
 def _known_counts(counts: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"] | None:
@@ -159,9 +171,11 @@ def track_number(name: object) -> int:
 
     An integer stays itself, also as text; any other text becomes a number of 63 bits by its hash,
     the same in every run."""
-    if type(name) is int and abs(name) < MAX_TRACK:
+    if type(name) is int and abs(name) < MAX_TRACK:  # bool is left out
         return name
     text = str(name).strip()
-    if text.removeprefix("-").isascii() and text.removeprefix("-").isdigit() and len(text) < 18:
+    digits = text.removeprefix("-")
+    if digits.isascii() and digits.isdigit() and len(text) < 18:  # fits into int64
         return int(text)
-    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big") >> 1
+    hash_64_bits = int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big")
+    return hash_64_bits >> 1

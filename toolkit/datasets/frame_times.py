@@ -11,7 +11,8 @@ from toolkit.frame import Frame, SensorCloud
 def clock_time(frame: Frame, number: int) -> float:
     """Return the time (s) to write for a frame, `number` tenths of a second if unknown.
 
-    Raises ValueError for a time that is not since 1970, which no layout with clock times holds."""
+    number: number of the frame in its recording. Raises ValueError for a time that is not since
+    1970, which no layout with clock times holds."""
     time = frame.time if np.isfinite(frame.time) else 0.1 * number
     if not 0 <= time < 2**31:
         raise ValueError(

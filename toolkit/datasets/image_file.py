@@ -18,12 +18,10 @@ def open_file(path: str | Path) -> h5py.File:
     Raises FileNotFoundError or OSError, which state in one line what is wrong."""
     path = Path(path)
     if not path.exists():
-        unfinished = path.with_name(path.name + ".parts").is_dir()
-        hint = (
-            "its simulation is not finished, start it again to go on"
-            if unfinished
-            else "check the path"
-        )
+        is_unfinished = path.with_name(path.name + ".parts").is_dir()
+        hint = "check the path"
+        if is_unfinished:
+            hint = "its simulation is not finished, start it again to go on"
         raise FileNotFoundError(f"no dataset {path}: {hint}")
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: give the HDF5 file itself")
@@ -31,7 +29,7 @@ def open_file(path: str | Path) -> h5py.File:
 
 
 def object_rows(file: h5py.File, name: str) -> np.ndarray:
-    """Read the published object rows of a frame, with their values unchecked.
+    """Read the objects of a frame as published rows (n, 10), with their values unchecked.
 
     name: dataset of the frame, such as "objects/0". Raises ValueError if they cannot be read."""
     rows = hdf5.find_array(file, name, kinds="fiub")
@@ -45,19 +43,19 @@ def object_rows(file: h5py.File, name: str) -> np.ndarray:
 
 
 def check_kinds(file: h5py.File) -> tuple[str, ...]:
-    """Check that groups and datasets are as the layout expects, and return `list_cameras`.
+    """Check that groups and datasets are as the layout expects; return the names of the cameras.
 
     Raises ValueError for a dataset in place of a group, for a group in place of a dataset, and for
     a file of recorded clouds."""
     if str(hdf5.read_node_attributes(file, "the file").get("coview", "")) == CLOUDS_KIND:
         raise ValueError("it holds recorded clouds, not images: give --layout hdf5")
     cameras = list_cameras(file)
-    for name, kind in hdf5.find_kinds(
-        file, ("dslices", *_GROUPS, *(f"cameras/{name}" for name in cameras))
-    ).items():
-        expected = h5py.Dataset if name == "dslices" else h5py.Group
-        if not issubclass(kind, expected):
-            words = f"{expected.__name__.lower()}, got a {kind.__name__.lower()}"
+    camera_groups = [f"cameras/{name}" for name in cameras]
+    kinds = hdf5.find_kinds(file, ("dslices", *_GROUPS, *camera_groups))
+    for name, kind in kinds.items():
+        expected_kind = h5py.Dataset if name == "dslices" else h5py.Group
+        if not issubclass(kind, expected_kind):
+            words = f"{expected_kind.__name__.lower()}, got a {kind.__name__.lower()}"
             raise ValueError(f"{name} must be an HDF5 {words}: see toolkit.datasets.dataset")
     return cameras
 

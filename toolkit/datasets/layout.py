@@ -46,10 +46,12 @@ class Layout:
         writer = getattr(import_module(self.module), self.writer)
 
         def write_whole(frames: Iterable[Frame], path: Path) -> int:
+            """Write all frames or nothing at a path; return their number."""
             numbers = itertools.count()
-            counted = (frame for frame, _ in zip(frames, numbers, strict=False))
+            # each frame that the writer takes uses up a number: the next one is how many it took
+            counted_frames = (frame for frame, _ in zip(frames, numbers, strict=False))
             with nullcontext(path) if self.file else writing_folder(path) as unfinished:
-                writer(counted, unfinished)
+                writer(counted_frames, unfinished)
             return next(numbers)
 
         return write_whole

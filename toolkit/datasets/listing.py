@@ -41,10 +41,13 @@ class Listing(DisplayedRecording):
         return map(self.__getitem__, range(len(self.names)))
 
     def __getitem__(self, index: int) -> Frame:
+        """Read the frame of an index; the first one also gets the problems of the recording."""
         frame = self.load(self.names[index])
-        if index % len(self.names):
+        is_first = index % len(self.names) == 0  # the index may count from the end
+        if not is_first:
             return frame
         problems = dict(frame.problems)
+        # labels without a cloud, and what the reader noted
         for kind, count in {STRAY: len(self.strays), **self.noted}.items():
             add_problem(problems, kind, count)
         return replace(frame, problems=problems) if problems != frame.problems else frame
@@ -72,10 +75,9 @@ class Listing(DisplayedRecording):
 def check_labels(recording: Frames, frames: int | None = None) -> None:
     """Raise ValueError if nothing can be scored.
 
-    This is so if no label has a cloud, or if the first frames of an unknown site have no label."""
-    count = len(recording) if frames is None else frames
-    site = getattr(recording, "site", None)
-    source = recording
+    This is so if no label has a cloud, or if the first frames of an unknown site have no label.
+    frames: number of first frames to look at, None for all."""
+    source = recording  # as it was opened, under all views
     while isinstance(source, RecordingView):
         source = source.recording
     if (
@@ -85,8 +87,9 @@ def check_labels(recording: Frames, frames: int | None = None) -> None:
     ):
         strays = source.describe_strays()
         raise ValueError(f"no label can be used: {strays}; name both alike, times in the same unit")
-    first_frames = (recording[k] for k in range(count))
-    if site is None and not any(
+    count = len(recording) if frames is None else frames
+    first_frames = (recording[index] for index in range(count))
+    if getattr(recording, "site", None) is None and not any(
         len(frame.objects) or len(frame.others.boxes) for frame in first_frames
     ):
         remedy = "take coview detect, or give labels, such as the labels.json of layout folder"

@@ -33,10 +33,11 @@ def find_far_middle(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "
     """Return the median of points, rounded to a metre; zeros unless most are far from the origin.
 
     Points that are not finite or all 0, which some drivers write for no return, do not count."""
-    sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]
-    sample = sample[np.isfinite(sample).all(axis=1) & (sample != 0).any(axis=1)]
-    far = np.abs(sample).max(axis=1, initial=0) > NEAR_ORIGIN_M
-    if 2 * np.count_nonzero(far) <= len(sample):
+    sample = points[:: len(points) // MAX_SAMPLE_POINTS + 1]  # evenly taken
+    is_return = np.isfinite(sample).all(axis=1) & (sample != 0).any(axis=1)
+    sample = sample[is_return]
+    is_far = np.abs(sample).max(axis=1, initial=0) > NEAR_ORIGIN_M
+    if 2 * np.count_nonzero(is_far) <= len(sample):
         return np.zeros(3)
     return np.asarray(np.round(np.median(sample, axis=0)))
 
@@ -56,12 +57,14 @@ class Middles:
     def find(self, sensor: str, middle: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
         """Return the middle (x, y, z in m) from which a sensor's clouds are counted.
 
-        middle: middle of its cloud that is being read, used if no first cloud is known. The result
-        is kept for the sensor's next clouds."""
+        It is the middle of the sensor's first cloud, in `self.files`. middle: middle of the cloud
+        that is being read, used if there is no first cloud for the sensor. The result is kept for
+        the sensor's next clouds."""
         if sensor not in self._by_sensor:
             file = self.files.get(sensor)
-            first = middle if file is None else find_far_middle(read_recorded(file)["positions"])
-            self._by_sensor[sensor] = first
+            if file is not None:
+                middle = find_far_middle(read_recorded(file)["positions"])
+            self._by_sensor[sensor] = middle
         return self._by_sensor[sensor]
 
 
@@ -69,9 +72,10 @@ def find_origin(frame: Frame) -> Float64[np.ndarray, "3"]:
     """Return an origin (m, world frame) near a frame's sensors, else its points or objects.
 
     It is zero if all are near."""
-    positions = np.array([sensor.position for sensor in frame.sensors]).reshape(-1, 3)
-    for places in (positions, frame.points(), frame.objects.boxes[:, :3]):
-        middle = find_far_middle(places)
+    sensor_positions = np.array([sensor.position for sensor in frame.sensors]).reshape(-1, 3)
+    box_centres = frame.objects.boxes[:, :3]
+    for positions in (sensor_positions, frame.points(), box_centres):
+        middle = find_far_middle(positions)
         if middle.any():
             return middle
     return np.zeros(3)
@@ -87,26 +91,27 @@ def rebase(frame: Frame, origin: Float64[np.ndarray, "3"]) -> Frame:
     old_SE3_new = translation(origin)
     new_SE3_old = translation(-origin)
     clouds = [_rebase_cloud(cloud, new_SE3_old) for cloud in frame.clouds]
-    rows = np.array([*origin, 0, 0, 0, 0])
+    box_shift = np.array([*origin, 0, 0, 0, 0])  # sizes and yaw stay
     return replace(
         frame.with_clouds(clouds),
-        objects=replace(frame.objects, boxes=frame.objects.boxes - rows),
-        others=replace(frame.others, boxes=frame.others.boxes - rows),
+        objects=replace(frame.objects, boxes=frame.objects.boxes - box_shift),
+        others=replace(frame.others, boxes=frame.others.boxes - box_shift),
         complete=frame.complete.move_origin(origin),
         map_SE3_world=frame.map_SE3_world @ old_SE3_new,
     )
 
 
 def near_frames(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Yield frames counted from the origin of the first.
+    """Yield frames with their world frame moved to an origin near the first frame.
 
-    So float32 holds their clouds in the world frame."""
-    remaining = iter(frames)
-    first = next(remaining, None)
-    if first is None:
+    So float32 holds their clouds in the world frame. Frames that are near already stay as they
+    are."""
+    remaining_frames = iter(frames)
+    first_frame = next(remaining_frames, None)
+    if first_frame is None:
         return
-    origin = find_origin(first)
-    for frame in chain([first], remaining):
+    origin = find_origin(first_frame)
+    for frame in chain([first_frame], remaining_frames):
         yield rebase(frame, origin)
 
 
@@ -122,9 +127,9 @@ def warn_of_origin(frame: Frame, layout: str) -> None:
 
 
 def _rebase_cloud(cloud: SensorCloud, new_SE3_old: Pose) -> SensorCloud:
-    # Cloud of a frame whose world frame is replaced by another one.
-    placed = new_SE3_old @ cloud.world_SE3_sensor
+    """Return a cloud in a new world frame. new_SE3_old: pose of the old world frame in the new."""
+    new_SE3_sensor = new_SE3_old @ cloud.world_SE3_sensor
     if cloud.frame == "sensor":
-        return replace(cloud, world_SE3_sensor=placed)
+        return replace(cloud, world_SE3_sensor=new_SE3_sensor)
     points = transform(new_SE3_old, cloud.in_world()).astype(np.float32)
-    return replace(cloud, world_SE3_sensor=placed, points=points)
+    return replace(cloud, world_SE3_sensor=new_SE3_sensor, points=points)

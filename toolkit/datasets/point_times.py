@@ -38,28 +38,27 @@ def parse_point_times(
     True
     """
     is_whole = times.dtype.kind in "iu"
-    ticks = (
-        times.astype(np.int64)
-        if is_whole
-        else np.nan_to_num(times.astype(np.float64), posinf=0.0, neginf=0.0)
-    )
+    if is_whole:
+        ticks = times.astype(np.int64)
+    else:
+        ticks = np.nan_to_num(times.astype(np.float64), posinf=0.0, neginf=0.0)
     if not len(ticks):
         return np.zeros(0)
-    since = ticks - ticks.min()
-    unit = _find_unit(name) or _epoch_unit(float(np.median(ticks)))
-    if unit is not None:
-        return since * unit
-    unit = UNITS_S["ns" if is_whole else "s"]
-    span = float(since.max())
-    plausible = [
-        candidate
-        for candidate in UNITS_S.values()
-        if MIN_SWEEP_S <= span * candidate <= MAX_SWEEP_S
+    ticks_since_first = ticks - ticks.min()
+    stated_unit = _find_unit(name) or _find_epoch_unit(float(np.median(ticks)))
+    if stated_unit is not None:
+        return ticks_since_first * stated_unit
+    usual_unit = UNITS_S["ns" if is_whole else "s"]
+    span = float(ticks_since_first.max())
+    # units in which the points take as long as a sweep
+    plausible_units = [
+        unit for unit in UNITS_S.values() if MIN_SWEEP_S <= span * unit <= MAX_SWEEP_S
     ]
-    too_short = len(ticks) >= MIN_SWEEP_POINTS and bool(plausible) and unit not in plausible
-    if too_short or span * unit > MAX_SWEEP_S:
+    is_sweep = len(ticks) >= MIN_SWEEP_POINTS
+    is_doubtful = is_sweep and bool(plausible_units) and usual_unit not in plausible_units
+    if is_doubtful or span * usual_unit > MAX_SWEEP_S:
         return None
-    return since * unit
+    return ticks_since_first * usual_unit
 
 
 def _find_unit(name: str) -> float | None:
@@ -68,7 +67,7 @@ def _find_unit(name: str) -> float | None:
     return UNITS_S[parsed[1]] if parsed is not None and parsed[1] else None
 
 
-def _epoch_unit(time: float) -> float | None:
+def _find_epoch_unit(time: float) -> float | None:
     """Seconds in the unit in which a number is a time since 1970; None for no such unit."""
     return next(
         (unit for unit in UNITS_S.values() if EPOCH_S[0] <= time * unit <= EPOCH_S[1]), None

@@ -34,6 +34,11 @@ OBJECT_COLUMNS = (
     "half height",
     "class",
 )
+# places of these columns
+_CENTRE = slice(0, 3)
+_YAW = 5
+_HALF_EXTENTS = slice(6, 9)
+_CLASS = 9
 NO_RETURN_M = 1000.0  # CARLA's far plane, the depth of the sky
 DEPTH_STEP_M = 1 / 1024  # to which stored depth is rounded, so that it compresses
 MAX_EXTENT_M = 500.0  # half of a length, width or height
@@ -53,6 +58,7 @@ def extrinsic(site_SE3_sensor: Pose, map_SE3_site: Pose) -> Pose:
 
     site_SE3_sensor: pose of the camera (x right, y down, z forward) in the site; map_SE3_site:
     pose of the site in the map, whose y is minus CARLA's."""
+    # MAP_FROM_CARLA is its own inverse: here it leads from the map to CARLA's world
     return invert(MAP_FROM_CARLA @ map_SE3_site @ site_SE3_sensor @ _OPENCV_FROM_PUBLISHED)
 
 
@@ -61,19 +67,16 @@ def parse_extrinsic(
 ) -> Pose:
     """Pose site_SE3_sensor (x right, y down, z forward) of a camera with this published extrinsic.
 
-    It undoes `extrinsic`. name: what errors call the matrix. Raises ValueError unless it is
-    a rigid motion."""
+    published: matrix (4, 4) from CARLA's world to the camera with X forward, Y right, Z up;
+    map_SE3_site: pose of the site in the map, whose y is minus CARLA's; name: what errors call the
+    matrix. Raises ValueError unless it is a rigid motion."""
     matrix = np.asarray(published, np.float64)
     if matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) < 1e-6:
         raise ValueError(
             f"{name} is singular (determinant {np.linalg.det(matrix):.3g}): it belongs to no camera"
         )
-    return (
-        invert(map_SE3_site)
-        @ MAP_FROM_CARLA
-        @ invert(check_pose(matrix, name))
-        @ _OPENCV_FROM_PUBLISHED.T
-    )
+    carla_SE3_camera = invert(check_pose(matrix, name))
+    return invert(map_SE3_site) @ MAP_FROM_CARLA @ carla_SE3_camera @ _OPENCV_FROM_PUBLISHED.T
 
 
 def intrinsic(camera: DepthCamera) -> Float64[np.ndarray, "3 3"]:
@@ -97,15 +100,19 @@ def parse_intrinsic(
         raise ValueError(
             f"{name} must be a finite 3×3 matrix {form} with f > 0, got {matrix.tolist()}"
         )
-    centre = (float(matrix[0, 0]), float(matrix[1, 0]))
-    if not (0 <= centre[0] <= width and 0 <= centre[1] <= height):
+    centre_u, centre_v = float(matrix[0, 0]), float(matrix[1, 0])
+    centre = (centre_u, centre_v)
+    focal = matrix[0, 1]
+    if not (0 <= centre_u <= width and 0 <= centre_v <= height):
         raise ValueError(
             f"{name} must have its centre (cu, cv) in the image of {width}×{height} pixels, got "
             f"{centre}"
         )
-    central = np.allclose(centre, (width / 2, height / 2))
-    fov = 2 * float(np.arctan(width / 2 / matrix[0, 1]))
-    camera = DepthCamera(width, height, fov=fov, centre=None if central else centre)
+    is_central = np.allclose(centre, (width / 2, height / 2))
+    fov = 2 * float(np.arctan(width / 2 / focal))
+    # a DepthCamera measures every second pixel by default
+    camera = DepthCamera(width, height, fov=fov, centre=None if is_central else centre)
+    # the other entries of the matrix must follow from these
     if not np.allclose(matrix, intrinsic(camera), rtol=1e-3):
         rows = matrix.round(3).tolist()
         raise ValueError(
@@ -115,12 +122,19 @@ def parse_intrinsic(
 
 
 def format_objects(objects: Objects, map_SE3_site: Pose) -> Float64[np.ndarray, "n 10"]:
-    """Return objects of the site frame as published rows, see `OBJECT_COLUMNS`."""
-    rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))
-    rows[:, :3] = transform(MAP_FROM_CARLA @ map_SE3_site, objects.boxes[:, :3])
-    rows[:, 5] = -np.rad2deg(objects.boxes[:, 6] + map_turn(map_SE3_site))
-    rows[:, 6:9] = objects.boxes[:, 3:6] / 2
-    rows[:, 9] = objects.labels
+    """Return objects of the site frame as published rows, in CARLA's left-handed world.
+
+    The columns are `OBJECT_COLUMNS`: x, y, z (m), pitch, roll, yaw (degrees), half length, width
+    and height (m), and class. map_SE3_site: pose of the site in the map."""
+    boxes = objects.boxes
+    centres, extents = boxes[:, :3], boxes[:, 3:6]
+    yaw = boxes[:, 6]
+    rows = np.zeros((len(objects), len(OBJECT_COLUMNS)))  # pitch and roll stay 0
+    rows[:, _CENTRE] = transform(MAP_FROM_CARLA @ map_SE3_site, centres)
+    # CARLA's y is mirrored, so turns have the other sign
+    rows[:, _YAW] = -np.rad2deg(yaw + map_turn(map_SE3_site))
+    rows[:, _HALF_EXTENTS] = extents / 2
+    rows[:, _CLASS] = objects.labels
     return rows
 
 
@@ -132,9 +146,10 @@ def parse_rows(
 ) -> Objects:
     """Turn published rows into objects of the site frame.
 
-    Pitch and roll are lost, yaw is in -pi..pi. ids: track id of each row, None for row numbers;
-    name: what errors call the table. Raises ValueError if the rows have another
-    width, and InvalidObjects for a row that is no object, see `wrong_rows`."""
+    Pitch and roll are lost, yaw is in -pi..pi. rows: columns as in `OBJECT_COLUMNS`; map_SE3_site:
+    pose of the site in the map; ids: track id of each row, None for row numbers; name: what errors
+    call the table. Raises ValueError if the rows have another width, and InvalidObjects for a row
+    that no object can have."""
     if np.asarray(rows).dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
     rows = np.asarray(rows, np.float64)
@@ -143,17 +158,16 @@ def parse_rows(
     if rows.ndim != 2 or rows.shape[1] != len(OBJECT_COLUMNS):
         columns = f"{len(OBJECT_COLUMNS)} columns ({', '.join(OBJECT_COLUMNS)})"
         raise ValueError(f"{name} must have {columns}, got {rows.shape}")
-    wrong = wrong_rows(rows)
-    if (wrong != "").any():
-        row = int((wrong != "").argmax())
-        raise InvalidObjects(f"{name} row {row} {wrong[row]}; repair it, or drop what is invalid")
-    centres = transform(invert(map_SE3_site) @ MAP_FROM_CARLA, rows[:, :3])
-    yaw = -np.deg2rad(rows[:, 5]) - map_turn(map_SE3_site)
-    yaw = np.arctan2(np.sin(yaw), np.cos(yaw))
+    faults = wrong_rows(rows)
+    if (faults != "").any():
+        row = int((faults != "").argmax())
+        raise InvalidObjects(f"{name} row {row} {faults[row]}; repair it, or drop what is invalid")
+    centres = transform(invert(map_SE3_site) @ MAP_FROM_CARLA, rows[:, _CENTRE])
+    yaw = -np.deg2rad(rows[:, _YAW]) - map_turn(map_SE3_site)
+    yaw = np.arctan2(np.sin(yaw), np.cos(yaw))  # into -pi..pi
+    boxes = np.column_stack([centres, 2 * rows[:, _HALF_EXTENTS], yaw])
     ids = np.arange(len(rows)) if ids is None else ids
-    return Objects(
-        np.column_stack([centres, 2 * rows[:, 6:9], yaw]), rows[:, 9].astype(np.int64), ids
-    )
+    return Objects(boxes, labels=rows[:, _CLASS].astype(np.int64), ids=ids)
 
 
 def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
@@ -161,30 +175,31 @@ def wrong_rows(rows: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
 
     Faults are NaN or infinity, an unknown class, a size that is not positive or above
     `MAX_EXTENT_M`, a position beyond `MAX_COORDINATE_M`, and a yaw beyond `MAX_YAW_DEG`."""
-    words = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
+    faults = np.full(len(rows) if np.ndim(rows) else 0, "", dtype=object)
     if np.ndim(rows) != 2 or np.shape(rows)[1] != len(OBJECT_COLUMNS):
-        return words
+        return faults
     rows = np.asarray(rows, np.float64)
-    extents = f"has half extents {{}}: they must be positive and at most {MAX_EXTENT_M:g} m"
-    classes = f"has class {{}}: there are classes 0..{len(LABELS) - 1} {LABELS}"
     with np.errstate(invalid="ignore"):
-        half = rows[:, 6:9]
-        far = np.abs(rows[:, :3]) > MAX_COORDINATE_M
-        rules = (
-            (~np.isfinite(rows).all(axis=1), slice(None), "holds NaN or infinity: {}"),
-            (~((half > 0) & (half <= MAX_EXTENT_M)).all(axis=1), slice(6, 9), extents),
-            (far.any(axis=1), slice(3), f"lies at {{}}, beyond {MAX_COORDINATE_M:g} m"),
-            (
-                np.abs(rows[:, 5]) > MAX_YAW_DEG,
-                slice(5, 6),
-                f"has yaw {{}}, beyond {MAX_YAW_DEG:g} degrees",
-            ),
-            (~np.isin(rows[:, 9], range(len(LABELS))), slice(9, 10), classes),
-        )
-    for wrong, columns, what in rules:
-        for row in np.flatnonzero(wrong & (words == "")):
-            words[row] = what.format(rows[row, columns].tolist())
-    return words
+        half_extents = rows[:, _HALF_EXTENTS]
+        has_numbers = np.isfinite(rows).all(axis=1)
+        has_size = ((half_extents > 0) & (half_extents <= MAX_EXTENT_M)).all(axis=1)
+        is_far = (np.abs(rows[:, _CENTRE]) > MAX_COORDINATE_M).any(axis=1)
+        is_turned_far = np.abs(rows[:, _YAW]) > MAX_YAW_DEG
+        has_class = np.isin(rows[:, _CLASS], range(len(LABELS)))
+    size_rule = f"they must be positive and at most {MAX_EXTENT_M:g} m"
+    class_rule = f"there are classes 0..{len(LABELS) - 1} {LABELS}"
+    # mask of the wrong rows, columns to show, and the fault in words; the first rule counts
+    rules = (
+        (~has_numbers, slice(None), "holds NaN or infinity: {}"),
+        (~has_size, _HALF_EXTENTS, f"has half extents {{}}: {size_rule}"),
+        (is_far, _CENTRE, f"lies at {{}}, beyond {MAX_COORDINATE_M:g} m"),
+        (is_turned_far, slice(_YAW, _YAW + 1), f"has yaw {{}}, beyond {MAX_YAW_DEG:g} degrees"),
+        (~has_class, slice(_CLASS, _CLASS + 1), f"has class {{}}: {class_rule}"),
+    )
+    for is_wrong, columns, template in rules:
+        for row in np.flatnonzero(is_wrong & (faults == "")):
+            faults[row] = template.format(rows[row, columns].tolist())
+    return faults
 
 
 def expand_image(depth: ImageRanges, camera: DepthCamera) -> Float32[np.ndarray, "height width"]:
@@ -201,11 +216,11 @@ def measure_images(images: Iterable[tuple[Float[np.ndarray, "_ _"], int]]) -> li
     images: each full image, and the step from one measured pixel to the next."""
     with np.errstate(over="ignore"):
         depths = [np.asarray(image[::stride, ::stride], np.float32) for image, stride in images]
-    # NaN is none either
+    # NaN is no return either
     return [np.where((depth > 0) & (depth < NO_RETURN_M), depth, np.float32(0)) for depth in depths]
 
 
 def round_measurement(measurement: ImageRanges) -> ImageRanges:
-    """Round a measurement to `DEPTH_STEP_M`; no return becomes 0."""
+    """Round a measurement to `DEPTH_STEP_M`; NaN and infinity become 0, no return."""
     finite = np.where(np.isfinite(measurement), measurement, np.float32(0))
     return np.round(finite / np.float32(DEPTH_STEP_M)) * np.float32(DEPTH_STEP_M)

@@ -34,10 +34,10 @@ _LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # last row of a pose's matrix
 def name_damage(
     path: str | Path, what: str, kinds: tuple[type[Exception], ...] = _DAMAGE
 ) -> Iterator[None]:
-    """Turn damage found in the block into one ValueError that names the file.
+    """Turn errors of a `with` block that reads a file into one ValueError that names the file.
 
     Overflowing numbers give no warnings. what: what the file should be, such as "calibration";
-    kinds: errors that show damage; an OSError passes unchanged."""
+    kinds: classes of errors that show damage; an OSError passes unchanged."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -77,15 +77,16 @@ def as_number(value: Unchecked, name: str = "entry") -> float:
 
 
 def numbers(values: Unchecked, count: int, name: str = "entry") -> Float64[np.ndarray, " count"]:
-    """Return `count` numbers, nested or flat, also as strings. Raises ValueError for another
-    count."""
+    """Return the `count` numbers of a list, nested or flat, also as strings.
+
+    name: what errors call the list. Raises ValueError for another count and for other values."""
     try:
-        flat = np.array(values, dtype=np.float64).ravel()
+        flat_numbers = np.array(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
-        flat = np.zeros(0)
-    if flat.size != count:
+        flat_numbers = np.zeros(0)  # refused below
+    if flat_numbers.size != count:
         raise ValueError(f"{name} must be {count} numbers, got {str(values)[:60]!r}")
-    return flat
+    return flat_numbers
 
 
 def xyz(record: Unchecked, name: str, axes: str = "xyz") -> Float64[np.ndarray, "3"]:
@@ -103,9 +104,10 @@ def as_list(content: Unchecked, name: str = "it") -> list[Unchecked]:
 
 
 def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Pose:
-    """Return the pose of a 3×3 rotation and a translation (m), nested or flat.
+    """Return the pose (4, 4) of a 3×3 rotation and a translation (m), nested or flat.
 
-    A rotation that is slightly off is replaced by the nearest true one (SVD)."""
+    A rotation that is slightly off is replaced by the nearest true one (SVD). name: what errors
+    call the pose. Raises ValueError for anything but a rotation."""
     matrix = numbers(rotation, 9, f"rotation of {name}").reshape(3, 3)
     pose = np.eye(4)
     pose[:3, 3] = numbers(translation, 3, f"translation of {name}")
@@ -121,14 +123,15 @@ def rigid(rotation: Unchecked, translation: Unchecked, name: str = "pose") -> Po
 
 
 def rigid_matrix(values: Unchecked, name: str = "pose") -> Pose:
-    """Return the pose of 16 or 12 numbers, a 4×4 or 3×4 matrix row after row, nested or flat.
+    """Return the pose (4, 4) of a 4×4 or 3×4 matrix, row after row, nested or flat.
 
-    A rotation that is slightly off is mended as in `rigid`."""
-    flat = np.asarray(values, dtype=object).ravel()
-    matrix = numbers(values, 16 if flat.size == 16 else 12, name).reshape(-1, 4)
-    placed = rigid(matrix[:3, :3], matrix[:3, 3], name)
+    A rotation that is slightly off is replaced by the nearest true one. name: what errors call the
+    pose. Raises ValueError for anything but a rotation and a translation."""
+    value_count = np.asarray(values, dtype=object).size
+    matrix = numbers(values, 16 if value_count == 16 else 12, name).reshape(-1, 4)
+    pose = rigid(rotation=matrix[:3, :3], translation=matrix[:3, 3], name=name)
     if len(matrix) == 4 and not np.allclose(matrix[3], _LAST_ROW, atol=1e-3):
         raise ValueError(
             f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}: give its transpose?"
         )
-    return placed
+    return pose

@@ -39,14 +39,16 @@ class Header:
         """Name of the dataset with each sensor's measurements, in the order of `sensors`.
 
         Cameras share `dslices` if all have one size; any other sensor has a dataset for itself."""
-        pinholes = self.pinholes
-        shared = len({(camera.height, camera.width) for camera in pinholes.values()}) == 1
-        return tuple(
-            "dslices"
-            if shared and s.name in pinholes
-            else f"coview/{OWN_IMAGES[s.model.measures]}/{s.name}"
-            for s in self.sensors
-        )
+        cameras = self.pinholes
+        have_one_size = len({(camera.height, camera.width) for camera in cameras.values()}) == 1
+        names = []
+        for sensor in self.sensors:
+            if have_one_size and sensor.name in cameras:
+                names.append("dslices")
+            else:
+                group = OWN_IMAGES[sensor.model.measures]  # "depth" or "ranges"
+                names.append(f"coview/{group}/{sensor.name}")
+        return tuple(names)
 
     @property
     def pinholes(self) -> dict[str, DepthCamera]:
@@ -72,34 +74,39 @@ def encode(header: Header, scenes: Sequence[Scene]) -> bytes:
     """Return the bytes of a complete HDF5 file of scenes.
 
     They are made in memory, so that whoever writes them can write all or none."""
-    objects = [len(scene.frame.objects) for scene in scenes]
-    images = header.images
-    pinholes = header.pinholes
+    object_counts = [len(scene.frame.objects) for scene in scenes]
+    # in memory, which grows by 4 MiB at a time
     with h5py.File("memory", "w", driver="core", backing_store=False, block_size=1 << 22) as file:
-        _create(file, header, len(scenes), sum(objects))
-        start = np.concatenate([[0], np.cumsum(objects, dtype=np.int64)])
-        file["coview/object_start"][:] = start
-        for k, scene in enumerate(scenes):
+        _create(file, header, frames=len(scenes), objects=sum(object_counts))
+        # the objects of all frames are one after the other
+        object_start = np.concatenate([[0], np.cumsum(object_counts, dtype=np.int64)])
+        file["coview/object_start"][:] = object_start
+        for number, scene in enumerate(scenes):
             frame = scene.frame
-            file["coview/time"][k] = frame.time
-            _add(
-                file,
-                f"objects/{k}",
-                published.format_objects(frame.objects, header.site.map_SE3_site),
-            )
-            file["coview/object_ids"][start[k] : start[k + 1]] = frame.objects.ids
-            file["coview/object_bodies"][start[k] : start[k + 1]] = scene.bodies
-            channel = 0
-            for sensor, measurement, name in zip(header.sensors, frame.images, images, strict=True):
-                if name == "dslices":
-                    file[name][k, channel] = published.expand_image(
-                        measurement, pinholes[sensor.name]
-                    )
-                    channel += 1
-                else:
-                    file[name][k] = published.round_measurement(measurement)
+            file["coview/time"][number] = frame.time
+            rows = published.format_objects(frame.objects, header.site.map_SE3_site)
+            _add(file, f"objects/{number}", rows)
+            object_range = slice(object_start[number], object_start[number + 1])
+            file["coview/object_ids"][object_range] = frame.objects.ids
+            file["coview/object_bodies"][object_range] = scene.bodies
+            _write_images(file, header, frame, number)
         file.flush()
         return file.id.get_file_image()
+
+
+def _write_images(file: h5py.File, header: Header, frame: Frame, number: int) -> None:
+    """Write the images of a frame into the datasets that `header.images` names.
+
+    number: number of the frame in the file."""
+    cameras = header.pinholes
+    camera_number = 0
+    for sensor, image, name in zip(header.sensors, frame.images, header.images, strict=True):
+        if name == "dslices":  # cameras of one size share it
+            full_image = published.expand_image(image, cameras[sensor.name])
+            file[name][number, camera_number] = full_image
+            camera_number += 1
+        else:
+            file[name][number] = published.round_measurement(image)
 
 
 def join(header: Header, shards: Sequence[Path], out: Path) -> None:
@@ -107,42 +114,46 @@ def join(header: Header, shards: Sequence[Path], out: Path) -> None:
 
     header: header of the new file; shards: the files; out: path of the new file. Compressed images
     are copied without unpacking."""
-    lengths = []
-    objects = []
-    for shard in shards:
-        with h5py.File(shard) as file:
-            lengths.append(len(file["coview/time"]))
-            objects.append(len(file["coview/object_ids"]))
+    frame_counts = []
+    object_counts = []
+    for path in shards:
+        with h5py.File(path) as shard:
+            frame_counts.append(len(shard["coview/time"]))
+            object_counts.append(len(shard["coview/object_ids"]))
     with hdf5_file(out) as (joined, check):
-        _create(joined, header, sum(lengths), sum(objects))
+        _create(joined, header, frames=sum(frame_counts), objects=sum(object_counts))
         first_frame = 0
         first_object = 0
-        for path, frames, count in zip(shards, lengths, objects, strict=True):
+        for path, frames, objects in zip(shards, frame_counts, object_counts, strict=True):
             with h5py.File(path) as shard:
                 joined["coview/time"][first_frame : first_frame + frames] = shard["coview/time"][:]
                 starts = first_object + shard["coview/object_start"][:]
                 joined["coview/object_start"][first_frame : first_frame + frames + 1] = starts
                 for column in ("coview/object_ids", "coview/object_bodies"):
-                    joined[column][first_object : first_object + count] = shard[column][:]
-                for k in range(frames):
-                    _add(joined, f"objects/{first_frame + k}", shard[f"objects/{k}"][:])
+                    joined[column][first_object : first_object + objects] = shard[column][:]
+                for number in range(frames):
+                    rows = shard[f"objects/{number}"][:]
+                    _add(joined, f"objects/{first_frame + number}", rows)
                 for name in dict.fromkeys(header.images):
-                    source = shard[name].id
-                    target = joined[name].id
-                    for i in range(source.get_num_chunks()):
-                        chunk_offset = source.get_chunk_info(i).chunk_offset
-                        mask, compressed = source.read_direct_chunk(chunk_offset)
-                        target.write_direct_chunk(
-                            (first_frame + chunk_offset[0], *chunk_offset[1:]), compressed, mask
-                        )
-            check()
+                    _copy_chunks(shard[name], joined[name], first_frame)
+            check()  # raises if the disk failed
             first_frame += frames
-            first_object += count
+            first_object += objects
 
 
-def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
-    # Make all groups and datasets of a file, filled but for what belongs to its frames and objects.
-    # frames, objects: their numbers.
+def _copy_chunks(source: h5py.Dataset, target: h5py.Dataset, first_frame: int) -> None:
+    """Copy compressed images as they are, from frame 0 on to frame `first_frame` on."""
+    for index in range(source.id.get_num_chunks()):
+        chunk_offset = source.id.get_chunk_info(index).chunk_offset
+        filter_mask, content = source.id.read_direct_chunk(chunk_offset)
+        target_offset = (first_frame + chunk_offset[0], *chunk_offset[1:])  # axis 0 is frames
+        target.id.write_direct_chunk(target_offset, content, filter_mask)
+
+
+def _create(file: h5py.File, header: Header, *, frames: int, objects: int) -> None:
+    """Make all groups and datasets of a file; leave frames and objects to be filled in.
+
+    frames, objects: their numbers in the file."""
     coview_group = file.create_group("coview")
     coview_group.attrs.update(
         schema=RECORDING_SCHEMA,
@@ -190,15 +201,18 @@ def _create(file: h5py.File, header: Header, frames: int, objects: int) -> None:
 
 
 def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
-    # Compressed float32 dataset with one image, the last two axes, per chunk.
+    """Make an empty, compressed float32 dataset with one image, the last two axes, per chunk."""
     chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
-    packed = {
-        "compression": "gzip",
-        "compression_opts": _GZIP_LEVEL,
-        "shuffle": True,
-        "track_times": False,
-    }
-    return file.create_dataset(name, shape, np.float32, chunks=chunks, **packed)
+    return file.create_dataset(
+        name,
+        shape,
+        np.float32,
+        chunks=chunks,
+        compression="gzip",
+        compression_opts=_GZIP_LEVEL,
+        shuffle=True,
+        track_times=False,
+    )
 
 
 def _add(group: h5py.Group, name: str, content: np.ndarray | str) -> None:

@@ -23,8 +23,8 @@ def read(
 ) -> Iterator[Frame]:
     """Open a recording and yield its frames with only their objects of some classes.
 
-    layout: see `open_recording`; classes: names or numbers, None for all.
-    Raises the errors of `open_recording`."""
+    layout: name of its layout, guessed by the path if None; classes: names or numbers, None for
+    all. Raises the errors of `open_recording`."""
     return filter_classes(open_recording(path, layout), classes)
 
 
@@ -32,11 +32,10 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
     """Yield frames with only their objects of some classes, None for all.
 
     Raises ValueError for an unknown class."""
-    class_numbers = None if classes is None else [label_index(label) for label in classes]
-    return (
-        frame if class_numbers is None else frame.of(np.isin(frame.objects.labels, class_numbers))
-        for frame in frames
-    )
+    if classes is None:
+        return (frame for frame in frames)
+    class_numbers = [label_index(label) for label in classes]
+    return (frame.of(np.isin(frame.objects.labels, class_numbers)) for frame in frames)
 
 
 @dataclass(frozen=True)
@@ -49,6 +48,7 @@ class Part(RecordingView):
     every: int = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError for numbers below 1, and for a recording without frames."""
         for name, value in (("every", self.every), ("frames", self.frames)):
             if value is not None and value < 1:
                 raise ValueError(f"{name} must be at least 1, got {value}: leave it out for all")
@@ -81,7 +81,8 @@ class Reads:
         """Return the number of frames to read from a recording.
 
         Raises ValueError if it is 0, and for a `frames` that is not whole."""
-        total = min(len(recording), len(recording) if self.frames is None else self.frames)
+        limit = len(recording) if self.frames is None else self.frames
+        total = min(len(recording), limit)
         if total < 1 or isinstance(self.frames, float):
             raise ValueError(
                 f"need one frame at least, a whole number, got {self.frames} of {len(recording)}"
@@ -116,26 +117,28 @@ def read_frame(
 ) -> Frame:
     """Read frame k with its sensors' errors, drawn from the seed.
 
-    A seed of None means no noise, which only `paper` allows. Raises ValueError for an unknown
-    profile, a negative seed, and a clock's offset if frames are too far apart to know
-    velocities."""
+    errors: a profile or its name. A seed of None means no noise, which only `paper` allows.
+    Recorded clouds come as they are. Raises ValueError for an unknown profile, a negative seed, a
+    profile other than `paper` for recorded clouds, and a clock's offset if frames are too far apart
+    to know velocities."""
     errors = find_profile(errors)
     frame = frames[k]
     check_drawn(errors, noise_seed)
-    if noise_seed is None or not frame.has_images:
-        if noise_seed is not None and errors.name != PAPER_ERRORS.name:
+    if noise_seed is None:
+        return frame
+    if not frame.has_images:
+        if errors.name != PAPER_ERRORS.name:
             raise ValueError(
                 f"recorded clouds have errors of their own, got errors {errors.name!r}: leave "
                 "them out"
             )
         return frame
-    speed = None
+    object_velocities = None
     if errors.needs_velocities:
-        around = [frames[index] for index in (k - 1, k + 1) if 0 <= index < len(frames)]
-        speed = velocities(
-            frame.objects, frame.time, [(neighbour.objects, neighbour.time) for neighbour in around]
-        )
-    return with_errors(frame, errors, noise_seed, velocities=speed)
+        neighbours = [frames[index] for index in (k - 1, k + 1) if 0 <= index < len(frames)]
+        around = [(neighbour.objects, neighbour.time) for neighbour in neighbours]
+        object_velocities = velocities(frame.objects, frame.time, around)
+    return with_errors(frame, errors, noise_seed, velocities=object_velocities)
 
 
 def block_seed(seed: int, block: int) -> int:
@@ -164,18 +167,20 @@ def with_errors(
     errors = find_profile(errors)
     if numbers is None:
         numbers = [zlib.crc32(sensor.name.encode()) for sensor in frame.sensors]
-    measured = list(zip(frame.sensors, frame.images, numbers, strict=True))
+    numbered_images = list(zip(frame.sensors, frame.images, numbers, strict=True))
     if only_own_noise(errors):  # as `errors.read` draws it
-        drawn = []
-        for sensor, image, number in measured:
+        noisy_images = []
+        for sensor, image, number in numbered_images:
             rng = np.random.default_rng([seed, frame.index, number])
-            drawn.append(sensor.model.noisy(image, rng))
-        return replace(frame, measurements=tuple(drawn))
+            noisy_images.append(sensor.model.noisy(image, rng))
+        return replace(frame, measurements=tuple(noisy_images))
     readings = []
     assumed_sensors = []
-    for sensor, measurement, number in measured:
-        true = TrueImage(sensor, measurement, frame.objects, frame.time, velocities)
-        reading = errors.read(true, seed=seed, sensor=number, frame=frame.index)
+    for sensor, image, number in numbered_images:
+        truth = TrueImage(
+            sensor, measurement=image, objects=frame.objects, time=frame.time, velocities=velocities
+        )
+        reading = errors.read(truth, seed=seed, sensor=number, frame=frame.index)
         readings.append(reading)
         if reading.pose is not sensor.pose:
             sensor = Sensor(sensor.name, sensor.model, reading.pose)

@@ -77,36 +77,44 @@ def guess_layout(path: str | Path) -> str:
             return "folder"
         if ending in BAG_ENDINGS:
             return "rosbag"
-        is_unknown = ending not in _HDF5 and path.is_file()
-        if is_unknown and not _head(path).startswith(b"\x89HDF"):
+        has_other_ending = ending not in _HDF5 and path.is_file()
+        if has_other_ending and not _head(path).startswith(b"\x89HDF"):  # as HDF5 files do
             raise ValueError(
                 f"{path} is no recording: its ending is none of "
                 f"{', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"
             )
         return "hdf5"
-    guessed = next(
-        (names for names, signs in _SIGNS.items() if any(map(any, map(path.glob, signs)))), ()
-    )
-    labels = path / "labels.json"
-    if guessed == ("folder",) and labels.is_file() and b'"openlabel"' in _head(labels):
-        guessed = ("openlabel",)
-    if not guessed and list_bags(path):
-        has_clouds = any(
-            file.suffix.lower() in ENDINGS for file in (*path.glob("*"), *path.glob("*/*"))
-        )
-        guessed = () if has_clouds else ("rosbag",)
-    if not guessed:
-        candidates = (*path.glob("*.json"), *path.glob("*/*.json"))
-        json_file = next((candidate for candidate in candidates if candidate.is_file()), None)
-        is_openlabel = json_file is not None and b'"openlabel"' in _head(json_file)
-        return "openlabel" if is_openlabel else "folder"
-    if len(guessed) > 1:
-        raise ValueError(f"{path} has layout {' or '.join(guessed)}: say by --layout which it is")
-    return guessed[0]
+    return _guess_folder_layout(path)
+
+
+def _guess_folder_layout(folder: Path) -> str:
+    """Guess the layout of a folder by files that only one layout has, "folder" without any.
+
+    Raises ValueError for a folder that several layouts might have written."""
+    layouts: tuple[str, ...] = ()
+    for candidates, patterns in _SIGNS.items():
+        if any(any(folder.glob(pattern)) for pattern in patterns):
+            layouts = candidates
+            break
+    labels = folder / "labels.json"
+    if layouts == ("folder",) and labels.is_file() and b'"openlabel"' in _head(labels):
+        return "openlabel"
+    if len(layouts) > 1:
+        raise ValueError(f"{folder} has layout {' or '.join(layouts)}: say by --layout which it is")
+    if layouts:
+        return layouts[0]
+    if list_bags(folder):
+        files = (*folder.glob("*"), *folder.glob("*/*"))
+        if not any(file.suffix.lower() in ENDINGS for file in files):
+            return "rosbag"
+    json_paths = (*folder.glob("*.json"), *folder.glob("*/*.json"))
+    json_file = next((path for path in json_paths if path.is_file()), None)
+    is_openlabel = json_file is not None and b'"openlabel"' in _head(json_file)
+    return "openlabel" if is_openlabel else "folder"
 
 
 def _head(path: Path) -> bytes:
-    # First 200 bytes of a file.
+    """Return the first 200 bytes of a file."""
     with path.open("rb") as file:
         return file.read(200)
 
@@ -141,7 +149,8 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
         return recording
     if recording.strays:
         warnings.warn(f"{path}: {recording.describe_strays()}", stacklevel=2)
-    return replace(recording, path=path, load=_Loader(path, name, reader_options, recording.load))
+    loader = _Loader(path, layout=name, options=reader_options, load=recording.load)
+    return replace(recording, path=path, load=loader)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ sensors and bodies of every recording follow from a seed and its number."""
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import sha256
@@ -25,7 +25,7 @@ from toolkit.bodies.body import Body, stretch_randomly
 from toolkit.bodies.fleet import Fleet, fleet_named
 from toolkit.datasets.recording_file import RECORDING_SCHEMA, Header, Scene, encode, join
 from toolkit.frame import Frame
-from toolkit.objects import LABELS, Objects
+from toolkit.objects import LABELS
 from toolkit.runtime.cache import code_digest
 from toolkit.runtime.resumable import Plan, ShardFolder, describe_differences, make_shards
 from toolkit.runtime.run import Simulation
@@ -95,14 +95,14 @@ def simulate_dataset(
     placed_sensors = tuple(site.sensors if sensors is None else sensors)
     frames = int(run.frames_or(DEFAULT_FRAMES))
     job = Job(
-        site,
-        placed_sensors,
-        fleet_named() if fleet is None else fleet,
-        frames,
-        int(run.seed),
-        float(interval),
-        strays,
-        flow,
+        site=site,
+        sensors=placed_sensors,
+        fleet=fleet_named() if fleet is None else fleet,
+        frames=frames,
+        seed=int(run.seed),
+        interval=float(interval),
+        strays=strays,
+        flow=flow,
     )
     out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
@@ -154,6 +154,7 @@ class Job:
     traffic: ContinuousTraffic | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError for an impossible interval or share, and for no or misnamed sensors."""
         check_interval(self.interval)
         if self.is_continuous and self.strays:
             raise ValueError(
@@ -162,12 +163,13 @@ class Job:
             )
         self.mix  # noqa: B018  # raises for an impossible share
         if not self.sensors:
-            which = "coview plan or coview search --out says which to build, coview site import"
+            remedy = "coview plan or coview search --out says which to build, coview site import"
             raise ValueError(
-                f"site {self.site.name!r} has no sensors: {which} --sensors N places some"
+                f"site {self.site.name!r} has no sensors: {remedy} --sensors N places some"
             )
         names = [sensor.name for sensor in self.sensors]
         for name in names:
+            # names become names of datasets in the file
             if names.count(name) > 1 or "/" in name or name in ("", "."):
                 raise ValueError(f"sensors must have different names without '/', got {names}")
 
@@ -207,7 +209,7 @@ class Job:
     @property
     def blocks(self) -> int:
         """Number of blocks; the last may be shorter."""
-        return -(-self.frames // FRAMES_PER_BLOCK)
+        return -(-self.frames // FRAMES_PER_BLOCK)  # rounded up
 
     def block_frames(self, block: int) -> range:
         """Return the indices of a block's frames in the recording."""
@@ -219,24 +221,36 @@ class Job:
 
     @cached_property
     def plan(self) -> dict[str, object]:
-        """Values that decide the bytes of the file, by the words that people are shown.
+        """Values that decide the bytes of the file, by the names that errors show.
 
         Two runs with equal plans make equal files."""
-        sensors = [[sensor.name, sensor.digest] for sensor in self.sensors]
-        site = f"{self.site.name} {_digest(format_site(self.site))}"
-        plan: dict[str, object] = {"site": site, "frames": int(self.frames), "seed": int(self.seed)}
-        plan["sensors"] = f"{len(self.sensors)} {_digest(json.dumps(sensors))}"
-        plan["bodies"] = describe_fleet(self.fleet)
-        plan["schema"] = RECORDING_SCHEMA
-        plan |= {} if self.interval == INTERVAL else {"interval": self.interval}
+        sensor_digests = [[sensor.name, sensor.digest] for sensor in self.sensors]
+        plan: dict[str, object] = {
+            "site": f"{self.site.name} {_digest(format_site(self.site))}",
+            "frames": int(self.frames),
+            "seed": int(self.seed),
+            "sensors": f"{len(self.sensors)} {_digest(json.dumps(sensor_digests))}",
+            "bodies": describe_fleet(self.fleet),
+            "schema": RECORDING_SCHEMA,
+        }
+        # only if they differ from their defaults, so that plans of older files stay equal
+        if self.interval != INTERVAL:
+            plan["interval"] = self.interval
         if self.is_continuous:
             plan["flow"] = _digest(self.flow.text()) if isinstance(self.flow, Flow) else "drawn"
-        return plan | ({"strays": self.strays} if self.strays else {})
+        if self.strays:
+            plan["strays"] = self.strays
+        return plan
 
     @property
     def header(self) -> Header:
         """Header of the file, shared by all frames."""
-        return Header(self.site, self.sensors, self.fleet.names, json.dumps(self.plan))
+        return Header(
+            site=self.site,
+            sensors=self.sensors,
+            bodies=self.fleet.names,
+            plan=json.dumps(self.plan),
+        )
 
     def start(self, threads: int) -> Callable[[int], Iterator[Scene]]:
         """Build the static parts, once per process; return a function that makes a block's scenes.
@@ -244,56 +258,57 @@ class Job:
         threads: threads of ray casting; the returned function takes the number of a block."""
         from toolkit.rendering.renderer import Renderer
 
-        empty = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
-        # number in the file's list of bodies; `numbers` has it for each of the renderer's bodies
-        number_of = {name: number for number, name in enumerate(self.fleet.names)}
+        # all blocks share the site and the fixed bodies
+        fixed_renderer = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
+        make_scenes = self._make_scenes if self.traffic is None else self._make_continuous_scenes
+        return partial(make_scenes, fixed_renderer)
 
-        if self.traffic is not None:
-            return partial(self._continuous_scenes, empty, number_of)
+    def _make_scenes(self, fixed_renderer: "Renderer", block: int) -> Iterator[Scene]:
+        """Simulate and render the scenes of a block, one after the other.
 
-        def scenes(block: int) -> Iterator[Scene]:
-            seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
-            frames = self.block_frames(block)
-            renderer = empty
-            numbers = np.arange(len(self.fleet.fixed))
-            once = False
-            if self.fleet.drawn:
-                bodies = self.fleet.bodies(
-                    len(frames), np.random.default_rng([self.seed, block, 1])
-                )
-                renderer = empty.of(bodies)
-                once = True
-                numbers = np.array([number_of[body.name] for body in bodies])
-            traffic = partial(simulate, self.site, interval=self.interval, mix=self.mix)
-            snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
-            for index, snapshot in zip(frames, snapshots, strict=True):
-                seen = snapshot.objects
-                # track ids differ from block to block
-                objects = Objects(seen.boxes, seen.labels, seen.ids + block * 1_000_000)
-                measurements = renderer.render(snapshot).measurements
-                time = block * FRAMES_PER_BLOCK * self.interval + snapshot.time
-                yield Scene(
-                    Frame(self.sensors, measurements, objects, time, index),
-                    numbers[snapshot.bodies],
-                )
+        fixed_renderer: renderer of the fleet's fixed bodies; block: number of the block."""
+        seed = int(np.random.default_rng([self.seed, block]).integers(2**31))
+        frames = self.block_frames(block)
+        renderer = fixed_renderer
+        # index in `self.fleet.names`, the file's list of bodies, of each of the renderer's bodies
+        body_indices = np.arange(len(self.fleet.fixed))
+        if self.fleet.drawn:
+            rng = np.random.default_rng([self.seed, block, 1])
+            bodies = self.fleet.bodies(len(frames), rng)
+            renderer = fixed_renderer.of(bodies)
+            index_of_name = {name: index for index, name in enumerate(self.fleet.names)}
+            body_indices = np.array([index_of_name[body.name] for body in bodies])
+        traffic = partial(simulate, self.site, interval=self.interval, mix=self.mix)
+        once = bool(self.fleet.drawn)  # no body twice before all of its class
+        snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
+        for index, snapshot in zip(frames, snapshots, strict=True):
+            # track ids differ from block to block
+            objects = replace(snapshot.objects, ids=snapshot.objects.ids + block * 1_000_000)
+            frame = Frame(
+                sensors=self.sensors,
+                measurements=renderer.render(snapshot).measurements,
+                objects=objects,
+                time=block * FRAMES_PER_BLOCK * self.interval + snapshot.time,
+                index=index,
+            )
+            yield Scene(frame, bodies=body_indices[snapshot.bodies])
 
-        return scenes
-
-    def _continuous_scenes(
-        self, empty: "Renderer", number_of: Mapping[str, int], block: int
-    ) -> Iterator[Scene]:
-        """Yield the scenes of a block of continuous traffic.
-
-        empty: renderer of the static parts; number_of: number of each body in the file's list, by
-        its name."""
+    def _make_continuous_scenes(self, fixed_renderer: "Renderer", block: int) -> Iterator[Scene]:
+        """Render the scenes of a block of continuous traffic. Arguments as in `_make_scenes`."""
         assert self.traffic is not None
-        renderer = empty.of(self.bodies) if self.fleet.drawn else empty
-        numbers = np.array([number_of[body.name] for body in self.bodies])
+        renderer = fixed_renderer.of(self.bodies) if self.fleet.drawn else fixed_renderer
+        index_of_name = {name: index for index, name in enumerate(self.fleet.names)}
+        body_indices = np.array([index_of_name[body.name] for body in self.bodies])
         for index in self.block_frames(block):
             snapshot = take_continuous(self.traffic, index)
-            measurements = renderer.render(snapshot).measurements
-            frame = Frame(self.sensors, measurements, snapshot.objects, snapshot.time, index)
-            yield Scene(frame, numbers[snapshot.bodies])
+            frame = Frame(
+                sensors=self.sensors,
+                measurements=renderer.render(snapshot).measurements,
+                objects=snapshot.objects,
+                time=snapshot.time,
+                index=index,
+            )
+            yield Scene(frame, bodies=body_indices[snapshot.bodies])
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
         """Return the bytes of a shard, a complete file of these scenes."""
@@ -302,34 +317,34 @@ class Job:
 
 def describe_fleet(fleet: Fleet) -> str:
     """Describe a fleet in words for plans; the words are equal for fleets of the same bodies."""
-    bodies = sha256()
+    fixed_bodies = sha256()
     for body in fleet.fixed:
-        truth = "" if body.truth is None else f" {body.truth}"
-        bodies.update(f"{body.name} {body.label}{truth}".encode())
-        bodies.update(body.vertices.tobytes() + body.triangles.tobytes())
-    drawn = ""
-    if fleet.drawn:
-        code = code_digest("toolkit.bodies.drawn_bodies")[:12]
-        mirrors = "with" if fleet.mirrors else "without"
-        how = "drawn evenly" if fleet.evenly else "drawn"
-        drawn = (
-            f" and {how} {' '.join(LABELS[label] for label in fleet.drawn)} {mirrors} mirrors "
-            f"{code}"
-        )
-    return f"{len(fleet.fixed)} {bodies.hexdigest()[:12]}{drawn}"
+        truth = "" if body.truth is None else f" {body.truth}"  # its size if the mesh differs
+        fixed_bodies.update(f"{body.name} {body.label}{truth}".encode())
+        fixed_bodies.update(body.vertices.tobytes() + body.triangles.tobytes())
+    words = f"{len(fleet.fixed)} {fixed_bodies.hexdigest()[:12]}"
+    if not fleet.drawn:
+        return words
+    # drawn bodies follow from the code that draws them
+    code = code_digest("toolkit.bodies.drawn_bodies")[:12]
+    mirrors = "with" if fleet.mirrors else "without"
+    how = "drawn evenly" if fleet.evenly else "drawn"
+    classes = " ".join(LABELS[label] for label in fleet.drawn)
+    return f"{words} and {how} {classes} {mirrors} mirrors {code}"
 
 
 def _check_same(out: Path, plan: Plan) -> None:
     """Raise FileExistsError unless the finished file `out` was made from `plan`."""
     try:
         with h5py.File(out) as file:
-            differences = describe_differences(json.loads(file["coview"].attrs["plan"]), plan)
+            made_from = json.loads(file["coview"].attrs["plan"])
+            differences = describe_differences(made_from, plan)
     except (OSError, KeyError, ValueError):
-        why = "but is no complete file of coview simulate"
+        obstacle = "but is no complete file of coview simulate"
     else:
-        why = f"made from {differences}" if differences else ""
-    if why:
-        raise FileExistsError(f"{out} exists, {why}: write to another file, or --overwrite it")
+        obstacle = f"made from {differences}" if differences else ""
+    if obstacle:
+        raise FileExistsError(f"{out} exists, {obstacle}: write to another file, or --overwrite it")
 
 
 def _digest(text: str) -> str:
@@ -370,27 +385,34 @@ def record_randomly(
 ) -> RandomRecording:
     """Simulate a site with random sensors on its mounts and random traffic, noise-free.
 
-    rng: all random numbers come from it; frames: number of frames; fleet: see
-    `random_recording`."""
+    rng: all random numbers come from it; frames: number of frames; fleet: by default all bodies are
+    drawn; if a fleet draws no bodies, each body is stretched a little."""
     from toolkit.rendering.renderer import Renderer
 
-    sensors = random_sensors(
-        site, rng, int(rng.integers(MIN_RANDOM_SENSORS, MAX_RANDOM_SENSORS + 1))
-    )
+    # the order of the draws from `rng` decides the recording
+    sensor_count = int(rng.integers(MIN_RANDOM_SENSORS, MAX_RANDOM_SENSORS + 1))
+    sensors = random_sensors(site, rng, sensor_count)
     fleet = fleet_named() if fleet is None else fleet
     bodies = fleet.bodies(frames, rng)
     if not fleet.drawn:
         bodies = tuple(stretch_randomly(body, rng) for body in bodies)
-    parked = int(rng.integers(MIN_PARKED, MAX_PARKED + 1))
-    max_objects = MOST_OBJECTS * 4 // 5 + parked
-    mix = Mix(max_objects, parked, strays=float(rng.uniform(0, MAX_STRAY_SHARE)))
+    max_parked = int(rng.integers(MIN_PARKED, MAX_PARKED + 1))
+    max_objects = MOST_OBJECTS * 4 // 5 + max_parked
+    strays = float(rng.uniform(0, MAX_STRAY_SHARE))
+    mix = Mix(max_objects, parked=max_parked, strays=strays)
     snapshots = simulate(site, bodies, frames=frames, seed=rng, mix=mix, once=bool(fleet.drawn))
     renderer = Renderer(site, bodies, sensors, threads=1)
-    recorded = []
+    recorded_frames = []
     for index, snapshot in enumerate(snapshots):
-        measurements = renderer.render(snapshot).measurements
-        recorded.append(Frame(sensors, measurements, snapshot.objects, snapshot.time, index))
-    return RandomRecording(site, tuple(recorded), renderer.background)
+        frame = Frame(
+            sensors=sensors,
+            measurements=renderer.render(snapshot).measurements,
+            objects=snapshot.objects,
+            time=snapshot.time,
+            index=index,
+        )
+        recorded_frames.append(frame)
+    return RandomRecording(site, frames=tuple(recorded_frames), empty=renderer.background)
 
 
 def random_recordings_file(
@@ -416,26 +438,21 @@ def random_recordings_file(
     full."""
     if count < 1:
         raise ValueError(f"need at least one site, got {count}")
-    described = describe_fleet(fleet_named() if fleet is None else fleet)
     frames = run.frames_or(_SITE_FRAMES)
-    code = code_digest(__name__, encode.__module__)[:12]
     plan = {
         "random sites": count,
         "frames": frames,
         "seed": run.seed,
-        "fleet": described,
-        "code": code,
+        "fleet": describe_fleet(fleet_named() if fleet is None else fleet),
+        "code": code_digest(__name__, encode.__module__)[:12],
     }
-    plan |= (
-        {"sites": _digest(" ".join(format_site(load_site(site)) for site in sites))}
-        if sites
-        else {}
-    )
+    if sites:
+        plan["sites"] = _digest(" ".join(format_site(load_site(site)) for site in sites))
     shards = ShardFolder(out.with_name(out.name + ".parts"), plan)
     with shards.lock(), shards.explain_disk_errors(out, len):
         shards.open(overwrite)
         report = run.stage("sites drawn", count, before=len(shards.check_shards()))
-        job = _Job(run.seed, frames, encode, fleet, tuple(sites))
+        job = _Job(seed=run.seed, frames=frames, encode_one=encode, fleet=fleet, sites=tuple(sites))
         make_shards(job, shards, range(count), workers=run.count, ray=run.ray, progress=report)
         return shards.publish(
             out, lambda paths, target: join(_without_failed(paths, run.seed), target)
@@ -443,7 +460,10 @@ def random_recordings_file(
 
 
 def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
-    """Yield the files of recordings. The note of a failed recording becomes a warning."""
+    """Yield the files of recordings; warn of each recording that failed.
+
+    paths: files, a note with the reason in place of a failed recording; seed: seed of all
+    recordings, for the warning."""
     for path in paths:
         content = path.read_bytes() if path.stat().st_size < _MAX_NOTE_BYTES else b""
         if not content.startswith(_NOTE):
@@ -464,19 +484,18 @@ class _Job:
     sites: tuple[str | Path, ...] = ()
 
     def start(self, threads: int) -> Callable[[int], Iterator[bytes]]:
-        def make(number: int) -> Iterator[bytes]:
-            try:
-                recording = random_recording(
-                    self.seed, number, self.frames, fleet=self.fleet, sites=self.sites
-                )
-                yield self.encode_one(recording)
-            except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
-                yield (
-                    _NOTE
-                    + f"{number} {type(error).__name__}: {error}".encode()[: _MAX_NOTE_BYTES // 2]
-                )
+        return self._make
 
-        return make
+    def _make(self, number: int) -> Iterator[bytes]:
+        """Yield the content of one file: the recording of a number, or a note why it failed."""
+        try:
+            recording = random_recording(
+                self.seed, number, self.frames, fleet=self.fleet, sites=self.sites
+            )
+            yield self.encode_one(recording)
+        except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
+            reason = f"{number} {type(error).__name__}: {error}"
+            yield _NOTE + reason.encode()[: _MAX_NOTE_BYTES // 2]
 
     def encode(self, items: Sequence[bytes]) -> bytes:
         return items[0]

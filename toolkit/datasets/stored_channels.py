@@ -33,17 +33,16 @@ class StoredChannel(NamedTuple):
 def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[StoredChannel, ...]:
     """List the sensors of a file and where their images are, in the order of a frame.
 
-    cameras: names of the groups in cameras/, in the order of `dslices`; site: places published
-    extrinsics."""
+    cameras: names of the groups in cameras/, in the order of the dataset `dslices`; site: its place
+    in the map, in which published cameras are placed. Raises ValueError for another layout."""
     stored: list[StoredChannel] = []
-    has_images = hdf5.contains(file, "dslices")
-    if has_images:
-        stored += _depth_channels(file, cameras, site)
-    own_images = list[str]()
-    for kind in OWN_IMAGES.values():
-        own_images += [f"coview/{kind}/{name}" for name in hdf5.child_names(file, f"coview/{kind}")]
-    stored += [_own_channel(file, name) for name in own_images]
-    if not has_images and not stored:
+    has_shared_images = hdf5.contains(file, "dslices")
+    if has_shared_images:
+        stored += _list_depth_channels(file, cameras, site)
+    for group in OWN_IMAGES.values():
+        for name in hdf5.child_names(file, f"coview/{group}"):
+            stored.append(_read_own_channel(file, f"coview/{group}/{name}"))
+    if not has_shared_images and not stored:
         content = hdf5.child_names(file, "/") or "nothing"
         raise ValueError(
             f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {content}"
@@ -61,30 +60,37 @@ def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[
     return tuple(channels[name] for name in order or channels)
 
 
-def _depth_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> list[StoredChannel]:
-    """List the cameras whose images are in `dslices`, in its order."""
+def _list_depth_channels(
+    file: h5py.File, cameras: Sequence[str], site: Site
+) -> list[StoredChannel]:
+    """List the cameras whose images are in the dataset `dslices`, in its order.
+
+    cameras: names of their groups in cameras/; site: its place in the map, in which published
+    cameras are placed."""
     depth = hdf5.dataset(file, "dslices", kinds="fiub")
     if depth.ndim != 4 or depth.dtype.kind != "f":
         raise ValueError(
             f"dslices must be floats of shape [T, C, H, W], got {depth.dtype} of shape "
             f"{depth.shape}"
         )
-    if len(cameras) != depth.shape[1]:
+    camera_count = depth.shape[1]
+    height, width = depth.shape[2:]
+    if len(cameras) != camera_count:
         camera_text = f"{len(cameras)} whose name starts with d: {', '.join(cameras) or 'none'}"
         raise ValueError(
-            f"dslices has {depth.shape[1]} depth images a frame, but cameras/ has {camera_text}"
+            f"dslices has {camera_count} depth images a frame, but cameras/ has {camera_text}"
         )
-    stored = []
+    channels = []
     for index, name in enumerate(cameras):
-        sensor, stride = _camera(file[f"cameras/{name}"], depth.shape[2:], site)
-        stored.append(StoredChannel(sensor, "dslices", index, stride))
-    return stored
+        sensor, stride = _read_stored_camera(file[f"cameras/{name}"], (height, width), site)
+        channels.append(StoredChannel(sensor, name="dslices", depth_index=index, stride=stride))
+    return channels
 
 
-def _own_channel(file: h5py.File, name: str) -> StoredChannel:
+def _read_own_channel(file: h5py.File, name: str) -> StoredChannel:
     """Return a sensor with a separate dataset of images. name: path of the dataset."""
     images = hdf5.dataset(file, name, axes=3)
-    sensor = _own_sensor(hdf5.read_node_attributes(images, name), name)
+    sensor = _parse_sensor(hdf5.read_node_attributes(images, name), name)
     if images.shape[1:] != sensor.model.shape:
         raise ValueError(f"{name} must be [T, *{sensor.model.shape}], got {images.shape}")
     return StoredChannel(sensor, name)
@@ -95,19 +101,21 @@ def _sensor_order(file: h5py.File) -> list[str]:
     attributes: Mapping[str, object] = {}
     if hdf5.contains(file, "coview"):
         attributes = hdf5.read_node_attributes(file["coview"], "coview")
-    written = attributes.get("sensors", "[]")
+    order_text = attributes.get("sensors", "[]")
     try:
-        order = parse_json(written) if isinstance(written, str) else None
+        order = parse_json(order_text) if isinstance(order_text, str) else None
     except ValueError:
         order = None
     if not isinstance(order, list) or not all(isinstance(name, str) for name in order):
         raise ValueError(
-            f"attribute coview:sensors must be a JSON list of names, got {str(written)[:60]!r}"
+            f"attribute coview:sensors must be a JSON list of names, got {str(order_text)[:60]!r}"
         )
     return order
 
 
-def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sensor, int]:
+def _read_stored_camera(
+    group: h5py.Group, shape: tuple[int, int], site: Site
+) -> tuple[Sensor, int]:
     """Return the camera of a group in cameras/, and the step between its measured pixels.
 
     It is the sensor in the group's attributes only if that agrees with the published matrices,
@@ -121,7 +129,7 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sens
     stored_sensor = None
     stride = None
     if "site_SE3_sensor" in attributes:
-        stored_sensor = _own_sensor(attributes, name)
+        stored_sensor = _parse_sensor(attributes, name)
         camera = stored_sensor.model
         if not isinstance(camera, DepthCamera):
             raise ValueError(
@@ -134,7 +142,8 @@ def _camera(group: h5py.Group, shape: tuple[int, int], site: Site) -> tuple[Sens
         is_same = is_same and _is_equal(expected, extrinsic)
         if is_same and (camera.height, camera.width) == shape:
             return stored_sensor, stride
-    model = published.parse_intrinsic(intrinsic, *shape, name=f"{name}/intrinsic")
+    height, width = shape
+    model = published.parse_intrinsic(intrinsic, height, width, name=f"{name}/intrinsic")
     pose = published.parse_extrinsic(extrinsic, site.map_SE3_site, f"{name}/extrinsic")
     if stored_sensor is None or stride is None:
         return Sensor(name.removeprefix("cameras/"), model, pose), model.stride
@@ -145,22 +154,27 @@ def _is_equal(expected: np.ndarray, matrix: np.ndarray) -> bool:
     return expected.shape == matrix.shape and np.allclose(expected, matrix)
 
 
-def _own_sensor(attributes: Mapping[str, object], node_name: str) -> Sensor:
-    # Sensor that the attributes of a group or dataset describe.
+def _parse_sensor(attributes: Mapping[str, object], node_name: str) -> Sensor:
+    """Return the sensor that the attributes of a group or dataset in a file describe.
+
+    attributes: name, model (name of the class), site_SE3_sensor (pose) and the model's fields;
+    node_name: path of the group or dataset, for errors."""
     missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
     if missing:
         raise ValueError(f"{node_name} has no attribute {missing[0]}: write the file again")
     try:
-        kind = str(attributes["model"])
-        entries = [
-            entry.name for entry in fields(find_model_class(kind)) if entry.name in attributes
-        ]
-        values = {name: np.asarray(attributes[name]).tolist() for name in entries}
+        class_name = str(attributes["model"])
+        field_names = [entry.name for entry in fields(find_model_class(class_name))]
+        values = {
+            name: np.asarray(attributes[name]).tolist()
+            for name in field_names
+            if name in attributes
+        }
         return Sensor(
-            str(attributes["name"]),
-            make_model(kind, values),
-            np.asarray(attributes["site_SE3_sensor"]),
+            name=str(attributes["name"]),
+            model=make_model(class_name, values),
+            pose=np.asarray(attributes["site_SE3_sensor"]),
         )
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
-        wrong = f"attributes of {node_name} describe no sensor ({error})"
-        raise ValueError(f"{wrong}: the file is damaged, restore it") from None
+        problem = f"attributes of {node_name} describe no sensor ({error})"
+        raise ValueError(f"{problem}: the file is damaged, restore it") from None

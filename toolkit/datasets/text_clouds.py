@@ -68,15 +68,18 @@ def read_text_columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def _find_columns(path: Path, names: list[str]) -> dict[str, int]:
-    """Return the numbers of the columns with x, y and z, by the names that these have."""
-    repeated = {name for name in names if name and names.count(name) > 1}
-    if repeated:
+    """Return the index of the columns with x, y and z, by their names, in this order.
+
+    path: the file, for errors; names: names of all columns, "" for a column without one. Raises
+    ValueError for a repeated name, or if no columns are named as coordinates."""
+    repeated_names = {name for name in names if name and names.count(name) > 1}
+    if repeated_names:
         raise ValueError(
-            f"{path} must have each column once, got {', '.join(sorted(repeated))} again"
+            f"{path} must have each column once, got {', '.join(sorted(repeated_names))} again"
         )
     with reading.name_errors(path):
-        axes = find_axes(names).names
-    return {name: names.index(name) for name in axes}
+        coordinate_names = find_axes(names).names
+    return {name: names.index(name) for name in coordinate_names}
 
 
 def _parse_column(rows: Sequence[Sequence[str]], column: int) -> Float64[np.ndarray, " n"]:
@@ -95,9 +98,10 @@ def _drop_count(rows: list[list[str]]) -> list[list[str]]:
 
 
 def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
-    """Return rows, if columns have no names, without a first row that numbers the columns.
+    """Return the rows of a file without names, less a first row that numbers the columns.
 
-    Raises ValueError if the first column numbers the rows, so that x would be their number."""
+    path: the file, for messages; rows: cells of each row. Raises ValueError if the first column
+    numbers the rows, so that x would be their number."""
     width = len(rows[0])
     if width >= 3 and len(rows) > 1 and rows[0] == [str(k) for k in range(width)]:
         warnings.warn(
@@ -105,16 +109,11 @@ def _check_numbering(path: Path, rows: list[list[str]]) -> list[list[str]]:
             stacklevel=4,
         )
         rows = rows[1:]
-    first = rows[0][0]
-    last = rows[-1][0]
-    if (
-        width < 4
-        or len(rows) < MIN_NUMBERED_ROWS
-        or first not in ("0", "1")
-        or last != str(len(rows) - 1 + int(first))
-    ):
+    first_cell = rows[0][0]
+    if width < 4 or len(rows) < MIN_NUMBERED_ROWS or first_cell not in ("0", "1"):
         return rows
-    if [row[0] for row in rows] == [str(k + int(first)) for k in range(len(rows))]:
+    row_numbers = [str(int(first_cell) + k) for k in range(len(rows))]
+    if [row[0] for row in rows] == row_numbers:
         raise ValueError(
             f"{path} numbers its rows in the first column: name the columns in a line above"
         )
@@ -125,23 +124,30 @@ def split_rows(text: str) -> list[list[str]]:
     """Return the cells of each line that has any, without comments.
 
     Cells are separated by ; or, in a line without one, by a comma, and by blanks in both."""
-    lines = (re.split(_COMMENT, line)[0].strip() for line in text.splitlines())
-    return [re.split(rf"\s*{';' if ';' in line else ','}\s*|\s+", line) for line in lines if line]
+    rows = []
+    for full_line in text.splitlines():
+        line = re.split(_COMMENT, full_line)[0].strip()
+        if line:
+            separator = ";" if ";" in line else ","
+            rows.append(re.split(rf"\s*{separator}\s*|\s+", line))
+    return rows
 
 
 def _line_at(text: str, number: int) -> str:
     """Return a line of a text by its number, from 0, among the lines with more than a comment."""
     lines = (re.split(_COMMENT, line)[0].strip() for line in io.StringIO(text, newline=None))
-    return next(islice((line for line in lines if line), number, None))
+    lines_with_cells = (line for line in lines if line)
+    return next(islice(lines_with_cells, number, None))
 
 
 def _split_header(line: str) -> list[str]:
     """Return the names of columns in a line, without quotes and blanks around them."""
-    joined = re.sub(r"\s+(?=[(\[])", "", line.strip())  # a unit belongs to the name before it
-    separator = next((mark for mark in (";", ",", "\t") if mark in joined), None)
+    # a unit in brackets belongs to the name before it
+    header = re.sub(r"\s+(?=[(\[])", "", line.strip())
+    separator = next((mark for mark in (";", ",", "\t") if mark in header), None)
     if separator is None:
-        return [name.strip("\"'") for name in joined.split()]
-    cells = next(csv.reader([joined], delimiter=separator, skipinitialspace=True))
+        return [name.strip("\"'") for name in header.split()]
+    cells = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
     return [cell.strip().strip("'") for cell in cells]
 
 
@@ -163,11 +169,11 @@ def _first_comments(text: str) -> list[str]:
     """Return the comments above the first row of a text, without their marks."""
     comments = []
     for line in io.StringIO(text, newline=None):
-        marked = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)
-        if marked is None and line.strip():
+        comment = re.match(rf"\s*(?:{_COMMENT})+(.*)", line)
+        if comment is None and line.strip():  # the first row
             break
-        if marked is not None and marked[1].strip():
-            comments.append(marked[1])
+        if comment is not None and comment[1].strip():
+            comments.append(comment[1])
     return comments
 
 

@@ -2,9 +2,9 @@
 
 - A static transform holds at all times, whatever its stamp. A later one of the same frame replaces
   it from the time on at which it was recorded, as a listener would see it.
-- The pose of a moving frame is interpolated between two transforms to one parent; before the first,
-  after the last and while its parent changes, the pose is the nearest transform's. `gap_s` is how
-  far away that is.
+- The pose of a moving frame is interpolated between two transforms to one parent; after the last
+  and while its parent changes, it is the pose of the last transform before, and before the first
+  the first one's. `gap_s` is how far away the transform is.
 - A frame that both topics place is static: tf2 keeps one history for a frame.
 - A transform that tf2 would not take is left out and counted: a quaternion not of length 1, numbers
   that are not finite, a frame without a name or in itself."""
@@ -69,13 +69,17 @@ class FrameHistory:
 
     @staticmethod
     def from_links(by_time: Mapping[int, TransformLink]) -> "FrameHistory":
-        """Make the history of one frame from its transforms by time (ns), in any order."""
+        """Make the history of one frame from its transforms by time (ns), in any order.
+
+        Every transform must have a pose."""
         times = sorted(by_time)
         links = [by_time[time] for time in times]
-        poses = np.stack(
-            [link.parent_SE3_child for link in links if link.parent_SE3_child is not None]
+        poses = [link.parent_SE3_child for link in links if link.parent_SE3_child is not None]
+        return FrameHistory(
+            times_ns=np.array(times, np.int64),
+            parents=tuple(link.parent for link in links),
+            poses=np.stack(poses),
         )
-        return FrameHistory(np.array(times, np.int64), tuple(link.parent for link in links), poses)
 
     def last_before(self, time_ns: int) -> tuple[str, Pose]:
         """Return parent and pose of the last transform up to a time (ns).
@@ -85,25 +89,25 @@ class FrameHistory:
         return self.parents[row], self.poses[row]
 
     def interpolate(self, time_ns: int) -> tuple[str, Pose, float]:
-        """Return parent, pose and gap at a time (ns).
+        """Return the frame's parent, its pose in it, and a gap at a time (ns).
 
-        The gap is the distance (s) to the nearest transform if there is no transform of this
-        time."""
-        later = int(np.searchsorted(self.times_ns, time_ns))
-        if later < len(self.times_ns) and self.times_ns[later] == time_ns:
-            return self.parents[later], self.poses[later], 0.0
-        if 0 < later < len(self.times_ns) and self.parents[later - 1] == self.parents[later]:
-            before, after = self.times_ns[later - 1 : later + 1].tolist()
-            share = (time_ns - before) / (after - before)
-            gap = min(time_ns - before, after - time_ns) / NS_PER_S
-            return (
-                self.parents[later],
-                between(self.poses[later - 1], self.poses[later], share),
-                gap,
-            )
-        row = max(0, later - 1)
-        is_single = len(self.times_ns) == 1  # nothing else is known of the frame
-        gap = 0.0 if is_single else abs(time_ns - int(self.times_ns[row])) / NS_PER_S
+        Between two transforms to one parent the pose is interpolated, otherwise it is the pose of
+        the last transform before the time, or of the first one. The gap is the distance (s) from
+        the time to the nearest transform used; 0 for a frame of a single transform."""
+        times = self.times_ns
+        after = int(np.searchsorted(times, time_ns))
+        before = after - 1
+        if after < len(times) and times[after] == time_ns:
+            return self.parents[after], self.poses[after], 0.0
+        if 0 < after < len(times) and self.parents[before] == self.parents[after]:
+            since_before = time_ns - int(times[before])
+            until_after = int(times[after]) - time_ns
+            share = since_before / (since_before + until_after)
+            pose = between(self.poses[before], self.poses[after], share)
+            return self.parents[after], pose, min(since_before, until_after) / NS_PER_S
+        row = max(0, before)
+        is_single = len(times) == 1  # nothing else is known of the frame
+        gap = 0.0 if is_single else abs(time_ns - int(times[row])) / NS_PER_S
         return self.parents[row], self.poses[row], gap
 
 
@@ -122,32 +126,29 @@ class TransformTree:
 
     @staticmethod
     def from_links(links: Iterable[TransformLink]) -> "TransformTree":
-        """Build the tree of all transforms of a bag, in the order of their recording."""
+        """Build the tree of all transforms of a bag, in the order of their recording.
+
+        The last one of several transforms with the same child and time counts."""
+        # transforms of each child frame by time (ns)
         static: dict[str, dict[int, TransformLink]] = {}
         moving: dict[str, dict[int, TransformLink]] = {}
         malformed = 0
         for link in links:
-            if (
-                link.parent_SE3_child is None
-                or not link.child
-                or not link.parent
-                or link.child == link.parent
-            ):
+            has_two_frames = link.child and link.parent and link.child != link.parent
+            if link.parent_SE3_child is None or not has_two_frames:
                 malformed += 1
             elif link.is_static:
                 static.setdefault(link.child, {})[link.recorded_ns] = link
             else:
                 moving.setdefault(link.child, {})[link.stamp_ns or link.recorded_ns] = link
-        twice = static.keys() & moving.keys()
-        counted = {MALFORMED: malformed, TWICE_PLACED: len(twice)}
+        placed_twice = static.keys() & moving.keys()
+        for child in placed_twice:
+            del moving[child]
+        counts = {MALFORMED: malformed, TWICE_PLACED: len(placed_twice)}
         return TransformTree(
-            {child: FrameHistory.from_links(by_time) for child, by_time in static.items()},
-            {
-                child: FrameHistory.from_links(by_time)
-                for child, by_time in moving.items()
-                if child not in twice
-            },
-            {kind: count for kind, count in counted.items() if count},
+            static={child: FrameHistory.from_links(by_time) for child, by_time in static.items()},
+            moving={child: FrameHistory.from_links(by_time) for child, by_time in moving.items()},
+            problems={kind: count for kind, count in counts.items() if count},
         )
 
     def knows(self, frame: str) -> bool:
@@ -162,21 +163,23 @@ class TransformTree:
     def find(self, frame: str, stamp_ns: int, recorded_ns: int) -> Placed:
         """Return the pose of a frame in its root for one message.
 
-        stamp_ns: stamp of the message, for moving frames; recorded_ns: time of its recording, for
-        static ones.
-        Raises ValueError if the transforms run in a circle."""
-        placed = np.eye(4)
-        gap = 0.0
+        The root is the frame without a parent. stamp_ns: stamp of the message, for moving frames;
+        recorded_ns: time of its recording, for static ones. Raises ValueError if the transforms run
+        in a circle."""
+        ancestor = frame
+        ancestor_SE3_frame = np.eye(4)
+        max_gap_s = 0.0
         for _ in range(MAX_LINKS):
-            if frame in self.static:
-                frame, pose = self.static[frame].last_before(recorded_ns)
-            elif frame in self.moving:
-                frame, pose, distance = self.moving[frame].interpolate(stamp_ns)
-                gap = max(gap, distance)
+            if ancestor in self.static:
+                parent, pose = self.static[ancestor].last_before(recorded_ns)
+            elif ancestor in self.moving:
+                parent, pose, gap_s = self.moving[ancestor].interpolate(stamp_ns)
+                max_gap_s = max(max_gap_s, gap_s)
             else:
-                return Placed(frame, placed, gap)
-            placed = pose @ placed
-        raise ValueError(f"its tf runs in a circle, through {frame!r}")
+                return Placed(root=ancestor, root_SE3_frame=ancestor_SE3_frame, gap_s=max_gap_s)
+            ancestor = parent
+            ancestor_SE3_frame = pose @ ancestor_SE3_frame
+        raise ValueError(f"its tf runs in a circle, through {ancestor!r}")
 
 
 def between(a: Pose, b: Pose, share: float) -> Pose:
@@ -185,10 +188,10 @@ def between(a: Pose, b: Pose, share: float) -> Pose:
     share: 0 for a, 1 for b."""
     from scipy.spatial.transform import Rotation, Slerp
 
+    rotations = Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]]))
+    interpolate_rotation = Slerp([0, 1], rotations)
     pose = np.eye(4)
-    pose[:3, :3] = Slerp([0, 1], Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]])))(
-        share
-    ).as_matrix()
+    pose[:3, :3] = interpolate_rotation(share).as_matrix()
     pose[:3, 3] = a[:3, 3] + share * (b[:3, 3] - a[:3, 3])
     return pose
 
@@ -196,7 +199,9 @@ def between(a: Pose, b: Pose, share: float) -> Pose:
 def parse_link_pose(
     wxyz: Float64[np.ndarray, "4"], position: Float64[np.ndarray, "3"]
 ) -> Pose | None:
-    """Return the pose of a transform's quaternion w x y z and position (m), None if malformed."""
+    """Return the pose of a transform's quaternion w x y z and position (m), None if malformed.
+
+    A quaternion whose length is not 1, and numbers that are not finite, are malformed."""
     if not (np.isfinite(wxyz).all() and np.isfinite(position).all()):
         return None
     try:

@@ -2,30 +2,33 @@
 
 
 def decompress_lzf(packed: bytes, size: int) -> bytes:
-    """Decompress LibLZF. Raises ValueError unless it makes `size` bytes."""
+    """Decompress bytes of the library LibLZF. Raises ValueError unless they make `size` bytes."""
     out = bytearray()
-    i = 0
+    position = 0  # in `packed`
     try:
-        while i < len(packed):
-            control = packed[i]
-            if control < 32:  # control + 1 plain bytes
-                out += packed[i + 1 : i + 2 + control]
-                i += 2 + control
+        while position < len(packed):
+            control = packed[position]
+            if control < 32:  # control + 1 plain bytes follow
+                out += packed[position + 1 : position + 2 + control]
+                position += 2 + control
                 continue
+            # else a copy of earlier output: its length in the upper three bits, and its distance in
+            # the other five and the next byte
             length = control >> 5
-            if length == 7:
-                i += 1
-                length += packed[i]
-            back = ((control & 31) << 8) + packed[i + 1] + 1  # bytes ago that the same was there
-            i += 2
-            start = len(out) - back
+            if length == 7:  # a further byte of length
+                position += 1
+                length += packed[position]
+            distance = ((control & 31) << 8) + packed[position + 1] + 1
+            position += 2
+            start = len(out) - distance
             length = length + 2
             if start < 0 or len(out) > size:
                 break
-            same = out[start : start + length]
-            out += (same * (length // back + 1))[:length]  # it may overlap its output
-    except IndexError:
+            # if it is longer than its distance, it repeats what it copies
+            source = out[start : start + length]
+            out += (source * (length // distance + 1))[:length]
+    except IndexError:  # cut off
         pass
-    if i != len(packed) or len(out) != size:
+    if position != len(packed) or len(out) != size:
         raise ValueError("its compressed points are damaged")
     return bytes(out)

@@ -29,8 +29,10 @@ def read_pcd(path: str | Path) -> Attributes:
     try:
         header, body = parse_pcd_header(content)
         if header.data == "ascii":
-            skipped = content.count(b"\n", 0, len(content) - len(body))
-            columns = read_rows(Path(path), skipped, header.row, header.points)
+            header_lines = content.count(b"\n", 0, len(content) - len(body))
+            columns = read_rows(
+                Path(path), skipped=header_lines, row=header.row, rows=header.points
+            )
         elif header.data == "binary":
             columns = read_binary(body, header.row, header.points)
         else:
@@ -48,16 +50,16 @@ def read_pcd(path: str | Path) -> Attributes:
 def pcd_bytes(columns: Mapping[str, Shaped[np.ndarray, " n"]], comment: str = "") -> bytes:
     """Format columns of one length, numbers of 1 to 8 bytes, as a binary PCD file.
 
-    comment: a line of its header."""
-    kinds = {"f": "F", "i": "I", "u": "U"}
+    columns: by the name of the field; comment: a line of the header, "" for none."""
+    kinds = {"f": "F", "i": "I", "u": "U"}  # NumPy's letters for types and PCD's
     arrays = {name: np.asarray(column) for name, column in columns.items()}
     little_endian = [column.astype(column.dtype.newbyteorder("<")) for column in arrays.values()]
     table = np.rec.fromarrays(little_endian)
     sizes = [str(column.itemsize) for column in arrays.values()]
-    types = [kinds[c.dtype.kind] for c in arrays.values()]
-    remark = f"{comment}\n" if comment else ""
+    types = [kinds[column.dtype.kind] for column in arrays.values()]
+    comment_line = f"{comment}\n" if comment else ""
     header = f"""# .PCD v0.7 - Point Cloud Data file format
-{remark}VERSION 0.7
+{comment_line}VERSION 0.7
 FIELDS {" ".join(arrays)}
 SIZE {" ".join(sizes)}
 TYPE {" ".join(types)}
@@ -72,9 +74,12 @@ DATA binary
 
 
 def _read_compressed(header: PcdHeader, body: bytes) -> list[np.ndarray]:
-    """Columns of a compressed file, one field after the other."""
+    """Columns (points, values) of a PCD file with compressed points, in the order of its fields.
+
+    body: content after the header. Raises ValueError for damaged or missing points."""
     if len(body) < 8 and header.points:
         raise ValueError("it is cut off before its points")
+    # the body begins with its compressed and its uncompressed size in bytes
     packed, size = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
     needed = header.points * header.row.itemsize
     if len(body) - 8 < packed and header.points:
@@ -82,12 +87,13 @@ def _read_compressed(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     check_unpacked(size, MAX_CLOUD_BYTES)
     if size != needed or size > MAX_LZF_RATIO * max(1, packed):
         raise ValueError(f"its points take {needed} bytes, but {size} are compressed in {packed}")
-    plain = decompress_lzf(body[8 : 8 + packed], size)
+    unpacked = decompress_lzf(body[8 : 8 + packed], size)
     columns = []
-    first = 0
+    start = 0
+    # unpacked, the values of one field of all points come before the next field
     for dtype, count in header.fields():
         length = header.points * count * dtype.itemsize
-        values = np.frombuffer(plain[first : first + length], dtype)
+        values = np.frombuffer(unpacked[start : start + length], dtype)
         columns.append(values.reshape(header.points, count))
-        first += length
+        start += length
     return columns

@@ -71,19 +71,27 @@ def parse_pcd_header(content: bytes) -> tuple[PcdHeader, bytes]:
         raise ValueError(
             f"DATA must be ascii, binary or binary_compressed, got {data!r:.40} of {points} points"
         )
+    # numbers instead of names, since paddings share one name
     columns = [(f"{k}", _TYPES[field.kind], (field.value_count,)) for k, field in enumerate(fields)]
     before_data = content[: data_line.start()]
     origin = _read_origin(before_data)
     if origin is None:
         lines = before_data.decode("ascii", "replace").splitlines()
         warn_of_offset(line for line in lines if line.startswith("#"))
-    names = tuple(field.name for field in fields)
-    header = PcdHeader(names, np.dtype(columns), points, data, origin)
+    header = PcdHeader(
+        names=tuple(field.name for field in fields),
+        row=np.dtype(columns),
+        points=points,
+        data=data,
+        origin=origin,
+    )
     return header, content[data_line.end() :]
 
 
 def _split_entries(header: bytes) -> dict[str, list[str]]:
-    """Words of each line of a header, by its first word, without comments."""
+    """Words of each line of a PCD header after the first word, by that word, without comments.
+
+    Raises ValueError for two lines with one first word."""
     entries: dict[str, list[str]] = {}
     for line in header.split(b"\n"):
         words = line.split(b"#")[0].decode("ascii", "replace").split()
@@ -98,9 +106,12 @@ def _split_entries(header: bytes) -> dict[str, list[str]]:
 
 
 def _read_fields(entries: Mapping[str, list[str]]) -> list[_Field]:
-    """Fields of a point that have a value."""
-    words = entries.get("FIELDS", entries.get("COLUMNS", []))  # COLUMNS until version 0.5
-    names = [name.lower() if len(name) == 1 else name for name in words]
+    """Fields of a point that have a value, from the entries of a PCD header.
+
+    entries: words of each line after the first word, by that word. Raises ValueError if lines do
+    not fit together."""
+    name_words = entries.get("FIELDS", entries.get("COLUMNS", []))  # COLUMNS until version 0.5
+    names = [name.lower() if len(name) == 1 else name for name in name_words]
     size_words = entries.get("SIZE", [])
     types = entries.get("TYPE", [])
     if entries.get("DATA") == ["ascii"] and "SIZE" not in entries and "TYPE" not in entries:
@@ -110,8 +121,10 @@ def _read_fields(entries: Mapping[str, list[str]]) -> list[_Field]:
     counts = whole_numbers(entries.get("COUNT", ["1"] * len(names)))
     if not len(names) == len(sizes) == len(counts) == len(types):
         raise ValueError("FIELDS, SIZE, TYPE and COUNT of its header are not of one length")
-    kinds = zip(types, sizes, strict=True)
-    fields = [_Field(*values) for values in zip(names, kinds, counts, strict=True)]
+    fields = [
+        _Field(name=name, kind=(type_letter, size), value_count=count)
+        for name, type_letter, size, count in zip(names, types, sizes, counts, strict=True)
+    ]
     # SUSTechPOINTS writes fields of COUNT 0: nothing
     return [field for field in fields if field.value_count != 0]
 
@@ -124,19 +137,21 @@ def _check_fields(fields: Sequence[_Field]) -> None:
     point_names = [name for name in names if name != PADDING]
     if len(set(point_names)) < len(point_names):
         raise ValueError(f"two fields have one name: {', '.join(names)[:200]}")
-    axes = find_axes(names).names
-    kinds = [field.kind for field in fields]
+    coordinate_names = find_axes(names).names
+    kinds = [field.kind for field in fields]  # pairs of TYPE and SIZE
     counts = [field.value_count for field in fields]
     is_known = all(kind in _TYPES for kind in kinds)
     if not is_known or any(not 0 < count < 1 << 20 for count in counts):
         got = f"{kinds} and COUNT {counts}"[:300]
         raise ValueError(f"TYPE and SIZE of a field must be F, I or U and 1, 2, 4 or 8, got {got}")
-    if any(field.value_count != 1 for field in fields if field.name in axes):
-        raise ValueError(f"{', '.join(axes)} must have COUNT 1")
+    if any(field.value_count != 1 for field in fields if field.name in coordinate_names):
+        raise ValueError(f"{', '.join(coordinate_names)} must have COUNT 1")
 
 
 def _count_points(entries: Mapping[str, list[str]]) -> int:
-    """Number of points that a header states once or twice."""
+    """Number of points that a PCD header states, as POINTS or WIDTH x HEIGHT or both.
+
+    Raises ValueError if it states none, or two different ones."""
     counts = []
     if "POINTS" in entries:
         counts.append(math.prod(whole_numbers(entries["POINTS"])))
@@ -152,12 +167,14 @@ def _count_points(entries: Mapping[str, list[str]]) -> int:
 
 
 def _is_at_origin(viewpoint: Sequence[str]) -> bool:
-    """True for the viewpoint 0 0 0 1 0 0 0."""
+    """True for the viewpoint 0 0 0 1 0 0 0: its position, then its rotation as a quaternion."""
     return [word.strip("-0.") for word in viewpoint] == ["", "", "", "1", "", "", ""]
 
 
 def _read_origin(header: bytes) -> np.ndarray | None:
-    """Origin of a cloud that coview wrote (m), None if its header states none."""
+    """Origin (x, y, z; m) of the points that a PCD header written by coview states in a comment.
+
+    None without such a comment; ValueError for a damaged one."""
     line = re.search(rb"^" + ORIGIN_COMMENT.encode() + rb"([^\n]*)$", header, re.MULTILINE)
     if line is None:
         return None
@@ -165,7 +182,7 @@ def _read_origin(header: bytes) -> np.ndarray | None:
     try:
         origin = np.array([float(word) for word in words])
     except ValueError:
-        origin = np.full(0, np.nan)
+        origin = np.zeros(0)  # refused below
     if origin.shape != (3,) or not (np.abs(origin) <= MAX_COORDINATE_M).all():
         raise ValueError(
             f"its origin must be three numbers of metres, got {' '.join(words)[:60]!r}"

@@ -28,34 +28,46 @@ def read_ply(path: str | Path) -> Attributes:
         columns = _read_vertices(Path(path), content, header, vertex_index)
     except ValueError as error:
         raise ValueError(f"{path} holds no points that can be read: {error}") from None
-    table = {}
+    named_columns = {}
     for entry, column in zip(vertex.properties, columns, strict=True):
-        table[entry.name] = column.astype(entry.kind.newbyteorder("="), copy=False)
-    return name_attributes(table)
+        native_type = entry.kind.newbyteorder("=")  # the file may have the other order of bytes
+        named_columns[entry.name] = column.astype(native_type, copy=False)
+    return name_attributes(named_columns)
 
 
 def _read_vertices(
     path: Path, content: bytes, header: PlyHeader, vertex_index: int
 ) -> list[np.ndarray]:
-    """Columns of the vertices, after the elements before them."""
+    """Column of each property of a PLY file's vertices.
+
+    path, content: the file and its bytes; vertex_index: index of the vertices in
+    `header.elements`."""
     vertex = header.elements[vertex_index]
-    earlier = header.elements[:vertex_index]
-    last = vertex_index == len(header.elements) - 1
+    earlier_elements = header.elements[:vertex_index]
+    is_last = vertex_index == len(header.elements) - 1
     if vertex.row is None:
         raise ValueError("its vertices have lists: export it again as points")
-    if not header.order:
+    if not header.order:  # text
         header_lines = len(content[: header.size].splitlines())
-        skipped = header_lines + sum(element.rows for element in earlier)
-        return read_rows(path, skipped, vertex.row, vertex.rows, last=last)
+        earlier_lines = sum(element.rows for element in earlier_elements)
+        return read_rows(
+            path,
+            skipped=header_lines + earlier_lines,
+            row=vertex.row,
+            rows=vertex.rows,
+            last=is_last,
+        )
     start = header.size
-    for element in earlier:
-        start = _skip(element, content, start)
-    end = None if last else start + vertex.rows * vertex.row.itemsize
+    for element in earlier_elements:
+        start = _find_end(element, content, start)
+    end = None if is_last else start + vertex.rows * vertex.row.itemsize
     return read_binary(content[start:end], vertex.row, vertex.rows)
 
 
-def _skip(element: PlyElement, content: bytes, start: int) -> int:
-    """End of an element of a binary file (bytes)."""
+def _find_end(element: PlyElement, content: bytes, start: int) -> int:
+    """Index in a binary file's content of the byte after an element, which begins at `start`.
+
+    Lists have lengths of their own, so elements with lists are walked value by value."""
     if element.row is not None:
         return start + element.rows * element.row.itemsize
     if element.rows > _MAX_LISTS:
@@ -64,10 +76,10 @@ def _skip(element: PlyElement, content: bytes, start: int) -> int:
     for _ in range(element.rows):
         for entry in element.properties:
             count = 1
-            if entry.length is not None:
+            if entry.length is not None:  # a list: the number of its values comes first
                 count = -1
                 if end + entry.length.itemsize <= len(content):
-                    count = int(np.frombuffer(content, entry.length, 1, end)[0])
+                    count = int(np.frombuffer(content, entry.length, count=1, offset=end)[0])
                 end += entry.length.itemsize
             if count < 0:
                 raise ValueError("a list before its points is damaged or cut off")

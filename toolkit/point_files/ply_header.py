@@ -54,15 +54,18 @@ class PlyHeader(NamedTuple):
 
 
 def parse_ply_header(content: bytes) -> PlyHeader:
-    """Header of a file's content. Raises ValueError for a wrong one."""
-    first = re.match(rb"ply[ \t]*(\r\n|\r|\n)", content)
-    end = first and re.compile(first[1] + rb"end_header[ \t]*" + first[1]).search(content)
-    if first is None or end is None:
+    """Header of a PLY file's content. Raises ValueError for a wrong one."""
+    first_line = re.match(rb"ply[ \t]*(\r\n|\r|\n)", content)
+    if first_line is None:
+        raise ValueError("it has no header from ply to end_header, is it a PLY file?")
+    line_end = first_line[1]
+    end_line = re.compile(line_end + rb"end_header[ \t]*" + line_end).search(content)
+    if end_line is None:
         raise ValueError("it has no header from ply to end_header, is it a PLY file?")
     order = None
     elements = list[PlyElement]()
-    text = content[first.end() : end.start()].decode("ascii", "replace")
-    for line in text.split(first[1].decode()):
+    text = content[first_line.end() : end_line.start()].decode("ascii", "replace")
+    for line in text.split(line_end.decode()):
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
             warn_of_offset([line])
@@ -70,7 +73,7 @@ def parse_ply_header(content: bytes) -> PlyHeader:
         if words[0] == "format" and len(words) == 3 and words[1] in _PLY_ORDERS and order is None:
             order = _PLY_ORDERS[words[1]]
         elif words[0] == "element" and len(words) == 3:
-            elements.append(PlyElement(words[1], whole_numbers(words[2:])[0], []))
+            elements.append(PlyElement(words[1], rows=whole_numbers(words[2:])[0], properties=[]))
         elif words[0] == "property" and elements and order is not None:
             elements[-1].properties.append(_parse_property(words[1:], order))
         else:
@@ -81,25 +84,36 @@ def parse_ply_header(content: bytes) -> PlyHeader:
             "its header must have one format and one element vertex, and no count below 0"
         )
     _check_properties(elements, names.index("vertex"))
-    return PlyHeader(order, elements, end.end())
+    return PlyHeader(order, elements, size=end_line.end())
 
 
 def _check_properties(elements: Sequence[PlyElement], vertex_index: int) -> None:
-    """Raise ValueError for too many properties, a name twice in points, and no x, y and z."""
+    """Raise ValueError for too many properties, a name twice in points, and no x, y and z.
+
+    vertex_index: index of the points in `elements`."""
     point_names = [entry.name for entry in elements[vertex_index].properties]
     if sum(len(element.properties) for element in elements) > MAX_FIELDS:
         raise ValueError(f"its header names more than {MAX_FIELDS} properties")
     if len(set(point_names)) < len(point_names):
         raise ValueError(f"its points must have no name twice, got {', '.join(point_names)[:200]}")
-    find_axes(point_names)
+    find_axes(point_names)  # raises if they lack x, y and z
 
 
 def _parse_property(words: list[str], order: str) -> PlyProperty:
-    """Property of the words after "property"."""
-    *kinds, name = words or [""]
-    is_list = kinds[:1] == ["list"] and len(kinds) == 3 and _PLY_TYPES.get(kinds[1], "f")[0] != "f"
-    if not (is_list or len(kinds) == 1) or kinds[-1] not in _PLY_TYPES:
+    """Parse a property of a PLY header: "float x" or "list uchar int vertex_index".
+
+    words: words after "property"; order: byte order as NumPy's types state it, "" for text. Raises
+    ValueError for an unknown type."""
+    type_words = words[:-1]
+    name = words[-1] if words else ""
+    length_type = None
+    if len(type_words) == 3 and type_words[0] == "list":
+        length_type = _PLY_TYPES.get(type_words[1], "f")
+    is_list = length_type is not None and length_type[0] != "f"  # lengths are whole numbers
+    if not (is_list or len(type_words) == 1) or type_words[-1] not in _PLY_TYPES:
         raise ValueError(f"its header has a property of unknown type: {' '.join(words)[:80]!r}")
-    kind = np.dtype(order + _PLY_TYPES[kinds[-1]])
-    length = np.dtype(order + _PLY_TYPES[kinds[1]]) if is_list else None
-    return PlyProperty(name.lower() if len(name) == 1 else name, kind, length)
+    return PlyProperty(
+        name=name.lower() if len(name) == 1 else name,
+        kind=np.dtype(order + _PLY_TYPES[type_words[-1]]),
+        length=np.dtype(f"{order}{length_type}") if is_list else None,
+    )

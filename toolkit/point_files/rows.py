@@ -23,9 +23,14 @@ def whole_numbers(words: list[str]) -> list[int]:
 def read_rows(
     path: Path, skipped: int, row: np.dtype, rows: int, *, last: bool = True
 ) -> list[np.ndarray]:
-    """Columns of a file's text, a row a line.
+    """Columns of a table in a text file, with a row in each line.
 
-    skipped: lines before the rows; last: no further lines may follow."""
+    Args:
+        path: The file.
+        skipped: Number of lines before the table.
+        row: Type of a row, with a field for each column.
+        rows: Number of rows.
+        last: True if no further lines may follow the table."""
     names = row.names or ()
     kinds = [row[name].base for name in names]
     shapes = [row[name].shape for name in names]
@@ -42,21 +47,25 @@ def read_rows(
 
 
 def _parse_text(path: Path, skipped: int, row: np.dtype, max_rows: int | None) -> np.ndarray | None:
-    """Table of a text, None if a row has other cells; whole numbers may be written as floats."""
-    exact = []
-    plain = []
+    """Table of a text file, None if its rows have other cells than `row`.
+
+    skipped: number of lines before the table; row: type of a row; max_rows: None for all. Columns
+    are float64, or of their type in `row` if it has 8 bytes and the text allows it: whole numbers
+    may be written as floats."""
+    exact_fields = []  # whole numbers of 8 bytes are not exact as floats
+    float_fields = []
     for name in row.names or ():
         kind = row[name].base
         shape = row[name].shape
-        exact.append((name, kind if kind.itemsize == 8 else "f8", shape))
-        plain.append((name, "f8", shape))
-    for row_type in (exact, plain):
+        exact_fields.append((name, kind if kind.itemsize == 8 else "f8", shape))
+        float_fields.append((name, "f8", shape))
+    for fields in (exact_fields, float_fields):
         with warnings.catch_warnings(), suppress(ValueError, OverflowError, DeprecationWarning):
             warnings.simplefilter("error", DeprecationWarning)
             warnings.simplefilter("ignore", UserWarning)  # no rows at all
             return np.loadtxt(
                 path,
-                np.dtype(row_type),
+                np.dtype(fields),
                 comments=None,
                 encoding="latin-1",
                 skiprows=skipped,
@@ -67,7 +76,7 @@ def _parse_text(path: Path, skipped: int, row: np.dtype, max_rows: int | None) -
 
 
 def _fit(column: np.ndarray, kind: np.dtype) -> np.ndarray:
-    """Return a column in its type. Raises ValueError for a number that does not fit."""
+    """Return a column as `kind`. Raises ValueError for a number that does not fit."""
     if kind.kind in "iu" and column.dtype.kind == "f":
         limits = np.iinfo(kind)
         if not ((column >= limits.min) & (column <= limits.max)).all():
@@ -77,11 +86,14 @@ def _fit(column: np.ndarray, kind: np.dtype) -> np.ndarray:
 
 
 def read_binary(body: bytes, row: np.dtype, points: int) -> list[np.ndarray]:
-    """Columns of a file's bytes. Raises ValueError for too few bytes or a row too many."""
+    """Columns of a table in a binary file. Raises ValueError for too few bytes or a row too many.
+
+    body: bytes of the table; row: type of a row, with a field for each column; points: number of
+    rows."""
     needed = points * row.itemsize
     if len(body) < needed:
         raise ValueError(f"it is cut off, {len(body)} of {needed} bytes are there")
-    if len(body) >= needed + row.itemsize:
+    if len(body) >= needed + row.itemsize:  # fewer bytes after the table are no row
         raise ValueError(
             f"its header says {points} points, {needed} bytes, but {len(body)} are there"
         )

@@ -21,6 +21,7 @@ class ErrorProfile:
     terms: tuple[ErrorTerm, ...]
 
     def __post_init__(self) -> None:
+        """Raise ValueError for an empty name, and for a term that is no error term."""
         if not self.name:
             raise ValueError(
                 "an error profile needs a name, got an empty one: results say which it was"
@@ -34,13 +35,15 @@ class ErrorProfile:
     @cached_property
     def digest(self) -> str:
         """Hexadecimal SHA-256 of all terms and their numbers, whatever the profile's name."""
-        described = []
+        descriptions = []
         for term in self.terms:
+            # NumPy's numbers as Python's
             numbers = {
-                k: v.item() if isinstance(v, np.generic) else v for k, v in asdict(term).items()
+                name: value.item() if isinstance(value, np.generic) else value
+                for name, value in asdict(term).items()
             }
-            described.append([type(term).__module__, type(term).__qualname__, numbers])
-        return make_key(described).hex()
+            descriptions.append([type(term).__module__, type(term).__qualname__, numbers])
+        return make_key(descriptions).hex()
 
     @property
     def modules(self) -> list[str]:
@@ -63,12 +66,13 @@ class ErrorProfile:
         seed: seed of the recording's errors; sensor, frame: their numbers in the recording. Random
         numbers depend on all three."""
         reading = Reading.of(truth)
-        before = Counter[str]()
+        earlier_terms = Counter[str]()
         for term in self.terms:
             kind = type(term).__qualname__
             # depends on the class and how many terms of it came before, so that other terms do not
             # change it
-            stream = zlib.crc32(f"{kind} {before[kind]}".encode())
-            before[kind] += 1
-            reading = term.apply(reading, Draws(seed, sensor, frame, stream))
+            stream = zlib.crc32(f"{kind} {earlier_terms[kind]}".encode())
+            earlier_terms[kind] += 1
+            draws = Draws(seed=seed, sensor=sensor, frame=frame, term=stream)
+            reading = term.apply(reading, draws)
         return reading

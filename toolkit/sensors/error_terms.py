@@ -29,6 +29,10 @@ class _Term:
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a share outside 0..1, or a number below its minimum or infinite.
+
+        Fields named in `_shares` are shares; fields with a float as default are numbers from 0 on,
+        or from 0.001 on if named in `_positive`."""
         name = type(self).__name__
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -65,6 +69,10 @@ class ClockOffset(_Term):
     offset: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Shift each pixel's point as far as its object moves during the clock's offset.
+
+        Pixels without object stay, and pixels that an earlier error moved off their object.
+        `self.offset` is the standard deviation (s) of the sensors' offsets."""
         truth = reading.truth
         if truth.velocities is None:
             raise ValueError(
@@ -72,10 +80,12 @@ class ClockOffset(_Term):
                 "and times"
             )
         late_s = draws.of_sensor().standard_normal() * self.offset
-        # a row of zeros last, for the owner -1 of pixels without object
-        displacement = np.append(truth.velocities * late_s, np.zeros((1, 3)), axis=0)[truth.owners]
-        is_same = reading.valid & (np.abs(reading.measurement - truth.measurement) < MAX_SAME_M)
-        shift = np.where(is_same[..., None], displacement, 0).astype(np.float32)
+        object_displacements = truth.velocities * late_s
+        # owners: row of the object in each pixel; a row of zeros last, for -1, no object
+        displacements = np.append(object_displacements, np.zeros((1, 3)), axis=0)[truth.owners]
+        is_same_object = np.abs(reading.measurement - truth.measurement) < MAX_SAME_M
+        is_shifted = reading.valid & is_same_object
+        shift = np.where(is_shifted[..., None], displacements, 0).astype(np.float32)
         return replace(reading, shift=shift if reading.shift is None else reading.shift + shift)
 
 
@@ -92,11 +102,14 @@ class DropOut(_Term):
     steepness: float = 2.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Drop `self.share` of the returns, and more of them far away and at grazing incidence."""
         # probability that each pixel keeps its return
         chance = np.full(reading.measurement.shape, 1.0 - self.share)
         truth = reading.truth
-        if self.half_range:
-            chance *= chance_of_return(truth.ranges, truth.cosines, self.half_range, self.steepness)
+        if self.half_range:  # 0 for no loss by range
+            chance *= chance_of_return(
+                truth.ranges, truth.cosines, half_range=self.half_range, steepness=self.steepness
+            )
         return reading.without(draws.of_frame().random(chance.shape) >= chance)
 
 
@@ -159,10 +172,11 @@ def chance_of_return(
         half_range: range (m) at which half of the surfaces at right angles return.
         steepness: how fast the probability falls around `half_range`; infinity would be a step.
         reflectivity: share of light that surfaces reflect, relative to others, 1 for all."""
-    # received power falls with the square of the range; `lacking` is 1 at a probability of one half
+    # received power falls with the square of the range; at a `deficit` of 1 half of the surfaces
+    # return
     power = np.asarray(reflectivity) * cosines * half_range**2
-    lacking = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
-    return 1 / (1 + lacking**steepness)
+    deficit = np.asarray(ranges, np.float64) ** 2 / np.maximum(power, 1e-12)
+    return 1 / (1 + deficit**steepness)
 
 
 @dataclass(frozen=True)
@@ -181,18 +195,24 @@ class MixedPixels(_Term):
     reach: float = 1000.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Move some pixels next to an edge towards the measurement of one of their neighbours.
+
+        An edge is a difference between `self.gap` and `self.reach` (m); `self.share` of the pixels
+        there move."""
         image = reading.measurement
         rng = draws.of_frame()
-        side = rng.integers(len(_NEIGHBOURS), size=image.shape)
+        # three draws for every pixel in this order, so that results stay the same
+        neighbour_number = rng.integers(len(_NEIGHBOURS), size=image.shape)
         is_drawn = rng.random(image.shape) < self.share
-        weight = rng.random(image.shape, np.float32)
+        weight = rng.random(image.shape, np.float32)  # 0 keeps the pixel, 1 takes the neighbour
         # a border of one pixel without return, hence + 1 in the indices below
         padded = np.pad(np.where(reading.valid, image, np.float32(0)), 1)
         rows, columns = image.shape
-        down, right = np.array(_NEIGHBOURS)[side].transpose(2, 0, 1)
+        # steps (-1, 0 or 1) from each pixel to the neighbour drawn for it
+        down, right = np.array(_NEIGHBOURS)[neighbour_number].transpose(2, 0, 1)
         neighbour = padded[np.arange(rows)[:, None] + 1 + down, np.arange(columns) + 1 + right]
-        step = np.abs(neighbour - image)
-        is_edge = (neighbour > 0) & (step > self.gap) & (step < self.reach)
+        difference = np.abs(neighbour - image)
+        is_edge = (neighbour > 0) & (difference > self.gap) & (difference < self.reach)
         is_mixed = reading.valid & is_edge & is_drawn
         mixed = image + weight * (neighbour - image)
         return reading.measuring(np.where(is_mixed, mixed, image))
@@ -210,8 +230,11 @@ class Calibration(_Term):
     translation: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        # rotation and translation about and along x, y, z of the sensor; / sqrt(3) gives the length
-        # of each vector a root mean square of 1
+        """Move the believed pose by a rotation and a translation that stay for the recording.
+
+        `self.rotation` (rad) and `self.translation` (m) are root mean squares of their sizes."""
+        # rotation about and translation along x, y, z of the sensor; / sqrt(3) gives the length of
+        # each vector a root mean square of 1
         turn, move = draws.of_sensor().standard_normal((2, 3)) / np.sqrt(3)
         error = np.eye(4)
         error[:3, :3] = make_rotation(turn * self.rotation)
@@ -235,18 +258,23 @@ class PoleSway(_Term):
     period: float = 3.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Tilt and move the believed pose as the pole sways at the time of the frame.
+
+        `self.amplitude` (rad) is how far its tip turns, `self.period` (s) the mean period."""
         position = reading.truth.sensor.position
-        # three shares from 0 to 1: heading of the sway and phase as shares of a full turn, and the
-        # period between 2/3 and 4/3 of `period`
-        towards, phase, longer = draws.of_pole(position).random(3)
-        period = self.period * (1 + (2 * longer - 1) / 3)
-        theta = self.amplitude * np.sin(2 * np.pi * (reading.truth.time / period + phase))
-        ahead = np.array([np.cos(2 * np.pi * towards), np.sin(2 * np.pi * towards), 0.0])
+        height = max(position[2], 0.0)
+        # shares from 0 to 1, the same in every frame: heading and phase as shares of a full turn
+        heading_share, phase_share, period_share = draws.of_pole(position).random(3)
+        period = self.period * (1 + (2 * period_share - 1) / 3)  # 2/3 to 4/3 of `self.period`
+        turns = reading.truth.time / period + phase_share
+        tip_angle = self.amplitude * np.sin(2 * np.pi * turns)
+        heading = 2 * np.pi * heading_share
+        direction = np.array([np.cos(heading), np.sin(heading), 0.0])
+        sway_axis = np.array([-direction[1], direction[0], 0.0])
         swayed = reading.pose.copy()
-        sway_axis = np.array([-ahead[1], ahead[0], 0.0])
-        swayed[:3, :3] = make_rotation(theta * sway_axis) @ reading.pose[:3, :3]
+        swayed[:3, :3] = make_rotation(tip_angle * sway_axis) @ reading.pose[:3, :3]
         # a beam that is clamped at its foot and bent at its tip moves by 2/3 of tip angle · height
-        swayed[:3, 3] += 2 / 3 * theta * max(position[2], 0.0) * ahead
+        swayed[:3, 3] += 2 / 3 * tip_angle * height * direction
         return replace(reading, pose=swayed)
 
 
@@ -289,6 +317,10 @@ class RangeNoise(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Add normal noise to all returns; its standard deviation (m) grows with the measurement z.
+
+        The reading itself comes back for a sensor that measures another quantity than
+        `self.measures`, "depth" or "range"."""
         if self.measures not in (None, reading.truth.sensor.model.measures):
             return reading
         z = np.where(reading.valid, reading.measurement, np.float32(0))
@@ -354,31 +386,38 @@ class Glass(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Move returns from glass to anywhere inside the vehicle, or drop them.
+
+        `self.share` of the window band is glass; `self.behind` of the rays through it return."""
         # three draws for every pixel in this order, so that results stay the same
         rng = draws.of_frame()
         shape = reading.measurement.shape
-        is_pane = rng.random(shape) < self.share
-        returns = rng.random(shape) < self.behind
-        depth_share = rng.random(shape)
+        is_pane = rng.random(shape) < self.share  # not a pillar
+        returns_from_inside = rng.random(shape) < self.behind
+        depth_share = rng.random(shape)  # share of the way from the glass to the far side
         is_glass = self.band(reading.truth) & is_pane & reading.valid
-        is_inside = is_glass & returns
+        is_inside = is_glass & returns_from_inside
         pixels = np.flatnonzero(is_inside)
-        depth = np.zeros(is_glass.size)
-        depth[pixels] = depth_share.ravel()[pixels] * _way_through(reading.truth, pixels)
+        depth = np.zeros(is_glass.size)  # m behind the glass along the ray
+        depth[pixels] = depth_share.ravel()[pixels] * _depths_of_boxes(reading.truth, pixels)
+        # a camera's measurement is shorter than the way along the ray
         deeper = (depth.reshape(shape) / reading.truth.ray_lengths).astype(np.float32)
         measurement = np.where(is_inside, reading.measurement + deeper, reading.measurement)
-        return reading.measuring(measurement).without(is_glass & ~returns)
+        return reading.measuring(measurement).without(is_glass & ~returns_from_inside)
 
     def band(self, truth: TrueImage) -> ImageMask:
-        """Mask of the pixels on the window band of a vehicle, heavy ones excluded."""
-        owners = truth.owners.ravel()
+        """Mask of the pixels on the window band of a vehicle, heavy ones excluded.
+
+        The band goes from `self.lower` to `self.upper`, as shares of the vehicle's height."""
+        owners = truth.owners.ravel()  # row of the object in each pixel, -1 for no object
         pixels = np.flatnonzero(owners >= 0)
         pixels = pixels[truth.objects.labels[owners[pixels]] == VEHICLE]
         boxes = truth.objects.boxes[owners[pixels]]
-        # as a share of the vehicle's height, 0 at the foot and 1 at the top
-        height = (truth.points[pixels, 2] - boxes[:, 2]) / boxes[:, 5] + 0.5
+        box_middle, box_height = boxes[:, 2], boxes[:, 5]
+        # 0 at the foot and 1 at the top
+        height_share = (truth.points[pixels, 2] - box_middle) / box_height + 0.5
         band = np.zeros(owners.size, np.bool_)
-        band[pixels] = (height > self.lower) & (height < self.upper)
+        band[pixels] = (height_share > self.lower) & (height_share < self.upper)
         return band.reshape(truth.measurement.shape)
 
 
@@ -412,27 +451,42 @@ class Paint(_Term):
         shape = reading.measurement.shape
         if not (self.share or self.wet < 1) or not len(truth.objects):
             return reading
-        painted = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
-        is_dark = (draws.of_objects(truth.objects.ids) < self.share) & painted
-        reflectivity = np.where(painted, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
-        # 1 last, for the owner -1 of pixels without object
+        is_vehicle = np.isin(truth.objects.labels, (VEHICLE, HEAVY))
+        is_dark = (draws.of_objects(truth.objects.ids) < self.share) & is_vehicle
+        # `self.wet` of a wet vehicle, and `self.dark` of a dark one, relative to others
+        reflectivity = np.where(is_vehicle, self.wet, 1.0) * np.where(is_dark, self.dark, 1.0)
+        # owners: row of the object in each pixel; 1 last, for -1, no object
         pixel_reflectivity = np.append(reflectivity, 1.0)[truth.owners]
-        law = truth.ranges, truth.cosines, self.half_range, self.steepness
-        chance = chance_of_return(*law, pixel_reflectivity) / chance_of_return(*law)
-        return reading.without(draws.of_frame().random(shape) >= chance)
+        chance_if_dry = chance_of_return(
+            truth.ranges, truth.cosines, half_range=self.half_range, steepness=self.steepness
+        )
+        chance = chance_of_return(
+            truth.ranges,
+            truth.cosines,
+            half_range=self.half_range,
+            steepness=self.steepness,
+            reflectivity=pixel_reflectivity,
+        )
+        return reading.without(draws.of_frame().random(shape) >= chance / chance_if_dry)
 
 
-def _way_through(truth: TrueImage, pixels: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+def _depths_of_boxes(
+    truth: TrueImage, pixels: Int64[np.ndarray, " n"]
+) -> Float64[np.ndarray, " n"]:
     """Distance (m) that each ray goes on from its point to the far side of its object's box.
 
-    pixels: flat numbers of pixels (row after row) whose owner is an object."""
+    pixels: flat numbers of pixels (row after row) that show an object."""
     boxes = truth.objects.boxes[truth.owners.ravel()[pixels]]
+    centres = boxes[:, :3]
+    half_extents = boxes[:, 3:6] / 2  # half length, width and height
     rays = truth.sensor.world_rays.T[pixels].astype(np.float64)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    start = _turn_into_boxes(truth.points[pixels] - boxes[:, :3], boxes)
+    # from here on along each box's length, width and height, from its centre
+    start = _turn_into_boxes(truth.points[pixels] - centres, boxes)
     ray = _turn_into_boxes(rays, boxes)
-    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    to_faces = (np.copysign(boxes[:, 3:6] / 2, ray) - start) / ray
+    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)  # to divide by
+    # to the planes of the three faces that the ray leaves through; the nearest is the exit
+    to_faces = (np.copysign(half_extents, ray) - start) / ray
     return np.maximum(to_faces.min(axis=1), 0.0)
 
 
@@ -441,9 +495,9 @@ def _turn_into_boxes(
 ) -> Float64[np.ndarray, "n 3"]:
     """Turn world vectors into the axes of their boxes: along length, width and height.
 
-    Row i of the result belongs to box i. Boxes hold their yaw (rad) in column 6."""
-    cos = np.cos(boxes[:, 6])
-    sin = np.sin(boxes[:, 6])
+    Row i of the result belongs to box i."""
+    yaw = boxes[:, 6]
+    cos, sin = np.cos(yaw), np.sin(yaw)
     x, y, z = vectors.T
     return np.column_stack([x * cos + y * sin, x * -sin + y * cos, z])
 
@@ -471,25 +525,32 @@ class Weather(_Term):
             )
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Drop returns by the light lost on the way, then let drops nearer than them return.
+
+        `self.extinction` (1/m) is how fast light is lost, `self.share` the share of rays into the
+        open that meet a drop, and `self.reach` (m) how far most drops are."""
         rng = draws.of_frame()
         truth = reading.truth
         # two draws for every pixel, even if only one is used
-        survives = rng.random(reading.measurement.shape)
-        met = rng.random(reading.measurement.shape)
+        loss_draw = rng.random(reading.measurement.shape)
+        drop_draw = rng.random(reading.measurement.shape)
+        # m along the ray; a camera's measurement is shorter
         ranges = np.where(
             reading.valid, reading.measurement * truth.ray_lengths, np.float32(np.inf)
         )
-        arrives = np.exp(-2 * self.extinction * np.where(reading.valid, ranges, 0))
-        reading = reading.without(reading.valid & (survives >= arrives))
+        light_share = np.exp(-2 * self.extinction * np.where(reading.valid, ranges, 0))
+        reading = reading.without(reading.valid & (loss_draw >= light_share))
         if not self.share:
             return reading
-        # exp(-(r - NEAR) / reach) for the range r of the first drop on each ray; a ray with a value
-        # of 0 or less meets none
-        left = 1 + np.log1p(-met) / -np.log1p(-self.share)
-        drop = NEAR - self.reach * np.log(np.maximum(left, 1e-12))
-        from_air = (left > 0) & (drop < ranges) & (drop < truth.sensor.model.max_range)
-        in_front = (drop / truth.ray_lengths).astype(np.float32)
-        return reading.measuring(np.where(from_air, in_front, reading.measurement))
+        # `decay` is exp(-(r - NEAR) / reach) for the range r of the first drop on each ray; it is
+        # above 0 for `self.share` of the rays, the others meet no drop
+        decay = 1 + np.log1p(-drop_draw) / -np.log1p(-self.share)
+        drop_range = NEAR - self.reach * np.log(np.maximum(decay, 1e-12))
+        is_in_range = (drop_range < ranges) & (drop_range < truth.sensor.model.max_range)
+        drop_measurement = (drop_range / truth.ray_lengths).astype(np.float32)
+        return reading.measuring(
+            np.where((decay > 0) & is_in_range, drop_measurement, reading.measurement)
+        )
 
 
 def rain(rate: float) -> Weather:
@@ -498,19 +559,20 @@ def rain(rate: float) -> Weather:
     For each mm/h, 0.3 % of the rays into the open return from a drop."""
     # attenuation in dB/km is 1.076 * rate**0.67
     extinction = PER_METRE_OF_DB_PER_KM * 1.076 * _check_rate(rate) ** 0.67
-    return Weather(extinction, 1 - np.exp(-0.003 * rate), 8.0)
+    return Weather(extinction, share=1 - np.exp(-0.003 * rate), reach=8.0)
 
 
 def snow(rate: float, *, wet: bool = False) -> Weather:
     """Snow of `rate` mm/h of water: 1 is light, 4 heavy. wet: wet snow instead of dry.
 
     For each mm/h, 4 % of the rays into the open return from a flake."""
-    # (factor, power): attenuation in dB/km is factor * rate**power; 905 is the wavelength (nm)
-    dry_law = (5.42e-5 * 905 + 5.496, 1.38)
-    wet_law = (1.02e-4 * 905 + 3.786, 0.72)
-    factor, power = wet_law if wet else dry_law
+    # attenuation in dB/km is factor * rate**power; 905 is the wavelength (nm)
+    if wet:
+        factor, power = 1.02e-4 * 905 + 3.786, 0.72
+    else:
+        factor, power = 5.42e-5 * 905 + 5.496, 1.38
     extinction = PER_METRE_OF_DB_PER_KM * factor * _check_rate(rate) ** power
-    return Weather(extinction, 1 - np.exp(-0.04 * rate), 6.0)
+    return Weather(extinction, share=1 - np.exp(-0.04 * rate), reach=6.0)
 
 
 def fog(visibility: float) -> Weather:
@@ -520,7 +582,9 @@ def fog(visibility: float) -> Weather:
     if not visibility > 0:
         raise ValueError(f"visibility must be above 0 m, got {visibility}")
     # visibility is the distance at which contrast falls to 2 %: 3.912 = -log(0.02)
-    return Weather(3.912 / visibility, 1 - np.exp(-5 / visibility), visibility / 10)
+    return Weather(
+        extinction=3.912 / visibility, share=1 - np.exp(-5 / visibility), reach=visibility / 10
+    )
 
 
 def _check_rate(rate: float) -> float:

@@ -80,26 +80,30 @@ class DepthCamera(_Noisy):
     )
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field that is no number or out of its range."""
         check_numbers(self)
         if min(self.width, self.height, self.stride) < 1:
             raise ValueError(f"width, height and stride must be at least 1, got {self}")
-        check_rays(*self.shape)
+        rows, columns = self.shape
+        check_rays(rows, columns)
+        # the unmeasured sides are limited too
         check_rays(1, max(self.width, self.height, self.stride))
         if not 0 < self.fov < np.pi:
             raise ValueError(
                 f"fov must lie between 0 and pi rad, got {self.fov}: give degrees as np.deg2rad(90)"
             )
         centre = (0.0, 0.0) if self.centre is None else self.centre
-        numbers = isinstance(centre, tuple) and all(
+        has_numbers = isinstance(centre, tuple) and all(
             isinstance(number, int | float | np.number) for number in centre
         )
-        if not (numbers and len(centre) == 2 and np.isfinite(centre).all()):
+        if not (has_numbers and len(centre) == 2 and np.isfinite(centre).all()):
             raise ValueError(f"centre must be two numbers (u, v) in pixels, got {self.centre}")
         check_noise(self.sigma, self.max_range)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns that are measured."""
+        # rounded up
         return -(-self.height // self.stride), -(-self.width // self.stride)
 
     @property
@@ -131,44 +135,53 @@ class DepthCamera(_Noisy):
         """Mask of points (m, sensor frame) inside the image and at a depth below `max_range`."""
         # u / z comparisons multiplied by z, so that nothing is divided by 0
         x, y, z = np.moveaxis(points, -1, 0)
-        (focal, _, u), (_, _, v), _ = self.intrinsic
-        in_columns = (-u * z <= focal * x) & (focal * x <= (self.width - u) * z)
-        in_rows = (-v * z <= focal * y) & (focal * y <= (self.height - v) * z)
+        # rows of the camera matrix: (focal, 0, centre_u), (0, focal, centre_v), (0, 0, 1)
+        (focal, _, centre_u), (_, _, centre_v), _ = self.intrinsic
+        in_columns = (-centre_u * z <= focal * x) & (focal * x <= (self.width - centre_u) * z)
+        in_rows = (-centre_v * z <= focal * y) & (focal * y <= (self.height - centre_v) * z)
         return in_columns & in_rows & (z > 0) & (z < self.max_range)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Rectangles of pixels (row, top, bottom, left, right) around the visible part of each box.
 
-        See `SensorModel.windows`."""
-        # Corners behind the plane z = NEAR do not project. The box is cut there: points are its
-        # corners, and for each pair of them the point at z = NEAR on the way, else one of the two.
-        start = sensor_corners[:, _PAIRS[:, 0]]
-        end = sensor_corners[:, _PAIRS[:, 1]]
-        rise = end[..., 2:] - start[..., 2:]
-        share = (NEAR - start[..., 2:]) / np.where(rise == 0, np.inf, rise)
-        points = np.concatenate(
-            [sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1
-        )
+        sensor_corners: corners of each box (x right, y down, z forward; m). row: row of the box in
+        it; bottom and right are excluded. Boxes out of view have no rectangle."""
+        points = _cut_behind(sensor_corners)  # (box, point, 3)
         depth = points[..., 2:]
-        ahead = depth >= NEAR - 1e-6
+        is_ahead = depth >= NEAR - 1e-6
         focal = self.intrinsic[0, 0]
         centre = self.intrinsic[:2, 2]
+        # u, v of each point, in measured pixels
         pixels = (points[..., :2] / np.maximum(depth, NEAR - 1e-6) * focal + centre) / self.stride
         # 1e9 leaves points behind the plane out of the minimum and maximum
-        first = np.floor(np.where(ahead, pixels, 1e9).min(axis=1))
-        last = np.ceil(np.where(ahead, pixels, -1e9).max(axis=1)) + 1
-        near = sensor_corners[..., 2].min(axis=1) < self.max_range
-        rows = np.arange(len(sensor_corners))
-        bounds = np.column_stack([rows, first[:, 1], last[:, 1], first[:, 0], last[:, 0]])
-        return shared.clip_windows(bounds[near & ahead.any(axis=(1, 2))], self.shape)
+        left, top = np.floor(np.where(is_ahead, pixels, 1e9).min(axis=1)).T
+        right, bottom = np.ceil(np.where(is_ahead, pixels, -1e9).max(axis=1)).T + 1
+        bounds = np.column_stack([np.arange(len(points)), top, bottom, left, right])
+        is_in_range = sensor_corners[..., 2].min(axis=1) < self.max_range
+        return shared.clip_windows(bounds[is_in_range & is_ahead.any(axis=(1, 2))], self.shape)
+
+
+def _cut_behind(sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Float64[np.ndarray, "n 36 3"]:
+    """Corners of each box, and the points at which its edges cross the plane z = NEAR.
+
+    Points behind that plane do not project into a camera's image. sensor_corners: x right, y down,
+    z forward (m). For each pair of corners there is a point on the line between them: at the
+    plane, or one of the two if the line does not cross it."""
+    start = sensor_corners[:, _PAIRS[:, 0]]
+    end = sensor_corners[:, _PAIRS[:, 1]]
+    start_z = start[..., 2:]
+    rise = end[..., 2:] - start_z
+    share = (NEAR - start_z) / np.where(rise == 0, np.inf, rise)
+    return np.concatenate([sensor_corners, start + np.clip(share, 0, 1) * (end - start)], axis=1)
 
 
 @lru_cache(maxsize=64)
 def _camera_rays(camera: DepthCamera) -> np.ndarray:
-    # Rays of a camera, see `DepthCamera.rays`; read-only, because equal cameras share them.
-    (focal, _, cu), (_, _, cv), _ = camera.intrinsic
+    """Ray of each measured pixel; read-only, since equal cameras share it (`DepthCamera.rays`)."""
+    # rows of the camera matrix: (focal, 0, centre_u), (0, focal, centre_v), (0, 0, 1)
+    (focal, _, centre_u), (_, _, centre_v), _ = camera.intrinsic
     u, v = np.arange(0, camera.width, camera.stride), np.arange(0, camera.height, camera.stride)
-    x, y = np.meshgrid((u - cu) / focal, (v - cv) / focal)
+    x, y = np.meshgrid((u - centre_u) / focal, (v - centre_v) / focal)
     return shared.freeze(np.stack([x, y, np.ones_like(x)], axis=-1))
 
 
@@ -186,20 +199,22 @@ class AngleGrid(NamedTuple):
 
 @lru_cache(maxsize=64)
 def unit_rays(grid: AngleGrid) -> ImageVectors:
-    """Unit ray (x forward, y left, z up) of each row and column; read-only, since it is cached."""
+    """Unit ray (x forward, y left, z up) of each row and column of a lidar's image.
+
+    grid: elevation of each row, number of columns, the angle that they cover, and the azimuth of
+    their middle (rad). The result is read-only, since it is cached."""
     elevation = np.array(grid.elevations)[:, None]
-    azimuth = (
-        grid.heading
-        + (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.width / grid.columns
-    )
-    flat = np.cos(elevation)  # horizontal part of each ray
-    # + 0 * azimuth gives z the shape (rows, columns) of x and y
-    x, y, z = flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth
+    columns_from_middle = np.arange(grid.columns) - (grid.columns - 1) / 2
+    azimuth = grid.heading + columns_from_middle * grid.width / grid.columns
+    horizontal_length = np.cos(elevation)
+    x = horizontal_length * np.cos(azimuth)
+    y = horizontal_length * np.sin(azimuth)
+    z = np.sin(elevation) + 0 * azimuth  # the sum gives it the shape (rows, columns) of x and y
     return shared.freeze(np.stack([x, y, z], axis=-1))
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    # Half of the angle (rad) that a sphere fills, 2 pi if the sensor is inside the sphere.
+    """Half of the angle (rad) that a sphere fills, 2 pi if the sensor is inside the sphere."""
     return np.where(
         distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi
     )
@@ -244,49 +259,48 @@ class _Lidar(_Noisy):
 
     def in_view(self, points: Float64[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Mask of points (m, sensor frame) inside the rows, the columns and the range."""
-        x, y, z = np.moveaxis(self._ahead(points), -1, 0)
-        across = np.hypot(x, y)
+        x, y, z = np.moveaxis(self._to_heading_axes(points), -1, 0)
+        horizontal_distance = np.hypot(x, y)
         grid = self._grid
-        elevation = np.arctan2(z, across)
-        in_rows = (grid.elevations[-1] <= elevation) & (elevation <= grid.elevations[0])
-        return (
-            in_rows
-            & (np.abs(np.arctan2(y, x)) <= grid.width / 2)
-            & (np.hypot(across, z) < self.max_range)
-        )
+        elevation = np.arctan2(z, horizontal_distance)
+        highest, lowest = grid.elevations[0], grid.elevations[-1]
+        in_rows = (lowest <= elevation) & (elevation <= highest)
+        in_columns = np.abs(np.arctan2(y, x)) <= grid.width / 2
+        return in_rows & in_columns & (np.hypot(horizontal_distance, z) < self.max_range)
 
     def windows(self, sensor_corners: Float64[np.ndarray, "n 8 3"]) -> Int64[np.ndarray, "m 5"]:
         """Rectangles of pixels (row, top, bottom, left, right) around a sphere on each box.
 
-        The sphere goes through the corners of the box. A box across the seam of the columns has
-        several rectangles. See `SensorModel.windows`."""
-        middle, radius, distance = shared.bounding_spheres(self._ahead(sensor_corners))
-        elevation = np.arcsin(middle[:, 2] / np.maximum(distance, 1e-9))
-        half = _half_angle(radius, distance)
-        azimuth = np.arctan2(middle[:, 1], middle[:, 0])
+        The sphere goes through the corners of the box. sensor_corners: corners of each box (m,
+        sensor frame). row: row of the box in it; bottom and right are excluded. A box across the
+        seam of the columns has several rectangles."""
+        middle, radius, distance = shared.bounding_spheres(self._to_heading_axes(sensor_corners))
+        x, y, z = middle.T
+        elevation = np.arcsin(z / np.maximum(distance, 1e-9))
+        half_height = _half_angle(radius, distance)
         # negative, so that they rise from row to row, as searchsorted needs
-        falling = -np.array(self._grid.elevations)
-        top = np.searchsorted(falling, -(elevation + half) - 1e-6)
-        bottom = np.searchsorted(falling, -(elevation - half) + 1e-6, side="right")
-        columns = self._grid.columns
-        per_column = self._grid.width / self._grid.columns
-        half_columns = (
-            np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi)
-            / per_column
+        negative_elevations = -np.array(self._grid.elevations)
+        top = np.searchsorted(negative_elevations, -(elevation + half_height) - 1e-6)
+        bottom = np.searchsorted(
+            negative_elevations, -(elevation - half_height) + 1e-6, side="right"
         )
-        # the same azimuths one full turn to either side: what ends beyond the seam begins again
-        # there
-        turns = []
+        azimuth = np.arctan2(y, x)
+        half_width = np.minimum(_half_angle(radius, np.linalg.norm(middle[:, :2], axis=1)), np.pi)
+        columns = self._grid.columns
+        rad_per_column = self._grid.width / columns
+        half_columns = half_width / rad_per_column
+        parts = []
+        # also one full turn to either side: a rectangle that ends beyond the seam begins again
         for turn in (-2 * np.pi, 0.0, 2 * np.pi):
-            column = (azimuth + turn) / per_column + (columns - 1) / 2
+            column = (azimuth + turn) / rad_per_column + (columns - 1) / 2
             left = np.floor(column - half_columns)
             right = np.ceil(column + half_columns) + 1
             bounds = np.column_stack([np.arange(len(middle)), top, bottom, left, right])
-            turns.append(bounds[distance - radius < self.max_range])
-        return shared.clip_windows(np.concatenate(turns), self.shape)
+            parts.append(bounds[distance - radius < self.max_range])
+        return shared.clip_windows(np.concatenate(parts), self.shape)
 
-    def _ahead(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
-        # Points in axes with x along the heading, y left, z up, from sensor axes.
+    def _to_heading_axes(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        """Turn points from sensor axes into axes with x along the heading, y left, z up."""
         return points @ self.body_SE3_sensor[:3, :3].T if self._grid.heading else points
 
 
@@ -305,6 +319,7 @@ class SpinningLidar(_Lidar):
     max_range: float = 120.0  # m
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field that is no number or out of its range."""
         check_numbers(self)
         if self.channels < 1:
             raise ValueError(f"channels must be at least 1, got {self.channels}")
@@ -323,9 +338,8 @@ class SpinningLidar(_Lidar):
     @property
     def _grid(self) -> AngleGrid:
         elevations = np.linspace(self.fov_up, self.fov_down, self.channels).tolist()
-        return AngleGrid(
-            tuple(elevations), max(1, round(self.azimuth_fov / self.azimuth_step)), self.azimuth_fov
-        )
+        columns = max(1, round(self.azimuth_fov / self.azimuth_step))
+        return AngleGrid(tuple(elevations), columns, width=self.azimuth_fov)
 
 
 @dataclass(frozen=True)
@@ -343,6 +357,7 @@ class SolidStateLidar(_Lidar):
     max_range: float = 150.0  # m
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field that is no number or out of its range."""
         check_numbers(self)
         check_rays(self.rows, self.columns)
         if not (0 < self.horizontal_fov <= 2 * np.pi and 0 < self.vertical_fov <= np.pi):
@@ -365,7 +380,7 @@ class SolidStateLidar(_Lidar):
     @property
     def _grid(self) -> AngleGrid:
         elevations = np.linspace(self.vertical_fov / 2, -self.vertical_fov / 2, self.rows).tolist()
-        return AngleGrid(tuple(elevations), self.columns, self.horizontal_fov)
+        return AngleGrid(tuple(elevations), self.columns, width=self.horizontal_fov)
 
 
 @dataclass(frozen=True)
@@ -383,22 +398,18 @@ class RowLidar(_Lidar):
     max_range: float = 200.0  # m
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field that is no number or out of its range."""
         check_numbers(self)
-        rows = np.array(self.elevations, np.float64)
-        if (
-            rows.ndim != 1
-            or not len(rows)
-            or not np.isfinite(rows).all()
-            or (np.diff(rows) >= 0).any()
-        ):
+        elevations = np.array(self.elevations, np.float64)
+        is_list = elevations.ndim == 1 and len(elevations) > 0 and np.isfinite(elevations).all()
+        if not is_list or (np.diff(elevations) >= 0).any():
             raise ValueError(
                 f"elevations must fall from row to row, got {str(self.elevations)[:60]}"
             )
-        if np.abs(rows).max() > np.pi / 2:
-            raise ValueError(
-                f"elevations must lie in -pi/2..pi/2 rad, got {rows[0]:.2f} to {rows[-1]:.2f}"
-            )
-        check_rays(len(rows), self.columns)
+        if np.abs(elevations).max() > np.pi / 2:
+            span = f"{elevations[0]:.2f} to {elevations[-1]:.2f}"
+            raise ValueError(f"elevations must lie in -pi/2..pi/2 rad, got {span}")
+        check_rays(len(elevations), self.columns)
         if not (0 < self.azimuth_fov <= 2 * np.pi + 1e-9 and abs(self.heading) <= np.pi + 1e-9):
             raise ValueError(
                 f"need 0 < azimuth_fov <= 2 pi and heading within pi rad, got {self.azimuth_fov}"
@@ -407,7 +418,9 @@ class RowLidar(_Lidar):
 
     @property
     def _grid(self) -> AngleGrid:
-        return AngleGrid(self.elevations, self.columns, self.azimuth_fov, self.heading)
+        return AngleGrid(
+            self.elevations, self.columns, width=self.azimuth_fov, heading=self.heading
+        )
 
 
 def register_sensor_model(model: Model) -> Model:
@@ -471,22 +484,22 @@ def class_names() -> list[str]:
 def make_model(name: str, values: Mapping[str, Any]) -> SensorModel:
     """Make a sensor model from its name and the values of some of its fields.
 
-    values: by name of the field; angles in rad, lists for tuples; other fields keep their
-    defaults. Raises ValueError for an unknown name or field, and for a value that the model
-    refuses."""
+    name: such as SpinningLidar or spinning-lidar; values: by name of the field, angles in rad,
+    lists for tuples. Other fields keep their defaults. Raises ValueError for an unknown name or
+    field, and for a value that the model refuses."""
     model = find_model_class(name)
     field_names = [entry.name for entry in fields(model)]
     if unknown := [key for key in values if key not in field_names]:
         raise ValueError(
             f"{unknown[0]} is unknown to {model.__name__}: it has {', '.join(field_names)}"
         )
-    numbers = {
+    arguments = {
         key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
     }
     try:
-        return model(**numbers)
+        return model(**arguments)
     except TypeError as error:
-        raise ValueError(f"{model.__name__} cannot have {numbers} ({error})") from None
+        raise ValueError(f"{model.__name__} cannot have {arguments} ({error})") from None
 
 
 def name_in_words(name: str) -> str:

@@ -60,12 +60,12 @@ class Draws:
 
     def of_objects(self, ids: Int64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
         """Number in [0, 1) for each track id, the same for all sensors and frames."""
-        words = [self.seed, _OBJECT, self.term]
-        drawn = [
-            np.random.default_rng([*words, int(track) & 0xFFFFFFFFFFFFFFFF]).random()
-            for track in ids.tolist()
-        ]
-        return np.array(drawn, np.float64)
+        seed_words = [self.seed, _OBJECT, self.term]
+        numbers = []
+        for track in ids.tolist():
+            track_word = int(track) & 0xFFFFFFFFFFFFFFFF  # seeds must not be negative
+            numbers.append(np.random.default_rng([*seed_words, track_word]).random())
+        return np.array(numbers, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,27 +118,32 @@ class TrueImage:
         owners = np.full(self.measurement.size, -1, np.int64)
         if len(self.objects):
             boxes = self.objects.boxes.copy()
+            # views: writing to them changes `boxes`
+            middle_z, height = boxes[:, 2], boxes[:, 5]
+            length_and_width = boxes[:, 3:5]
             # raise the bottom of each box by the margin, and its other sides outwards by the skin
-            boxes[:, 2] += (FOOT_MARGIN_M + SKIN_M) / 2
-            boxes[:, 3:5] += 2 * SKIN_M
-            boxes[:, 5] = np.maximum(boxes[:, 5] + SKIN_M - FOOT_MARGIN_M, 1e-3)
+            middle_z += (FOOT_MARGIN_M + SKIN_M) / 2
+            length_and_width += 2 * SKIN_M
+            height[:] = np.maximum(height + SKIN_M - FOOT_MARGIN_M, 1e-3)
             pixels = np.flatnonzero(self.valid)
-            within = points_in_boxes(self.points[pixels], boxes)
-            owners[pixels] = np.where(within.any(axis=1), within.argmax(axis=1), -1)
+            is_in_box = points_in_boxes(self.points[pixels], boxes)  # (pixel, box)
+            owners[pixels] = np.where(is_in_box.any(axis=1), is_in_box.argmax(axis=1), -1)
         return owners.reshape(self.measurement.shape)
 
     @cached_property
     def cosines(self) -> ImageRanges:
         """Cosine of the angle between each ray and the surface's normal, 1 if that is unknown.
 
-        Differences to the nearer neighbours across and along give the normal."""
+        Steps to the nearer neighbour in the column and in the row span the surface."""
         rays = self.sensor.model.rays().astype(np.float64)
         points = rays * np.where(self.valid, self.measurement, np.float32(0))[..., None]
-        normal = np.cross(_tangent(points, self.valid, 0), _tangent(points, self.valid, 1))
+        column_step = _step_to_neighbour(points, self.valid, axis=0)
+        row_step = _step_to_neighbour(points, self.valid, axis=1)
+        normal = np.cross(column_step, row_step)
         area = np.linalg.norm(normal, axis=2)
         is_known = self.valid & (area > 0)
-        product = np.abs(np.einsum("ijk,ijk->ij", normal, rays))
-        cosine = product / np.where(is_known, area * self.ray_lengths, 1)
+        dot_product = np.abs(np.einsum("ijk,ijk->ij", normal, rays))
+        cosine = dot_product / np.where(is_known, area * self.ray_lengths, 1)
         return np.where(is_known, np.clip(cosine, 0, 1), 1).astype(np.float32)
 
 
@@ -160,11 +165,13 @@ class Reading:
 
     @staticmethod
     def of(truth: TrueImage) -> "Reading":
-        """Reading without error; NaN and infinity become 0, no return."""
+        """Reading without error: the true image at the true pose, with NaN and infinity as 0.
+
+        0 means no return."""
         image = np.asarray(truth.measurement, np.float32)
-        finite = np.isfinite(image)
-        if not finite.all():
-            image = np.where(finite, image, np.float32(0))
+        is_finite = np.isfinite(image)
+        if not is_finite.all():
+            image = np.where(is_finite, image, np.float32(0))
         return Reading(truth, image, truth.sensor.pose)
 
     @property
@@ -183,22 +190,27 @@ class Reading:
         return replace(self, measurement=measurement)
 
 
-def _tangent(points: np.ndarray, valid: np.ndarray, axis: int) -> np.ndarray:
+def _step_to_neighbour(points: np.ndarray, valid: np.ndarray, *, axis: int) -> np.ndarray:
     """Step (rows, columns, 3) from each point towards its nearer neighbour along one axis.
 
     points: (rows, columns, 3) m; valid: (rows, columns) mask of the points that count. axis: 0 for
     neighbours in the column, 1 in the row. A step backwards is reversed, so that all have the same
     sense; it is 0 without a valid neighbour."""
     step = np.diff(points, axis=axis)
-    both = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
-    length = np.where(both, np.linalg.norm(step, axis=2), np.inf)
-    # padding by one pixel at the end and at the start: step i is ahead of point i, behind point i +
-    # 1
-    widths = [[side, (0, 0)] if axis == 0 else [(0, 0), side] for side in ((0, 1), (1, 0))]
-    after, before = (np.pad(length, width, constant_values=np.inf) for width in widths)
-    step = np.where(both[..., None], step, 0)
-    ahead, behind = (np.pad(step, [*width, (0, 0)]) for width in widths)
-    return np.where((after <= before)[..., None], ahead, behind)
+    both_valid = valid[:-1] & valid[1:] if axis == 0 else valid[:, :-1] & valid[:, 1:]
+    length = np.where(both_valid, np.linalg.norm(step, axis=2), np.inf)
+    step = np.where(both_valid[..., None], step, 0)
+    # there is one step less than points: padded at the end, step i leads on from point i, padded at
+    # the start, it leads to point i
+    if axis == 0:
+        pad_end, pad_start = [(0, 1), (0, 0)], [(1, 0), (0, 0)]
+    else:
+        pad_end, pad_start = [(0, 0), (0, 1)], [(0, 0), (1, 0)]
+    length_after = np.pad(length, pad_end, constant_values=np.inf)
+    length_before = np.pad(length, pad_start, constant_values=np.inf)
+    step_after = np.pad(step, [*pad_end, (0, 0)])
+    step_before = np.pad(step, [*pad_start, (0, 0)])
+    return np.where((length_after <= length_before)[..., None], step_after, step_before)
 
 
 @runtime_checkable

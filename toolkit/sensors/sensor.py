@@ -128,7 +128,8 @@ def nearest(
 
     sensor_corners: corners of each box (m, sensor frame). The bound is 1 mm low, for rounding."""
     if model.measures == "depth":
-        return (sensor_corners @ model.body_SE3_sensor[0, :3]).min(axis=1) - 1e-3
+        forward_axis = model.body_SE3_sensor[0, :3]
+        return (sensor_corners @ forward_axis).min(axis=1) - 1e-3
     _, radius, distance = bounding_spheres(sensor_corners)
     return distance - radius - 1e-3
 
@@ -149,12 +150,16 @@ def clip_windows(
 ) -> Int64[np.ndarray, "k 5"]:
     """Cut rectangles of pixels to an image; leave out those outside.
 
-    bounds: row of the box, top, bottom, left, right (ends excluded); shape: rows and columns."""
-    low, high = np.clip(bounds[:, [1, 3]], 0, None), np.minimum(bounds[:, [2, 4]], shape)
-    inside = (low < high).all(axis=1)
-    return np.column_stack([bounds[:, 0], low[:, 0], high[:, 0], low[:, 1], high[:, 1]])[
-        inside
-    ].astype(np.int64)
+    bounds and the result: row of the box, top, bottom, left, right; bottom and right are
+    excluded. shape: rows and columns of the image."""
+    rows, columns = shape
+    top = np.clip(bounds[:, 1], 0, None)
+    bottom = np.minimum(bounds[:, 2], rows)
+    left = np.clip(bounds[:, 3], 0, None)
+    right = np.minimum(bounds[:, 4], columns)
+    is_inside = (top < bottom) & (left < right)
+    windows = np.column_stack([bounds[:, 0], top, bottom, left, right])
+    return windows[is_inside].astype(np.int64)
 
 
 def freeze(rays: np.ndarray) -> np.ndarray:
@@ -183,13 +188,13 @@ def check_numbers(model: Any) -> None:
         default = entry.default
         if isinstance(default, bool) or not isinstance(default, int | float):
             continue
-        is_whole = isinstance(default, int)
+        must_be_whole = isinstance(default, int)
         fits = isinstance(value, int | np.integer) or (
-            not is_whole and isinstance(value, float | np.floating)
+            not must_be_whole and isinstance(value, float | np.floating)
         )
         # value != value holds for NaN only
         if isinstance(value, bool) or not fits or value != value:
-            word = "whole number" if is_whole else "number"
+            word = "whole number" if must_be_whole else "number"
             raise ValueError(
                 f"{entry.name} must be a {word}, got {value!r:.60} for a {type(model).__name__}"
             )

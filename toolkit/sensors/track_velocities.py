@@ -34,9 +34,9 @@ def velocities(
     total = np.zeros((len(objects), 3))
     count = np.zeros(len(objects))
     for neighbour, neighbour_time in around:
+        # rows of the tracks that are in both frames
         _, rows, neighbour_rows = np.intersect1d(objects.ids, neighbour.ids, return_indices=True)
-        total[rows] += (neighbour.boxes[neighbour_rows, :3] - objects.boxes[rows, :3]) / (
-            neighbour_time - time
-        )
+        displacement = neighbour.boxes[neighbour_rows, :3] - objects.boxes[rows, :3]
+        total[rows] += displacement / (neighbour_time - time)
         count[rows] += 1
     return total / np.maximum(count, 1)[:, None]

@@ -76,7 +76,7 @@ class Checked(NamedTuple):
 
 
 def sweep_times(log: str | Path) -> list[int]:
-    """List the times (ns) of a log's sweeps in rising order.
+    """List the times (ns) of a log's sweeps, which are the names of their files, in rising order.
 
     Raises FileNotFoundError if the folder is no log."""
     files = folders.list_files(Path(log, "sensors", "lidar"), "*.feather")
@@ -93,49 +93,57 @@ def read_labels(
 
     log: folder of the log; time: time of the sweep (ns); problems: boxes with more tilt than any
     road are counted in it, None for no count."""
-    table = read_table(Path(log, "annotations.feather"))
-    table = {name: column[_stamps(table) == time] for name, column in table.items()}
-    poses = _poses(table)
-    yaw = box_frames.find_headings(poses[:, :3, :3], {} if problems is None else problems)
+    all_rows = read_table(Path(log, "annotations.feather"))
+    is_of_sweep = _get_stamps(all_rows) == time
+    table = {name: column[is_of_sweep] for name, column in all_rows.items()}
+    poses = _parse_poses(table)
+    rotations, centres = poses[:, :3, :3], poses[:, :3, 3]
+    yaw = box_frames.find_headings(rotations, {} if problems is None else problems)
     size = [table[name] for name in ("length_m", "width_m", "height_m")]
-    categories = tuple(map(str, table["category"]))
-    tracks = tuple(map(str, table["track_uuid"]))
-    boxes = np.column_stack([poses[:, :3, 3], *size, yaw])
-    return Labels(boxes, categories, table["num_interior_pts"].astype(np.int64), tracks)
+    return Labels(
+        boxes=np.column_stack([centres, *size, yaw]),
+        categories=tuple(map(str, table["category"])),
+        interior_points=table["num_interior_pts"].astype(np.int64),
+        tracks=tuple(map(str, table["track_uuid"])),
+    )
 
 
 def check_log(log: str | Path) -> list[Checked]:
-    """Count the points of every labelled cuboid in the fused sweep, and compare with the
-    recording's."""
+    """Count the points of every labelled cuboid in the fused sweep, next to the recording's count.
+
+    The result has a row for each cuboid, sweep after sweep."""
     checked = []
     for frame in argoverse(Path(log)):
-        labels = read_labels(log, int(frame.name))
-        counted = count_points(frame.points(), labels.boxes)
-        rows = zip(
-            labels.categories, counted.tolist(), labels.interior_points.tolist(), strict=True
-        )
-        checked += [Checked(int(frame.name), *row) for row in rows]
+        time = int(frame.name)  # frames are named by their time (ns)
+        labels = read_labels(log, time)
+        counts = count_points(frame.points(), labels.boxes)
+        for category, count, recorded_count in zip(
+            labels.categories, counts.tolist(), labels.interior_points.tolist(), strict=True
+        ):
+            checked.append(Checked(time, category, points=count, recorded=recorded_count))
     return checked
 
 
-def _poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
-    # Pose (4, 4) of each row of a table.
+def _parse_poses(table: Mapping[str, np.ndarray]) -> Float64[np.ndarray, "n 4 4"]:
+    """Pose (4, 4) of each row of a table with the columns `_POSE`: quaternion and translation."""
     rows = np.column_stack([table[name] for name in _POSE])
     return np.array([quaternion_pose(row[:4], row[4:]) for row in rows]).reshape(-1, 4, 4)
 
 
 def argoverse(path: Path) -> listing.Listing:
-    """Open a log, its sweeps as frames. Raises FileNotFoundError if the folder is not a log."""
+    """Open a log as a recording, its sweeps as frames that are read on demand.
+
+    Raises FileNotFoundError if the folder is not a log."""
     names = tuple(map(str, sweep_times(path)))
     annotations = path / "annotations.feather"
     labelled: list[str] = []
     if lexists(annotations):
         with name_damage(annotations, "table of labels"):
-            labelled = np.unique(_stamps(read_table(annotations))).astype(str).tolist()
-    return listing.Listing(names, partial(_sample, path), labelled=labelled)
+            labelled = np.unique(_get_stamps(read_table(annotations))).astype(str).tolist()
+    return listing.Listing(names, partial(_read_frame, path), labelled=labelled)
 
 
-def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
+def _get_stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the times (ns) of a table's rows; ValueError unless they are whole numbers.
 
     They are not converted: a float has lost the last digits, and a text equals no number."""
@@ -148,58 +156,82 @@ def _stamps(table: Mapping[str, np.ndarray]) -> np.ndarray:
     return stamps
 
 
-def _sample(log: Path, name: str) -> Frame:
+def _read_frame(log: Path, name: str) -> Frame:
+    """Read the sweep of a name, its time in ns, as a frame. log: folder of the log."""
     problems: problem_kinds.Problems = {}
-    # ego_SE3_sensor
-    time = int(name)
-    calibration = dict[str, Pose]()
-    if lexists(log / _CALIBRATION):
-        with name_damage(log / _CALIBRATION, "calibration"):
-            table = read_table(log / _CALIBRATION)
-            calibration = dict(zip(map(str, table["sensor_name"]), _poses(table), strict=True))
-    else:  # the points are in the vehicle's frame anyway
-        add_problem(problems, NO_CALIBRATION, 1)
-    file = log / "sensors" / "lidar" / f"{name}.feather"
-    clouds = []
-    with name_damage(file, "sweep"):
-        table = read_table(file)
-        recorded = name_attributes(table)
-        strange = ~np.isin(table["laser_number"], [*chain(*LASERS.values())])
-        add_problem(problems, NO_LASER, int(strange.sum()))
-        for lidar, lasers in LASERS.items():
-            is_lidar = np.isin(table["laser_number"], lasers)
-            if is_lidar.any() or lidar in calibration:
-                lidar_columns = {key: column[is_lidar] for key, column in recorded.items()}
-                pose = calibration[lidar] if calibration else np.eye(4)
-                stamp = (time + _first_offset_ns(lidar_columns)) * 1e-9
-                clouds.append(
-                    cloud_records.build_cloud(
-                        lidar_columns, lidar, pose, problems, frame="world", stamp_s=stamp
-                    )
-                )
+    time_ns = int(name)
+    clouds = _read_clouds(log, time_ns, problems)
     annotations = log / "annotations.feather"
     labels_in_frame = frame_labels.no_labels()
     if lexists(annotations):
         with name_damage(annotations, "table of labels"):
-            labels = read_labels(log, time, problems)
-            columns = labels.boxes, labels.categories, labels.tracks
-            labels_in_frame = frame_labels.make_labels(*columns, problems, labels.interior_points)
-    city = log / "city_SE3_egovehicle.feather"
-    map_SE3_ego = np.eye(4)
-    if lexists(city):
-        with name_damage(city, "table of poses"):
-            table = read_table(city)
-            rows = np.flatnonzero(_stamps(table) == time)[:1]
-            add_problem(problems, NO_PLACE, int(not len(rows)))
-            map_SE3_ego = next(iter(_poses({key: table[key][rows] for key in _POSE})), map_SE3_ego)
+            labels = read_labels(log, time_ns, problems)
+            labels_in_frame = frame_labels.make_labels(
+                labels.boxes,
+                categories=labels.categories,
+                ids=labels.tracks,
+                problems=problems,
+                counts=labels.interior_points,
+            )
+    map_SE3_ego = _read_vehicle_pose(log, time_ns, problems)
     return Frame.of_clouds(
         name,
         clouds,
-        *labels_in_frame,
-        time=time * 1e-9,
+        *labels_in_frame,  # objects, categories, counts, others
+        time=time_ns * 1e-9,
         map_SE3_world=map_SE3_ego,
         problems=problems,
     )
+
+
+def _read_clouds(log: Path, time_ns: int, problems: problem_kinds.Problems) -> list[SensorCloud]:
+    """Read the clouds of a sweep's lidars, in the vehicle's frame.
+
+    log: folder of the log; time_ns: time of the sweep; problems: counts are added to it."""
+    calibration = dict[str, Pose]()  # ego_SE3_sensor by the name of the sensor
+    if lexists(log / _CALIBRATION):
+        with name_damage(log / _CALIBRATION, "calibration"):
+            table = read_table(log / _CALIBRATION)
+            sensor_names = map(str, table["sensor_name"])
+            calibration = dict(zip(sensor_names, _parse_poses(table), strict=True))
+    else:  # the points are in the vehicle's frame anyway
+        add_problem(problems, NO_CALIBRATION, 1)
+    file = log / "sensors" / "lidar" / f"{time_ns}.feather"
+    clouds = []
+    with name_damage(file, "sweep"):
+        table = read_table(file)
+        attributes = name_attributes(table)
+        is_other_laser = ~np.isin(table["laser_number"], [*chain(*LASERS.values())])
+        add_problem(problems, NO_LASER, int(is_other_laser.sum()))
+        for lidar, lasers in LASERS.items():
+            is_of_lidar = np.isin(table["laser_number"], lasers)
+            if is_of_lidar.any() or lidar in calibration:
+                lidar_columns = {key: column[is_of_lidar] for key, column in attributes.items()}
+                pose = calibration[lidar] if calibration else np.eye(4)
+                stamp_s = (time_ns + _first_offset_ns(lidar_columns)) * 1e-9
+                clouds.append(
+                    cloud_records.build_cloud(
+                        lidar_columns, lidar, pose, problems, frame="world", stamp_s=stamp_s
+                    )
+                )
+    return clouds
+
+
+def _read_vehicle_pose(log: Path, time_ns: int, problems: problem_kinds.Problems) -> Pose:
+    """Read the vehicle's pose in the map at the time of a sweep.
+
+    It is the identity without a table of poses, and, counted in `problems`, if the table lacks the
+    time."""
+    city = log / "city_SE3_egovehicle.feather"
+    if not lexists(city):
+        return np.eye(4)
+    with name_damage(city, "table of poses"):
+        table = read_table(city)
+        rows = np.flatnonzero(_get_stamps(table) == time_ns)
+        if not len(rows):
+            add_problem(problems, NO_PLACE, 1)
+            return np.eye(4)
+        return _parse_poses({column: table[column][rows[:1]] for column in _POSE})[0]
 
 
 def _first_offset_ns(columns: Mapping[str, np.ndarray]) -> int:
@@ -236,7 +268,7 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
         }
         sweep = _sweep(sample, stamps[-1] * 1e-9)
         _write_table(folder / "sensors" / "lidar" / f"{stamps[-1]}.feather", sweep)
-        for column, values in _labels(sample, stamps[-1]).items():
+        for column, values in _format_labels(sample, stamps[-1]).items():
             annotations[column] = np.concatenate([annotations.get(column, values[:0]), values])
     if stamps:
         _write_table(
@@ -252,23 +284,23 @@ def write_argoverse(samples: Iterable[Frame], folder: Path) -> None:
 
 def _offsets_s(cloud: SensorCloud, start_s: float) -> np.ndarray:
     """Time (s) from the sweep's time to each point of a cloud. start_s: the sweep's time (s)."""
-    within = np.zeros(len(cloud.points)) if cloud.time is None else cloud.time
-    # float64 holds no finer clock
-    return within + round(frame_times.cloud_time(cloud, start_s) - start_s, 6)
+    times_in_cloud = np.zeros(len(cloud.points)) if cloud.time is None else cloud.time
+    # rounded to a microsecond: float64 holds no finer clock since 1970
+    return times_in_cloud + round(frame_times.cloud_time(cloud, start_s) - start_s, 6)
 
 
 def _sweep(sample: Frame, start_s: float) -> dict[str, np.ndarray]:
     """Columns of a sweep's file with the points of all clouds. start_s: time of the sweep (s)."""
-    sizes = [len(cloud.points) for cloud in sample.clouds]
-    times = [_offsets_s(cloud, start_s) for cloud in sample.clouds]
-    lasers = [lasers.start for lasers in LASERS.values()][: len(sizes)]
+    point_counts = [len(cloud.points) for cloud in sample.clouds]
+    offsets_s = [_offsets_s(cloud, start_s) for cloud in sample.clouds]
+    intensities = [cloud_records.get_intensity(cloud) for cloud in sample.clouds]
+    # all points of a lidar get its first laser
+    lasers = [lasers.start for lasers in LASERS.values()][: len(point_counts)]
     return {
         **dict(zip("xyz", sample.points().T.astype(np.float32), strict=True)),
-        "intensity": np.concatenate(
-            [np.zeros(0, np.float32), *map(cloud_records.get_intensity, sample.clouds)]
-        ),
-        "laser_number": np.repeat(lasers, sizes).astype(np.uint8),
-        "offset_ns": _fit_offsets(np.concatenate([np.zeros(0), *times])),
+        "intensity": np.concatenate([np.zeros(0, np.float32), *intensities]),
+        "laser_number": np.repeat(lasers, point_counts).astype(np.uint8),
+        "offset_ns": _fit_offsets(np.concatenate([np.zeros(0), *offsets_s])),
     }
 
 
@@ -287,22 +319,23 @@ def _fit_offsets(offsets_s: Float64[np.ndarray, " n"]) -> Int32[np.ndarray, " n"
     return offsets_ns.astype(np.int32)
 
 
-def _labels(sample: Frame, stamp: int) -> dict[str, np.ndarray]:
+def _format_labels(sample: Frame, stamp_ns: int) -> dict[str, np.ndarray]:
+    """Columns of the table of labels with a row for each object of a frame."""
     boxes = sample.objects.boxes
-    half = sample.objects.boxes[:, 6] / 2
-    sizes = dict(zip(("length_m", "width_m", "height_m"), boxes[:, 3:6].T, strict=True))
-    turns = dict(
-        zip(_POSE, (np.cos(half), 0 * half, 0 * half, np.sin(half), *boxes[:, :3].T), strict=True)
-    )
-    ids = sample.objects.ids.astype(str)
+    centre_columns, size_columns = boxes[:, :3].T, boxes[:, 3:6].T
+    yaw = boxes[:, 6]
+    zeros = 0 * yaw
+    w_x_y_z = np.cos(yaw / 2), zeros, zeros, np.sin(yaw / 2)  # quaternion of a turn about z
     names = [_NAMES[LABELS[label]] for label in sample.objects.labels]
-    labels = {
-        "timestamp_ns": np.full(len(boxes), stamp, np.int64),
-        "track_uuid": ids.astype(object),
-    }
-    labels |= {"category": np.array(names, object), **sizes, **turns}
     counts = count_points(sample.points(), boxes) if sample.counts is None else sample.counts
-    return labels | {"num_interior_pts": counts}
+    return {
+        "timestamp_ns": np.full(len(boxes), stamp_ns, np.int64),
+        "track_uuid": sample.objects.ids.astype(str).astype(object),
+        "category": np.array(names, object),
+        **dict(zip(("length_m", "width_m", "height_m"), size_columns, strict=True)),
+        **dict(zip(_POSE, (*w_x_y_z, *centre_columns), strict=True)),
+        "num_interior_pts": counts,
+    }
 
 
 def _pose_columns(poses: Sequence[np.ndarray]) -> dict[str, list[float]]:
@@ -311,6 +344,7 @@ def _pose_columns(poses: Sequence[np.ndarray]) -> dict[str, list[float]]:
 
 
 def _write_table(path: Path, columns: Mapping[str, object]) -> None:
+    """Write a feather file, whole or not at all; ImportError without pyarrow."""
     try:
         import pyarrow
         from pyarrow import feather

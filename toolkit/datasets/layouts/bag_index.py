@@ -53,6 +53,7 @@ def index_messages(path: Path) -> BagIndex:
         if message.kind != CLOUD:
             index.links += _parse_links(path, message)
             continue
+        # one readable cloud of each topic is parsed, to look at its fields
         if topic not in index.with_points:
             try:
                 names = {str(column.name) for column in message.parse().fields}
@@ -68,14 +69,16 @@ def index_messages(path: Path) -> BagIndex:
 def moving_times(
     links: Sequence[TransformLink], tree: TransformTree
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Stamps and times of recording (ns) of moving transforms, under the topic of tf."""
-    moving = [
+    """Stamps and times of recording (ns) of moving transforms, under the topic of tf.
+
+    links: all transforms; tree: states which frames move. Empty without such a transform."""
+    moving_links = [
         link for link in links if not link.is_static and link.stamp_ns and link.child in tree.moving
     ]
-    if not moving:
+    if not moving_links:
         return {}
-    stamps = np.array([link.stamp_ns for link in moving])
-    recorded = np.array([link.recorded_ns for link in moving])
+    stamps = np.array([link.stamp_ns for link in moving_links])
+    recorded = np.array([link.recorded_ns for link in moving_links])
     return {TF: (stamps, recorded)}
 
 
@@ -87,12 +90,12 @@ def find_other_clocks(
 
     All topics are returned if stamps are of different clocks, else none. clouds: stamps and times
     of recording (ns) by topic; moving: the same for moving transforms."""
-    offsets_s = []
+    delays_s = []  # usual delay from stamp to recording, of each topic
     for stamps, recorded in (*clouds.values(), *moving.values()):
         is_stamped = stamps != 0
-        late = recorded[is_stamped] - stamps[is_stamped]
-        offsets_s.append(float(np.median(late)) / NS_PER_S if len(late) else 0.0)
-    if max(offsets_s) - min(offsets_s) <= MAX_CLOCK_OFFSET_S:
+        delays_ns = recorded[is_stamped] - stamps[is_stamped]
+        delays_s.append(float(np.median(delays_ns)) / NS_PER_S if len(delays_ns) else 0.0)
+    if max(delays_s) - min(delays_s) <= MAX_CLOCK_OFFSET_S:
         return {}
     return dict.fromkeys(clouds, OTHER_CLOCKS)
 
@@ -103,21 +106,19 @@ def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
     has_clouds: True if there are clouds, but none with x, y and z; reason: error of a cloud that
     cannot be read, None without such a cloud."""
     if reason is not None:
-        with name_bag_damage(path):
+        with name_bag_damage(path):  # makes it a ValueError that names the bag
             raise reason
     if has_clouds:
         raise ValueError(
             f"{path} holds {CLOUD} without fields x, y and z only: convert them to points first"
         )
-    kinds: dict[str, str] = {}
+    kinds: dict[str, str] = {}  # message type of each topic
     with open_bag(path) as readers:
-        for connection in (
-            connection_info for reader in readers for connection_info in reader.connections
-        ):
-            kinds[str(connection.topic)] = str(connection.msgtype)
-    content = (
-        ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "no topics"
-    )
+        for reader in readers:
+            for connection in reader.connections:
+                kinds[str(connection.topic)] = str(connection.msgtype)
+    first_kinds = sorted(kinds.items())[:6]
+    content = ", ".join(f"{topic} ({kind})" for topic, kind in first_kinds) or "no topics"
     raise ValueError(
         f"{path} holds no messages of {CLOUD}, but {content}: convert its lidar's messages to "
         "PointCloud2"
@@ -125,18 +126,25 @@ def refuse_bag(path: Path, has_clouds: bool, reason: Exception | None) -> None:
 
 
 def _parse_links(path: Path, message: BagMessage) -> list[TransformLink]:
-    # Transforms of one message of tf.
+    """Parse the transforms of one message of tf. path: the bag, for errors."""
+    is_static = message.topic.rstrip("/").endswith("tf_static")
     with name_bag_damage(path):
         content = message.parse()
         links = []
-        for link in content.transforms:
-            translation = link.transform.translation
-            rotation = link.transform.rotation
-            wxyz = np.array([rotation.w, rotation.x, rotation.y, rotation.z])
-            pose = parse_link_pose(wxyz, np.array([translation.x, translation.y, translation.z]))
-            names = clean_frame(link.child_frame_id), clean_frame(link.header.frame_id)
-            is_static = message.topic.rstrip("/").endswith("tf_static")
-            links.append(
-                TransformLink(*names, pose, stamp_ns(link.header), message.recorded_ns, is_static)
+        for transform_stamped in content.transforms:
+            translation = transform_stamped.transform.translation
+            rotation = transform_stamped.transform.rotation
+            pose = parse_link_pose(
+                wxyz=np.array([rotation.w, rotation.x, rotation.y, rotation.z]),
+                position=np.array([translation.x, translation.y, translation.z]),
             )
+            link = TransformLink(
+                child=clean_frame(transform_stamped.child_frame_id),
+                parent=clean_frame(transform_stamped.header.frame_id),
+                parent_SE3_child=pose,
+                stamp_ns=stamp_ns(transform_stamped.header),
+                recorded_ns=message.recorded_ns,
+                is_static=is_static,
+            )
+            links.append(link)
     return links

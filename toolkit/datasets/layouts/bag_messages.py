@@ -49,14 +49,14 @@ class BagMessage(NamedTuple):
         return self.parser(self.data)
 
     def read_stamp(self) -> int:
-        """Stamp (ns) of the header that the message begins with."""
-        # after the number of ROS 1, or after the 4 bytes of CDR, whose second one gives the byte
-        # order
+        """Stamp (ns) of the header that the message begins with, without parsing the message."""
+        # the stamp comes after 4 bytes: the number of ROS 1, or the start of CDR, whose second byte
+        # gives the byte order
         if self.has_seq:
-            seconds, nanoseconds = struct.unpack_from("<II", self.data, 4)
+            seconds, nanoseconds = struct.unpack_from("<II", self.data, offset=4)
         else:
             order = "<" if self.data[1] & 1 else ">"
-            seconds, nanoseconds = struct.unpack_from(f"{order}iI", self.data, 4)
+            seconds, nanoseconds = struct.unpack_from(f"{order}iI", self.data, offset=4)
         return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
@@ -81,9 +81,9 @@ def open_bag(path: Path) -> Iterator[list[RosObject]]:
         readers = []
         with name_bag_damage(path):
             for file in _list_files(path):
-                kind = rosbag1.Reader if _is_first_ros(file) else rosbag2.Reader
+                reader_class = rosbag1.Reader if _is_first_ros(file) else rosbag2.Reader
                 try:
-                    readers.append(stack.enter_context(kind(file)))
+                    readers.append(stack.enter_context(reader_class(file)))
                 except rosbag2.ReaderError as error:
                     if str(error) != OTHER_PROFILE:
                         raise
@@ -110,11 +110,15 @@ def _is_first_ros(path: Path) -> bool:
 
 
 def _list_files(path: Path) -> list[Path]:
-    """List the paths to open for a bag: its files, or only its folder if that has metadata."""
-    if lexists(described := path / "metadata.yaml"):
-        content = parse_yaml(read_text(plain_file(described)))
+    """List the paths to open for a bag: its files, or only its folder if that has metadata.
+
+    Raises ValueError for a folder without bags or with bags of several kinds, and for files that
+    are no plain files or are outside the folder."""
+    metadata = path / "metadata.yaml"
+    if lexists(metadata):
+        content = parse_yaml(read_text(plain_file(metadata)))
         for name in content["rosbag2_bagfile_information"]["relative_file_paths"]:
-            plain_file(resolve_below(path, str(name)))
+            plain_file(resolve_below(path, str(name)))  # only checked: rosbags opens them
         return [path]
     if not path.is_dir():
         return [plain_file(path)]
@@ -134,29 +138,25 @@ def _make_parser(
 ) -> Callable[[bytes], RosObject]:
     """Make the parser of one message type, by its definition in the bag, else by ROS 2 Humble's.
 
-    kind: the message type; has_seq: True for ROS 1."""
+    kind: the message type; readers: rosbags' readers of the bag's files; has_seq: True for ROS
+    1."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    connections = [
-        connection
-        for reader in readers
-        for connection in reader.connections
-        if connection.msgtype == kind
-    ]
-    definitions = [
-        connection.msgdef
-        for connection in connections
-        if connection.msgdef.format != MessageDefinitionFormat.NONE
-    ]
+    definitions = []
+    for reader in readers:
+        for connection in reader.connections:
+            has_definition = connection.msgdef.format != MessageDefinitionFormat.NONE
+            if connection.msgtype == kind and has_definition:
+                definitions.append(connection.msgdef)
     store = get_typestore(Stores.EMPTY if definitions else Stores.ROS2_HUMBLE)
     if definitions and definitions[0].format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definitions[0].data, kind))
     elif definitions:
+        # IDL files, one after the other, each below a line of = and one with its name
         for text in definitions[0].data.split(f"{'=' * 80}\n"):
-            store.register(
-                get_types_from_idl(text.split("\n", 1)[1] if text.startswith("IDL: ") else text)
-            )
+            idl = text.split("\n", 1)[1] if text.startswith("IDL: ") else text
+            store.register(get_types_from_idl(idl))
     parse = store.deserialize_ros1 if has_seq else store.deserialize_cdr
     return partial(_call, parse, kind)
 
@@ -171,26 +171,31 @@ def read_messages(path: Path, *kinds: str) -> Iterator[BagMessage]:
     with open_bag(path) as readers:
         has_seq = any(map(_is_first_ros, _list_files(path)))
         with name_bag_damage(path):
-            message_types = {
-                connection_info.msgtype
-                for reader in readers
-                for connection_info in reader.connections
-            } & set(kinds)
-            parsers = {kind: _make_parser(kind, readers, has_seq) for kind in message_types}
             streams = []
+            parsers: dict[str, Callable[[bytes], RosObject]] = {}  # by message type
             for reader in readers:
                 connections = [
-                    connection_info
-                    for connection_info in reader.connections
-                    if connection_info.msgtype in message_types
+                    connection for connection in reader.connections if connection.msgtype in kinds
                 ]
-                streams += [reader.messages(connections=connections)] if connections else []
-            messages = merge(*streams, key=lambda connection_info: connection_info[1])
+                if connections:
+                    streams.append(reader.messages(connections=connections))
+                for connection in connections:
+                    kind = connection.msgtype
+                    if kind not in parsers:
+                        parsers[kind] = _make_parser(kind, readers, has_seq)
+            # rosbags yields triples: connection, time of recording (ns), bytes
+            messages = merge(*streams, key=lambda message: message[1])
         while True:
             with name_bag_damage(path):
-                following = next(messages, None)
-                if following is None:
+                next_message = next(messages, None)
+                if next_message is None:
                     return
-                connection, recorded_ns, data = following
-            kind = connection.msgtype
-            yield BagMessage(str(connection.topic), kind, recorded_ns, data, has_seq, parsers[kind])
+                connection, recorded_ns, data = next_message
+            yield BagMessage(
+                topic=str(connection.topic),
+                kind=connection.msgtype,
+                recorded_ns=recorded_ns,
+                data=data,
+                has_seq=has_seq,
+                parser=parsers[connection.msgtype],
+            )

@@ -58,22 +58,21 @@ _MAX_OFFSET_M = 1000.0  # correction of the position of the infrastructure
 
 
 def dair(path: Path) -> listing.Listing:
-    """Open the folder of one side or of the cooperative part.
+    """Open the folder of one side or of the cooperative part as a recording.
 
-    Raises FileNotFoundError for any other folder."""
+    Frames are read on demand. Raises FileNotFoundError for any other folder."""
     for root in (path, path / "cooperative-vehicle-infrastructure"):
         if (root / "cooperative").is_dir() and (root / "infrastructure-side").is_dir():
-            return _pairs(root)
+            return _open_pairs(root)
     names = tuple(file.stem for file in folders.list_files(path / "velodyne", "*.pcd"))
     if not names:
         raise FileNotFoundError(
             f"{path} is no DAIR-V2X folder: it has neither velodyne/*.pcd nor infrastructure-side/"
         )
-
     labelled = _list_labels(path, _LABELS)
     stamps = _read_stamps(path)
+    # clouds far from their sensor's origin are counted from the middle of the first one
     middles = Middles({"lidar": path / "velodyne" / f"{names[0]}.pcd"})
-
     load = partial(_load_side, path, stamps, middles, bool(labelled))
     return listing.Listing(names, load, labelled=labelled)
 
@@ -86,34 +85,41 @@ def _load_side(
     is_labelled: True if the folder has any labels, so that a frame without them counts as a
     problem."""
     problems: problem_kinds.Problems = {}
-    recorded = path / "velodyne" / f"{name}.pcd"
+    cloud_file = path / "velodyne" / f"{name}.pcd"
     cloud = cloud_records.read_cloud(
-        recorded, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles
+        cloud_file, "lidar", np.eye(4), problems, stamp_s=stamps.get(name), middles=middles
     )
-    file = _find_labels(path, _LABELS, name)
-    problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_labelled and file is None))
-    labels = read_annotations(file, np.eye(4), problems)
+    label_file = _find_labels(path, _LABELS, name)
+    is_unlabelled = is_labelled and label_file is None
+    problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_unlabelled))
+    labels = read_annotations(label_file, np.eye(4), problems)
     complete: Region = Everywhere()
     # nobody labelled what the camera does not show
-    if file is not None and file.parent.name == "camera":
+    if label_file is not None and label_file.parent.name == "camera":
         complete = _read_camera(path / "calib", name, problems)
-    map_SE3_world = _read_place(path / "calib", name, problems)
-    time = frame_times.frame_time([cloud])
-    measured = name, (cloud,), *labels
+    map_SE3_lidar = _read_place(path / "calib", name, problems)
     return Frame.of_clouds(
-        *measured, time=time, complete=complete, map_SE3_world=map_SE3_world, problems=problems
+        name,
+        (cloud,),
+        *labels,  # objects, categories, counts, others
+        time=frame_times.frame_time([cloud]),
+        complete=complete,
+        map_SE3_world=map_SE3_lidar,
+        problems=problems,
     )
 
 
 def _read_place(folder: Path, name: str, problems: problem_kinds.Problems) -> Pose:
     """Read map_SE3_lidar of one frame, from calib/virtuallidar_to_world or the vehicle's novatel.
 
-    It is the identity without these files, and, counted in problems, if they cannot be read."""
-    map_SE3_lidar = np.eye(4)
-    for kinds in (("virtuallidar_to_world",), ("novatel_to_world", "lidar_to_novatel")):
-        files = [folder / kind / f"{name}.json" for kind in kinds]
-        if not all(map(lexists, files)):
+    It is the identity without these files, and, counted in problems, if they cannot be read.
+    folder: calib; name: name of the frame."""
+    # from an outer frame to an inner one; the first list whose files are there counts
+    for transform_kinds in (("virtuallidar_to_world",), ("novatel_to_world", "lidar_to_novatel")):
+        files = [folder / kind / f"{name}.json" for kind in transform_kinds]
+        if not all(lexists(file) for file in files):
             continue
+        map_SE3_lidar = np.eye(4)
         try:
             for file in files:
                 map_SE3_lidar = map_SE3_lidar @ read_transform(file)
@@ -121,7 +127,7 @@ def _read_place(folder: Path, name: str, problems: problem_kinds.Problems) -> Po
             problem_kinds.add_problem(problems, UNPLACED_LIDAR, 1)
             return np.eye(4)
         return map_SE3_lidar
-    return map_SE3_lidar
+    return np.eye(4)
 
 
 def _read_stamps(side: Path) -> dict[str, float]:
@@ -132,9 +138,8 @@ def _read_stamps(side: Path) -> dict[str, float]:
     stamps = {}
     with name_damage(index, "list of clouds"):
         for row in record_values.as_list(record_values.load_json(index)):
-            name = PureWindowsPath(
-                str(row.get("pointcloud_path") or row.get("frame_id") or "")
-            ).stem
+            cloud_path = str(row.get("pointcloud_path") or row.get("frame_id") or "")
+            name = PureWindowsPath(cloud_path).stem
             ticks = frame_times.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
             if ticks is not None:
                 stamps[name] = parse_microseconds(ticks)
@@ -144,7 +149,8 @@ def _read_stamps(side: Path) -> dict[str, float]:
 def _read_camera(folder: Path, name: str, problems: problem_kinds.Problems) -> Region:
     """Region that the camera shows, from its calibration and its pose in the lidar's frame.
 
-    Without these it is everywhere."""
+    Without these it is everywhere, and counted in `problems`. folder: calib; name: name of the
+    frame."""
     intrinsic = folder / "camera_intrinsic" / f"{name}.json"
     extrinsic = folder / "virtuallidar_to_camera" / f"{name}.json"
     if not (lexists(intrinsic) and lexists(extrinsic)):
@@ -152,8 +158,10 @@ def _read_camera(folder: Path, name: str, problems: problem_kinds.Problems) -> R
         return Everywhere()
     with name_damage(intrinsic, "calibration"):
         values = entry(record_values.load_json(intrinsic), "cam_K")
-        matrix = record_values.numbers(values, 9, "cam_K").reshape(3, 3)
-    return ImageWedge(matrix @ read_transform(extrinsic)[:3], *_IMAGE_PX)
+        camera_matrix = record_values.numbers(values, 9, "cam_K").reshape(3, 3)
+    camera_SE3_lidar = read_transform(extrinsic)
+    width, height = _IMAGE_PX
+    return ImageWedge(camera_matrix @ camera_SE3_lidar[:3], width=width, height=height)
 
 
 def _list_labels(root: Path, label_folders: tuple[str, ...]) -> list[str]:
@@ -170,19 +178,29 @@ def _find_labels(root: Path, label_folders: tuple[str, ...], name: str) -> Path 
     return next((file for file in files if lexists(file)), None)
 
 
-def _pairs(root: Path) -> listing.Listing:
+def _open_pairs(root: Path) -> listing.Listing:
+    """Open the cooperative part: a frame for each pair of clouds of both sides.
+
+    root: folder with cooperative/, infrastructure-side/ and vehicle-side/."""
     index = root / "cooperative" / "data_info.json"
+    road = root / "infrastructure-side"
+    car = root / "vehicle-side"
     with name_damage(index, "list of pairs"):
         all_rows = record_values.as_list(record_values.load_json(index))
-        road = root / "infrastructure-side"
-        car = root / "vehicle-side"
-        complete_rows = [row for row in all_rows if _has_clouds(row, road, car)] or all_rows
-        pairs = _name_pairs(complete_rows)
-        vehicles = [_stem(row, "vehicle") for row in all_rows]
+        # if no pair has its clouds, all pairs, so that reading explains it
+        rows_with_clouds = [row for row in all_rows if _has_clouds(row, road, car)] or all_rows
+        pairs = _name_pairs(rows_with_clouds)
+        # labels go by the name of the vehicle's cloud
+        vehicle_names = [_find_cloud_name(row, "vehicle") for row in all_rows]
     labelled = _list_labels(root, _COOPERATIVE)
-    noted = {NO_PARTNER: len(all_rows) - len(complete_rows)}
-    load = partial(_load_pair, root, pairs, (_read_stamps(road), _read_stamps(car)), bool(labelled))
-    return listing.Listing(tuple(pairs), load, labelled=labelled, known=vehicles, noted=noted)
+    stamps = (_read_stamps(road), _read_stamps(car))
+    return listing.Listing(
+        tuple(pairs),
+        load=partial(_load_pair, root, pairs, stamps, bool(labelled)),
+        labelled=labelled,
+        known=vehicle_names,
+        noted={NO_PARTNER: len(all_rows) - len(rows_with_clouds)},
+    )
 
 
 def _load_pair(
@@ -199,9 +217,9 @@ def _load_pair(
     problems: problem_kinds.Problems = {}
     with name_damage(root / "cooperative" / "data_info.json", "list of pairs"):
         pair = pairs[name]
-        vehicle = _stem(pair, "vehicle")
-        offset = _offset(pair.get("system_error_offset"))
-        pole = _stem(pair, "infrastructure")
+        vehicle = _find_cloud_name(pair, "vehicle")
+        offset = _parse_offset(pair.get("system_error_offset"))
+        pole = _find_cloud_name(pair, "infrastructure")
     road = root / "infrastructure-side"
     car = root / "vehicle-side"
     road_stamps, car_stamps = stamps
@@ -211,42 +229,51 @@ def _load_pair(
     road_SE3_car = invert(map_SE3_road) @ map_SE3_novatel @ novatel_SE3_lidar
     pole_file = road / "velodyne" / f"{pole}.pcd"
     vehicle_file = car / "velodyne" / f"{vehicle}.pcd"
-    near = cloud_records.read_cloud(
+    road_cloud = cloud_records.read_cloud(
         pole_file, "infrastructure", np.eye(4), problems, stamp_s=road_stamps.get(pole)
     )
-    far = cloud_records.read_cloud(
+    car_cloud = cloud_records.read_cloud(
         vehicle_file, "vehicle", road_SE3_car, problems, stamp_s=car_stamps.get(vehicle)
     )
-    file = _find_labels(root, _COOPERATIVE, vehicle)
-    problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_labelled and file is None))
-    in_world = file is None or file.parent.name == WORLD_LABELS
-    labels = read_annotations(file, invert(map_SE3_road) if in_world else road_SE3_car, problems)
-    time = frame_times.frame_time([near])
+    label_file = _find_labels(root, _COOPERATIVE, vehicle)
+    is_unlabelled = is_labelled and label_file is None
+    problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_unlabelled))
+    is_in_map = label_file is None or label_file.parent.name == WORLD_LABELS
+    road_SE3_labels = invert(map_SE3_road) if is_in_map else road_SE3_car
+    labels = read_annotations(label_file, road_SE3_labels, problems)
     return Frame.of_clouds(
-        name, (near, far), *labels, time=time, map_SE3_world=map_SE3_road, problems=problems
+        name,
+        (road_cloud, car_cloud),
+        *labels,  # objects, categories, counts, others
+        time=frame_times.frame_time([road_cloud]),
+        map_SE3_world=map_SE3_road,
+        problems=problems,
     )
 
 
 def _name_pairs(rows: list[record_values.Unchecked]) -> dict[str, record_values.Unchecked]:
     """Rows of pairs by name: the infrastructure's frame, with the vehicle's if it has several."""
-    count = Counter(_stem(row, "infrastructure") for row in rows)
+    count = Counter(_find_cloud_name(row, "infrastructure") for row in rows)
     pairs = {}
     for row in rows:
-        pole = _stem(row, "infrastructure")
-        pairs[pole if count[pole] == 1 else f"{pole}-{_stem(row, 'vehicle')}"] = row
+        pole = _find_cloud_name(row, "infrastructure")
+        name = pole if count[pole] == 1 else f"{pole}-{_find_cloud_name(row, 'vehicle')}"
+        pairs[name] = row
     return pairs
 
 
 def _has_clouds(pair: record_values.Unchecked, road: Path, car: Path) -> bool:
     """True if the clouds of both sides of a pair are there."""
-    sides = ((road, "infrastructure"), (car, "vehicle"))
-    return all(lexists(folder / "velodyne" / f"{_stem(pair, side)}.pcd") for folder, side in sides)
+    road_cloud = road / "velodyne" / f"{_find_cloud_name(pair, 'infrastructure')}.pcd"
+    car_cloud = car / "velodyne" / f"{_find_cloud_name(pair, 'vehicle')}.pcd"
+    return lexists(road_cloud) and lexists(car_cloud)
 
 
-def _stem(pair: record_values.Unchecked, side: str) -> str:
-    # Name of the cloud of one side, "infrastructure" or "vehicle", without folder and ending.
-    path = f"{side}_pointcloud_path"
-    return PureWindowsPath(str(pair[path] if path in pair else entry(pair, f"{side}_frame"))).stem
+def _find_cloud_name(pair: record_values.Unchecked, side: str) -> str:
+    """Name of the cloud of one side, "infrastructure" or "vehicle", without folder and ending."""
+    key = f"{side}_pointcloud_path"
+    path = pair[key] if key in pair else entry(pair, f"{side}_frame")
+    return PureWindowsPath(str(path)).stem
 
 
 def read_transform(path: str | Path, offset: tuple[float, float] | None = None) -> Pose:
@@ -255,25 +282,29 @@ def read_transform(path: str | Path, offset: tuple[float, float] | None = None) 
     offset: m, added to x and y; None for the file's relative_error, if it has one."""
     with name_damage(path, "calibration"):
         content = record_values.load_json(path)
-        inner = content.get("transform", content)
-        matrix = record_values.rigid(entry(inner, "rotation"), entry(inner, "translation"))
-        matrix[:2, 3] += offset or _offset(content.get("relative_error")) or (0.0, 0.0)
-    return matrix
+        transform_entry = content.get("transform", content)
+        pose = record_values.rigid(
+            entry(transform_entry, "rotation"), entry(transform_entry, "translation")
+        )
+        x_and_y = pose[:2, 3]  # a view: adding to it moves the pose
+        x_and_y += offset or _parse_offset(content.get("relative_error")) or (0.0, 0.0)
+    return pose
 
 
-def _offset(value: record_values.Unchecked) -> tuple[float, float] | None:
-    # Correction of x and y (m), None if it is missing or empty.
+def _parse_offset(value: record_values.Unchecked) -> tuple[float, float] | None:
+    """Parse a correction of x and y (m), delta_x and delta_y; None if it is missing or empty.
+
+    Raises ValueError for a correction that is too large."""
     if not value or (isinstance(value, dict) and value.get("delta_x") in ("", None)):
         return None
-    delta = (
-        as_number(entry(value, "delta_x"), "delta_x"),
-        as_number(entry(value, "delta_y"), "delta_y"),
-    )
-    if not np.abs(delta).max() <= _MAX_OFFSET_M:
+    delta_x = as_number(entry(value, "delta_x"), "delta_x")
+    delta_y = as_number(entry(value, "delta_y"), "delta_y")
+    if not np.abs([delta_x, delta_y]).max() <= _MAX_OFFSET_M:
         raise ValueError(
-            f"delta_x and delta_y must be numbers within {_MAX_OFFSET_M:g} m of 0, got {delta}"
+            f"delta_x and delta_y must be numbers within {_MAX_OFFSET_M:g} m of 0, got "
+            f"{(delta_x, delta_y)}"
         )
-    return delta
+    return delta_x, delta_y
 
 
 def read_annotations(
@@ -281,40 +312,45 @@ def read_annotations(
 ) -> frame_labels.FrameLabels:
     """Read the objects of a label file, turned into the world frame.
 
-    path: None for no labels; world_SE3_labels: pose of the file's frame in the world."""
+    path: None for no labels; world_SE3_labels: pose of the file's frame in the world; problems:
+    counts of labels left out are added to it."""
     with name_damage(path or "", "list of labels"):
         labels = [] if path is None else record_values.as_list(record_values.load_json(path))
-        parts = [
-            (
-                record_values.xyz(label, "3d_location"),
-                record_values.xyz(label, "3d_dimensions", "lwh"),
-            )
-            for label in labels
-        ]
+        centres = []
+        sizes = []
+        for label in labels:
+            centres.append(record_values.xyz(label, "3d_location"))
+            sizes.append(record_values.xyz(label, "3d_dimensions", axes="lwh"))
         yaws = [as_number(entry(label, "rotation"), "rotation") for label in labels]
-        names = [str(entry(label, "type")) for label in labels]
+        categories = [str(entry(label, "type")) for label in labels]
         ids = [label.get("track_id", label.get("id", k)) for k, label in enumerate(labels)]
-    rows = np.array(
-        [[*centre, *size, yaw] for (centre, size), yaw in zip(parts, yaws, strict=True)]
-    ).reshape(-1, 7)
-    frame_labels.count_full_turns(rows[:, 6], problems)
+    boxes = np.column_stack(
+        [np.array(centres).reshape(-1, 3), np.array(sizes).reshape(-1, 3), yaws]
+    )
+    frame_labels.count_full_turns(np.array(yaws), problems)
     return frame_labels.make_labels(
-        box_frames.move_boxes(world_SE3_labels, rows), names, ids, problems
+        box_frames.move_boxes(world_SE3_labels, boxes),
+        categories=categories,
+        ids=ids,
+        problems=problems,
     )
 
 
 def written_labels(sample: Frame) -> list[dict[str, object]]:
     """Return a frame's objects as the rows of a label file, in the world frame."""
-    labels: list[dict[str, object]] = []
-    for (x, y, z, length, width, height, yaw), name, track in frame_labels.list_rows(
-        sample.objects, frame_labels.COMMON_NAMES
-    ):
-        box = {
-            "3d_dimensions": {"l": length, "w": width, "h": height},
-            "3d_location": {"x": x, "y": y, "z": z},
+    rows: list[dict[str, object]] = []
+    for box, name, track in frame_labels.list_rows(sample.objects, frame_labels.COMMON_NAMES):
+        centre, size = box[:3], box[3:6]
+        yaw = box[6]
+        row = {
+            "type": name,
+            "track_id": str(track),
+            "3d_dimensions": dict(zip("lwh", size, strict=True)),
+            "3d_location": dict(zip("xyz", centre, strict=True)),
+            "rotation": yaw,
         }
-        labels.append({"type": name, "track_id": str(track), **box, "rotation": yaw})
-    return labels
+        rows.append(row)
+    return rows
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> None:
@@ -323,7 +359,6 @@ def write_dair(samples: Iterable[Frame], folder: Path) -> None:
     index = []
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"
-        placed = sample.map_SE3_world
         cloud = cloud_records.one_cloud(sample)
         cloud_records.write_cloud(folder / "velodyne" / f"{name}.pcd", cloud)
         seconds = frame_times.cloud_time(cloud, sample.time)
@@ -336,8 +371,11 @@ def write_dair(samples: Iterable[Frame], folder: Path) -> None:
             folder / "label" / "virtuallidar" / f"{name}.json",
             json.dumps(written_labels(sample), indent=1),
         )
-        calib = {"rotation": placed[:3, :3].tolist(), "translation": placed[:3, 3:].tolist()}
-        calib["relative_error"] = {"delta_x": "", "delta_y": ""}
+        calib = {
+            "rotation": sample.map_SE3_world[:3, :3].tolist(),
+            "translation": sample.map_SE3_world[:3, 3:].tolist(),  # a column
+            "relative_error": {"delta_x": "", "delta_y": ""},
+        }
         write_text(folder / "calib" / "virtuallidar_to_world" / f"{name}.json", json.dumps(calib))
     if index:
         write_text(folder / "data_info.json", json.dumps(index, indent=1))

@@ -61,6 +61,9 @@ SCANS = {  # files of points that are not read, and what to do with them
 MAX_START_BYTES = 4096  # at a text's start, which distinguish points from words
 ALONE = "lidar"  # sensor of clouds directly in the folder
 _ONE_WORD = re.compile(r"[\w.-]+/\d+")  # SENSOR/NAME in a line of poses.txt
+_THREE_NUMBERS = re.compile(
+    r"(?m)^\s*(?:[-+]?[\d.]+(?:e[-+]?\d+)?[\s,;]+){2}[-+]?[\d.]+", re.IGNORECASE
+)
 
 
 def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> listing.Listing:
@@ -74,7 +77,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         for sensor, files in all_clouds.items()
     }
     doubled = sum(len(files) - len(clouds[sensor]) for sensor, files in all_clouds.items())
-    names, by_order = _match(clouds)
+    names, by_order = _group_files(clouds)
     if not names:
         raise FileNotFoundError(
             f"{path} holds no clouds, neither NAME.pcd nor SENSOR/NAME.pcd: {_find_remedy(path)}"
@@ -88,37 +91,47 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
     labels = base / LABELS_FILE
     entries = box_files.read_entries(labels) if lexists(labels) else {}
     with record_values.name_damage(labels, "file of boxes"):
-        times = _written_times(entries)
-
-    load = _Loader(names, len(clouds), by_order, poses_by_name, labels, entries, times, middles)
-    cloud_names = [_stem(file) for files in names.values() for file in files.values()]
-    of_folder = entries if path.is_dir() else ()
+        times = _parse_times(entries)
+    load = _Loader(
+        names=names,
+        sensors=len(clouds),
+        by_order=by_order,
+        poses=poses_by_name,
+        labels=labels,
+        entries=entries,
+        times=times,
+        middles=middles,
+    )
     return listing.Listing(
         tuple(names),
         load,
-        labelled=of_folder,
-        known=cloud_names,
+        labelled=entries if path.is_dir() else (),
+        known=[_stem(file) for files in names.values() for file in files.values()],
         noted={problem_kinds.DOUBLED_CLOUDS: doubled},
     )
 
 
 def _find_clouds(path: Path) -> dict[str, list[Path]]:
-    """Cloud files of each sensor of a folder; a single file is of one sensor."""
+    """Cloud files of each sensor, which is a folder in `path`; clouds in `path` are of one sensor.
+
+    path: a folder, or a single cloud file."""
     if path.is_file():
         return {ALONE: [path]}
     if not path.is_dir():
         raise FileNotFoundError(f"no such folder or cloud file: {path}")
-    clouds = {ALONE: _files(path)}
+    clouds = {ALONE: _list_cloud_files(path)}
     for subfolder in folders.list_files(path):
         if subfolder.is_dir():
-            clouds[subfolder.name] = _files(subfolder)
+            clouds[subfolder.name] = _list_cloud_files(subfolder)
     return {sensor: files for sensor, files in clouds.items() if files}
 
 
 def _check_names(
     poses: Path, poses_by_name: Mapping[str, Pose], names: Mapping[str, Mapping[str, Path]]
 ) -> None:
-    """Raise ValueError if no pose of a file has the name of a sensor or cloud."""
+    """Raise ValueError if no pose of a file has the name of a sensor or cloud.
+
+    poses: the file of poses; names: cloud file of each sensor in each frame."""
     sensors = set()
     pose_names = set()
     for files in names.values():
@@ -157,53 +170,56 @@ class _Loader:
     middles: Middles
 
     def __call__(self, name: str) -> Frame:
+        """Read the frame of a name: its clouds, and the labels under the name of a cloud."""
         files = self.names[name]
         problems = problem_kinds.Problems()
-        labelled = [stem for stem in map(_stem, files.values()) if stem in self.entries]
+        label_names = [stem for stem in map(_stem, files.values()) if stem in self.entries]
         problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < self.sensors))
         problem_kinds.add_problem(problems, BY_ORDER, int(self.by_order))
-        problem_kinds.add_problem(problems, OTHER_NAME, max(0, len(set(labelled)) - 1))
-        problem_kinds.add_problem(
-            problems, problem_kinds.UNLABELLED, int(bool(self.entries) and not labelled)
-        )
-        title = next(iter(labelled), name)
-        seconds, stamps = self.times.get(title, (None, {}))
+        problem_kinds.add_problem(problems, OTHER_NAME, max(0, len(set(label_names)) - 1))
+        is_unlabelled = bool(self.entries) and not label_names
+        problem_kinds.add_problem(problems, problem_kinds.UNLABELLED, int(is_unlabelled))
+        label_name = label_names[0] if label_names else name
+        stated_time, stated_stamps = self.times.get(label_name, (None, {}))
         clouds = []
         for sensor, file in files.items():
-            stem = _stem(file)
-            epoch = find_epoch(stem)
-            stamp = stamps.get(sensor) if epoch is None else epoch
-            pose = _pose(self.poses, sensor, stem)
+            epoch_s = find_epoch(_stem(file))  # a file name that is a time counts most
             cloud = cloud_records.read_cloud(
-                file, sensor, pose, problems, stamp_s=stamp, middles=self.middles
+                file,
+                sensor,
+                _find_pose(self.poses, sensor, _stem(file)),
+                problems,
+                stamp_s=stated_stamps.get(sensor) if epoch_s is None else epoch_s,
+                middles=self.middles,
             )
             clouds.append(cloud)
         labels = frame_labels.no_labels()
-        if title in self.entries:
-            labels = box_files.parse_objects(self.labels, self.entries[title], problems)
-        epoch = find_epoch(name)
-        if epoch is None:
-            epoch = seconds
-        frame_time = float("nan") if epoch is None else epoch
+        if label_name in self.entries:
+            labels = box_files.parse_objects(self.labels, self.entries[label_name], problems)
+        epoch_s = find_epoch(name)
+        time = stated_time if epoch_s is None else epoch_s
+        frame_time = float("nan") if time is None else time
+        # labels: objects, categories, counts, others
         return Frame.of_clouds(name, clouds, *labels, time=frame_time, problems=problems)
 
 
 def _find_remedy(path: Path) -> str:
     """Words on what to do with a folder without clouds, judging by its content."""
-    recorded = sorted(entry for kind in RECORDED for entry in path.glob(kind))
-    recorded += [entry.parent for entry in sorted(path.glob("*/metadata.yaml"))]
-    if recorded:
-        more = f" or another of its {len(recorded)}" if len(recorded) > 1 else ""
-        return f"give the recording in it, {recorded[0]}{more}"
+    recordings = sorted(entry for pattern in RECORDED for entry in path.glob(pattern))
+    recordings += [entry.parent for entry in sorted(path.glob("*/metadata.yaml"))]
+    if recordings:
+        hint = f" or another of its {len(recordings)}" if len(recordings) > 1 else ""
+        return f"give the recording in it, {recordings[0]}{hint}"
     files = sorted(file for file in (*path.glob("*"), *path.glob("*/*")) if file.is_file())
     files = [file for file in files if file.name not in POSES]
     for endings, remedy in SCANS.items():
         scans = [file for file in files if file.suffix.lower() in endings]
-        if scans and (scans[0].suffix.lower() != ".txt" or _holds_rows(scans[0])):
+        if not scans:
+            continue
+        first = scans[0]
+        if first.suffix.lower() != ".txt" or _holds_rows(first):  # other texts are no scans
             count = f"{len(scans)} of " if len(scans) > 1 else ""
-            return (
-                f"it holds {count}{scans[0].suffix}, such as {scans[0].relative_to(path)}: {remedy}"
-            )
+            return f"it holds {count}{first.suffix}, such as {first.relative_to(path)}: {remedy}"
     kinds = Counter(file.suffix.lower() or file.name for file in files)
     content = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(4)) or "no files"
     return f"it holds {content}: give --layout, or another folder"
@@ -212,15 +228,10 @@ def _find_remedy(path: Path) -> str:
 def _holds_rows(file: Path) -> bool:
     """True for a text whose first lines have three numbers."""
     start = file.read_bytes()[:MAX_START_BYTES].decode("utf-8", "replace")
-    return (
-        re.search(
-            r"(?m)^\s*(?:[-+]?[\d.]+(?:e[-+]?\d+)?[\s,;]+){2}[-+]?[\d.]+", start, re.IGNORECASE
-        )
-        is not None
-    )
+    return _THREE_NUMBERS.search(start) is not None
 
 
-def _files(path: Path) -> list[Path]:
+def _list_cloud_files(path: Path) -> list[Path]:
     files = folders.list_files(path)
     return [
         file for file in files if file.suffix.lower() in folders.ENDINGS and file.name not in POSES
@@ -242,25 +253,28 @@ def _stem(file: Path) -> str:
     return file.stem.removesuffix(".pcd")
 
 
-def _match(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]], bool]:
-    """Files of each frame by sensor, and True if their order put them together.
+def _group_files(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, Path]], bool]:
+    """Files of each frame by sensor, by the frame's name; and True if their order grouped them.
 
-    clouds: files of each sensor in order."""
-    by_stem: dict[str, dict[str, Path]] = {}
+    Files of one time are a frame if all names are times, else files of one name, or, if no two
+    sensors share a name, files of one place in the order. clouds: files of each sensor in order."""
+    files_by_stem: dict[str, dict[str, Path]] = {}
     for sensor, files in clouds.items():
         for file in files:
-            by_stem.setdefault(_stem(file), {})[sensor] = file
+            files_by_stem.setdefault(_stem(file), {})[sensor] = file
     if len(clouds) < 2:
-        return _sort_frames(by_stem), False
-    if all(find_epoch(stem) is not None for stem in by_stem):
-        return _match_times(clouds), False
-    apart = all(len(files) == 1 for files in by_stem.values())
-    if apart and len({len(files) for files in clouds.values()}) == 1:
+        return _sort_frames(files_by_stem), False
+    if all(find_epoch(stem) is not None for stem in files_by_stem):
+        return _group_by_names_time(clouds), False
+    share_no_name = all(len(files) == 1 for files in files_by_stem.values())
+    have_one_length = len({len(files) for files in clouds.values()}) == 1
+    if share_no_name and have_one_length:
+        first_sensor_files = next(iter(clouds.values()))
         frames = {}
-        for k, file in enumerate(next(iter(clouds.values()))):
+        for k, file in enumerate(first_sensor_files):
             frames[_stem(file)] = {sensor: files[k] for sensor, files in clouds.items()}
         return frames, True
-    return _sort_frames(by_stem), False
+    return _sort_frames(files_by_stem), False
 
 
 def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
@@ -268,44 +282,47 @@ def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, 
     return {stem: by_stem[stem] for stem in sorted(by_stem, key=folders.natural_order)}
 
 
-def _match_times(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
+def _group_by_names_time(clouds: Mapping[str, list[Path]]) -> dict[str, dict[str, Path]]:
     """Group files by the times that are their names: the files of each frame by sensor.
 
-    A frame has the name of its first file."""
+    A frame has the name of its first file. clouds: files of each sensor."""
     times = {}
     for sensor, files in clouds.items():
         times[sensor] = np.array([parse_epoch(_stem(file)) for file in files])
-    matched: dict[str, dict[str, Path]] = {}
+    frames: dict[str, dict[str, Path]] = {}
     for group in group_by_time(times):
-        of_frame = {sensor: clouds[sensor][row] for sensor, row in group.items()}
-        sensor, file = next(iter(of_frame.items()))
+        files_of_frame = {sensor: clouds[sensor][row] for sensor, row in group.items()}
+        sensor, file = next(iter(files_of_frame.items()))
         name = _stem(file)
-        matched[name if name not in matched else f"{sensor}/{name}"] = of_frame
-    return matched
+        # two sensors may have a file of one name in different frames
+        frames[name if name not in frames else f"{sensor}/{name}"] = files_of_frame
+    return frames
 
 
-def _written_times(
+def _parse_times(
     entries: Mapping[str, record_values.Unchecked],
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
     """Times (s) in labels.json by frame: the frame's, and its clouds' by sensor.
 
-    Times of frames that are all the same are None."""
+    Times of frames that are all the same are None, as they state nothing."""
     times = {}
     for name, content in entries.items():
-        clouds = content.get("clouds") or {}
-        stamps = {
-            str(sensor): parse_time(stamp, f"clouds.{sensor}") for sensor, stamp in clouds.items()
-        }
-        cloud_times = {sensor: stamp for sensor, stamp in stamps.items() if stamp is not None}
+        cloud_times = {}
+        for sensor, stamp in (content.get("clouds") or {}).items():
+            cloud_time = parse_time(stamp, f"clouds.{sensor}")
+            if cloud_time is not None:
+                cloud_times[str(sensor)] = cloud_time
         times[name] = parse_time(content.get("time"), "time"), cloud_times
-    count = Counter(seconds for seconds, _ in times.values())
-    if len(count) == 1 < len(times):
-        return {name: (None, stamps) for name, (_, stamps) in times.items()}
+    frame_times = {frame_time for frame_time, _ in times.values()}
+    if len(frame_times) == 1 < len(times):
+        return {name: (None, cloud_times) for name, (_, cloud_times) in times.items()}
     return times
 
 
-def _pose(poses_by_name: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
-    # Pose of a cloud: by sensor and name, else by name, else by sensor; identity without poses.
+def _find_pose(poses_by_name: Mapping[str, Pose], sensor: str, stem: str) -> Pose:
+    """Pose of a cloud: by sensor and name, else by name, else by sensor; identity without poses.
+
+    stem: name of the cloud's file without ending. Raises ValueError if no pose fits."""
     for key in (f"{sensor}/{stem}", stem, sensor):
         if key in poses_by_name:
             return poses_by_name[key]

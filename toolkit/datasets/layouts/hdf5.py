@@ -26,6 +26,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from toolkit.arrays import BoxRows, Pose
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.frame_times import finite_time
 from toolkit.datasets.image_file import CLOUDS_KIND
@@ -75,80 +76,101 @@ def hdf5_clouds(path: Path) -> Listing:
         names = [str(name) for name in as_list(parse_json(reader.text(file, "names")), "names")]
         if len(set(names)) < len(names):
             raise ValueError("samples have the same name")
-    places = {name: k for k, name in enumerate(names)}
+    numbers = {name: number for number, name in enumerate(names)}
+    return Listing(tuple(names), partial(_load, path, numbers))
 
-    return Listing(tuple(names), partial(_load, path, places))
 
-
-def _load(path: Path, places: Mapping[str, int], name: str) -> Frame:
+def _load(path: Path, numbers: Mapping[str, int], name: str) -> Frame:
     with _open(path) as file:
-        return _sample(file, f"samples/{places[name]}", name)
+        return _read_frame(file, f"samples/{numbers[name]}", name)
 
 
-def _sample(file: h5py.File, path: str, name: str) -> Frame:
+def _read_frame(file: h5py.File, path: str, name: str) -> Frame:
+    """Read a frame. path: path of its group in the file; name: name of the frame."""
     about = parse_json(reader.text(file, f"{path}/about"))
     sensors = enumerate(as_list(entry(about, "sensors"), "sensors"))
-    clouds = tuple(_cloud(file, f"{path}/clouds/{k}", sensor) for k, sensor in sensors)
-    labels = reader.array(file, f"{path}/labels", axes=1, kinds="iu")
-    ids = reader.array(file, f"{path}/ids", axes=1, kinds="iu")
-    objects = Objects(_boxes(file, f"{path}/boxes"), labels.astype(np.int64), ids.astype(np.int64))
-    names = tuple(map(str, as_list(entry(about, "others"), "others")))
+    clouds = tuple(_read_cloud(file, f"{path}/clouds/{k}", sensor) for k, sensor in sensors)
+    labels = reader.array(file, f"{path}/labels", axes=1, kinds="iu").astype(np.int64)
+    ids = reader.array(file, f"{path}/ids", axes=1, kinds="iu").astype(np.int64)
+    objects = Objects(_read_boxes(file, f"{path}/boxes"), labels=labels, ids=ids)
     other_objects = OtherObjects(
-        _boxes(file, f"{path}/others"), names, _counts(file, f"{path}/others_counts")
+        boxes=_read_boxes(file, f"{path}/others"),
+        categories=tuple(map(str, as_list(entry(about, "others"), "others"))),
+        counts=_read_counts(file, f"{path}/others_counts"),
     )
-    if names and len(names) != len(other_objects.boxes):
-        raise ValueError(f"{len(other_objects.boxes)} other boxes but {len(names)} names")
-    categories = tuple(map(str, as_list(entry(about, "categories"), "categories")))
+    if other_objects.categories and len(other_objects.categories) != len(other_objects.boxes):
+        raise ValueError(
+            f"{len(other_objects.boxes)} other boxes but {len(other_objects.categories)} names"
+        )
     time = entry(about, "time")
+    map_SE3_world = reader.array(file, f"{path}/map_SE3_world", axes=2)
+    problems = entry(about, "problems")
     return Frame.of_clouds(
-        *(name, clouds, objects, categories, _counts(file, f"{path}/counts"), other_objects),
+        name,
+        clouds,
+        objects,
+        categories=tuple(map(str, as_list(entry(about, "categories"), "categories"))),
+        counts=_read_counts(file, f"{path}/counts"),
+        others=other_objects,
         complete=parse_region(entry(about, "complete")),
         time=float("nan") if time is None else as_number(time, "time"),
-        map_SE3_world=rigid_matrix(
-            reader.array(file, f"{path}/map_SE3_world", axes=2), "map_SE3_world"
-        ),
-        problems={
-            str(kind): int(as_number(count)) for kind, count in entry(about, "problems").items()
-        },
+        map_SE3_world=rigid_matrix(map_SE3_world, "map_SE3_world"),
+        problems={str(kind): int(as_number(count)) for kind, count in problems.items()},
     )
 
 
-def _cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
-    # Cloud of the group at `path`. about: its name, frame and time, from the frame's `about`.
+def _read_cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
+    """Read the cloud of the group at `path`.
+
+    about: its name, frame and time, from the entry "about" of its frame. Raises ValueError for
+    damaged values."""
     points = reader.array(file, f"{path}/points", axes=2).astype(np.float32)
     if points.shape[1] != 3 or not np.isfinite(points).all():
         raise ValueError(f"{path}/points must be finite, 3 to a row, got shape {points.shape}")
     columns: dict[str, np.ndarray] = {}
-    for name, kind, kinds in (
+    # name, type in the cloud, and NumPy kinds of types that the file may have
+    for name, dtype, kinds in (
         ("time", np.float64, "fiu"),
         ("intensity", np.float32, "fiu"),
         ("ring", np.int64, "iu"),
     ):
         column = reader.find_array(file, f"{path}/{name}", axes=1, kinds=kinds)
-        if column is not None and len(column) != len(points):
+        if column is None:
+            continue
+        if len(column) != len(points):
             raise ValueError(f"{path}/{name} must be of {len(points)} points, got {len(column)}")
-        columns |= {} if column is None else {name: column.astype(kind)}
+        columns[name] = column.astype(dtype)
     frame = entry(about, "frame")
     if frame not in ("sensor", "world"):
         raise ValueError(f"{path} must be in the frame of the sensor or the world, got {frame!r}")
-    stored = reader.array(file, f"{path}/pose", axes=2)
-    pose = rigid_matrix(stored, f"{path}/pose")
-    if np.allclose(pose, stored, atol=1e-9):  # to the bit if it is rigid
-        pose = stored.astype(np.float64)
-    stamp = finite_time(about.get("stamp_s"), "stamp_s")
-    return SensorCloud(str(entry(about, "name")), points, pose, frame, **columns, stamp_s=stamp)
+    return SensorCloud(
+        name=str(entry(about, "name")),
+        points=points,
+        world_SE3_sensor=_read_stored_pose(file, f"{path}/pose"),
+        frame=frame,
+        stamp_s=finite_time(about.get("stamp_s"), "stamp_s"),
+        **columns,
+    )
 
 
-def _boxes(file: h5py.File, name: str) -> np.ndarray:
-    # Boxes (n, 7) of a dataset, checked.
+def _read_stored_pose(file: h5py.File, name: str) -> Pose:
+    """Read the pose in a dataset, to the bit if it is a rigid motion, else mended a little."""
+    stored = reader.array(file, name, axes=2)
+    pose = rigid_matrix(stored, name)
+    return stored.astype(np.float64) if np.allclose(pose, stored, atol=1e-9) else pose
+
+
+def _read_boxes(file: h5py.File, name: str) -> BoxRows:
+    """Read the boxes (n, 7) in a dataset; ValueError for numbers that are no boxes."""
     boxes = reader.array(file, name, axes=2).astype(np.float64)
-    if boxes.shape[1] != 7 or not np.isfinite(boxes).all() or not (boxes[:, 3:6] > 0).all():
+    sizes = boxes[:, 3:6]
+    if boxes.shape[1] != 7 or not np.isfinite(boxes).all() or not (sizes > 0).all():
         raise ValueError(f"{name} must be finite boxes of seven numbers with positive sizes")
     return boxes
 
 
-def _counts(file: h5py.File, name: str) -> np.ndarray | None:
-    # Counts of points of a dataset, None if it is missing.
+def _read_counts(file: h5py.File, name: str) -> np.ndarray | None:
+    """Read the numbers of points in a dataset, None if it is missing."""
     column = reader.find_array(file, name, axes=1, kinds="iu")
     return None if column is None else column.astype(np.int64)
 
@@ -169,44 +191,47 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:
+    """Write a frame into its group, which is empty."""
     sensors = [
         {"name": cloud.name, "frame": cloud.frame, "stamp_s": cloud.stamp_s}
         for cloud in sample.clouds
     ]
-    about = {"time": sample.time, "sensors": sensors, "categories": sample.categories}
-    about |= {"complete": sample.complete.record(), "others": sample.others.categories}
-    group["about"] = json.dumps(replace_infinite(about | {"problems": dict(sample.problems)}))
-    columns: dict[str, np.ndarray | None] = {
+    about = {
+        "time": sample.time,
+        "sensors": sensors,
+        "categories": sample.categories,
+        "complete": sample.complete.record(),
+        "others": sample.others.categories,
+        "problems": dict(sample.problems),
+    }
+    group["about"] = json.dumps(replace_infinite(about))
+    arrays: dict[str, np.ndarray | None] = {
         "map_SE3_world": sample.map_SE3_world,
         **vars(sample.objects),
-    }
-    columns |= {
         "counts": sample.counts,
         "others": sample.others.boxes,
         "others_counts": sample.others.counts,
     }
     for k, cloud in enumerate(sample.clouds):
-        cloud_columns: dict[str, np.ndarray | None] = {
-            "points": cloud.points,
-            "pose": cloud.world_SE3_sensor,
-            "time": cloud.time,
-        }
-        cloud_columns |= {"intensity": cloud.intensity, "ring": cloud.ring}
-        columns |= {f"clouds/{k}/{name}": column for name, column in cloud_columns.items()}
-    for name, column in columns.items():
-        if column is not None:
-            packed = (
-                {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-                if column.size > 100
-                else {}
+        arrays[f"clouds/{k}/points"] = cloud.points
+        arrays[f"clouds/{k}/pose"] = cloud.world_SE3_sensor
+        arrays[f"clouds/{k}/time"] = cloud.time
+        arrays[f"clouds/{k}/intensity"] = cloud.intensity
+        arrays[f"clouds/{k}/ring"] = cloud.ring
+    for name, array in arrays.items():
+        if array is not None and array.size > 100:
+            group.create_dataset(
+                name, data=array, compression="gzip", compression_opts=1, shuffle=True
             )
-            group.create_dataset(name, data=column, **packed)
+        elif array is not None:
+            group.create_dataset(name, data=array)
 
 
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
     """Open a file of images or of recorded clouds.
 
-    site, drop_invalid: see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
+    site, drop_invalid: for a file of images, its site and whether to leave out impossible objects,
+    see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):
         return hdf5_clouds(path)
     return CoopDataset(path, site, drop_invalid=drop_invalid)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Pose
+from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.datasets import (
     cloud_records,
     folders,
@@ -50,15 +50,11 @@ _KITTI_KINDS = {"Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist"
 
 
 def kitti(path: Path) -> listing.Listing:
-    """Open a folder of KITTI's. Raises FileNotFoundError for any other folder."""
-    folder = next(
-        (
-            candidate
-            for candidate in (path, path / "training", path / "testing")
-            if (candidate / "velodyne").is_dir()
-        ),
-        None,
-    )
+    """Open a folder of KITTI's as a recording, whose frames are read on demand.
+
+    Raises FileNotFoundError for any other folder."""
+    candidates = (path, path / "training", path / "testing")
+    folder = next((folder for folder in candidates if (folder / "velodyne").is_dir()), None)
     if folder is None:
         raise FileNotFoundError(
             f"{path} is no KITTI folder: it has no velodyne/ nor training/velodyne/"
@@ -67,13 +63,13 @@ def kitti(path: Path) -> listing.Listing:
     if not names:
         raise FileNotFoundError(f"{folder / 'velodyne'} holds no *.bin")
     labelled = [file.stem for file in folders.list_files(folder / "label_2", "*.txt")]
+    # clouds far from their sensor's origin are counted from the middle of the first one
     middles = Middles({SENSOR: folder / "velodyne" / f"{names[0]}.bin"})
-    return listing.Listing(
-        names, partial(_sample, folder, middles, bool(labelled)), labelled=labelled
-    )
+    load = partial(_read_frame, folder, middles, bool(labelled))
+    return listing.Listing(names, load, labelled=labelled)
 
 
-def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
+def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
     problems: problem_kinds.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = cloud_records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
@@ -104,22 +100,26 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         values = np.array([_parse_values(row) for row in rows]).reshape(-1, 14)
-        real = np.array([row[0] != "DontCare" for row in rows], bool)
-        boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
-        frame_labels.count_full_turns(values[real, 13], problems)
+        is_object = np.array([row[0] != "DontCare" for row in rows], bool)
+        boxes = _parse_boxes(values[is_object], invert(calibration.camera_SE3_lidar))
+        frame_labels.count_full_turns(values[is_object, 13], problems)
     labels_in_frame = frame_labels.make_labels(
-        boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems
+        boxes,
+        categories=[row[0] for row in rows if row[0] != "DontCare"],
+        ids=None,
+        problems=problems,
     )
-    width, height = _image_size(folder / "image_2" / f"{name}.png")
-    ignored = tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist())
+    width, height = _read_image_size(folder / "image_2" / f"{name}.png")
+    rectangles = values[~is_object, 3:7].tolist()
+    ignored = tuple((left, top, right, bottom) for left, top, right, bottom in rectangles)
     projection = calibration.projection @ calibration.camera_SE3_lidar
-    wedge = ImageWedge(projection, width, height, ignored)
+    wedge = ImageWedge(projection, width=width, height=height, ignored=ignored)
     if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
         problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
     return Frame.of_clouds(
         name,
         (cloud,),
-        *labels_in_frame,
+        *labels_in_frame,  # objects, categories, counts, others
         complete=wedge,
         map_SE3_world=calibration.map_SE3_lidar,
         problems=problems,
@@ -131,15 +131,20 @@ def _parse_values(row: list[str]) -> list[float]:
     return [record_values.as_number(cell) for cell in row[1:15]]
 
 
-def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
-    # Boxes in the lidar's frame from rows of 14 numbers: h w l in columns 7 to 9, x y z of the
-    # floor in 10 to 12, ry in 13. y points down, so the centre is half the height above the floor.
+def _parse_boxes(values: np.ndarray, lidar_SE3_camera: Pose) -> BoxRows:
+    """Boxes in the lidar's frame from labels, whose places are in the camera's frame.
+
+    values: the 14 numbers of each label after its type: h w l in columns 7 to 9, x y z of the floor
+    in 10 to 12, ry in 13."""
     height, width, length = values[:, 7:10].T
-    centre = values[:, 10:13] - np.stack([0 * height, height / 2, 0 * height], axis=1)
+    floor, turn = values[:, 10:13], values[:, 13]
+    # y points down, so the centre is half the height above the floor
+    zeros = 0 * height
+    centre = floor - np.stack([zeros, height / 2, zeros], axis=1)
     # ry = 0 is the camera's x: turned about y, which points down, forward is (cos ry, 0, -sin ry)
-    turn = values[:, 13]
-    ahead = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1) @ lidar_SE3_camera[:3, :3].T
-    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+    camera_forward = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+    forward = camera_forward @ lidar_SE3_camera[:3, :3].T
+    yaw = np.arctan2(forward[:, 1], forward[:, 0])
     return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
 
 
@@ -157,11 +162,14 @@ class _Calibration(NamedTuple):
 
 def _parse_calibration(text: str) -> _Calibration:
     """Parse the text of a calibration file; ValueError if an entry is missing or damaged."""
-    lines = [line.split() for line in text.splitlines() if line.strip()]
-    named_words = ((words[0].removesuffix(":"), words[1:]) for words in lines)
-    entries = {_OTHER_NAMES.get(name, name): cells for name, cells in named_words}
+    entries = {}  # the numbers of each line, as text, by its first word
+    for line in text.splitlines():
+        if line.strip():
+            words = line.split()
+            name = words[0].removesuffix(":")
+            entries[_OTHER_NAMES.get(name, name)] = words[1:]
     rectification = record_values.rigid(
-        record_values.entry(entries, "R0_rect"), np.zeros(3), "R0_rect"
+        record_values.entry(entries, "R0_rect"), translation=np.zeros(3), name="R0_rect"
     )
     unrectified_SE3_lidar = record_values.rigid_matrix(
         record_values.entry(entries, "Tr_velo_to_cam"), "Tr_velo_to_cam"
@@ -169,20 +177,24 @@ def _parse_calibration(text: str) -> _Calibration:
     projection = record_values.numbers(record_values.entry(entries, "P2"), 12, "P2").reshape(3, 4)
     if not np.isfinite(projection).all():
         raise ValueError("P2 holds NaN or infinite numbers")
-    map_SE3_lidar = (
-        record_values.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
+    map_SE3_lidar = np.eye(4)
+    if _PLACE in entries:
+        map_SE3_lidar = record_values.rigid_matrix(entries[_PLACE], _PLACE)
+    return _Calibration(
+        camera_SE3_lidar=rectification @ unrectified_SE3_lidar,
+        projection=projection,
+        map_SE3_lidar=map_SE3_lidar,
     )
-    camera_SE3_lidar = rectification @ unrectified_SE3_lidar
-    return _Calibration(camera_SE3_lidar, projection, map_SE3_lidar)
 
 
-def _image_size(image: Path) -> tuple[int, int]:
+def _read_image_size(image: Path) -> tuple[int, int]:
     """Width and height (pixels) in the header of a PNG, `IMAGE_PX` without a readable file."""
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":
         return IMAGE_PX
     width, height = struct.unpack(">II", head[16:24])
-    return (width, height) if 0 < width < 1 << 16 and 0 < height < 1 << 16 else IMAGE_PX
+    is_plausible = 0 < width < 1 << 16 and 0 < height < 1 << 16
+    return (width, height) if is_plausible else IMAGE_PX
 
 
 def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
@@ -200,7 +212,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         cloud = np.concatenate([np.zeros((0, 4)), *points]).astype("<f4")
         write_bytes(training / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(training / "label_2" / f"{name}.txt", kitti_text(sample))
-        projection = _camera(sample.complete)[1]
+        _, projection = _choose_camera(sample.complete)
         entries = {f"P{k}": projection for k in range(4)}
         entries |= {
             "R0_rect": np.eye(3),
@@ -217,43 +229,57 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
 
 
 def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
-    """Format a frame's labels, or its detections with their scores, as label_2 of `write_kitti`."""
-    wedge, _ = _camera(sample.complete)
+    """Format a frame's labels, or its detections with their scores, as label_2 of `write_kitti`.
+
+    found: detections instead of the frame's objects. A class that the data set named as KITTI does
+    keeps its name."""
+    wedge, _ = _choose_camera(sample.complete)
     objects = sample.objects if found is None else found
-    categories = sample.categories if found is None else ()
     names = [frame_labels.COMMON_NAMES[LABELS[label]] for label in objects.labels]
-    names = [
-        category if category in _KITTI_KINDS else name
-        for category, name in zip(categories or names, names, strict=True)
-    ]
-    ends = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
+    if found is None and sample.categories:
+        names = [
+            category if category in _KITTI_KINDS else name
+            for category, name in zip(sample.categories, names, strict=True)
+        ]
+    scores = [""] * len(names) if found is None else [f" {score:.6f}" for score in found.scores]
     lines = []
-    for box, name, rectangle, end in zip(
-        objects.boxes, names, wedge.rectangles(objects.boxes), ends, strict=True
+    for name, box, rectangle, score in zip(
+        names, objects.boxes, wedge.rectangles(objects.boxes), scores, strict=True
     ):
-        *_, length, width, height, yaw = box
-        x, y, z = transform(_CAMERA, box[None, :3])[0]
-        ahead = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
-        turn = np.arctan2(-ahead[2], ahead[0])
-        alpha = np.arctan2(np.sin(turn - np.arctan2(x, z)), np.cos(turn - np.arctan2(x, z)))
-        image = " ".join(f"{edge:.2f}" for edge in rectangle)
-        sizes = f"{height:.6f} {width:.6f} {length:.6f}"
-        position = f"{x:.6f} {y + height / 2:.6f} {z:.6f}"
-        lines.append(f"{name} 0 0 {alpha:.6f} {image} {sizes} {position} {turn:.6f}{end}\n")
+        lines.append(f"{name} 0 0 {_format_box(box, rectangle)}{score}\n")
     for left, top, right, bottom in wedge.ignored if found is None else ():
         edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
         lines.append(f"DontCare -1 -1 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10\n")
     return "".join(lines)
 
 
-def _camera(complete: Region) -> tuple[ImageWedge, np.ndarray]:
-    """Return the wedge of the labels, and the projection (3, 4) from the written camera's frame.
+def _format_box(box: Float64[np.ndarray, "7"], rectangle: Float64[np.ndarray, "4"]) -> str:
+    """Format a box as a label of KITTI: alpha, left top right bottom, h w l, x y z, ry.
 
-    If labels are complete elsewhere, both are of a camera at the origin that faces along x."""
+    box: world frame; rectangle: its edges in the image (pixels)."""
+    centre, yaw = box[:3], box[6]
+    length, width, height = box[3:6].tolist()
+    x, y, z = transform(_CAMERA, centre[None])[0]
+    forward = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
+    turn = np.arctan2(-forward[2], forward[0])
+    # alpha is the turn against the ray from the camera to the box, from -pi to pi
+    ray_turn = np.arctan2(x, z)
+    alpha = np.arctan2(np.sin(turn - ray_turn), np.cos(turn - ray_turn))
+    edges = " ".join(f"{edge:.2f}" for edge in rectangle)
+    size = f"{height:.6f} {width:.6f} {length:.6f}"
+    floor = f"{x:.6f} {y + height / 2:.6f} {z:.6f}"  # y points down
+    return f"{alpha:.6f} {edges} {size} {floor} {turn:.6f}"
+
+
+def _choose_camera(complete: Region) -> tuple[ImageWedge, Float64[np.ndarray, "3 4"]]:
+    """Return the region that a camera sees, and its projection from the written camera's frame.
+
+    complete: region in which labels are complete. If it is an image, that is the region; otherwise
+    it is the view of a camera at the origin that faces along x."""
     if isinstance(complete, ImageWedge):
         return complete, complete.projection @ invert(_CAMERA)
     width, height = IMAGE_PX
     projection = np.array(
         [[_FOCAL_PX, 0, width / 2, 0], [0, _FOCAL_PX, height / 2, 0], [0, 0, 1, 0]]
     )
-    return ImageWedge(projection @ _CAMERA, width, height), projection
+    return ImageWedge(projection @ _CAMERA, width=width, height=height), projection

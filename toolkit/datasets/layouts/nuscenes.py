@@ -59,11 +59,11 @@ _Row = dict[str, record_values.Unchecked]
 
 
 def nuscenes(path: Path) -> listing.Listing:
-    """Open a data root or its folder of tables; frames are in order of time.
+    """Open a data root or its folder of tables as a recording, whose frames are read on demand.
 
-    Raises FileNotFoundError for any other folder."""
+    Frames are samples, in order of time. Raises FileNotFoundError for any other folder."""
     folder = _find_folder(path)
-    tables = {name: _read_rows(folder / f"{name}.json", name in _LISTS) for name in _TABLES}
+    tables = {name: _read_rows(folder / f"{name}.json", is_list=name in _LISTS) for name in _TABLES}
     with name_damage(folder / "sample_data.json", "table"):
         lidars, unknown = _group_lidars(tables)
         between = 0
@@ -71,7 +71,7 @@ def nuscenes(path: Path) -> listing.Listing:
             timestamp = tables["sample"].get(token, {}).get("timestamp")
             lidars[token] = _drop_sweeps(tables, rows, timestamp)
             between += len(rows) - len(lidars[token])
-    labels: dict[str, list[_Row]] = {}
+    labels: dict[str, list[_Row]] = {}  # by token of the sample
     with name_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
@@ -93,56 +93,53 @@ def _find_folder(path: Path) -> Path:
     """Return the folder of tables: the path, or the first v1.0* in it, with a warning if several.
 
     Raises FileNotFoundError for none."""
-    folders = [
-        candidate
-        for candidate in (path, *sorted(path.glob("v1.0*")))
-        if (candidate / "sample_data.json").is_file()
-    ]
-    if not folders:
+    candidates = (path, *sorted(path.glob("v1.0*")))
+    table_folders = [folder for folder in candidates if (folder / "sample_data.json").is_file()]
+    if not table_folders:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
-    folder = folders[0]
-    if len(folders) > 1 and folder != path:
-        unread = ", ".join(candidate.name for candidate in folders[1:6])
+    first = table_folders[0]
+    if len(table_folders) > 1 and first != path:
+        unread = ", ".join(folder.name for folder in table_folders[1:6])
         warnings.warn(
-            f"{path}: {folder.name} is read, and not {unread}: give the folder to read another",
+            f"{path}: {first.name} is read, and not {unread}: give the folder to read another",
             stacklevel=3,
         )
-    return folder
+    return first
 
 
 def _group_lidars(tables: dict[str, dict[str, _Row]]) -> tuple[dict[str, list[_Row]], int]:
     """Rows of sample_data that are of lidars, by token of their sample.
 
     The second result is the number of rows whose sensor is unknown. Raises ValueError if no row is
-    of a lidar."""
+    of a lidar. tables: rows by token, by name of the table."""
     lidars: dict[str, list[_Row]] = {}
     modalities: set[str] = set()
-    unknown = 0
-    reason: ValueError | None = None
+    unknown_count = 0
+    last_error: ValueError | None = None
     for row in tables["sample_data"].values():
-        if not row.get("is_key_frame", True):
+        if not row.get("is_key_frame", True):  # between two samples
             continue
         try:
-            modality = _sensor(tables, row, "modality").lower()
+            modality = _find_sensor_entry(tables, row, "modality").lower()
         except ValueError as error:
-            unknown += 1
-            reason = error
+            unknown_count += 1
+            last_error = error
             continue
         modalities.add(modality)
         if modality == "lidar":
             lidars.setdefault(str(entry(row, "sample_token")), []).append(row)
-    if reason is not None and not lidars:
-        raise reason
+    if last_error is not None and not lidars:
+        raise last_error
     if modalities and not lidars:
         names = ", ".join(sorted(modalities)[:6])
         raise ValueError(
             f"it has no row of a sensor whose modality is lidar, but of {names}: add the lidars' "
             "rows"
         )
-    return lidars, unknown
+    return lidars, unknown_count
 
 
-def _read_rows(path: Path, is_list: bool) -> dict[str, _Row]:
+def _read_rows(path: Path, *, is_list: bool) -> dict[str, _Row]:
     """Read the rows of a table by token.
 
     is_list: True for a table whose tokens no other refers to: all rows are kept, and repeated
@@ -167,20 +164,20 @@ def _drop_sweeps(
 ) -> list[_Row]:
     """Keep one row of each channel: the nearest to the sample's stamp, in the table's order.
 
-    rows: rows of sample_data of one sample; stamp: timestamp of the sample."""
-    channels = [_sensor(tables, row, "channel") for row in rows]
+    tables: rows by token, by name of the table; rows: rows of sample_data of one sample; stamp:
+    timestamp of the sample."""
+    channels = [_find_sensor_entry(tables, row, "channel") for row in rows]
     if len(set(channels)) == len(rows):
         return rows
-    centre = as_number(stamp, "timestamp")
-    nearest: dict[str, _Row] = {}
-    for channel, row in zip(channels, rows, strict=True):
-        away = abs(as_number(entry(row, "timestamp"), "timestamp") - centre)
-        if channel not in nearest or away < abs(
-            as_number(nearest[channel]["timestamp"], "timestamp") - centre
-        ):
-            nearest[channel] = row
-    identities = {id(row) for row in nearest.values()}
-    return [row for row in rows if id(row) in identities]
+    sample_time = as_number(stamp, "timestamp")
+    distances: dict[str, float] = {}  # each channel's nearest row so far
+    nearest_index: dict[str, int] = {}
+    for index, (channel, row) in enumerate(zip(channels, rows, strict=True)):
+        distance = abs(as_number(entry(row, "timestamp"), "timestamp") - sample_time)
+        if channel not in distances or distance < distances[channel]:
+            distances[channel] = distance
+            nearest_index[channel] = index
+    return [rows[index] for index in sorted(nearest_index.values())]
 
 
 def _load(
@@ -191,16 +188,22 @@ def _load(
     is_clock: bool,
     token: str,
 ) -> Frame:
-    return _sample(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
+    """Read the sample of a token; the arguments before it are the same for all samples.
+
+    tables: rows by token, by name of the table; lidars, labels: rows of sample_data and of
+    sample_annotation by token of the sample; is_clock: True if timestamps are times."""
+    return _read_frame(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
 
 
-def _sensor(tables: dict[str, _Row], row: _Row, key: str) -> str:
-    """Return an entry, by its key, of the sensor of a row of sample_data."""
+def _find_sensor_entry(tables: dict[str, _Row], row: _Row, key: str) -> str:
+    """Return an entry, by its key, of the sensor to which a row of sample_data refers.
+
+    tables: rows by token, by name of the table."""
     calibration = entry(tables["calibrated_sensor"], str(entry(row, "calibrated_sensor_token")))
     return str(entry(tables["sensor"], str(entry(calibration, "sensor_token")), key))
 
 
-def _sample(
+def _read_frame(
     folder: Path,
     token: str,
     tables: dict[str, _Row],
@@ -208,12 +211,13 @@ def _sample(
     labels: list[_Row],
     is_clock: bool,
 ) -> Frame:
+    """Read a sample. data, labels: its rows of sample_data and of sample_annotation."""
     problems: problem_kinds.Problems = {}
     ego_poses = [_read_pose(folder, tables, "ego_pose", row) for row in data]
     sensor_poses = [_read_pose(folder, tables, "calibrated_sensor", row) for row in data]
     with name_damage(folder / "sample_data.json", "table"):
         files = [resolve_below(folder.parent, str(entry(row, "filename"))) for row in data]
-        names = [_sensor(tables, row, "channel") for row in data]
+        names = [_find_sensor_entry(tables, row, "channel") for row in data]
         stamps = [_parse_time(entry(row, "timestamp")) if is_clock else None for row in data]
     map_SE3_ego = box_frames.level_frame(ego_poses[0])
     poses = [
@@ -223,20 +227,24 @@ def _sample(
     for file, name, pose, stamp in zip(files, names, poses, stamps, strict=True):
         clouds.append(cloud_records.read_cloud(file, name, pose, problems, stamp_s=stamp))
     with name_damage(folder / "sample_annotation.json", "table"):
-        boxes = np.array([_box(row) for row in labels], np.float64).reshape(-1, 7)
-        boxes[:, 6] = box_frames.find_headings(
-            np.array([_turn(row) for row in labels]).reshape(-1, 3, 3), problems
-        )
+        boxes = np.array([_parse_unturned_box(row) for row in labels], np.float64).reshape(-1, 7)
+        rotations = np.array([_parse_rotation(row) for row in labels]).reshape(-1, 3, 3)
+        boxes[:, 6] = box_frames.find_headings(rotations, problems)
         counts = np.array(
             [int(as_number(row.get("num_lidar_pts", -1))) for row in labels], np.int64
         )
         instances = [str(entry(row, "instance_token")) for row in labels]
     with name_damage(folder / "instance.json", "table"):
-        kinds = [
-            _kind(tables, row, instance) for row, instance in zip(labels, instances, strict=True)
+        categories = [
+            _find_category(tables, row, instance)
+            for row, instance in zip(labels, instances, strict=True)
         ]
     labelled_objects = frame_labels.make_labels(
-        box_frames.move_boxes(invert(map_SE3_ego), boxes), kinds, instances, problems, counts
+        box_frames.move_boxes(invert(map_SE3_ego), boxes),
+        categories=categories,
+        ids=instances,
+        problems=problems,
+        counts=counts,
     )
     time = frame_times.frame_time(clouds)
     return Frame.of_clouds(
@@ -252,7 +260,8 @@ def _parse_time(value: record_values.Unchecked) -> float:
 def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> Pose:
     """Read the pose to which a row of sample_data refers.
 
-    name: its table, "ego_pose" (pose in the map) or "calibrated_sensor" (pose in the vehicle)."""
+    folder: folder of the tables, for errors; tables: rows by token, by name of the table; name:
+    table of the pose, "ego_pose" (pose in the map) or "calibrated_sensor" (pose in the vehicle)."""
     with name_damage(folder / f"{name}.json", "table"):
         pose_row = entry(tables[name], str(entry(row, f"{name}_token")))
         quaternion = numbers(entry(pose_row, "rotation"), 4, "rotation")
@@ -262,31 +271,29 @@ def _read_pose(folder: Path, tables: dict[str, _Row], name: str, row: _Row) -> P
         return quaternion_pose(quaternion, translation)
 
 
-def _box(row: _Row) -> np.ndarray:
-    """Box (7 numbers) of a label in the map, with a yaw of 0."""
+def _parse_unturned_box(row: _Row) -> Float64[np.ndarray, "7"]:
+    """Box of a label in the map, with a yaw of 0."""
     width, length, height = numbers(entry(row, "size"), 3, "size")
-    return np.array(
-        [*numbers(entry(row, "translation"), 3, "translation"), length, width, height, 0.0]
-    )
+    centre = numbers(entry(row, "translation"), 3, "translation")
+    return np.array([*centre, length, width, height, 0.0])
 
 
-def _turn(row: _Row) -> Float64[np.ndarray, "3 3"]:
+def _parse_rotation(row: _Row) -> Float64[np.ndarray, "3 3"]:
     """Rotation matrix of a label's box in the map, NaN if its numbers are not finite."""
     quaternion = numbers(entry(row, "rotation"), 4, "rotation")
     if not np.isfinite(quaternion).all():
         return np.full((3, 3), np.nan)
-    return quaternion_pose(quaternion, np.zeros(3))[:3, :3]
+    return quaternion_pose(quaternion, translation=np.zeros(3))[:3, :3]
 
 
-def _kind(tables: dict[str, _Row], row: _Row, instance: str) -> str:
-    # Class name of a label, in its row or through its instance.
+def _find_category(tables: dict[str, _Row], row: _Row, instance: str) -> str:
+    """Class name of a label, in its row or through its instance.
+
+    row: row of sample_annotation; instance: token of its instance."""
     if "category_name" in row:
         return str(row["category_name"])
-    return str(
-        entry(
-            tables["category"], str(entry(tables["instance"], instance, "category_token")), "name"
-        )
-    )
+    category_token = str(entry(tables["instance"], instance, "category_token"))
+    return str(entry(tables["category"], category_token, "name"))
 
 
 def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
@@ -314,14 +321,21 @@ def write_nuscenes(samples: Iterable[Frame], folder: Path) -> None:
         for cloud in sample.clouds:
             channel = channels.setdefault(cloud.name, _name_channel(cloud.name))
             _write_cloud(
-                folder, tables, channel, token, cloud, frame_times.cloud_time(cloud, seconds)
+                folder,
+                tables,
+                channel=channel,
+                token=token,
+                cloud=cloud,
+                time_s=frame_times.cloud_time(cloud, seconds),
             )
         tables["sample_annotation"] += _format_labels(sample, token, number, instances)
     for channel in channels.values():
         tables["sensor"].append({"token": channel, "channel": channel, "modality": "lidar"})
-    _link(tables["sample"], lambda row: SCENE)
-    _link(tables["sample_data"], lambda row: str(row["filename"]).split("/")[1])
-    annotations = _link(tables["sample_annotation"], lambda row: str(row["instance_token"]))
+    _link_neighbours(tables["sample"], lambda row: SCENE)
+    _link_neighbours(tables["sample_data"], lambda row: str(row["filename"]).split("/")[1])
+    annotations = _link_neighbours(
+        tables["sample_annotation"], lambda row: str(row["instance_token"])
+    )
     tables["instance"] = [
         {
             "token": name,
@@ -359,21 +373,31 @@ def _write_cloud(
     """Write a cloud's file, and add its rows to sample_data and calibrated_sensor in `tables`.
 
     channel: name of its sensor; token: token of its sample; time_s: time of the cloud (s)."""
-    key = f"{token}_{channel}"
+    cloud_token = f"{token}_{channel}"  # for its calibration too
     file = f"samples/{channel}/{token}.pcd.bin"
     ring = np.zeros(len(cloud.points)) if cloud.ring is None else cloud.ring
     columns = cloud.in_sensor(), cloud_records.get_intensity(cloud), ring
     write_bytes(folder / file, np.column_stack(columns).astype("<f4").tobytes())
-    calibration = {"token": key, "sensor_token": channel, "camera_intrinsic": []}
-    tables["calibrated_sensor"].append({**calibration, **_format_pose(cloud.world_SE3_sensor)})
-    tokens = {
-        "token": key,
+    calibration_row = {
+        "token": cloud_token,
+        "sensor_token": channel,
+        "camera_intrinsic": [],
+        **_format_pose(cloud.world_SE3_sensor),
+    }
+    tables["calibrated_sensor"].append(calibration_row)
+    data_row = {
+        "token": cloud_token,
         "sample_token": token,
         "ego_pose_token": token,
-        "calibrated_sensor_token": key,
+        "calibrated_sensor_token": cloud_token,
+        "timestamp": round(time_s * 1e6),
+        "is_key_frame": True,
+        "width": 0,
+        "height": 0,
+        "fileformat": "pcd",
+        "filename": file,
     }
-    measured = {"timestamp": round(time_s * 1e6), "is_key_frame": True, "width": 0, "height": 0}
-    tables["sample_data"].append({**tokens, **measured, "fileformat": "pcd", "filename": file})
+    tables["sample_data"].append(data_row)
 
 
 def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, str]) -> list[_Row]:
@@ -381,38 +405,41 @@ def _format_labels(sample: Frame, token: str, number: int, instances: dict[str, 
 
     token: token of its sample; number: its number, from 1; instances: class of each instance so
     far, to which the frame's are added."""
-    counts = (
-        count_points(sample.points(), sample.objects.boxes)
-        if sample.counts is None
-        else sample.counts
-    )
+    counts = sample.counts
+    if counts is None:
+        counts = count_points(sample.points(), sample.objects.boxes)
     map_SE3_world = sample.map_SE3_world
-    formatted = []
-    for k, (box, label, track) in enumerate(
-        frame_labels.list_rows(sample.objects, {name: name for name in LABELS})
-    ):
+    rows = []
+    labelled_boxes = frame_labels.list_rows(sample.objects, {name: name for name in LABELS})
+    for k, (box, label, track) in enumerate(labelled_boxes):
+        instance = str(track)
         # objects of recordings without tracks are counted again in each frame: a number may have
         # several classes
-        instance = (
-            str(track) if instances.setdefault(str(track), label) == label else f"{track}_{label}"
-        )
-        instances.setdefault(instance, label)
-        row = np.array(box)
-        yaw = float(box_frames.heading(map_SE3_world, row[6]))
-        tokens = {"token": f"{number}_{k}", "sample_token": token, "instance_token": instance}
-        geometry = {
-            "translation": transform(map_SE3_world, row[None, :3])[0].tolist(),
-            "size": row[[4, 3, 5]].tolist(),
+        if instances.setdefault(instance, label) != label:
+            instance = f"{track}_{label}"
+            instances.setdefault(instance, label)
+        world_centre, world_yaw = box[:3], box[6]
+        length, width = box[3], box[4]
+        height = box[5]
+        centre = transform(map_SE3_world, np.array([world_centre]))[0]
+        yaw = float(box_frames.heading(map_SE3_world, world_yaw))
+        row = {
+            "token": f"{number}_{k}",
+            "sample_token": token,
+            "instance_token": instance,
+            "translation": centre.tolist(),
+            "size": [width, length, height],
+            "rotation": [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))],  # w x y z
+            "attribute_tokens": [],
+            "visibility_token": "",
+            "num_lidar_pts": int(counts[k]),
+            "num_radar_pts": 0,
         }
-        geometry["rotation"] = [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
-        point_counts = {"num_lidar_pts": int(counts[k]), "num_radar_pts": 0}
-        formatted.append(
-            {**tokens, **geometry, "attribute_tokens": [], "visibility_token": "", **point_counts}
-        )
-    return formatted
+        rows.append(row)
+    return rows
 
 
-def _link(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list[_Row]]:
+def _link_neighbours(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list[_Row]]:
     """Set `prev` and `next` of each row to the tokens of its neighbours in its group.
 
     The rows change. find_group: name of a row's group. Returns the rows of each group in order."""
@@ -420,6 +447,7 @@ def _link(rows: list[_Row], find_group: Callable[[_Row], str]) -> dict[str, list
     for row in rows:
         groups.setdefault(find_group(row), []).append(row)
     for group in groups.values():
+        # "" before the first row and after the last, so row i has token i + 1
         tokens = ["", *(row["token"] for row in group), ""]
         for index, row in enumerate(group):
             row["prev"] = tokens[index]
@@ -438,20 +466,16 @@ def _draw_pixel() -> bytes:
     """A PNG of one white pixel: the devkit loads no set without a map."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(content))
-            + kind
-            + content
-            + struct.pack(">I", zlib.crc32(kind + content))
-        )
+        """Format a part of a PNG: its length, its kind, its content, and their checksum."""
+        length = struct.pack(">I", len(content))
+        checksum = struct.pack(">I", zlib.crc32(kind + content))
+        return length + kind + content + checksum
 
+    # width, height, bits of a grey value, and four zeros for the usual storage
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0))
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + header
-        + chunk(b"IDAT", zlib.compress(b"\0\xff"))
-        + chunk(b"IEND", b"")
-    )
+    pixel = chunk(b"IDAT", zlib.compress(b"\0\xff"))
+    end = chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + header + pixel + end
 
 
 def _format_pose(pose: np.ndarray) -> dict[str, list[float]]:

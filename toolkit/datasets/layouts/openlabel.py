@@ -70,7 +70,7 @@ def openlabel(path: Path) -> listing.Listing:
                 other_count += 1
                 continue
             content = entry(document, "openlabel")
-            described = _frames(content)
+            described = _list_frames(content)
             stem = file.relative_to(root).with_suffix("").as_posix()
             keys_by_name = {
                 stem if len(described) == 1 else f"{stem}#{key}": key for key in described
@@ -85,87 +85,102 @@ def openlabel(path: Path) -> listing.Listing:
             f"{path} holds no OpenLABEL files, but {other_count} other *.json, such as "
             f"{files[0].name}"
         )
-    load = partial(_sample, frames, clouds, Middles(first_clouds))
+    load = partial(_read_frame, frames, clouds, Middles(first_clouds))
     return listing.Listing(
         tuple(frames), load, labelled=frames, known=cloud_names, noted={NOT_OPENLABEL: other_count}
     )
 
 
-def _frames(content: Unchecked) -> dict[str, Unchecked]:
+def _list_frames(content: Unchecked) -> dict[str, Unchecked]:
     """Return the frames of a file by key, in the order of their numbers.
 
-    A file of objects without frames, whose cuboids always hold, is one frame."""
+    A file of objects without frames, whose cuboids always hold, is one frame. content: what the
+    file holds under "openlabel"."""
     if "frames" not in content and content.get("objects"):
         return {"0": {}}
+    # wrapped again, so that the error for a missing entry names openlabel.frames
     frames = dict(entry({"openlabel": content}, "openlabel", "frames"))
     return {key: frames[key] for key in sorted(frames, key=folders.natural_order)}
 
 
-def _sample(
+def _read_frame(
     frames: dict[str, tuple[Path, str]], clouds: CloudFiles, middles: Middles, name: str
 ) -> Frame:
+    """Read the frame of a name.
+
+    frames: label file and key in the file of each frame by name; clouds: cloud files by name."""
     problems: Problems = {}
     file, key = frames[name]
     with name_damage(file, "OpenLABEL file"):
         content = entry(record_values.load_json(file), "openlabel")
-        frame = _frames(content)[key]
+        frame = _list_frames(content)[key]
         properties = frame.get("frame_properties") or {}
         seconds = parse_time(properties.get("timestamp"), "timestamp")
         sensors = find_sensors(file, content, frame, clouds, problems)
-        stamps = {sensor: _stamp(properties, sensor, cloud) for sensor, cloud in sensors.items()}
+        stamps = {
+            sensor: _find_stamp(properties, sensor, cloud) for sensor, cloud in sensors.items()
+        }
         if list(stamps.values()) == [None]:
             stamps = dict.fromkeys(stamps, seconds)
         systems = parse_systems(content, frame)
         root, poses = _place_sensors(systems, list(sensors), problems)
         rows = CuboidRows.parse(content, frame, key, systems, root, problems)
-        are_moved = any(not np.array_equal(in_root, np.eye(4)) for in_root in poses.values())
-        add_problem(problems, NO_FRAME, rows.unnamed * are_moved)
-        add_problem(problems, NO_POSE, len(systems.unplaced) * bool(sensors))
+        are_moved = any(not np.array_equal(pose, np.eye(4)) for pose in poses.values())
+        if are_moved:
+            add_problem(problems, NO_FRAME, rows.unnamed)
+        if sensors:
+            add_problem(problems, NO_POSE, len(systems.unplaced))
         add_problem(problems, UNREADABLE_POSE, len(systems.unreadable))
-    labels = frame_labels.make_labels(rows.boxes, rows.kinds, rows.ids, problems, rows.counts)
-    measured = []
-    for sensor, cloud in sensors.items():
-        stamp = stamps[sensor]
-        pose = poses[sensor]
-        measured.append(
-            cloud_records.read_cloud(cloud, sensor, pose, problems, stamp_s=stamp, middles=middles)
+    labels = frame_labels.make_labels(
+        rows.boxes, categories=rows.kinds, ids=rows.ids, problems=problems, counts=rows.counts
+    )
+    measured_clouds = [
+        cloud_records.read_cloud(
+            cloud, sensor, poses[sensor], problems, stamp_s=stamps[sensor], middles=middles
         )
-    frame_time = frame_times.frame_time(measured) if seconds is None else seconds
-    return Frame.of_clouds(name, measured, *labels, time=frame_time, problems=problems)
+        for sensor, cloud in sensors.items()
+    ]
+    frame_time = frame_times.frame_time(measured_clouds) if seconds is None else seconds
+    return Frame.of_clouds(name, measured_clouds, *labels, time=frame_time, problems=problems)
 
 
-def _stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
+def _find_stamp(properties: Unchecked, stream: str, file: Path) -> float | None:
     """Return the time (s) of a stream's cloud, by the frame or the file's name, None if unknown.
 
     properties: frame_properties of the frame; stream: name of the sensor; file: its cloud."""
-    described = (properties.get("streams") or {}).get(stream) or {}
-    sync = (described.get("stream_properties") or {}).get("sync") or {}
-    stated = parse_time(sync.get("timestamp"), f"timestamp of {stream}")
-    return find_epoch(file.stem) if stated is None else stated
+    stream_entry = (properties.get("streams") or {}).get(stream) or {}
+    sync = (stream_entry.get("stream_properties") or {}).get("sync") or {}
+    stated_time = parse_time(sync.get("timestamp"), f"timestamp of {stream}")
+    return find_epoch(file.stem) if stated_time is None else stated_time
 
 
 def _place_sensors(
     systems: Systems, sensors: list[str], problems: Problems
 ) -> tuple[str | None, dict[str, Pose]]:
-    """Find the root system of a frame's clouds, and the pose of each sensor in it.
+    """Find the root coordinate system of a frame's clouds, and the pose of each sensor in it.
 
     The root is the last in the chain of parents of the first sensor, None if the file does not
-    place the sensors. Sensors that nothing connects with it get the pose in their
-    root, and are counted in problems."""
-    places = {sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known}
-    roots = [root for root, _ in places.values()]
+    place the sensors. Sensors that nothing connects with it get the pose in their root. They are
+    counted in `problems`, which is changed in place.
+
+    systems: coordinate systems of the frame; sensors: names of the sensors with a cloud."""
+    # for each sensor that is a coordinate system: its root, and its pose in the root
+    root_and_pose = {
+        sensor: systems.find_root(sensor) for sensor in sensors if sensor in systems.known
+    }
+    roots = [root for root, _ in root_and_pose.values()]
     if not roots:
-        of_file = systems.list_roots()
-        roots = list(of_file) if len(of_file) == 1 else []
+        file_roots = systems.list_roots()
+        roots = list(file_roots) if len(file_roots) == 1 else []
     root = roots[0] if roots else None
     poses = {}
     for sensor in sensors:
-        sensor_root, in_root = places.get(sensor, (None, np.eye(4)))
+        sensor_root, root_SE3_sensor = root_and_pose.get(sensor, (None, np.eye(4)))
         if systems.known and sensor_root is None:
             add_problem(problems, UNPLACED_SENSOR, 1)
         elif sensor_root != root:
             add_problem(problems, UNCONNECTED_SENSOR, 1)
-        poses[sensor] = in_root
+        poses[sensor] = root_SE3_sensor
     return root, poses
 
 
@@ -173,7 +188,7 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
     """Write frames as label files and clouds. Every sensor's cloud is in its sensor's frame."""
     for number, sample in enumerate(samples):
         name = f"{number:06d}"
-        content = openlabel_content(sample)
+        content = openlabel_content(sample)  # the objects; sensors and clouds are added below
         document = content["openlabel"]
         systems = document["coordinate_systems"]
         properties = document["frames"]["0"]["frame_properties"]
@@ -182,22 +197,16 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
             cloud_records.write_cloud(
                 folder / "point_clouds" / cloud.name / file, cloud.in_own_frame()
             )
-            pose_content = {
-                "pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()}
-            }
             systems[cloud.name] = {
                 "type": "sensor_cs",
                 "parent": WORLD,
                 "children": [],
-                **pose_content,
+                "pose_wrt_parent": {"matrix4x4": cloud.world_SE3_sensor.ravel().tolist()},
             }
             systems[WORLD]["children"].append(cloud.name)
-            sync = (
-                {}
-                if cloud.stamp_s is None
-                else {"stream_properties": {"sync": {"timestamp": cloud.stamp_s}}}
-            )
-            stream = {"type": "lidar", "uri": f"../point_clouds/{cloud.name}/{file}", **sync}
+            stream: Unchecked = {"type": "lidar", "uri": f"../point_clouds/{cloud.name}/{file}"}
+            if cloud.stamp_s is not None:
+                stream["stream_properties"] = {"sync": {"timestamp": cloud.stamp_s}}
             properties["point_cloud_file_names"].append(file)
             properties["streams"][cloud.name] = stream
         write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
@@ -212,20 +221,20 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> Uncheck
     described = {}
     objects = {}
     for k, (box, label) in enumerate(zip(written.boxes, written.labels, strict=True)):
-        nums = []
+        numbers = []
         if found is not None:
-            nums.append({"name": "score", "val": float(found.scores[k])})
+            numbers.append({"name": "score", "val": float(found.scores[k])})
         elif sample.counts is not None:
-            nums.append({"name": "num_points", "val": int(sample.counts[k])})
+            numbers.append({"name": "num_points", "val": int(sample.counts[k])})
         kind = _NAMES[LABELS[label]]
-        half = box[6] / 2
-        quaternion = [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
-        value = box[:3].tolist() + quaternion + box[3:6].tolist()
+        centre, size = box[:3], box[3:6]
+        yaw = box[6]
+        quaternion = [0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))]  # x y z w
         cuboid = {
             "name": "shape3D",
             "coordinate_system": WORLD,
-            "val": value,
-            "attributes": {"num": nums},
+            "val": centre.tolist() + quaternion + size.tolist(),
+            "attributes": {"num": numbers},
         }
         track = str(ids[k])
         described[track] = {"name": f"{kind}_{track}", "type": kind}

@@ -126,30 +126,36 @@ def _list_object_data(
 ) -> Iterable[tuple[str, Unchecked]]:
     """Yield id and object_data of the frame's objects, then of the file's objects valid in it.
 
-    described: objects at the top level of the file; key: the frame's key, a number as text."""
+    Objects of the file are valid in the frames of their frame_intervals, in all frames without any.
+
+    described: objects at the top level of the file; frame: entries of the frame; key: the frame's
+    key, a number as text."""
     for track, content in (frame.get("objects") or {}).items():
         about = content or {}
-        inherited = {key: about[key] for key in ("coordinate_system", "type") if about.get(key)}
+        inherited = {name: about[name] for name in ("coordinate_system", "type") if about.get(name)}
         yield track, inherited | (about.get("object_data") or {})
     for track, about in described.items():
         data = (about or {}).get("object_data") or {}
-        intervals = about.get("frame_intervals") or [] if data else []
-        limits = [
-            (int(as_number(interval["frame_start"])), int(as_number(interval["frame_end"])))
-            for interval in intervals
-        ]
-        if data and (not limits or any(first <= int(key) <= last for first, last in limits)):
+        if not data:
+            continue
+        is_valid = not about.get("frame_intervals")
+        for interval in about.get("frame_intervals") or []:
+            first = int(as_number(interval["frame_start"]))
+            last = int(as_number(interval["frame_end"]))
+            is_valid = is_valid or first <= int(key) <= last
+        if is_valid:
             yield track, data
 
 
 def _place_box(systems: Systems, system: str, root: str | None) -> Pose | None:
-    """Return the pose in the world frame of the system that a cuboid names.
+    """Return the pose in the world frame of the coordinate system that a cuboid names.
 
-    It is the identity for "", and None if nothing connects the system with the clouds'."""
+    It is the identity for "", and None if nothing connects the system with the clouds'. root: root
+    system of the clouds, which is the world frame, None if unknown."""
     if not system or (root is None and system not in systems.known):
         return np.eye(4)
-    system_root, in_root = systems.find_root(system)
-    return in_root if system_root == root else None
+    system_root, root_SE3_system = systems.find_root(system)
+    return root_SE3_system if system_root == root else None
 
 
 def _count(cuboid: Unchecked) -> int:
@@ -172,7 +178,9 @@ class _ParsedBox(NamedTuple):
 
 
 def _parse_box(value: Unchecked) -> _ParsedBox:
-    """Parse the 9 or 10 numbers of a cuboid's `val`."""
+    """Parse the 9 or 10 numbers of a cuboid's `val`: centre, rotation, and size.
+
+    The rotation is three Euler angles (roll, pitch, yaw; rad) or a quaternion x y z w."""
     angles = np.zeros(0)
     if np.size(np.array(value, dtype=object)) == 9:
         values = numbers(value, 9, "cuboid val")
@@ -181,5 +189,8 @@ def _parse_box(value: Unchecked) -> _ParsedBox:
         rotation = pose(roll=roll, pitch=pitch, yaw=yaw)[:3, :3]
     else:
         values = numbers(value, 10, "cuboid val")
-        rotation = turn_by_quaternion(np.array(values[3:7]))
-    return _ParsedBox(np.array([*values[:3], *values[-3:], 0.0]), rotation, angles)
+        quaternion = np.array(values[3:7])
+        rotation = turn_by_quaternion(quaternion)
+    centre, size = values[:3], values[-3:]
+    box = np.array([*centre, *size, 0.0])
+    return _ParsedBox(box, rotation=rotation, angles=angles)

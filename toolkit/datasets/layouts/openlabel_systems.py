@@ -36,25 +36,28 @@ class Systems:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def find_root(self, name: str) -> tuple[str, Pose]:
-        """Return the name of a system's root, and the system's pose in the root.
+        """Return the name of a coordinate system's root, and the system's pose in the root.
 
         Raises ValueError if a pose on the way cannot be read, or the systems run in a circle."""
-        root_SE3_system = np.eye(4)
+        ancestor = name
+        ancestor_SE3_system = np.eye(4)
         for _ in range(MAX_SYSTEMS_DEEP):
-            if name in self.unreadable:
-                raise ValueError(self.unreadable[name])
-            if name not in self.parents:
-                return name, root_SE3_system
-            name, in_parent = self.parents[name]
-            root_SE3_system = in_parent @ root_SE3_system
-        raise ValueError(f"its coordinate systems run in a circle, through {name!r}")
+            if ancestor in self.unreadable:
+                raise ValueError(self.unreadable[ancestor])
+            if ancestor not in self.parents:
+                return ancestor, ancestor_SE3_system
+            parent, parent_SE3_ancestor = self.parents[ancestor]
+            ancestor_SE3_system = parent_SE3_ancestor @ ancestor_SE3_system
+            ancestor = parent
+        raise ValueError(f"its coordinate systems run in a circle, through {ancestor!r}")
 
     def list_roots(self) -> set[str]:
-        """Return the names of the roots of all systems that can be read."""
+        """Return the names of the roots of all coordinate systems that can be read."""
         roots = set()
         for name in self.known:
             with suppress(ValueError):
-                roots.add(self.find_root(name)[0])
+                root, _ = self.find_root(name)
+                roots.add(root)
         return roots
 
 
@@ -88,9 +91,11 @@ def parse_systems(content: Unchecked, frame: Unchecked) -> Systems:
         except ValueError as error:
             unreadable[source] = str(error)
             continue
-        if parents.get(target, ("",))[0] == source or (
-            source in parents and parents[source][0] != target
-        ):
+        # one of the two becomes the other's parent: the source, if it is already, or if it has
+        # another parent
+        parent_of_source, _ = parents.get(source, (None, None))
+        parent_of_target, _ = parents.get(target, ("", None))
+        if parent_of_target == source or parent_of_source not in (None, target):
             parents[target] = source, invert(dst_SE3_src)
             unplaced.discard(target)
             unreadable.pop(target, None)

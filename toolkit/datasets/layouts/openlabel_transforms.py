@@ -18,7 +18,8 @@ def find_transform(transform: Unchecked) -> Unchecked:
 def parse_transform(value: Unchecked, name: str) -> Pose:
     """Parse OpenLABEL's transform data: a matrix, or a rotation and a translation.
 
-    Raises ValueError for neither."""
+    value: parsed JSON; name: what errors call the transform. Raises ValueError for anything
+    else."""
     if isinstance(value, list):  # TUM Traffic, without a name
         return record_values.rigid_matrix(value, name)
     if "matrix4x4" in value:
@@ -35,10 +36,10 @@ def parse_transform(value: Unchecked, name: str) -> Pose:
 
 
 def turn_by_angles(value: Unchecked, name: str) -> Float64[np.ndarray, "3 3"]:
-    """Return the rotation matrix of euler_angles (rad).
+    """Return the rotation matrix of a transform's euler_angles (rad).
 
-    They turn in the order of `sequence`, each about the axes turned so far. value: the transform's
-    data; name: what errors call it."""
+    They turn in the order of its `sequence`, each about the axes turned so far. value: the
+    transform's data; name: what errors call it."""
     from scipy.spatial.transform import Rotation
 
     angles = numbers(value["euler_angles"], 3, f"euler_angles of {name}")

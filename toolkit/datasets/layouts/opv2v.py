@@ -109,17 +109,18 @@ def _agent(file: Path) -> tuple[int, int | str]:
 def _load(
     agents: Mapping[str, list[Path]], counts: Mapping[Path, int], mirror: np.ndarray, name: str
 ) -> Frame:
-    """Load a frame of all agents.
+    """Load the frame of a name with the clouds of all agents.
 
     agents: YAML files of each frame's agents; counts: number of agents by folder of the scenario;
     mirror: (4, 4), turns the files' axes into right-handed ones."""
     files = agents[name]
+    scenario = files[0].parent.parent  # a file is SCENARIO/AGENT/TICK.yaml
     problems: problem_kinds.Problems = {}
-    problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < counts[files[0].parent.parent]))
-    return _sample(name, files, mirror, problems)
+    problem_kinds.add_problem(problems, UNPAIRED, int(len(files) < counts[scenario]))
+    return _read_frame(name, files, mirror, problems)
 
 
-def _sample(
+def _read_frame(
     name: str, files: list[Path], mirror: np.ndarray, problems: problem_kinds.Problems
 ) -> Frame:
     contents = []
@@ -130,8 +131,9 @@ def _sample(
             if not isinstance(content, dict):
                 raise ValueError(f"it must hold names and values, got {str(content)[:40]!r}")
             contents.append(content)
-            poses.append(_pose(entry(content, "lidar_pose"), mirror))
-    map_SE3_world = pose(*poses[0][:3, 3], yaw=float(box_frames.heading(poses[0], 0.0)))
+            poses.append(_parse_lidar_pose(entry(content, "lidar_pose"), mirror))
+    x, y, z = poses[0][:3, 3]
+    map_SE3_world = pose(x, y, z, yaw=float(box_frames.heading(poses[0], 0.0)))
     clouds: list[SensorCloud] = []
     rows: dict[object, np.ndarray] = {}
     turns: dict[object, np.ndarray] = {}
@@ -152,10 +154,10 @@ def _sample(
                     f"vehicles must be a mapping of ids to vehicles, got {str(vehicles)[:40]!r}"
                 )
             for track, vehicle in vehicles.items():
-                box, rotation = _box(vehicle, mirror)
-                first = rows.setdefault(track, box)
+                box, rotation = _parse_box(vehicle, mirror)
+                first_box = rows.setdefault(track, box)
                 turns.setdefault(track, rotation)
-                apart_count += int(np.linalg.norm(first[:3] - box[:3]) > MAX_APART_M)
+                apart_count += int(np.linalg.norm(first_box[:3] - box[:3]) > MAX_APART_M)
                 kinds.setdefault(
                     track, str(vehicle.get("obj_type", vehicle.get("object_type", "Car")))
                 )
@@ -171,15 +173,17 @@ def _sample(
     )
 
 
-def _pose(value: record_values.Unchecked, mirror: np.ndarray) -> np.ndarray:
-    # Pose of lidar_pose in the right-handed map, from a matrix or x y z roll yaw pitch (degrees).
+def _parse_lidar_pose(value: record_values.Unchecked, mirror: np.ndarray) -> Pose:
+    """Pose (4, 4) of a lidar in the right-handed map.
+
+    value: lidar_pose of a file, a 4×4 matrix or x y z (m) roll yaw pitch (degrees); mirror: (4, 4),
+    turns the file's axes into right-handed ones."""
     if np.array(value, dtype=object).size == 16:
         lidar_pose = record_values.rigid_matrix(value, "lidar_pose")
     else:
         x, y, z, roll, yaw, pitch = numbers(value, 6, "lidar_pose")
-        lidar_pose = record_values.rigid(
-            unreal_pose(roll, yaw, pitch)[:3, :3], [x, y, z], "lidar_pose"
-        )
+        rotation = unreal_pose(roll_deg=roll, yaw_deg=yaw, pitch_deg=pitch)[:3, :3]
+        lidar_pose = record_values.rigid(rotation, [x, y, z], "lidar_pose")
     return mirror @ lidar_pose @ mirror
 
 
@@ -190,17 +194,20 @@ def unreal_pose(roll_deg: float, yaw_deg: float, pitch_deg: float) -> Pose:
     return pose(yaw=np.deg2rad(yaw_deg), pitch=-np.deg2rad(pitch_deg), roll=-np.deg2rad(roll_deg))
 
 
-def _box(vehicle: record_values.Unchecked, mirror: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _parse_box(
+    vehicle: record_values.Unchecked, mirror: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Box (7 numbers) of a vehicle in the right-handed map with a yaw of 0, and its rotation.
 
-    The rotation is (3, 3). mirror: (4, 4), turns the file's axes into right-handed ones."""
-    centre = numbers(entry(vehicle, "location"), 3, "location") + numbers(
-        entry(vehicle, "center"), 3, "center"
-    )
+    The rotation is (3, 3). vehicle: entry of a file; mirror: (4, 4), turns the file's axes into
+    right-handed ones."""
+    location = numbers(entry(vehicle, "location"), 3, "location")
+    offset = numbers(entry(vehicle, "center"), 3, "center")  # not turned with the vehicle
+    centre = mirror[:3, :3] @ (location + offset)
     roll, yaw, pitch = numbers(entry(vehicle, "angle"), 3, "angle")
-    sizes = 2 * numbers(entry(vehicle, "extent"), 3, "extent")
-    rotation = mirror @ unreal_pose(roll, yaw, pitch) @ mirror
-    return np.array([*(mirror[:3, :3] @ centre), *sizes, 0.0]), rotation[:3, :3]
+    size = 2 * numbers(entry(vehicle, "extent"), 3, "extent")  # from half sizes
+    rotation = mirror @ unreal_pose(roll_deg=roll, yaw_deg=yaw, pitch_deg=pitch) @ mirror
+    return np.array([*centre, *size, 0.0]), rotation[:3, :3]
 
 
 def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
@@ -214,26 +221,26 @@ def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = T
     mirror = MIRROR if left_handed else np.eye(4)
     for number, sample in enumerate(samples):
         name = f"{number:05d}"
-        flat = mirror @ sample.map_SE3_world
+        file_from_world = mirror @ sample.map_SE3_world
         vehicles = {}
         for box, kind, track in frame_labels.list_rows(sample.objects, frame_labels.COMMON_NAMES):
-            angle = [0.0, float(np.rad2deg(box_frames.heading(flat, box[6]))), 0.0]
-            placement = {
-                "angle": angle,
-                "center": [0.0] * 3,
-                "location": (flat[:3, :3] @ box[:3] + flat[:3, 3]).tolist(),
-            }
+            centre, size = box[:3], box[3:6]
+            yaw = box[6]
+            file_yaw = float(np.rad2deg(box_frames.heading(file_from_world, yaw)))
             vehicles[track] = {
-                **placement,
-                "extent": [size / 2 for size in box[3:6]],
+                "angle": [0.0, file_yaw, 0.0],
+                "center": [0.0] * 3,
+                "location": (file_from_world[:3, :3] @ centre + file_from_world[:3, 3]).tolist(),
+                "extent": [side / 2 for side in size],
                 "obj_type": kind,
             }
         for agent, cloud in enumerate(sample.clouds):
-            lidar_pose = flat @ cloud.world_SE3_sensor @ mirror
+            lidar_pose = file_from_world @ cloud.world_SE3_sensor @ mirror
+            # as Unreal has them
             roll = np.arctan2(-lidar_pose[2, 1], lidar_pose[2, 2])
             yaw = np.arctan2(lidar_pose[1, 0], lidar_pose[0, 0])
-            # as Unreal has them
-            angles = np.rad2deg([roll, yaw, np.arcsin(np.clip(lidar_pose[2, 0], -1, 1))]).tolist()
+            pitch = np.arcsin(np.clip(lidar_pose[2, 0], -1, 1))
+            angles = np.rad2deg([roll, yaw, pitch]).tolist()
             content = {"lidar_pose": [*lidar_pose[:3, 3].tolist(), *angles], "vehicles": vehicles}
             cloud_records.write_cloud(
                 folder / "scenario" / str(agent) / f"{name}.pcd",

@@ -35,18 +35,18 @@ def parse_columns(message: RosObject) -> dict[str, np.ndarray]:
         formats.append(kind)
         offsets.append(int(point_field.offset))
     packed_step = width * step
+    # some drivers leave it 0, or do not change it with the width: rows follow one another
     if row_step < packed_step <= len(data) // max(height, 1) or (
         height * row_step > len(data) == height * packed_step
     ):
-        # some drivers leave it 0, or do not change it with the width: rows follow one another
         row_step = packed_step
-    if step < 1 or row_step < width * step or len(data) < height * row_step:
+    if step < 1 or row_step < packed_step or len(data) < height * row_step:
         raise ValueError(f"a cloud of {height} rows of {width} points has {len(data)} bytes only")
-    packed = np.ascontiguousarray(
-        data[: height * row_step].reshape(height, row_step)[:, : width * step]
-    )
+    # without the padding at the end of each row
+    rows = data[: height * row_step].reshape(height, row_step)
+    packed_rows = np.ascontiguousarray(rows[:, :packed_step])
     point = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
-    table = np.frombuffer(packed.tobytes(), point, width * height)
+    table = np.frombuffer(packed_rows.tobytes(), point, width * height)
     columns = {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name in names}
     if not {"x", "y", "z"} <= columns.keys():
         raise ValueError(f"a cloud has no x, y and z, but {', '.join(names)}")

@@ -70,7 +70,7 @@ def rcooper(path: Path) -> Listing:
             f"{path} is no RCooper folder: it has no data/SCENE/AGENT/SEQUENCE/lidar/*.pcd"
         )
 
-    load = partial(_sample, path, names, noted, bool(labelled))
+    load = partial(_read_frame, path, names, noted, bool(labelled))
     return Listing(tuple(names), load, labelled=labelled, known=cloud_names)
 
 
@@ -82,7 +82,8 @@ def _match(files: Mapping[str, Sequence[Path]]) -> tuple[list[dict[str, Path]], 
     times = {agent: _list_times(agent_files) for agent, agent_files in files.items()}
     if all(np.isfinite(stamps).all() for stamps in times.values()):
         return [_take(files, group) for group in group_by_time(times)], False
-    count = min((len(clouds) for clouds in files.values()), default=0)
+    # the k-th files of all agents, as far as every agent has one
+    count = min((len(agent_files) for agent_files in files.values()), default=0)
     return [_take(files, dict.fromkeys(files, k)) for k in range(count)], len(files) > 1
 
 
@@ -108,51 +109,59 @@ def _time(file: Path) -> tuple[float, tuple[str | int, ...]]:
         return float("inf"), natural_order(file.stem)
 
 
-def _sample(
+def _read_frame(
     root: Path,
     clouds_of: Mapping[str, list[tuple[str, Path]]],
     noted: Mapping[str, Problems],
     is_labelled: bool,
     name: str,
 ) -> Frame:
-    files = clouds_of[name]
+    """Read the frame of a name, SCENE/SEQUENCE/NUMBER.
+
+    root: folder of the data set; clouds_of: agents and cloud files of each frame by name; noted:
+    problems of each frame; is_labelled: True if the data set has labels, so that a cloud without
+    them counts as a problem."""
     problems = {kind: count for kind, count in noted[name].items() if count}
     scene, sequence, _ = name.split("/")
     clouds: list[SensorCloud] = []
-    parts: list[Objects] = []
-    categories: list[str] = []
-    for agent, file in files:
+    objects_of_agents: list[Objects] = []
+    categories: list[str] = []  # for all objects, one agent after the other
+    for agent, file in clouds_of[name]:
         pose = read_transform(root / "calib" / "lidar2world" / f"{agent}.json")
         clouds.append(read_cloud(file, agent, pose, problems, stamp_s=find_epoch(file.stem)))
-        labels = root / "label" / scene / agent / sequence / f"{file.stem}.json"
-        is_there = lexists(labels)
-        add_problem(problems, UNLABELLED, int(is_labelled and not is_there))
-        labels_of_agent = read_annotations(labels if is_there else None, pose, problems)
-        parts.append(labels_of_agent.objects)
-        categories += labels_of_agent.categories
-    objects, rows = merge_copies(parts)
-    object_categories = tuple(categories[k] for k in rows)
+        label_file = root / "label" / scene / agent / sequence / f"{file.stem}.json"
+        has_labels = lexists(label_file)
+        add_problem(problems, UNLABELLED, int(is_labelled and not has_labels))
+        labels = read_annotations(label_file if has_labels else None, pose, problems)
+        objects_of_agents.append(labels.objects)
+        categories += labels.categories
+    objects, rows = merge_copies(objects_of_agents)
     return Frame.of_clouds(
-        name, clouds, objects, object_categories, time=frame_time(clouds), problems=problems
+        name,
+        clouds,
+        objects,
+        categories=tuple(categories[row] for row in rows),
+        time=frame_time(clouds),
+        problems=problems,
     )
 
 
 def merge_copies(parts: list[Objects]) -> tuple[Objects, Int64[np.ndarray, " n"]]:
     """Merge several agents' objects: of copies of one object, only the first agent's is kept.
 
-    Returns the objects, and their rows among the objects of all agents one after the other."""
+    Returns the objects, and their rows among the objects of all agents one after the other. parts:
+    objects of each agent. Objects of one class that overlap are copies."""
     boxes = np.concatenate([np.zeros((0, 7)), *(objects.boxes for objects in parts)])
     labels = np.concatenate([np.zeros(0, np.int64), *(objects.labels for objects in parts)])
     ids = np.concatenate([np.zeros(0, np.int64), *(objects.ids for objects in parts)])
     agent = np.repeat(np.arange(len(parts)), [len(objects) for objects in parts])
-    same = (
-        (iou_bev(boxes, boxes) > SAME_OBJECT_IOU)
-        & (labels[:, None] == labels)
-        & (agent[:, None] != agent)
-    )
+    # masks of pairs of objects
+    have_one_label = labels[:, None] == labels
+    have_two_agents = agent[:, None] != agent
+    are_copies = (iou_bev(boxes, boxes) > SAME_OBJECT_IOU) & have_one_label & have_two_agents
     kept_rows: list[int] = []
-    for k in range(len(boxes)):
-        if not same[k, kept_rows].any():
-            kept_rows.append(k)
+    for row in range(len(boxes)):
+        if not are_copies[row, kept_rows].any():
+            kept_rows.append(row)
     rows = np.array(kept_rows, np.int64)
-    return Objects(boxes[rows], labels[rows], ids[rows]), rows
+    return Objects(boxes[rows], labels=labels[rows], ids=ids[rows]), rows

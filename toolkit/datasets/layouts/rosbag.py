@@ -102,11 +102,12 @@ class Bag:
             raise IndexError(
                 f"there is no frame {index}: {self.path} has {len(self)}, counted from 0"
             )
-        following, frames = self._reading.pop() if self._reading else (0, iter(self))
-        if index < following:
-            following = 0
-            frames = iter(self)
-        frame = next(islice(frames, index - following, None))
+        # an iterator over the frames, and the number of the frame that it gives next; there is one
+        # at most, and none while a frame is being read
+        next_number, frames = self._reading.pop() if self._reading else (0, iter(self))
+        if index < next_number:
+            next_number, frames = 0, iter(self)
+        frame = next(islice(frames, index - next_number, None))  # skips those before
         self._reading.append((index + 1, frames))
         return frame
 
@@ -114,35 +115,39 @@ class Bag:
         return {**self.__dict__, "_reading": []}
 
     def __iter__(self) -> Iterator[Frame]:
+        """Read the bag once; yield the frames in order, each as soon as it has all its clouds."""
         # frame number of each cloud, by topic and index in the topic
-        group_of = {
-            (topic, k): number
+        frame_of_cloud = {
+            (topic, index): number
             for number, group in enumerate(self.groups)
-            for topic, k in group.items()
+            for topic, index in group.items()
         }
-        counts = dict.fromkeys(self.topics, 0)
-        waiting: dict[int, dict[str, BagMessage]] = {}
-        number = 0
+        counts = dict.fromkeys(self.topics, 0)  # messages read so far
+        waiting: dict[int, dict[str, BagMessage]] = {}  # clouds by frame number and topic
+        next_frame = 0
         for message in read_messages(self.path, CLOUD):
             if message.topic not in counts:
                 continue
-            group = group_of.get((message.topic, counts[message.topic]))
+            number = frame_of_cloud.get((message.topic, counts[message.topic]))
             counts[message.topic] += 1
-            if group is None:
+            if number is None:
                 continue
-            waiting.setdefault(group, {})[message.topic] = message
-            while number < len(self.groups) and len(waiting.get(number, ())) == len(
-                self.groups[number]
+            waiting.setdefault(number, {})[message.topic] = message
+            while next_frame < len(self.groups) and len(waiting.get(next_frame, ())) == len(
+                self.groups[next_frame]
             ):
-                yield self._frame(number, waiting.pop(number))
-                number += 1
+                yield self._make_frame(next_frame, waiting.pop(next_frame))
+                next_frame += 1
 
-    def _frame(self, number: int, messages: Mapping[str, BagMessage]) -> Frame:
+    def _make_frame(self, number: int, messages: Mapping[str, BagMessage]) -> Frame:
+        """Make the frame of a number from its clouds' messages, by topic.
+
+        Clouds that cannot be read are left out and counted in the frame's problems."""
         problems: Problems = dict(self.problems) if number == 0 else {}
         add_problem(problems, UNPAIRED, int(len(messages) < len(self.topics)))
         clouds: list[SensorCloud] = []
-        roots: list[str] = []
-        sources: set[tuple[str, int]] = set()
+        roots: list[str] = []  # root frames of the clouds so far
+        sources: set[tuple[str, int]] = set()  # coordinate frames and stamps of the clouds so far
         for _, message in sorted(messages.items()):
             try:
                 cloud = message.parse()
@@ -150,8 +155,9 @@ class Bag:
             except Exception:  # rosbags and its parsers raise errors of any kind
                 add_problem(problems, UNREADABLE, 1)
                 continue
-            source = clean_frame(cloud.header.frame_id), stamp_ns(cloud.header)
-            add_problem(problems, SAME_SENSOR, int(source in sources and source[1] != 0))
+            stamp = stamp_ns(cloud.header)
+            source = clean_frame(cloud.header.frame_id), stamp
+            add_problem(problems, SAME_SENSOR, int(source in sources and stamp != 0))
             sources.add(source)
             with name_bag_damage(self.path):
                 clouds.append(self._cloud(message, cloud, attributes, roots, problems))
@@ -179,30 +185,27 @@ class Bag:
         it in this frame, to which its root is added; problems: counts are added to it."""
         frame = clean_frame(cloud.header.frame_id)
         stamp = stamp_ns(cloud.header)
-        measured = (
-            message.recorded_ns if message.topic in self.recorded else stamp or message.recorded_ns
-        )
-        placed = self.tree.find(frame, measured, message.recorded_ns)
-        is_placed = self.tree.knows(frame)
-        is_alone = not self.tree.static and not self.tree.moving and len(self.topics) == 1
-        add_problem(problems, NO_TF, int(not is_placed and not is_alone))
-        add_problem(
-            problems, OTHER_TREE, int(is_placed and bool(roots) and placed.root != roots[0])
-        )
+        has_other_clock = message.topic in self.recorded
+        measured_ns = message.recorded_ns if has_other_clock else stamp or message.recorded_ns
+        placed = self.tree.find(frame, measured_ns, message.recorded_ns)
+        if self.tree.knows(frame):
+            add_problem(problems, OTHER_TREE, int(bool(roots) and placed.root != roots[0]))
+            roots.append(placed.root)
+        else:
+            # a single sensor needs no tf
+            is_alone = not self.tree.static and not self.tree.moving and len(self.topics) == 1
+            add_problem(problems, NO_TF, int(not is_alone))
         add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
-        roots += [placed.root] * is_placed
-        why = self.recorded.get(message.topic) or (
-            "" if stamp or not message.recorded_ns else NO_STAMP
-        )
-        add_problem(problems, why, int(bool(why)))
-        seconds = self._time(message)
-        name = message.topic.strip("/")
+        if has_other_clock:
+            add_problem(problems, self.recorded[message.topic], 1)
+        elif not stamp and message.recorded_ns:
+            add_problem(problems, NO_STAMP, 1)
         return build_cloud(
             attributes,
-            name,
-            placed.root_SE3_frame,
-            problems,
-            stamp_s=seconds,
+            name=message.topic.strip("/"),
+            world_SE3_sensor=placed.root_SE3_frame,
+            problems=problems,
+            stamp_s=self._time(message),
             middles=self._middles,
         )
 
@@ -259,54 +262,67 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     connections: dict[str, RosObject] = {}
-    labels = 0
+    label_count = 0
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         tf = writer.add_connection("/tf", TF, typestore=store)
         for number, sample in enumerate(samples, 1):
-            labels += len(sample.objects)
+            label_count += len(sample.objects)
             seconds = clock_time(sample, number)
-            stamp = round(seconds * 1e9)
-            stamps = {
-                cloud.name: round(cloud_time(cloud, seconds) * 1e9) for cloud in sample.clouds
-            }
-            links = store.types[TF](
-                transforms=[_link(store, cloud, stamps[cloud.name]) for cloud in sample.clouds]
-            )
-            writer.write(tf, stamp, store.serialize_cdr(links, TF))
-            for cloud in sample.clouds:
+            frame_ns = round(seconds * 1e9)
+            cloud_ns = [round(cloud_time(cloud, seconds) * 1e9) for cloud in sample.clouds]
+            stamped_clouds = list(zip(sample.clouds, cloud_ns, strict=True))
+            links = [_make_link(store, cloud, stamp) for cloud, stamp in stamped_clouds]
+            tf_message = store.types[TF](transforms=links)
+            writer.write(tf, frame_ns, store.serialize_cdr(tf_message, TF))
+            for cloud, stamp in stamped_clouds:
                 if cloud.name not in connections:
                     connections[cloud.name] = writer.add_connection(
                         f"/{cloud.name}", CLOUD, typestore=store
                     )
-                message = _message(store, cloud, stamps[cloud.name])
-                writer.write(connections[cloud.name], stamp, store.serialize_cdr(message, CLOUD))
-    if labels:
-        warnings.warn(f"a bag has no place for labels, {labels} are not in it", stacklevel=2)
+                message = _make_cloud_message(store, cloud, stamp)
+                writer.write(connections[cloud.name], frame_ns, store.serialize_cdr(message, CLOUD))
+    if label_count:
+        warnings.warn(f"a bag has no place for labels, {label_count} are not in it", stacklevel=2)
 
 
-def _header(store: RosObject, stamp: int, frame: str) -> RosObject:
-    time = store.types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+def _make_header(store: RosObject, stamp_ns: int, frame: str) -> RosObject:
+    """Make the header of a ROS message. store: rosbags' message types."""
+    seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
+    time = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
     return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
 
 
-def _link(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
+def _make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
+    """Make the transform of a cloud's sensor in the frame "world". store: rosbags' types."""
     package = "geometry_msgs/msg"
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
-    position = store.types[f"{package}/Vector3"](*cloud.world_SE3_sensor[:3, 3].tolist())
     rotation = store.types[f"{package}/Quaternion"](x=x, y=y, z=z, w=w)
-    transform = store.types[f"{package}/Transform"](translation=position, rotation=rotation)
-    make = store.types[f"{package}/TransformStamped"]
-    return make(_header(store, stamp, "world"), child_frame_id=cloud.name, transform=transform)
+    coordinates = dict(zip("xyz", cloud.world_SE3_sensor[:3, 3].tolist(), strict=True))
+    position = store.types[f"{package}/Vector3"](**coordinates)
+    return store.types[f"{package}/TransformStamped"](
+        header=_make_header(store, stamp_ns, frame="world"),
+        child_frame_id=cloud.name,
+        transform=store.types[f"{package}/Transform"](translation=position, rotation=rotation),
+    )
 
 
-def _message(store: RosObject, cloud: SensorCloud, stamp: int) -> RosObject:
+def _make_cloud_message(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
+    """Make the PointCloud2 of a cloud, float32 in its sensor's frame. store: rosbags' types."""
     table = np.column_stack([cloud.in_sensor(), get_intensity(cloud)]).astype("<f4")
-    make = store.types["sensor_msgs/msg/PointField"]
-    names = enumerate(("x", "y", "z", "intensity"))
-    fields = [make(name=name, offset=4 * k, datatype=7, count=1) for k, name in names]
-    sizes = {"height": 1, "width": len(table), "point_step": 16, "row_step": 16 * len(table)}
-    data = np.frombuffer(table.tobytes(), np.uint8)
-    header = _header(store, stamp, cloud.name)
+    make_field = store.types["sensor_msgs/msg/PointField"]
+    # four numbers of 4 bytes; 7 is float32
+    fields = [
+        make_field(name=name, offset=4 * k, datatype=7, count=1)
+        for k, name in enumerate(("x", "y", "z", "intensity"))
+    ]
     return store.types[CLOUD](
-        header=header, fields=fields, is_bigendian=False, data=data, is_dense=True, **sizes
+        header=_make_header(store, stamp_ns, frame=cloud.name),
+        height=1,
+        width=len(table),
+        fields=fields,
+        is_bigendian=False,
+        point_step=16,
+        row_step=16 * len(table),
+        data=np.frombuffer(table.tobytes(), np.uint8),
+        is_dense=True,
     )
