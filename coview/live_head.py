@@ -26,7 +26,7 @@ class PanelHead:
         gui.set_panel_label(f"coview live: {title}")
         self._hint = gui.add_html(hint_html(sensors))
         self._figures = gui.add_html("")
-        self._said = gui.add_html("")
+        self._note_html = gui.add_html("")
         self.busy = ""
         self.note = ""
         self.measured = measured
@@ -46,11 +46,11 @@ class PanelHead:
     @property
     def note_content(self) -> str:
         """HTML of the note that is shown."""
-        return str(self._said.content)
+        return str(self._note_html.content)
 
     def show_note(self) -> None:
         """Show the long task that is being done, and the note, or else the measured figures."""
-        self._said.content = note_html(self.busy, self.note or self.measured)
+        self._note_html.content = note_html(self.busy, self.note or self.measured)
 
     def say(self, note: str) -> None:
         """Keep a note, to be shown by `show_note`."""

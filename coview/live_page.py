@@ -133,7 +133,7 @@ class LivePage:
     def _find_idle_job(self) -> Job | None:
         """Job to do while nothing is asked, None for none: draw the page, then play the traffic."""
         if not self._begun:
-            is_ready = self.cameras.aimed and self._answer is not None
+            is_ready = self.cameras.aims and self._answer is not None
             return self._begin if is_ready and self.jobs.is_quiet(PAINT_S) else None
         if not self.panel.view.is_playing or time.monotonic() - self._played <= PLAY_S:
             return None
