@@ -74,7 +74,7 @@ class SensorDrawings:
 
         The next `draw` puts it back. A sensor that is not drawn is ignored."""
         if name in self._nodes:
-            housing, _, _, _ = self._nodes[name]
+            housing = self._nodes[name][0]  # handle, view and label follow it
             housing.position = spot
             self._drawn_states.pop(name, None)
 

@@ -178,11 +178,8 @@ class SensorTab:
         It looks at the middle of the area."""
         site = self._planner.yard.site
         pole = self._planner.yard.find_mount(self._planner.variant, str(self.pole.value))
-        xmin, ymin, xmax, ymax = site.area.tolist()
-        pole_x, pole_y, _ = pole.position.tolist()
-        # from the pole to the middle of the area
-        x = (xmin + xmax) / 2 - pole_x
-        y = (ymin + ymax) / 2 - pole_y
+        middle = (site.area[:2] + site.area[2:]) / 2
+        x, y = middle - pole.position[:2]  # from the pole to the middle
         heading = float(np.arctan2(y, x))
         return self._planner.add(pole.name, heading=heading, model=self.model.value)
 

@@ -82,9 +82,8 @@ class GroundPicture:
                 "two points need x y x y or their distance (m), got "
                 f"{' '.join(map(str, numbers))!r:.60}"
             )
-        start_x, start_y, end_x, end_y = numbers
-        new_start = complex(start_x, start_y)
-        new_end = complex(end_x, end_y)
+        new_start = complex(numbers[0], numbers[1])
+        new_end = complex(numbers[2], numbers[3])
         if min(abs(end - start), abs(new_end - new_start)) < MIN_POINT_GAP_M:
             raise ValueError(
                 f"the two points must be {MIN_POINT_GAP_M:g} m apart or more: choose others"

@@ -139,13 +139,13 @@ class Suggester:
         A turn helps if AP rises by more than `MIN_HELPFUL_GAIN_AP` and no problem is added. kind:
         "add" or "move", for the suggestion; base: variant without the sensor."""
 
-        def measure_with(candidate: LiveSensor) -> tuple[float, int]:
+        def measure_candidate(candidate: LiveSensor) -> tuple[float, int]:
             # AP of the base with this sensor, and number of problems
             view = self._views.see(replace(base, sensors=(*base.sensors, candidate)))
             return self._meter.measure_ap(view.candidates, view.seen, view.is_working)
 
         min_tilt, max_tilt = TILT_SPAN_RAD
-        ap, problems = measure_with(sensor)
+        ap, problems = measure_candidate(sensor)
         has_improved = True
         while has_improved:
             has_improved = False
@@ -153,7 +153,7 @@ class Suggester:
                 turned = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + tilt)
                 if not min_tilt <= turned.tilt <= max_tilt:
                     continue
-                turned_ap, turned_problems = measure_with(turned)
+                turned_ap, turned_problems = measure_candidate(turned)
                 if turned_ap > ap + MIN_HELPFUL_GAIN_AP and turned_problems <= problems:
                     sensor = turned
                     ap = turned_ap

@@ -308,7 +308,7 @@ class Yard:
         for sensor in sensors:
             x, y, z = sensor.position.tolist()
             (heading,), (tilt,) = aims([sensor])
-            mount, variant = self._find_or_add_near(variant, (x, y))
+            mount, variant = self._find_or_add_nearest(variant, (x, y))
             foot_z = float(mount.position[2])
             live_sensor = LiveSensor(
                 name=free_name(variant, sensor.name),
@@ -323,7 +323,7 @@ class Yard:
             variant = replace(variant, sensors=(*variant.sensors, live_sensor))
         return variant
 
-    def _find_or_add_near(
+    def _find_or_add_nearest(
         self, variant: Variant, spot: tuple[float, float]
     ) -> tuple[Mount, Variant]:
         """Return the nearest pole within `SNAP_M` of a spot, and the variant unchanged.
@@ -365,7 +365,7 @@ class Yard:
             after = variant
         else:
             x, y = float(where[0]), float(where[1])
-            mount, after = self._find_or_add_near(variant, (x, y))
+            mount, after = self._find_or_add_nearest(variant, (x, y))
             is_new = after is not variant
             if is_new and (reason := self.refusal_reason((x, y))):
                 raise ValueError(f"no pole can stand at {x:.1f}, {y:.1f}: {reason}")

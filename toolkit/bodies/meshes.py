@@ -40,6 +40,40 @@ _COARSE = 16  # cells along an axis in which symmetry is judged
 SYMMETRIC = 0.06
 ASKEW = 0.12
 BACKWARDS = -0.18  # no car has as low a `Shape.ahead`: a pick-up has -0.14
+TABLE = "meshes.toml"
+# unit vector of each axis name, such as "x" and "-y"
+_AXES = {
+    sign + axis: (1 if not sign else -1) * np.eye(3)[i]
+    for i, axis in enumerate("xyz")
+    for sign in ("", "-")
+}
+SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+
+# Smallest and largest length, width and height (m) of a body of each class.
+PLAUSIBLE = {
+    VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)),
+    CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4)),
+}
+PLAUSIBLE |= {
+    PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
+    HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
+}
+# typical length, width, height (m), to choose between several possible units
+_TYPICAL = {
+    VEHICLE: (4.5, 1.85, 1.55),
+    CYCLIST: (1.75, 0.6, 1.7),
+    PEDESTRIAN: (0.5, 0.5, 1.7),
+    HEAVY: (9.0, 2.45, 3.1),
+}
+_FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
+_Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
+# rotations to x forward, y left, z up from other axes, by the words "... forward" in errors
+_TURNS = {
+    "y up and z": _Y_UP_Z_FORWARD,
+    "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+}
+_TURNS["z up and y"] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
 
 class Shape(NamedTuple):
@@ -214,15 +248,6 @@ def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
     )
 
 
-TABLE = "meshes.toml"
-# unit vector of each axis name, such as "x" and "-y"
-_AXES = {
-    sign + axis: (1 if not sign else -1) * np.eye(3)[i]
-    for i, axis in enumerate("xyz")
-    for sign in ("", "-")
-}
-
-
 @dataclass(frozen=True)
 class MeshEntry:
     """Entry of the table `meshes.toml` for a file; None for what it does not give."""
@@ -300,35 +325,6 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
     return MeshEntry(
         None if label is None else LABELS.index(label), up, forward, scale and float(scale)
     )
-
-
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
-
-# Smallest and largest length, width and height (m) of a body of each class.
-PLAUSIBLE = {
-    VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)),
-    CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4)),
-}
-PLAUSIBLE |= {
-    PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
-    HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
-}
-# typical length, width, height (m), to choose between several possible units
-_TYPICAL = {
-    VEHICLE: (4.5, 1.85, 1.55),
-    CYCLIST: (1.75, 0.6, 1.7),
-    PEDESTRIAN: (0.5, 0.5, 1.7),
-    HEAVY: (9.0, 2.45, 3.1),
-}
-_FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
-_Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
-# rotations to x forward, y left, z up from other axes, by the words "... forward" in errors
-_TURNS = {
-    "y up and z": _Y_UP_Z_FORWARD,
-    "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-}
-_TURNS["z up and y"] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
 
 class TakenMesh(NamedTuple):

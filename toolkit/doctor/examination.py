@@ -84,8 +84,8 @@ class Examination:
         # suspicions by sensor for each mistake in order; "" for sensors without an explanation
         doubts_by_mistake: dict[str, dict[str, Suspicion | None]] = {}
         for name, suspicion in self.doubts.items():
-            mistake = "" if suspicion is None else suspicion.mistake
-            doubts_by_mistake.setdefault(mistake, {})[name] = suspicion
+            words = "" if suspicion is None else suspicion.mistake
+            doubts_by_mistake.setdefault(words, {})[name] = suspicion
         for doubts in doubts_by_mistake.values():
             plural = "s" if len(doubts) > 1 else ""
             where = f"sensor{plural} {', '.join(doubts)}"

@@ -107,9 +107,10 @@ def _sees_front(
         box: x, y, z, length, width, height, yaw, in the same frame.
 
     Returns False for a box too close to the sensor."""
-    x, y, _, length, width, _, yaw = box
+    length, width = box[3], box[4]
+    yaw = box[6]
     # unit vectors in the plane: from the sensor to the box, and to the left of that
-    to_box = np.array([x, y]) - position
+    to_box = box[:2] - position
     distance = float(np.hypot(*to_box))
     ahead = to_box / max(distance, 1e-9)
     aside = np.array([-ahead[1], ahead[0]])

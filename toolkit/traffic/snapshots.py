@@ -24,7 +24,7 @@ from toolkit.traffic.obstacles import Obstacles, separate
 from toolkit.traffic.parked import Parked
 from toolkit.traffic.spawner import Spawner
 from toolkit.traffic.strays import Strays
-from toolkit.traffic.sumo import FINE_STEP, STEP, running
+from toolkit.traffic.sumo import FINE_STEP_S, STEP_S, running
 from toolkit.traffic.supply import Supply
 
 INTERVAL = 5.0  # s between frames
@@ -32,8 +32,8 @@ MOST_OBJECTS = 30
 # m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
 MARGIN = 10.0
 WARM_UP = 15.0  # s before the first frame
-# If frames are closer together than `STEP`, this many snapshots `INTERVAL` apart are taken and not
-# given out first: at the start everything still waits in queues, until objects have come and gone.
+# If frames are closer together than `STEP_S`, this many snapshots `INTERVAL` apart are taken first
+# and not given out: at the start everything still waits in queues, until objects have come and gone.
 COMING_AND_GOING = 8
 
 
@@ -124,14 +124,14 @@ def simulate(
 
 
 def sumo_step(interval: float) -> float:
-    """Step of SUMO (s) for frames `interval` seconds apart: `STEP`, or `FINE_STEP` below it.
+    """Step of SUMO (s) for frames `interval` seconds apart: `STEP_S`, or `FINE_STEP_S` below it.
 
     Raises ValueError unless the interval is a whole number of steps."""
-    step = STEP if interval >= STEP else FINE_STEP
+    step = STEP_S if interval >= STEP_S else FINE_STEP_S
     steps = interval / step
     if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
         raise ValueError(
-            f"interval must be a whole number of SUMO's steps of {STEP} or {FINE_STEP} s, got "
+            f"interval must be a whole number of SUMO's steps of {STEP_S} or {FINE_STEP_S} s, got "
             f"{interval}"
         )
     return step
@@ -163,7 +163,7 @@ def _run(
         spawner = Spawner(sumo, site, supply, max_objects=max_moving, step=step)
         take = partial(_take_snapshot, site, spawner, obstacles)
         spawner.advance(WARM_UP)
-        for _ in range(COMING_AND_GOING if step < STEP else 0):
+        for _ in range(COMING_AND_GOING if step < STEP_S else 0):
             take(parked, strays, time=0.0)
             spawner.advance(INTERVAL)
         periods = 0
@@ -184,10 +184,11 @@ def _ends_period(index: int, interval: float) -> bool:
     """True if frame `index` is the last one of a period of `INTERVAL`.
 
     Parking and the life of objects are counted in such periods. interval: time between frames (s);
-    with `STEP` or more, each frame ends a period."""
+    with `STEP_S` or more, each frame ends a period."""
+    # periods that have passed at the frame, and at the next one; 1e-6 for rounding
     passed = int(index * interval / INTERVAL + 1e-6)
     passed_next = int((index + 1) * interval / INTERVAL + 1e-6)
-    return interval >= STEP or passed_next > passed
+    return interval >= STEP_S or passed_next > passed
 
 
 def _take_snapshot(

@@ -10,8 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 
-STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
-FINE_STEP = 0.1  # s, for frames closer together; drivers decide every `STEP` still
+STEP_S = 1.0  # s; SUMO's own default, for which its driver models are tuned
+FINE_STEP_S = 0.1  # s, for frames closer together; drivers decide every `STEP_S` still
 LATERAL_RESOLUTION = (
     0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
 )
@@ -28,7 +28,7 @@ _OPTIONS = {
 
 
 @contextmanager
-def running(network: str, types: str, *, seed: int, step: float = STEP) -> Iterator[ModuleType]:
+def running(network: str, types: str, *, seed: int, step: float = STEP_S) -> Iterator[ModuleType]:
     """Start a simulation and yield the libsumo module that runs it; close it at the end.
 
     Args:
@@ -62,7 +62,7 @@ def running(network: str, types: str, *, seed: int, step: float = STEP) -> Itera
             "seed": seed,
         }
         options |= {"step-length": step} | (
-            {} if step == STEP else {"default.action-step-length": STEP}
+            {} if step == STEP_S else {"default.action-step-length": STEP_S}
         )
         try:
             with _stderr_into(files["said.txt"]):

@@ -455,7 +455,7 @@ def make_suggester(planner, monkeypatch, judge):
     """Suggester that judges variants in place of views, and whose answers are variants."""
     see = lambda self, variant: VariantView(variant, None, None, False)  # noqa: E731
     monkeypatch.setattr(SensorViews, "see", see)
-    monkeypatch.setattr(Meter, "judge", judge)
+    monkeypatch.setattr(Meter, "measure_ap", judge)
     return planner.scorer.make_suggester(lambda variant: variant)
 
 

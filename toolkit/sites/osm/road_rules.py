@@ -11,29 +11,14 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 from toolkit.runtime.text_values import read_own_table
 from toolkit.sites import network as nets
+from toolkit.sites.osm.road_class import RoadClass
 
 Tags = Mapping[str, str]
 Users = frozenset[str]
-
-
-class RoadClass(NamedTuple):
-    """Usual values of a class of road.
-
-    Attributes:
-        lanes: lanes each way.
-        speed: speed limit (m/s).
-        priority: SUMO's priority.
-        has_footways: True if there are footways on both sides without tags of them."""
-
-    lanes: int
-    speed: float
-    priority: int
-    has_footways: bool
-
 
 ROADS = {  # by the value of highway
     "motorway": RoadClass(2, 36.1, 14, False),
@@ -553,7 +538,8 @@ def _is_limit_below(tags: Tags, key: str, limit: float) -> bool:
     match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
-    number, unit, further_number = match.groups()
+    number, unit = match[1], match[2]
+    further_number = match[3]
     scale = _SIZE_UNITS.get(unit or "", 1.0)
     inches = float(further_number) if further_number and unit in ("'", "ft") else 0.0
     return float(number.replace(",", ".")) * scale + inches * INCH_M < limit + 1e-9
@@ -736,7 +722,7 @@ def _list_unused(tags: Tags) -> list[str]:
 
 def _bears_on_traffic(key: str) -> bool:
     # True for the key of a rule of access, speed, direction, lanes or turns
-    head, _, _ = key.partition(":")
+    head = key.partition(":")[0]
     other_heads = {"maxspeed", "oneway", "lanes", "turn", "restriction", "hov"}
     return head in ACCESS_KEYS | other_heads
 

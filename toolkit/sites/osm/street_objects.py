@@ -109,7 +109,7 @@ def _make_street_object(tags: Tags, x: float, y: float) -> list[Solid]:
     if tags.get("power") == "pole" or tags.get("man_made") in _POLES:
         return [f.post(x, y, height=8.0, radius=0.12)]
     if "traffic_sign" in tags or tags.get("highway") in ("stop", "give_way"):
-        return list(f.sign(x, y, yaw=0.0))
+        return list(f.sign(x, y, facing=0.0))
     if tags.get("barrier") == "bollard":
         return [f.post(x, y, height=0.9, radius=0.07)]
     if tags.get("amenity") in _BINS:
