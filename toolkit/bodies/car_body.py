@@ -126,10 +126,10 @@ def loft_parts(shape: Proportions) -> Mesh:
     right = left[:, -2:0:-1] * [1.0, -1.0, 1.0]
     parts = [loft(np.concatenate([left, right], axis=1))]
     breadth = shape.tyre * shape.width
-    wheel = make_wheel(0.0, 0.0, shape.wheel, breadth)
+    wheel = make_wheel(0.0, 0.0, radius=shape.wheel, breadth=breadth)
     for axle in shape.axles:
         flank = float(shape.half_width(np.array([axle / shape.length]))[0]) * 0.985
-        left_wheel = place(wheel, shape.length / 2 - axle, flank - breadth / 2)
+        left_wheel = place(wheel, x=shape.length / 2 - axle, y=flank - breadth / 2)
         parts += [left_wheel, flip_sides(left_wheel)]
     return merge(parts)
 

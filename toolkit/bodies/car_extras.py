@@ -37,11 +37,13 @@ def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
     y = shape.width / 2 + overhang / 2 - 0.02
     half_breadth = overhang / 2 + 0.02
     if rng.random() < 0.4:
-        housing = box((half_depth, 2 * half_breadth, 2 * half_height), (x, y, z))
+        housing = box((half_depth, 2 * half_breadth, 2 * half_height), centre=(x, y, z))
     else:
-        housing = ellipsoid((x, y, z), (half_depth, half_breadth, half_height), 3, 8)
+        housing = ellipsoid(
+            (x, y, z), radii=(half_depth, half_breadth, half_height), rings=3, sides=8
+        )
     arm_z = z - 0.6 * half_height
-    arm = tube([(x, 0.75 * shape.width / 2, arm_z), (x, y, arm_z)], 0.025, 4)
+    arm = tube([(x, 0.75 * shape.width / 2, arm_z), (x, y, arm_z)], radii=0.025, sides=4)
     mirror = merge([housing, arm])
     return mirror if chance > 1 - SINGLE_MIRROR_SHARE else merge([mirror, flip_sides(mirror)])
 
@@ -63,10 +65,10 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     if shape.kind in _TAXIS and chance < 0.06:
         size = (rng.uniform(0.1, 0.28), rng.uniform(0.25, 0.7), rng.uniform(0.09, 0.18))
         x = middle + 0.2 * roof_length * rng.uniform(-1, 1)
-        return "taxi", plank(size, x, 0.0, z - 0.02)
+        return "taxi", plank(size, x=x, y=0.0, z=z - 0.02)
     if chance < 0.075 and shape.kind != "coupe":
         size = (0.3, 0.62 * roof_width, 0.13)
-        return "light_bar", plank(size, middle + 0.2 * roof_length, 0.0, z - 0.02)
+        return "light_bar", plank(size, x=middle + 0.2 * roof_length, y=0.0, z=z - 0.02)
     if shape.kind in _TAXIS and chance < 0.135:
         return "roof_box", _draw_roof_box(middle, roof_width, z, rng)
     if shape.kind in _RACKS and chance < 0.2:
@@ -75,9 +77,9 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
         return "rails", _make_rails(front, rear, 0.42 * roof_width, z)
     if shape.kind == "offroader" and chance < 0.6:
         breadth = rng.uniform(0.16, 0.24)
-        spare_wheel = make_wheel(0.0, 0.0, 0.92 * shape.wheel, breadth)
+        spare_wheel = make_wheel(0.0, 0.0, radius=0.92 * shape.wheel, breadth=breadth)
         x = -shape.length / 2 - 0.08
-        return "spare_wheel", place(spare_wheel, x, 0.0, 0.36 * shape.height, yaw=np.pi / 2)
+        return "spare_wheel", place(spare_wheel, x=x, y=0.0, z=0.36 * shape.height, yaw=np.pi / 2)
     return "", NOTHING
 
 
@@ -90,7 +92,7 @@ def _make_rails(front: float, rear: float, y: float, z: float) -> Mesh:
         (front - 0.15 * length, y, z + 0.03),
         (front - 0.1 * length, y, z - 0.03),
     ]
-    rail = tube(points, 0.02, 4)
+    rail = tube(points, radii=0.02, sides=4)
     return merge([rail, flip_sides(rail)])
 
 
@@ -108,9 +110,9 @@ def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
     if chance < 0.15:
         z = belt - 0.05
         size = (front - rear, roof_width, shape.height - z - 0.02)
-        return "hard_top", plank(size, middle, 0.0, z)
+        return "hard_top", plank(size, x=middle, y=0.0, z=z)
     if chance < 0.3:
-        return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), middle, floor)
+        return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), x=middle, z=floor)
     if chance < 0.45:
         shares = rng.uniform((0.3, 0.3, 0.4), (0.6, 0.9, 1.1), (2, 3))
         crates = []
@@ -118,7 +120,7 @@ def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
             crate_length, crate_width, crate_height = size
             x = middle + end * (room - crate_length) / 2
             y = rng.uniform(-1, 1) * (width - crate_width) / 2
-            crates.append(plank((crate_length, crate_width, crate_height), x, y, floor))
+            crates.append(plank((crate_length, crate_width, crate_height), x=x, y=y, z=floor))
         return "load", merge(crates)
     return "", NOTHING
 
@@ -139,7 +141,7 @@ def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
         for station, share in sections
     ]
     bar = (0.06, 0.9 * roof_width, 0.05 + 0.1 * height)
-    bars = [plank(bar, x + side * 0.3 * length, 0.0, z - 0.03) for side in (-1, 1)]
+    bars = [plank(bar, x=x + side * 0.3 * length, y=0.0, z=z - 0.03) for side in (-1, 1)]
     return merge([loft(np.stack(rings)), *bars])
 
 
@@ -151,18 +153,18 @@ def _draw_rack(x: float, length: float, roof_width: float, z: float, rng: Rng) -
     height = float(rng.uniform(0.05, 0.14))
     bar = (0.05, 0.9 * roof_width, 0.04)
     foot = (0.04, 0.04, height + 0.05)
-    parts = [plank(bar, x + t * length, 0.0, z + height - 0.02) for t in _RACK_STATIONS]
+    parts = [plank(bar, x=x + t * length, y=0.0, z=z + height - 0.02) for t in _RACK_STATIONS]
     for station in _RACK_STATIONS:
         for y in (-0.42 * roof_width, 0.42 * roof_width):
-            parts.append(plank(foot, x + station * length, y, z - 0.05))
+            parts.append(plank(foot, x=x + station * length, y=y, z=z - 0.05))
     if rng.random() < 0.7:
         y = float(rng.uniform(-0.2, 0.2)) * roof_width
         half_length = 0.5 * length * float(rng.uniform(0.9, 1.1))
         beam_z = z + height + 0.05
         for side in (y - 0.2, y + 0.2):
             beam = [(x - half_length, side, beam_z), (x + half_length, side, beam_z)]
-            parts.append(tube(beam, 0.035, 5))
+            parts.append(tube(beam, radii=0.035, sides=5))
         for station in np.linspace(-0.9, 0.9, 7).tolist():
             rung = (0.04, 0.4, 0.04)
-            parts.append(plank(rung, x + station * half_length, y, z + height + 0.03))
+            parts.append(plank(rung, x=x + station * half_length, y=y, z=z + height + 0.03))
     return merge(parts)

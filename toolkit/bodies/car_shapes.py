@@ -151,7 +151,9 @@ def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
     if floor > 0.05 or rng.random() < 0.5:
         for axle in shape.axles:
             y = half_width - breadth / 2 - 0.005
-            wheel = make_wheel(shape.length / 2 - axle, y, shape.wheel, breadth, sides)
+            wheel = make_wheel(
+                shape.length / 2 - axle, y, radius=shape.wheel, breadth=breadth, sides=sides
+            )
             wheels += [wheel, flip_sides(wheel)]
     blocks = [_loft_levels(levels, shape.length), _loft_levels(cabin, shape.length)]
     mesh = stand(merge([*blocks, *wheels]))

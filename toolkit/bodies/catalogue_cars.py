@@ -70,7 +70,7 @@ def _loft_car(row: _CatalogueRow) -> tuple[Mesh, Mesh]:
     screen_foot = CAR_PROFILES[row.style][2][0]
     mirror_x = row.length * (0.5 - screen_foot - max(row.rake, 0.0) - 0.035)
     mirror_place = (mirror_x, row.width / 2 + 0.005, row.belt * row.height + 0.04)
-    mirror = ellipsoid(mirror_place, (0.09, 0.10, 0.075), 3, 6)
+    mirror = ellipsoid(mirror_place, radii=(0.09, 0.10, 0.075), rings=3, sides=6)
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
@@ -117,5 +117,5 @@ def _make_rails(row: _CatalogueRow) -> list[Mesh]:
         (-0.3 * row.length, y, high),
         (-0.36 * row.length, y, low),
     ]
-    rail = tube(points, 0.02, 4)
+    rail = tube(points, radii=0.02, sides=4)
     return [rail, flip_sides(rail)]

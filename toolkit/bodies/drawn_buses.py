@@ -27,10 +27,10 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     sections = _draw_sections(length, width, height, bottom, rng)
     if is_bendy:
         sections[3:3] = _make_bellows(length, width, height, bottom)
-    parts = [loft_shell(sections, 0.06, 2)]
+    parts = [loft_shell(sections, corner=0.06, points=2)]
     for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
         roof_unit = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
-        parts.append(plank(roof_unit, share * (front - 1.5), 0.0, height - 0.03))
+        parts.append(plank(roof_unit, x=share * (front - 1.5), y=0.0, z=height - 0.03))
     wheel_radius = float(np.clip(0.03 * length + 0.12, 0.34, 0.5))
     front_overhang = float(rng.uniform(0.16, 0.24)) * min(length, 12.0)
     rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)
@@ -39,7 +39,7 @@ def draw_bus(rng: Rng) -> DrawnMesh:
         axles.append(0.08 * length)
     mirror = _draw_mirror(front, width, bottom + 0.6 * (height - bottom), rng)
     short_kind = "minibus" if length < MAX_MINIBUS_LENGTH_M else "bus"
-    wheels = make_axles(axles, width - 0.04, wheel_radius, 12)
+    wheels = make_axles(axles, width=width - 0.04, radius=wheel_radius, sides=12)
     return DrawnMesh(
         "bendy_bus" if is_bendy else short_kind,
         merge([*parts, *wheels]),
@@ -96,4 +96,4 @@ def _draw_mirror(front: float, width: float, z: float, rng: Rng) -> Mesh:
     mirror_height = float(rng.uniform(0.25, 0.45))
     overhang = float(rng.uniform(0.12, 0.28))
     x = front + float(rng.uniform(-0.3, -0.1))
-    return box((0.14, overhang + 0.06, mirror_height), (x, 0.48 * width + overhang / 2, z))
+    return box((0.14, overhang + 0.06, mirror_height), centre=(x, 0.48 * width + overhang / 2, z))

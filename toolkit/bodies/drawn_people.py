@@ -67,10 +67,10 @@ def _draw_pram(height: float, rng: Rng) -> Mesh:
 def _draw_walker(height: float, rng: Rng) -> Mesh:
     """Draw a person of a height (m) with a wheeled walker."""
     feet = [(x, y) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
-    legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x, y in feet]
-    wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x, y in feet]
+    legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], radii=0.015, sides=5) for x, y in feet]
+    wheels = [make_wheel(x, y, radius=0.09, breadth=0.04, sides=8) for x, y in feet]
     pushing_person = person(hold(_draw_walking(rng, lean=0.06), *PUSHING), height)
-    seat = plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)
+    seat = plank((0.25, 0.46, 0.05), x=0.5, y=0.0, z=0.5)
     return merge([pushing_person, *legs, *wheels, seat])
 
 
@@ -105,7 +105,9 @@ def _draw_walking(rng: Rng, stout: float | None = None, lean: float | None = Non
     if rng.random() < 0.2:
         return draw_pose(rng, stout)
     lean = float(rng.uniform(0.0, 0.05)) if lean is None else lean
-    figure = striding(float(rng.uniform(0.08, 0.45)), float(rng.uniform(0.2, 1.0)), lean, stout)
+    figure = striding(
+        float(rng.uniform(0.08, 0.45)), swing=float(rng.uniform(0.2, 1.0)), lean=lean, stout=stout
+    )
     return figure if rng.random() < 0.5 else _mirror_figure(figure)
 
 
@@ -143,17 +145,17 @@ def _draw_wheelchair(rng: Rng) -> Mesh:
         stout=float(rng.uniform(0.9, 1.2)),
     )
     wheels = [
-        make_wheel(-0.08, half_width, wheel_radius, 0.04, 14),
-        make_wheel(0.38, half_width - 0.05, 0.08, 0.04, 8),
+        make_wheel(-0.08, half_width, radius=wheel_radius, breadth=0.04, sides=14),
+        make_wheel(0.38, half_width - 0.05, radius=0.08, breadth=0.04, sides=8),
     ]
     chair = [
-        plank((0.42, 1.7 * half_width, 0.06), 0.0, 0.0, seat - 0.06),
-        plank((0.05, 1.7 * half_width, 0.45), -0.24, 0.0, seat),
+        plank((0.42, 1.7 * half_width, 0.06), x=0.0, y=0.0, z=seat - 0.06),
+        plank((0.05, 1.7 * half_width, 0.45), x=-0.24, y=0.0, z=seat),
     ]
     right_wheels = [flip_sides(wheel) for wheel in wheels]
     parts = [person(figure, height), *wheels, *right_wheels, *chair]
     if rng.random() < 0.3:
         pushing_figure = hold(_draw_walking(rng), *PUSHING)
         pushing_person = person(pushing_figure, float(rng.uniform(1.55, 1.85)))
-        parts.append(place(pushing_person, -0.75))
+        parts.append(place(pushing_person, x=-0.75))
     return merge(parts)

@@ -50,11 +50,11 @@ def draw_bicycle(rng: Rng) -> DrawnMesh:
     if scale > 0.84 and load_chance < 0.1:
         kind = "cargo_bicycle"
         length, width, depth = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6)).tolist()
-        cargo_box = plank((length, width, depth), 0.5 + 0.2 * length, 0.0, 0.42)
+        cargo_box = plank((length, width, depth), x=0.5 + 0.2 * length, y=0.0, z=0.42)
         parts = [scale_mesh(bike, (1.3, 1, 1)), cargo_box]
     elif load_chance < 0.3:
         bag = (0.36, float(rng.uniform(0.25, 0.42)), 0.32)
-        parts.append(plank(bag, -0.6 * scale, 0.0, 0.68 * scale))
+        parts.append(plank(bag, x=-0.6 * scale, y=0.0, z=0.68 * scale))
     rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
     grip: Vector = (
         (0.45 + 0.1 * sporty) * scale,
@@ -76,11 +76,11 @@ def draw_e_scooter(rng: Rng) -> DrawnMesh:
     handlebar = [(bar_x, -0.25, bar_height), (half_length - 0.13, 0.0, bar_height)]
     handlebar.append((bar_x, 0.25, bar_height))
     parts = [
-        make_wheel(-half_length, 0.0, wheel_radius, 0.05, 10),
-        make_wheel(half_length, 0.0, wheel_radius, 0.05, 10),
-        plank((1.7 * half_length, 0.16, 0.06), -0.05, 0.0, wheel_radius),
-        tube([(half_length, 0.0, wheel_radius), (bar_x, 0.0, bar_height)], 0.03, 6),
-        tube(handlebar, 0.02, 5),
+        make_wheel(-half_length, 0.0, radius=wheel_radius, breadth=0.05, sides=10),
+        make_wheel(half_length, 0.0, radius=wheel_radius, breadth=0.05, sides=10),
+        plank((1.7 * half_length, 0.16, 0.06), x=-0.05, y=0.0, z=wheel_radius),
+        tube([(half_length, 0.0, wheel_radius), (bar_x, 0.0, bar_height)], radii=0.03, sides=6),
+        tube(handlebar, radii=0.02, sides=5),
     ]
     rider_rng = _choose_stream(rng, OTHER_STREAM_SCOOTER_SHARE, half_length)
     height = float(np.clip(rider_rng.normal(1.73, 0.09), 1.35, 2.0))
@@ -93,7 +93,7 @@ def draw_e_scooter(rng: Rng) -> DrawnMesh:
         hands=pair(hand_x, 0.22 / height, hand_z),
         stout=pose.stout,
     )
-    parts.append(place(stand(person(figure, height)), -0.12, 0.0, wheel_radius + 0.06))
+    parts.append(place(stand(person(figure, height)), x=-0.12, y=0.0, z=wheel_radius + 0.06))
     return DrawnMesh("e_scooter", merge(parts))
 
 

@@ -38,7 +38,7 @@ def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mes
     """Cuboid with its foot at height z and its middle at x, y (m).
 
     size: length, width, height (m), along x, y, z."""
-    return box(size, (x, y, z + size[2] / 2))
+    return box(size, centre=(x, y, z + size[2] / 2))
 
 
 def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
@@ -46,5 +46,5 @@ def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
 
     size: length, width, height (m)."""
     length, width, height = size
-    dome = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
+    dome = ellipsoid((x, 0.0, z), radii=(length / 2, width / 2, height), rings=7, sides=12)
     return Mesh(np.maximum(dome.vertices, [-np.inf, -np.inf, z]), dome.triangles)

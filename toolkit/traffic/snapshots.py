@@ -33,7 +33,8 @@ MOST_OBJECTS = 30
 MARGIN = 10.0
 WARM_UP = 15.0  # s before the first frame
 # If frames are closer together than `STEP_S`, this many snapshots `INTERVAL` apart are taken first
-# and not given out: at the start everything still waits in queues, until objects have come and gone.
+# and not given out: at the start everything still waits in queues, until objects have come and
+# gone.
 COMING_AND_GOING = 8
 
 

@@ -55,19 +55,20 @@ class Supply:
         """Text of SUMO's additional file with a type for each body and lateral position.
 
         A type's id is "row-position". Random numbers are drawn at each call."""
-        rows = []
+        elements = []
         for row, (label, (length, width, height)) in enumerate(
             zip(self.labels.tolist(), self.sizes, strict=True)
         ):
             for position in range(POSITIONS):
+                # m to the left of the lane's middle, and behind the object ahead
                 aside = np.clip(self.rng.normal(0, LANE_OFFSETS_M[label]), -1.2, 1.2)
                 gap = self.rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
-                rows.append(
+                elements.append(
                     f'<vType id="{row}-{position}" vClass="{self.classes[row]}" '
                     f'length="{length:.3f}" width="{width:.3f}" height="{height:.3f}" '
                     f'minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
                 )
-        return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
+        return "<additional>\n" + "\n".join(elements) + "\n</additional>\n"
 
     def offer(self, rows: Int64[np.ndarray, " n"]) -> int:
         """Draw one of these rows of bodies; call `take` when it is used.
