@@ -30,9 +30,10 @@ def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
     half_height = rng.uniform(0.06, 0.09) * scale
     half_depth = rng.uniform(0.05, 0.11)
     overhang = rng.uniform(0.08, 0.19 + 0.04 * scale)
-    is_screen = (shape.profile[:, 1] > 0.75) & (shape.profile[:, 0] < 0.6)
-    screen_stations = shape.profile[is_screen, 0]
-    x = shape.length * (0.5 - float(screen_stations[0]) + 0.03)
+    stations, tops = shape.profile.T  # parts of the length, and of the height
+    is_screen = (tops > 0.75) & (stations < 0.6)
+    screen_station = float(stations[is_screen][0])
+    x = shape.length * (0.5 - screen_station + 0.03)
     z = shape.belt * shape.height + half_height + rng.uniform(-0.03, 0.06)
     y = shape.width / 2 + overhang / 2 - 0.02
     half_breadth = overhang / 2 + 0.02
@@ -97,15 +98,19 @@ def _make_rails(front: float, rear: float, y: float, z: float) -> Mesh:
 
 
 def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
-    """Draw a load on a pick-up's bed, a hard top over it, or nothing; return kind and mesh."""
+    """Draw a load on a pick-up's bed, a hard top over it, or nothing; return kind and mesh.
+
+    The kind is "hard_top", "load", or "" with an empty mesh."""
+    # x and z (m) of the bed
     front = shape.length * (0.5 - bed.start)
     rear = shape.length * (0.5 - bed.end)
     middle = (front + rear) / 2
+    belt = shape.belt * shape.height
+    floor = belt - 0.43
+    # sizes (m) of the room for a load, and of the roof
     room = 0.9 * (front - rear)
     roof_width = shape.width * (1 - shape.lean)
     width = 0.78 * shape.width * (1 - shape.lean)
-    belt = shape.belt * shape.height
-    floor = belt - 0.43
     chance = rng.random()
     if chance < 0.15:
         z = belt - 0.05
@@ -114,9 +119,11 @@ def _draw_bed_load(shape: Proportions, bed: Bed, rng: Rng) -> tuple[str, Mesh]:
     if chance < 0.3:
         return "load", mound((room, width, float(rng.uniform(0.4, 0.9))), x=middle, z=floor)
     if chance < 0.45:
+        # two crates: length and width as parts of the room, height in m
         shares = rng.uniform((0.3, 0.3, 0.4), (0.6, 0.9, 1.1), (2, 3))
+        sizes = (shares * [room, width, 1.0]).tolist()
         crates = []
-        for size, end in zip((shares * [room, width, 1.0]).tolist(), (-1, 1), strict=True):
+        for size, end in zip(sizes, (-1, 1), strict=True):  # end: -1 at the rear, 1 at the front
             crate_length, crate_width, crate_height = size
             x = middle + end * (room - crate_length) / 2
             y = rng.uniform(-1, 1) * (width - crate_width) / 2
@@ -133,9 +140,11 @@ def _draw_roof_box(x: float, roof_width: float, z: float, rng: Rng) -> Mesh:
     width = rng.uniform(0.5, 0.85)
     height = rng.uniform(0.26, 0.42)
     y = float(rng.uniform(-0.5, 0.5)) * max(roof_width - width - 0.2, 0.0)
+    # y and z of a cross-section, as parts of width and height
     corners = [[-0.5, 0.1], [0.5, 0.1], [0.5, 0.6], [0.4, 1.0], [-0.4, 1.0], [-0.5, 0.6]]
     ring = np.array(corners) * [width, height]
-    sections = ((-0.5, 0.75), (-0.42, 1.0), (0.3, 1.0), (0.5, 0.4))  # station and share of height
+    # place along the box as a part of its length, and share of its height
+    sections = ((-0.5, 0.75), (-0.42, 1.0), (0.3, 1.0), (0.5, 0.4))
     rings = [
         np.column_stack([np.full(6, x + length * station), y + ring[:, 0], z + ring[:, 1] * share])
         for station, share in sections
@@ -151,20 +160,24 @@ def _draw_rack(x: float, length: float, roof_width: float, z: float, rng: Rng) -
     x: middle of the roof; length: length of the rack; roof_width: width of the roof;
     z: its height (all m)."""
     height = float(rng.uniform(0.05, 0.14))
-    bar = (0.05, 0.9 * roof_width, 0.04)
-    foot = (0.04, 0.04, height + 0.05)
-    parts = [plank(bar, x=x + t * length, y=0.0, z=z + height - 0.02) for t in _RACK_STATIONS]
+    # sizes: length, width, height (m)
+    bar_size = (0.05, 0.9 * roof_width, 0.04)
+    foot_size = (0.04, 0.04, height + 0.05)
+    parts = [
+        plank(bar_size, x=x + station * length, y=0.0, z=z + height - 0.02)
+        for station in _RACK_STATIONS
+    ]
     for station in _RACK_STATIONS:
         for y in (-0.42 * roof_width, 0.42 * roof_width):
-            parts.append(plank(foot, x=x + station * length, y=y, z=z - 0.05))
+            parts.append(plank(foot_size, x=x + station * length, y=y, z=z - 0.05))
     if rng.random() < 0.7:
         y = float(rng.uniform(-0.2, 0.2)) * roof_width
         half_length = 0.5 * length * float(rng.uniform(0.9, 1.1))
         beam_z = z + height + 0.05
-        for side in (y - 0.2, y + 0.2):
-            beam = [(x - half_length, side, beam_z), (x + half_length, side, beam_z)]
+        for beam_y in (y - 0.2, y + 0.2):
+            beam = [(x - half_length, beam_y, beam_z), (x + half_length, beam_y, beam_z)]
             parts.append(tube(beam, radii=0.035, sides=5))
         for station in np.linspace(-0.9, 0.9, 7).tolist():
-            rung = (0.04, 0.4, 0.04)
-            parts.append(plank(rung, x=x + station * half_length, y=y, z=z + height + 0.03))
+            rung_size = (0.04, 0.4, 0.04)
+            parts.append(plank(rung_size, x=x + station * half_length, y=y, z=z + height + 0.03))
     return merge(parts)

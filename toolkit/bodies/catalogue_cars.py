@@ -67,7 +67,7 @@ def _loft_car(row: _CatalogueRow) -> tuple[Mesh, Mesh]:
     parts = [loft_parts(_make_proportions(row))]
     if row.has_rails:
         parts += _make_rails(row)
-    screen_foot = CAR_PROFILES[row.style][2][0]
+    screen_foot, _ = CAR_PROFILES[row.style][2]  # station of the third corner of the profile
     mirror_x = row.length * (0.5 - screen_foot - max(row.rake, 0.0) - 0.035)
     mirror_place = (mirror_x, row.width / 2 + 0.005, row.belt * row.height + 0.04)
     mirror = ellipsoid(mirror_place, radii=(0.09, 0.10, 0.075), rings=3, sides=6)
@@ -77,8 +77,8 @@ def _loft_car(row: _CatalogueRow) -> tuple[Mesh, Mesh]:
 def _make_proportions(row: _CatalogueRow) -> Proportions:
     """Proportions of a car of the catalogue."""
     is_pickup = row.style == "pickup"
-    profile = np.array(CAR_PROFILES[row.style])
-    profile[2:-2, 0] += row.rake
+    profile = np.array(CAR_PROFILES[row.style])  # rows of station and height
+    profile[2:-2, 0] += row.rake  # the ends stay
     share = PICKUP_FRONT_OVERHANG_SHARE if is_pickup else FRONT_OVERHANG_SHARE
     overhang = (row.length - row.wheelbase) * share
     return Proportions(

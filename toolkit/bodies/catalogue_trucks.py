@@ -67,7 +67,7 @@ def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
     front = size.length / 2
     width = size.width
     height = size.height
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(front - cab_length, width, 0.55, height),
         ShellSection(front - 0.55, width, 0.45, height),
         ShellSection(front - 0.25, width, 0.40, height - 0.12),
@@ -115,7 +115,7 @@ def _make_bus(size: VehicleSize) -> Mesh:
     rear = -front
     width = size.width
     height = size.height
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(rear, width * 0.9, 0.4, height - 0.25),
         ShellSection(rear + 0.12, width, 0.32, height - 0.06),
         ShellSection(rear + 0.4, width, 0.30, height),

@@ -33,7 +33,9 @@ def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
 
 
 def _draw_mesh(label: int, rng: Rng, evenly: bool) -> DrawnMesh:
-    """Draw a mesh of a class, by the class number. evenly: see `draw_person`."""
+    """Draw a mesh of a class, by the class number.
+
+    evenly: rare kinds of people and two-wheelers are drawn nearly as often as the usual ones."""
     if label == VEHICLE:
         return _draw_car(rng)
     if label == HEAVY:

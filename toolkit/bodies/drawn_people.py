@@ -35,7 +35,9 @@ def draw_person(rng: Rng, evenly: bool = False) -> DrawnMesh:
     """Draw a person, facing +x, soles or wheels on z = 0.
 
     evenly: rare kinds are drawn nearly as often as adults, instead of as often as in the street."""
-    chance = np.interp(rng.random(), EVEN_LIMITS, STREET_LIMITS) if evenly else rng.random()
+    chance = rng.random()
+    if evenly:  # move the limits between kinds from those of even shares to those of the street
+        chance = float(np.interp(chance, EVEN_LIMITS, STREET_LIMITS))
     if chance < WHEELCHAIR_LIMIT:
         return DrawnMesh("wheelchair", stand(_draw_wheelchair(rng)))
     if chance < CHILD_LIMIT:
@@ -83,9 +85,11 @@ def _draw_adult(height: float, rng: Rng) -> Mesh:
         parts.append(people.skirt(height, float(rng.uniform(0.1, 0.34)), figure.stout))
     elif clothes_chance < 0.28:
         parts.append(people.hat(height))
-    burdens = [make for limit, make in _BURDENS.items() if burden_chance < limit]
-    if burdens:
-        parts.append(burdens[0](height))
+    # limits of the chance in increasing order, and the function that makes each burden
+    burden_makers = [make for limit, make in _BURDENS.items() if burden_chance < limit]
+    if burden_makers:
+        make_burden = burden_makers[0]
+        parts.append(make_burden(height))
     return merge(parts)
 
 
@@ -100,7 +104,8 @@ def draw_pose(rng: Rng, stout: float) -> Figure:
 def _draw_walking(rng: Rng, stout: float | None = None, lean: float | None = None) -> Figure:
     """Draw the figure of a person in mid-stride, or without a step.
 
-    stout, lean: see `striding`; None to draw them."""
+    stout: breadth relative to an average adult; lean: how far the neck is in front of the hips, as
+    a part of the height; both None to draw them."""
     stout = float(rng.uniform(0.85, 1.2)) if stout is None else float(stout)
     if rng.random() < 0.2:
         return draw_pose(rng, stout)
@@ -135,9 +140,9 @@ def _draw_wheelchair(rng: Rng) -> Mesh:
     half_width = float(rng.uniform(0.26, 0.31))
     seat = float(rng.uniform(0.45, 0.52))
     hip = seat / height + 0.05
-    figure = Figure(
-        (-0.05, 0.0, hip),
-        (-0.07, 0.0, hip + 0.31),
+    figure = Figure(  # joints: x, y, z in parts of the height
+        hip=(-0.05, 0.0, hip),
+        neck=(-0.07, 0.0, hip + 0.31),
         knees=pair(0.19, 0.06, hip + 0.02),
         ankles=pair(0.26, 0.05, 0.1),
         elbows=pair(0.0, 0.16, hip + 0.13),

@@ -62,7 +62,9 @@ def draw_truck(rng: Rng) -> DrawnMesh:
     gap = float(rng.uniform(0.05, 0.3))
     floor = float(rng.uniform(0.85, 1.2))
     front = length / 2 - cab_length - gap
-    space = _LoadSpace(front, -length / 2, width, floor, cab_height)
+    space = _LoadSpace(
+        front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
+    )
     load_kind, load = _draw_superstructure(space, rng)
     chassis = _draw_chassis(length, width, floor, rng)
     return DrawnMesh(f"{load_kind}_truck", merge([cab, load, *chassis]), mirrors)
@@ -78,7 +80,9 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
     cab, mirrors = _draw_cab(length / 2, cab_width, cab_height, cab_length, rng)
     front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))
     floor = float(rng.uniform(1.1, 1.3))
-    space = _LoadSpace(front, -length / 2, width, floor, cab_height)
+    space = _LoadSpace(
+        front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
+    )
     load_kind, load = _draw_superstructure(space, rng)
     wheel_radius = float(rng.uniform(0.46, 0.53))
     tractor_axles = [length / 2 - 1.4, front - 0.6]
@@ -141,14 +145,14 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
     elif kind == "mixer":
         load = _make_mixer(space)
     else:
-        load = _draw_open_bed(space, kind == "tipper", rng)
+        load = _draw_open_bed(space, is_tipper=kind == "tipper", rng=rng)
     return kind, merge([deck, load])
 
 
 def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
     """Mesh of a box, curtain-sider or container. top: height of its roof (m)."""
     width = min(space.width, CONTAINER_WIDTH_M) if is_container else space.width
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(space.rear, width, space.floor, top),
         ShellSection(space.front, width, space.floor, top),
     ]
@@ -160,7 +164,7 @@ def _make_refuse_body(space: _LoadSpace, top: float) -> Mesh:
 
     top: height of its roof (m)."""
     floor = space.floor
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(space.rear, 0.9 * space.width, floor - 0.2, floor + 1.2),
         ShellSection(space.rear + 0.2 * space.length, space.width, floor, top),
         ShellSection(space.front, space.width, floor, top - 0.15),
@@ -191,19 +195,21 @@ def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
     """Draw a bed with low walls, and a heap, crates or nothing on it."""
     floor = space.floor
     wall_height = float(rng.uniform(0.8, 1.5) if is_tipper else rng.uniform(0.3, 0.7))
-    side_wall = (space.length, 0.06, wall_height)
-    end_wall = (0.06, space.width, wall_height)
-    parts = [
-        plank(side_wall, x=space.middle, y=y, z=floor)
-        for y in (-space.width / 2 + 0.03, space.width / 2 - 0.03)
-    ]
-    parts += [plank(end_wall, x=x, y=0.0, z=floor) for x in (space.rear + 0.03, space.front - 0.03)]
+    # sizes: length, width, height (m)
+    side_wall_size = (space.length, 0.06, wall_height)
+    end_wall_size = (0.06, space.width, wall_height)
+    parts = []
+    for y in (-space.width / 2 + 0.03, space.width / 2 - 0.03):
+        parts.append(plank(side_wall_size, x=space.middle, y=y, z=floor))
+    for x in (space.rear + 0.03, space.front - 0.03):
+        parts.append(plank(end_wall_size, x=x, y=0.0, z=floor))
     chance = rng.random()
     if is_tipper or chance < 0.3:
         heap_height = wall_height * float(rng.uniform(0.6, 1.35))
-        heap = (0.92 * space.length, 0.9 * space.width, heap_height)
-        parts.append(mound(heap, x=space.middle, z=floor + 0.12))
+        heap_size = (0.92 * space.length, 0.9 * space.width, heap_height)
+        parts.append(mound(heap_size, x=space.middle, z=floor + 0.12))
     elif chance < 0.75:
+        # three crates: length and width as parts of the bed, height in m
         shares = rng.uniform((0.15, 0.5, 0.4), (0.3, 0.95, 1.6), (3, 3))
         sizes = shares * [space.length, space.width - 0.15, 1.0]
         for k, (length, width, height) in enumerate(sizes.tolist()):

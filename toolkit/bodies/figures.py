@@ -84,8 +84,8 @@ def person(figure: Figure, height: float) -> Mesh:
         tube([figure.neck, head], radii=0.032, sides=6),
     ]
     parts.append(_make_trunk(figure))
-    parts += _make_limbs(figure, 0, 1)
-    parts += _make_limbs(figure, 1, -1)
+    parts += _make_limbs(figure, side=0, sign=1)
+    parts += _make_limbs(figure, side=1, sign=-1)
     return scale_mesh(merge(parts), height)
 
 
@@ -93,10 +93,11 @@ def _make_trunk(figure: Figure) -> Mesh:
     """Mesh of chest and belly, between hip and neck."""
     hip = np.array(offset_point(figure.hip, 0.0, 0.0, -0.03))
     spine = np.array(figure.neck) - hip
-    rings = [
-        hip + station * spine + unit_circle() * [depth * figure.stout, breadth * figure.stout, 1]
-        for station, depth, breadth in _TRUNK_SECTIONS
-    ]
+    rings = []
+    # station: 0 at the hip, 1 at the neck; depth, breadth: half axes along x and y
+    for station, depth, breadth in _TRUNK_SECTIONS:
+        ring = unit_circle() * [depth * figure.stout, breadth * figure.stout, 1]
+        rings.append(hip + station * spine + ring)
     return loft(np.stack(rings))
 
 

@@ -68,13 +68,18 @@ class Fleet:
             return self.fixed
         bodies: list[Body] = []
         for label in range(len(LABELS)):
-            fixed = [body for body in self.fixed if body.label == label]
+            fixed_bodies = [body for body in self.fixed if body.label == label]
             at_first, per_frame = _SPAWNED[label]
-            spawned = at_first + round(per_frame * min(frames, LARGEST_DRAW))
-            count = 0 if label not in self.drawn else spawned // 2 if fixed else spawned
-            drawn = (draw_body(label, rng, self.evenly) for _ in range(count))
-            bodies += [include_mirrors(body) if self.mirrors else body for body in drawn]
-            bodies += islice(cycle(fixed), max(spawned - count, len(fixed)) if fixed else 0)
+            needed = at_first + round(per_frame * min(frames, LARGEST_DRAW))
+            drawn_count = 0
+            if label in self.drawn:
+                drawn_count = needed // 2 if fixed_bodies else needed
+            for _ in range(drawn_count):
+                body = draw_body(label, rng, self.evenly)
+                bodies.append(include_mirrors(body) if self.mirrors else body)
+            if fixed_bodies:  # each at least once, and again from the first
+                fixed_count = max(needed - drawn_count, len(fixed_bodies))
+                bodies += islice(cycle(fixed_bodies), fixed_count)
         return tuple(bodies)
 
 
@@ -133,15 +138,12 @@ def fleet_named(
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
-    # Bodies of the catalogue by class, made once.
-    with_mirrors = ((VEHICLE, cars()), (HEAVY, trucks()))
-    without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
-    bodies = [
-        make_boxed_body(name, label, *meshes)
-        for label, group in with_mirrors
-        for name, meshes in group.items()
-    ]
-    bodies += [
-        make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()
-    ]
+    # bodies of the catalogue by class, made once
+    bodies = []
+    for label, vehicles in ((VEHICLE, cars()), (HEAVY, trucks())):
+        for name, (mesh, mirrors) in vehicles.items():
+            bodies.append(make_boxed_body(name, label, mesh, outside=mirrors))
+    for label, road_users in ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians())):
+        for name, mesh in road_users.items():
+            bodies.append(make_body(name, label, mesh.vertices, mesh.triangles))
     return tuple(sorted(bodies, key=lambda body: body.label))

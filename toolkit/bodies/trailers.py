@@ -94,5 +94,6 @@ def _shrink_ring(
     """Points (x, y, z) of a ring at an end of a trailer, narrower and lower than in its middle.
 
     ring: y, z in the middle (m); slope: share by which heights above 0.4 m shrink."""
-    z = ring[:, 1] - slope * (ring[:, 1] - 0.4)
-    return np.column_stack([np.full(4, x), ring[:, 0] * 0.96, z])
+    middle_y, middle_z = ring.T
+    z = middle_z - slope * (middle_z - 0.4)
+    return np.column_stack([np.full(4, x), middle_y * 0.96, z])

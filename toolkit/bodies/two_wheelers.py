@@ -75,18 +75,27 @@ def rider(
         upright: sine of the back's slope, 1 for an upright back.
         stout: breadth of trunk and limbs relative to an average adult.
         foot_rest: x and z of the foot rests (m), None for pedals, one up and one down."""
-    # a figure's joints are in parts of its height
-    hip = (-0.2 / height, 0.0, saddle / height + 0.045)
-    neck_x = hip[0] + BACK_LENGTH * math.sqrt(1 - upright**2) + 0.03
-    neck = (neck_x, 0.0, hip[2] + BACK_LENGTH * upright)
-    hands = pair(grip[0] / height, grip[1] / height, grip[2] / height)
-    hand = hands[0]
-    elbows = pair((neck[0] + hand[0]) / 2 - 0.02, 0.155, (neck[2] + hand[2]) / 2 - 0.05)
+    # a figure's joints are x, y, z in parts of its height
+    hip_x, hip_z = -0.2 / height, saddle / height + 0.045
+    hip = (hip_x, 0.0, hip_z)
+    neck_x = hip_x + BACK_LENGTH * math.sqrt(1 - upright**2) + 0.03
+    neck_z = hip_z + BACK_LENGTH * upright
+    hand_x, hand_z = grip[0] / height, grip[2] / height
+    # an elbow is near the middle between neck and hand
+    elbows = pair((neck_x + hand_x) / 2 - 0.02, 0.155, (neck_z + hand_z) / 2 - 0.05)
     left_rest, right_rest = PEDALS if foot_rest is None else (foot_rest, foot_rest)
-    ankle = _find_ankle(left_rest, 0.11, height)
+    left_ankle = _find_ankle(left_rest, 0.11, height)
     right_ankle = _find_ankle(right_rest, -0.11, height)
-    knees = (_find_knee(hip, ankle), _find_knee(hip, right_ankle))
-    return person(Figure(hip, neck, knees, (ankle, right_ankle), elbows, hands, stout), height)
+    figure = Figure(
+        hip=hip,
+        neck=(neck_x, 0.0, neck_z),
+        knees=(_find_knee(hip, left_ankle), _find_knee(hip, right_ankle)),
+        ankles=(left_ankle, right_ankle),
+        elbows=elbows,
+        hands=pair(hand_x, grip[1] / height, hand_z),
+        stout=stout,
+    )
+    return person(figure, height)
 
 
 def _find_ankle(foot_rest: Span, y: float, height: float) -> Vector:
@@ -104,10 +113,11 @@ def _find_knee(hip: Vector, ankle: Vector) -> Vector:
     hip_point = np.array(hip)
     ankle_point = np.array(ankle)
     leg = ankle_point - hip_point
-    bend = math.sqrt(max(0.245**2 - float(leg @ leg) / 4, 0.0004))
-    backward = np.cross([0.0, 1.0, 0.0], leg)
+    bend = math.sqrt(max(0.245**2 - float(leg @ leg) / 4, 0.0004))  # at least 0.02
+    backward = np.cross([0.0, 1.0, 0.0], leg)  # at a right angle to the leg
     knee = (hip_point + ankle_point) / 2 - bend * backward / np.linalg.norm(backward)
-    return float(knee[0]), math.copysign(0.06, ankle[1]), float(knee[2])
+    y = math.copysign(0.06, ankle[1])  # on the side of the ankle
+    return float(knee[0]), y, float(knee[2])
 
 
 def bicycle(radius: float) -> Mesh:
