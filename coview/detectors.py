@@ -44,7 +44,7 @@ class CloudDetector:
         if level not in ("map", "plane", None):
             raise ValueError(f'level must be "map", "plane" or None, got {level!r}')
         self.network = network
-        self.level = level
+        self.level = level  # way to level clouds, None to take them as they are
         self._is_level_checked = level is not None
         self.labels = network.labels
         self.area = network.area

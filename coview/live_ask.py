@@ -29,12 +29,12 @@ class LongTasks:
 
     def __init__(self, context: LiveContext, ghosts: Ghosts, folder: Path) -> None:
         self._planner = context.planner
-        self._jobs = context.jobs
-        self._head = context.head
-        self._show = context.show
+        self._jobs = context.jobs  # runs long tasks in a separate thread
+        self._head = context.head  # shows notes
+        self._show = context.show  # shows an answer
         self._redraw = context.redraw
-        self._ghosts = ghosts
-        self._folder = folder
+        self._ghosts = ghosts  # drawings of suggestions
+        self._folder = folder  # for exports and reports
 
     def add_ask_controls(self, gui: "GuiApi", find_name: Callable[[], str]) -> None:
         """Add the controls of the tab Ask.

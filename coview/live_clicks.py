@@ -31,14 +31,14 @@ class GroundClicks:
 
     def __init__(self, context: LiveContext, areas: AreaDrawing, folder: Path) -> None:
         self._planner = context.planner
-        self._jobs = context.jobs
-        self._head = context.head
-        self._show = context.show
+        self._jobs = context.jobs  # runs functions in the page's thread
+        self._head = context.head  # shows notes
+        self._show = context.show  # shows an answer
         self._redraw = context.redraw
         self._areas = areas
-        self._folder = folder
-        self._awaited: Callable[[Spot], None] | None = None
-        self.spots: list[Spot] = []
+        self._folder = folder  # for pictures
+        self._awaited: Callable[[Spot], None] | None = None  # called with the next clicks
+        self.spots: list[Spot] = []  # clicked so far, of an area or picture
 
     def add_controls(self, gui: "GuiApi", model: Handle) -> None:
         """Add the controls of the tab Draw. model: control with the model of new sensors."""

@@ -27,10 +27,10 @@ class SensorDrags:
         self, context: LiveContext, drawings: SensorDrawings, choose: Callable[[str], None]
     ) -> None:
         self._planner = context.planner
-        self._jobs = context.jobs
-        self._show = context.show
+        self._jobs = context.jobs  # runs functions in the page's thread
+        self._show = context.show  # shows an answer
         self._drawings = drawings
-        self._choose = choose
+        self._choose = choose  # chooses a sensor in the panel, by name
 
     def attach(self, name: str, housing: Handle, handle: Handle) -> None:
         """Let a sensor be dragged by its housing and handle, and chosen by a click on either.

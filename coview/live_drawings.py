@@ -56,7 +56,7 @@ class SensorDrawings:
         self._nodes: dict[str, list[Handle]] = {}
         # by name of the sensor: its index in the variant and its state as they were drawn last
         self._drawn_states: dict[str, tuple[int, LiveSensor]] = {}
-        self._pole_labels: dict[str, Handle] = {}
+        self._pole_labels: dict[str, Handle] = {}  # by name of the pole
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -156,9 +156,9 @@ class Ghosts:
     ) -> None:
         self._api = api
         self._planner = planner
-        self._accept = accept
-        self._suggestions: list[Suggestion] = []
-        self._nodes: list[Handle] = []
+        self._accept = accept  # called with a suggestion that is clicked
+        self._suggestions: list[Suggestion] = []  # to draw, the best first
+        self._nodes: list[Handle] = []  # parts of all drawings
 
     def offer(self, suggestions: Sequence[Suggestion]) -> None:
         """Keep suggestions, the best first, to be drawn in place of those before."""

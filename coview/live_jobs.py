@@ -43,14 +43,14 @@ class LiveJobs:
     def __init__(
         self, head: PanelHead, *, show: "Callable[[LiveAnswer], None]", redraw: Job, draw_rest: Job
     ) -> None:
-        self._head = head
-        self._show = show
-        self._redraw = redraw
-        self._draw_rest = draw_rest
-        self._jobs: deque[Job] = deque()
-        self._long: deque[Job] = deque()
-        self._drag: Job | None = None
-        self._wake = threading.Condition()
+        self._head = head  # shows notes and errors
+        self._show = show  # shows an answer
+        self._redraw = redraw  # draws all after a failure
+        self._draw_rest = draw_rest  # draws what no answer waits for
+        self._jobs: deque[Job] = deque()  # waiting, in order
+        self._long: deque[Job] = deque()  # waiting, for the other thread
+        self._drag: Job | None = None  # for the latest position of a drag
+        self._wake = threading.Condition()  # held to change these; wakes both threads
         self._used_at_s = 0.0  # time (s) of the last job
         self._rest_due_s = 0.0  # time (s) since which slow drawing is due, 0 if it is not
         self.closed = False
@@ -213,8 +213,8 @@ class Refining:
     ) -> None:
         self._planner = planner
         self._jobs = jobs
-        self._find_answer = find_answer
-        self._show_refined = show_refined
+        self._find_answer = find_answer  # returns the shown answer, None before the first
+        self._show_refined = show_refined  # shows the figures once nothing coarse is in them
         self._thread: threading.Thread | None = None
 
     def run(self) -> None:

@@ -195,8 +195,8 @@ class ScoreTab:
 
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
         self._planner = planner
-        first = planner.first
-        now = planner.asked
+        first = planner.first  # setting at the start
+        now = planner.asked  # setting that is asked for now
         self._details = gui.add_html("")
 
         def add_choice(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
@@ -252,7 +252,7 @@ class VariantsTab:
     ) -> None:
         self._planner = planner
         self._small_maps: dict[Variant, str] = {}  # HTML by variant, so that none is drawn twice
-        gui.add_html(site_html(planner.yard.site))
+        gui.add_html(site_html(planner.yard.site))  # hidden; the small maps show it
         self._table = gui.add_html("")
         self._shown: Handle = gui.add_dropdown("Shown", ("A",))
         self._shown.on_update(
@@ -362,7 +362,7 @@ class LivePanel:
         tasks: LongTasks,
         **drawing: Callable[[], None],
     ) -> None:
-        self._guard = FieldGuard()
+        self._guard = FieldGuard()  # ignores changes of fields by the program
         steps = gui.add_button_group("Changes", ("Undo", "Redo"))
         steps.on_click(
             lambda _: jobs.change(planner.undo if steps.value == "Undo" else planner.redo)

@@ -46,9 +46,9 @@ class StartPage:
     is called with the name or file of the chosen site."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
-        self._folder = folder
-        self._then = then
-        self._busy = threading.Lock()
+        self._folder = folder  # for uploads and sites made from maps
+        self._then = then  # opens a site, given by name or file
+        self._busy = threading.Lock()  # held while a site is opened
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
@@ -171,12 +171,12 @@ class LiveSession:
     ) -> None:
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
-        token = secrets.token_urlsafe(16)
-        self._open = ExitStack()
+        token = secrets.token_urlsafe(16)  # only who knows the URL opens the page
+        self._open = ExitStack()  # what `close` ends
         self._folder = folder
         self._server = self._open.enter_context(viser_server(port, token))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
-        if callable(planner):
+        if callable(planner):  # it makes the planner of a site that the first page asks for
             self._begin = planner
             StartPage(self._server, folder, lambda site: self._show(*planner(site)))
         else:

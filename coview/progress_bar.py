@@ -31,9 +31,9 @@ class Bar:
         self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS
     ) -> None:
         self._bar = bar
-        self._hidden = hidden
-        self._stage = unit
-        self._steps = steps
+        self._hidden = hidden  # True to print nothing
+        self._stage = unit  # name of the stage
+        self._steps = steps  # usual share of the time of each main stage, by name
         self._done = 0  # number done
         self._done_at_start = 0  # number done when the stage began
         self._step = 0  # number of the main stage, counted from 1; 0 before the first

@@ -175,6 +175,7 @@ def _kind(argument: Any) -> str:
     if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
         metavar = metavar[1:-1]
     words = metavar.replace("[", " ").replace("]", " ").split()
+    # `_KINDS`: singular and plural of the values that a word such as FLOAT stands for
     kinds = [word for word in words if word in _KINDS]
     upper_words = [word for word in words if word.isupper()]
     if len(set(kinds)) != 1 or len(kinds) < len(upper_words):

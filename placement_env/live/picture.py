@@ -51,6 +51,7 @@ class GroundPicture:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
+        # raises ValueError for a field of another type or beyond its limits, as in a file
         picture = JsonObject(vars(self), "picture")
         check_name(picture.get("name", str))
         for key in ("width", "height"):

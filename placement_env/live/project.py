@@ -50,7 +50,7 @@ class ProjectFile:
         self.planner = planner
         self._site_sha256 = sha256(format_site(planner.yard.site).encode()).hexdigest()
         path.parent.mkdir(parents=True, exist_ok=True)
-        lock = take(path.with_name(f".{path.name}.lock"))
+        lock = take(path.with_name(f".{path.name}.lock"))  # None if another process has it
         if lock is None:
             raise ValueError(
                 f"{path} is open in another coview live: close that, or give another --project"
@@ -65,7 +65,7 @@ class ProjectFile:
         except BaseException:
             self.close()
             raise
-        planner.listen(self.save)
+        planner.listen(self.save)  # after every change
         self.save()
 
     @property

@@ -58,13 +58,14 @@ class LiveScorer:
         self._yard = yard
         self._currency = currency
         self._max_sensors = max_sensors
-        self._earlier_answer: LiveAnswer | None = None
+        self._earlier_answer: LiveAnswer | None = None  # the next answers state the change since it
         self.first = setting
-        fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
-        self._start_question(
-            setting, replace(run, frames=first_frames, cache=None) if fewer else run
-        )
-        self.all_frames = AllFrames(replace(self.preparation, run=run) if fewer else None)
+        # figures come from the first frames only, until the views of all are made
+        begins_with_fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
+        first_run = replace(run, frames=first_frames, cache=None) if begins_with_fewer else run
+        self._start_question(setting, first_run)
+        awaited = replace(self.preparation, run=run) if begins_with_fewer else None
+        self.all_frames = AllFrames(awaited)
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)

@@ -54,8 +54,10 @@ class SeenMaps:
         self._x, self._y, targets, self._open_cells = lay_grid(
             preparation.setting.place, CELL_M, height
         )
+        # places that must be seen (n, 3), one for each cell outside buildings
         self._targets = targets[self._open_cells]
         count = min(MAP_FRAMES, preparation.frames)
+        # numbers of evenly chosen frames of the traffic
         self._frames = np.linspace(0, preparation.frames - 1, count).round().astype(np.int64)
         self._bits_by_eye = Bounded()  # result of `_visible_frames` by position of the eye
 
@@ -86,9 +88,8 @@ class SeenMaps:
             # the lock of the panoramas keeps other threads from casting rays meanwhile
             with panoramas.casting if panoramas is not None else nullcontext():
                 bits = self._cast_visible_frames(eye)
-        self._bits_by_eye.keep(
-            {key: bits}, MAX_BITS_BYTES
-        )  # known ones too: they become the latest
+        # known bits too: they become the latest, and the oldest ones are dropped first
+        self._bits_by_eye.keep({key: bits}, MAX_BITS_BYTES)
         return bits
 
     def _cast_visible_frames(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:

@@ -48,14 +48,16 @@ class StockViews:
         middle_step = len(self._stock.axes.heights) // 2
         xmin, ymin, xmax, ymax = preparation.setting.place.area.tolist()
         middle = np.array([(xmin + xmax) / 2, (ymin + ymax) / 2])
+        # of the mounts from the middle of the area (m)
         distances = [
             float(np.hypot(*(mount.position[:2] - middle))) for mount in self._stock.mounts
         ]
-        groups = [
-            np.flatnonzero((height_steps == step) & (self._stock.mount == mount))
-            for step in sorted(set(height_steps.tolist()), key=lambda step: abs(step - middle_step))
-            for mount in np.argsort(distances, kind="stable")
-        ]
+        # indices of the poses at each height of each mount, in the order of viewing
+        groups = []
+        for step in sorted(set(height_steps.tolist()), key=lambda step: abs(step - middle_step)):
+            for mount in np.argsort(distances, kind="stable"):
+                is_in_group = (height_steps == step) & (self._stock.mount == mount)
+                groups.append(np.flatnonzero(is_in_group))
         # groups without views, by the index of their first pose, which is their key
         self._waiting_groups = {int(group[0]): group for group in groups if len(group)}
         self._first_keys: dict[int, int] = {}  # key of the group that is viewed first, by mount

@@ -46,10 +46,10 @@ class Suggester:
         views: SensorViews,
         estimate: Callable[[Variant], LiveAnswer],
     ) -> None:
-        self._yard = yard
-        self._meter = meter
+        self._yard = yard  # site and stock of poses
+        self._meter = meter  # scores sensors whose views are known
         self._views = views
-        self._estimate = estimate
+        self._estimate = estimate  # returns the figures of a variant
 
     def suggest(
         self, variant: Variant, kind: str, name: str | None, *, count: int, patience: float

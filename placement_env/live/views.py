@@ -55,7 +55,7 @@ class SensorViews:
     def __init__(self, yard: Yard, meter: Meter) -> None:
         self._yard = yard
         self._meter = meter
-        self._preparation = meter.preparation
+        self._preparation = meter.preparation  # its `live` holds panoramas, None without them
         # view by model and pose, the oldest first, and True if it is from the sensor's exact height
         self._rows = dict[object, tuple[SensorRow, bool]]()
         self.stock = StockViews(self._preparation)

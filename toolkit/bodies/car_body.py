@@ -193,7 +193,8 @@ def _find_roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.n
     The heights are of the side profile, smoothed along the car; screens bulge forward and
     backward in their middle, and the roof's edges are lower than its middle."""
     across = np.array(_ROOF_SHARES)  # 0 in the middle of the roof, 1 at its edge
-    # stations by which the edge is nearer to the car's middle; -1 in front of it, 1 behind
+    # shift of the station whose height is taken: forward in the front half (-1), backward behind
+    # (1), most at the edges
     bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
     offsets = np.linspace(-1, 1, shape.samples) * shape.soft
     stations = np.clip((s[:, None] + bow)[..., None] + offsets, 0, 1)  # (station, place, sample)

@@ -162,7 +162,7 @@ def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
 def motorcycle(fairing: bool = False) -> Mesh:
     """Mesh of a motorcycle, x forward, wheels on z = 0.
 
-    fairing: True for one with a fairing and a top case."""
+    fairing: True for one with a fairing and a top case. Points are x, y, z, all lengths in m."""
     rear_wheel = make_wheel(-0.70, 0.0, radius=0.31, breadth=0.16)
     front_wheel = make_wheel(0.74, 0.0, radius=0.30, breadth=0.12)
     engine = ellipsoid((0.02, 0.0, 0.45), radii=(0.32, 0.17, 0.22))

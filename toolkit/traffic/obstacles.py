@@ -34,6 +34,7 @@ class Obstacles:
             if height > MAX_STEP_HEIGHT_M
         ]
         solid_middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
+        # undersides above the plane of the site (m), and outlines from above, in the same order
         self.bases = np.array([solid.base for solid in solids]) - site.plane(solid_middles)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
 

@@ -73,6 +73,7 @@ class Mix:
     strays: float = 0.0
 
     def __post_init__(self) -> None:
+        # raises ValueError for a field that is out of range
         if self.most < 1:
             raise ValueError(f"most must be at least 1, got {self.most}")
         if self.parked is not None and not 0 <= self.parked <= self.most:

@@ -37,10 +37,11 @@ class Supply:
 
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
         self.rng = rng
-        self.once = once
-        self.ids = count()
+        self.once = once  # True to use each body once before any comes again
+        self.ids = count()  # of objects
         self._taken = np.zeros(len(bodies), bool)
         self.labels = np.array([body.label for body in bodies], np.int64)
+        # length, width and height (m) of each body
         self.sizes = np.array([body.size for body in bodies], np.float64).reshape(-1, 3)
         # SUMO's vehicle class of each body; two-wheelers have one by their length
         class_by_label = {VEHICLE: "passenger", HEAVY: "truck", PEDESTRIAN: "pedestrian"}
