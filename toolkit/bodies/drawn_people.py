@@ -135,10 +135,10 @@ def _mirror_pair(joints: Pair) -> Pair:
 
 def _draw_wheelchair(rng: Rng) -> Mesh:
     """Draw a person seated between two large wheels, sometimes pushed."""
-    height = float(rng.uniform(1.5, 1.85))
+    height = float(rng.uniform(1.5, 1.85))  # of the person when standing (m)
     wheel_radius = float(rng.uniform(0.27, 0.31))
-    half_width = float(rng.uniform(0.26, 0.31))
-    seat = float(rng.uniform(0.45, 0.52))
+    half_width = float(rng.uniform(0.26, 0.31))  # of the chair (m)
+    seat = float(rng.uniform(0.45, 0.52))  # height (m)
     hip = seat / height + 0.05
     figure = Figure(  # joints: x, y, z in parts of the height
         hip=(-0.05, 0.0, hip),

@@ -30,14 +30,14 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 
     held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never
     trained on."""
-    procedural = tuple(
-        body
-        for body in _procedural()
-        if body.label != VEHICLE or (body.name in HELD_OUT) == held_out
-    )
-    if meshes is None:
-        return procedural
-    return procedural + tuple(loaded.body for loaded in take_meshes(meshes))
+    bodies = []
+    for body in _procedural():
+        is_other_car = body.label == VEHICLE and (body.name in HELD_OUT) != held_out
+        if not is_other_car:
+            bodies.append(body)
+    if meshes is not None:
+        bodies += [taken.body for taken in take_meshes(meshes)]
+    return tuple(bodies)
 
 
 @dataclass(frozen=True, eq=False)

@@ -333,7 +333,7 @@ def _read_entry(row: dict[str, Any], where: str) -> MeshEntry:
     up = row.get("up")
     forward = row.get("forward")
     scale = row.get("scale")
-    if (up or "z")[-1] == (forward or "x")[-1]:
+    if (up or "z")[-1] == (forward or "x")[-1]:  # [-1]: the axis without its sign
         raise ValueError(
             f"{where}: up {up or 'z'} and forward {forward or 'x'} lie on one axis: say both"
         )
@@ -557,8 +557,8 @@ def _remedy(mesh: Mesh, named_label: int | None) -> str:
     # smaller is better: first no change of scale, then the largest deviation from typical sizes
     best_penalty = (np.inf, np.inf)
     remedy = ""
-    units = [("", 1.0), *_UNITS.items()]
-    axes_and_turns = [("", np.eye(3)), *_TURNS.items()]
+    units = [("", 1.0), *_UNITS.items()]  # name, and metres of one
+    axes_and_turns = [("", np.eye(3)), *_TURNS.items()]  # words, and rotation to x forward, z up
     for (unit, scale), (axes, turn) in product(units, axes_and_turns):
         changed = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
         size = np.ptp(changed.vertices, axis=0)

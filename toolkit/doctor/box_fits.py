@@ -64,15 +64,14 @@ class GroundView:
 
 
 def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of boxes, 0 to 1, frame after frame.
+    """Fit of boxes, 0 to 1, frame after frame: how well the points are on their faces.
 
     views: frames with their points; boxes: boxes (m, 7) of each frame, world frame."""
-    parts = [
-        measure_fits(view.points, rows)
-        for view, rows in zip(views, boxes, strict=True)
-        if len(rows)
-    ]
-    return np.concatenate([np.zeros(0), *parts])
+    fits_by_frame = [np.zeros(0)]
+    for view, view_boxes in zip(views, boxes, strict=True):
+        if len(view_boxes):
+            fits_by_frame.append(measure_fits(view.points, view_boxes))
+    return np.concatenate(fits_by_frame)
 
 
 def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
