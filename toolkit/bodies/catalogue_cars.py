@@ -109,9 +109,10 @@ def _make_proportions(row: _CatalogueRow) -> Proportions:
 def _make_rails(row: _CatalogueRow) -> list[Mesh]:
     """Rails on both sides of a roof."""
     y = row.width * (0.5 - 0.48 * row.lean)
+    # heights of the rail's feet, and of the rail (m)
     low = row.height - 0.08
     high = row.height - 0.08 + 0.05
-    points = [
+    points = [  # x, y, z from the front to the rear
         (0.08 * row.length, y, low),
         (0.02 * row.length, y, high),
         (-0.3 * row.length, y, high),

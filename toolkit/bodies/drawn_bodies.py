@@ -77,8 +77,9 @@ def possible_names() -> tuple[str, ...]:
     trucks = [f"{load}_truck" for load in SUPERSTRUCTURES]
     trucks += [f"articulated_{load}" for load in SUPERSTRUCTURES]
     loaded_cars = [f"{car}_{load}" for car in cars for load in CARRIED]
-    kinds = {
-        VEHICLE: [*cars, *(f"block_{car}" for car in cars), *loaded_cars],
+    block_cars = [f"block_{car}" for car in cars]
+    kinds = {  # by class number
+        VEHICLE: [*cars, *block_cars, *loaded_cars],
         CYCLIST: TWO_WHEELERS,
         PEDESTRIAN: PEOPLE,
         HEAVY: [*trucks, *BUSES, *towing_cars],

@@ -166,7 +166,9 @@ def _describe_default(detector: "Detector") -> str:
 
 
 def _check_options(rules: Rules, subject: Subject) -> None:
-    """Raise ValueError for rules that cannot be followed, and for unknown errors."""
+    """Raise ValueError for options of the evaluation that do not fit.
+
+    rules: how detections are scored; subject: what is scored, and under which sensor errors."""
     for name in ("schemes", "sensors", "classes", "iou"):
         arguments.check_each_once(f"--{name}", getattr(rules, name))
     arguments.check_ious(rules.iou or ())

@@ -74,7 +74,9 @@ class Parking:
             left = self._find_area_angle(spot, to_left)
         if right is None:
             right = self._find_area_angle(spot, -to_left)
-        return Sides(left, right) if self.lefthand else Sides(right, left)
+        if self.lefthand:
+            return Sides(kerb=left, inner=right)
+        return Sides(kerb=right, inner=left)
 
     def _find_road_angles(
         self, spot: shapely.Point, ahead: Float64[np.ndarray, "2"]
