@@ -91,7 +91,9 @@ class LivePage:
         api = self.server.scene
         planner = self.planner
         self.sensors = SensorDrawings(api, planner)
-        context = LiveContext(planner, self.jobs, self.head, self.show, self.draw)
+        context = LiveContext(
+            planner, jobs=self.jobs, head=self.head, show=self.show, redraw=self.draw
+        )
         self.drags = SensorDrags(context, self.sensors, self.choose)
         self.ghosts = Ghosts(
             api, planner, lambda suggestion: self.change(planner.accept, suggestion)

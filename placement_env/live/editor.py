@@ -224,12 +224,12 @@ class VariantEditor:
     def end_drag(self) -> None:
         """End a drag: the next move is a separate step."""
         self.history.end_drag()
-        self._notify(False)
+        self._notify(False)  # no move of a drag
 
     def lay(self, picture: GroundPicture | None) -> None:
         """Lay a picture under the scene; None removes it."""
         self.picture = picture
-        self._notify(False)
+        self._notify(False)  # no move of a drag
 
     # steps and variants
 
@@ -247,7 +247,7 @@ class VariantEditor:
             before = self.scorer.recall(self.variant)
             step()
             self.scorer.compare_with(before)
-            self._notify(False)
+            self._notify(False)  # no move of a drag
             return self.answer(what)
 
     def show(self, name: str, *, copy: bool = False) -> LiveAnswer:
@@ -259,7 +259,7 @@ class VariantEditor:
             before = self.answer()
             self.history.show(name, copy=copy)
             self.scorer.compare_with(before)
-            self._notify(False)
+            self._notify(False)  # no move of a drag
             return self.answer(f"variant {name}")
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:

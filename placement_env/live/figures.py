@@ -269,7 +269,7 @@ class Meter:
             classes=classes,
             approaches=self._by_group(*self._approaches, probability),
             levels=self._by_group(*self._levels, probability),
-            links=self._loads(candidates, seen, is_working),
+            links=self._measure_loads(candidates, seen, is_working),
             objects=objects,
             frames=seen.frames,
             unseen=int(hidden.sum()),
@@ -405,12 +405,12 @@ class Meter:
             level_of_frame[frames] = k
         return LEVEL_NAMES[LEVELS], level_of_frame[self.unseen.frame]
 
-    def _loads(
+    def _measure_loads(
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[PoleLoad, ...]:
-        # load of the link of each pole; failed sensors send nothing
+        # load of the link of each pole, by what its working sensors send; failed ones send nothing
         setting = self.preparation.setting
-        # kbit [sensor, frame]
+        # axes: sensor, frame
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
         return measure_links(
             candidates, kbit, setting.link_share, limited=setting.fusion.sends_points

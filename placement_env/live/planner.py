@@ -91,7 +91,7 @@ class LivePlanner(VariantEditor):
         OSError for a setting without a surrogate, and keeps the present one."""
         with self._lock:
             self.scorer.ask(changes)
-            self._notify(False)
+            self._notify(False)  # no move of a drag
             return self.answer("another question")
 
     @property
