@@ -175,7 +175,8 @@ class Spawner:
                 if spawned.leader != name
             }
             if removed and removed.leader is None:  # SUMO does not know companions
-                self.domains[removed.walks].remove(str(name))
+                persons_or_vehicles = self.domains[removed.walks]
+                persons_or_vehicles.remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
         """Count a frame in which these objects were seen; remove those seen in `LIFE` frames."""

@@ -156,9 +156,10 @@ def _find_direction(line: shapely.LineString, distance: float) -> Float64[np.nda
 
 
 def _read_angle(tags: Tags, side: str) -> Angle:
-    """Angle of parking on one side of a road, None for no parking. side: "left" or "right".
+    """Angle of parking on one side of a road (degrees), None for no parking.
 
-    Tags are today's, as parking:left=lane, or the older ones, as parking:lane:left=parallel."""
+    Tags are today's, as parking:left=lane, or the older ones, as parking:lane:left=parallel. side:
+    "left" or "right"."""
     parking = _read_side_tag(tags, "parking", side)
     if _read_side_tag(tags, "parking", side, ":restriction") in _FORBIDDEN:
         return None
