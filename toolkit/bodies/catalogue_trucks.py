@@ -89,7 +89,10 @@ def _make_box(truck_length: float, length: float, width: float, top: float) -> M
     truck_length: length of the truck; length, width: size of the box; top: height of its roof (all
     m)."""
     rear = -truck_length / 2
-    sections = [ShellSection(rear, width, 0.95, top), ShellSection(rear + length, width, 0.95, top)]
+    sections = [  # x, width, bottom and top of each (m)
+        ShellSection(rear, width, 0.95, top),
+        ShellSection(rear + length, width, 0.95, top),
+    ]
     guard = box((0.12, width * 0.95, 0.14), centre=(rear + 0.1, 0, 0.5))
     frame = box((truck_length - FRAME_END_M, 0.85, 0.28), centre=(-0.35, 0, 0.80))
     return merge([loft_shell(sections, corner=0.04), frame, guard])

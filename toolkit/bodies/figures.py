@@ -104,7 +104,8 @@ def _make_trunk(figure: Figure) -> Mesh:
 def _make_limbs(figure: Figure, side: int, sign: int) -> list[Mesh]:
     """Meshes of leg, arm, foot and hand of one side.
 
-    side: index of the side in pairs, 0 for left and 1 for right; sign: 1 for left, -1 for right."""
+    All lengths are in parts of the figure's height. side: index of the side in pairs, 0 for left
+    and 1 for right; sign: 1 for left, -1 for right."""
     stout = figure.stout
     ankle = figure.ankles[side]
     hand = figure.hands[side]

@@ -108,7 +108,7 @@ def _find_ankle(foot_rest: Span, y: float, height: float) -> Vector:
 def _find_knee(hip: Vector, ankle: Vector) -> Vector:
     """Knee in front of the line from hip to ankle, all as parts of the figure's height.
 
-    Thigh and shin are each a quarter of the height."""
+    Thigh and shin are each 0.245 of the height."""
     # half the leg's length and `bend` are the sides of a right triangle on thigh or shin
     hip_point = np.array(hip)
     ankle_point = np.array(ankle)
@@ -122,6 +122,7 @@ def _find_knee(hip: Vector, ankle: Vector) -> Vector:
 
 def bicycle(radius: float) -> Mesh:
     """Mesh of a bicycle whose wheels have this radius (m), x forward, wheels on z = 0."""
+    # ends of the frame's tubes: x, y, z (m)
     rear_hub = (-0.52, 0.0, radius)
     front_hub = (0.52, 0.0, radius)
     crank = (-0.08, 0.0, 0.29)
