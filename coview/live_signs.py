@@ -302,5 +302,5 @@ def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Pat
     image = api.add_image("/picture", pixels, width_m, length_m, cast_shadow=False)
     ground_z = float(site.ground(np.array([picture.x, picture.y])))
     image.position = picture.x, picture.y, ground_z + PICTURE_LIFT_M
-    # quaternion of a turn about z
+    # quaternion w, x, y, z of a turn about z
     image.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
