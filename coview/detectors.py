@@ -292,7 +292,7 @@ def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
             f"{spec.name} needs a site: take general, another shipped network, a weights file or "
             "your own"
         )
-    half_length, half_width = place.half  # of the area, along x and y (m)
+    half_length, half_width = place.half  # half sizes of the area along x and y (m)
     area = np.array([-half_length, -half_width, half_length, half_width])
     detector = _load_network(spec, Site("recording", area))
     return _tune(spec, detector, is_site_unknown=spec.learns_scene)

@@ -32,7 +32,7 @@ MIN_FOUND_SHARE = 0.5  # hit probability from which a road user is drawn as foun
 HOUSING_SIZE_M = (1.2, 1.2, 0.9)
 GHOST_SIZE_M = (1.1, 1.1, 0.9)
 HANDLE_RADIUS_M = 0.8
-# heights of labels: of a sensor above its handle, of a suggestion above its sensor
+# heights of labels: a sensor's above its handle, a suggestion's above its sensor
 LABEL_RISE_M = 1.1
 GHOST_LABEL_RISE_M = 2.2
 GHOST_COLOUR = "#4463f6"
@@ -270,7 +270,7 @@ class TrafficDrawing:
         unseen = self._planner.unseen
         if answer is None or len(answer.probability) != len(unseen.boxes):
             return  # the answer has fewer frames than the planner; one of all frames follows
-        rows = np.flatnonzero(unseen.frame == frame)  # of the road users of this frame
+        rows = np.flatnonzero(unseen.frame == frame)  # this frame's road users
         is_found = answer.probability[rows] >= MIN_FOUND_SHARE
         is_hidden = answer.hidden[rows]
         state = rows.tolist(), is_found.tolist(), is_hidden.tolist()

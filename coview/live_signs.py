@@ -195,7 +195,7 @@ def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapel
     outline: corners of the prism (x, y in m); height: height of the prism (m)."""
     # the direction of the first view is the same for any area, here a square around 0
     eye, target = (np.array(spot) for spot in scene.overview((-1.0, -1.0, 1.0, 1.0)))
-    # where the line of sight over a top edge meets the ground, seen from the edge's foot (x, y)
+    # from the foot of a top edge to the ground that it hides behind it (x, y)
     shadow = height * (eye - target)[:2] / (target - eye)[2]
     return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + shadow])))
 
@@ -260,7 +260,7 @@ def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
     horizontally."""
     ahead = sensor.world_SE3_body[:3, 0]  # unit vector along the line of sight
     ground_z = float(site.ground(sensor.position[:2]))
-    horizontal_length = max(float(np.hypot(*ahead[:2])), 1e-6)  # of `ahead`
+    horizontal_length = max(float(np.hypot(*ahead[:2])), 1e-6)  # `ahead` seen from above
     # distance (m) along the line of sight to the handle's height, very long if it looks up
     distance_to_ground = (sensor.position[2] - ground_z - HANDLE_LIFT_M) / max(
         -float(ahead[2]), 1e-9
@@ -280,7 +280,7 @@ def draw_view(
     half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
     is_full_circle = half_angle >= np.pi - 1e-6
     x, y, z = target - sensor.position
-    side_ends = []  # of both sides of the field of view, as far as the handle
+    side_ends = []  # both sides of the field of view, as far as the handle
     for turn in () if is_full_circle else (-half_angle, half_angle):
         cos, sin = np.cos(turn), np.sin(turn)
         side = np.array([cos * x - sin * y, sin * x + cos * y, z])

@@ -112,11 +112,11 @@ class Bar:
         if not self._step:
             return ""
         shares = [*self._steps.values()]
-        done_shares = sum(shares[: self._step - 1])  # of the steps before this one
+        done_shares = sum(shares[: self._step - 1])  # shares of the steps before this one
         step_share = shares[self._step - 1]
         step_name = [*self._steps][self._step - 1]
         total = self._bar.total
-        done_part = 1.0  # of this step
+        done_part = 1.0  # part of this step
         if total and step_name == self._stage:
             done_part = min(1.0, self._done / total)
         earlier_s = self._step_began - self._bar_began

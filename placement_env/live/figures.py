@@ -420,7 +420,7 @@ class Meter:
 def _list_problems(objective: Objective) -> tuple[str, ...]:
     """Sentences on what keeps all candidates from being built together."""
     candidates = objective.candidates
-    all_sensors = np.ones((1, len(objective.candidates)), np.bool_)  # one set with all of them
+    all_sensors = np.ones((1, len(objective.candidates)), np.bool_)  # one set with all
     names = np.array(objective.names)
     problems = [f"{name} sends more than its link carries" for name in names[~objective.linked]]
     sensor_counts = candidates.per_mount(all_sensors)[0]

@@ -229,7 +229,7 @@ class LivePlanner(VariantEditor):
 def _check_detector(plan: PlanFolder, question: Setting) -> None:
     """Raise ValueError if a plan was made with a detector that the setting lacks.
 
-    plan: its `own_detector` is the name of that detector, None for the shipped one."""
+    plan: its `own_detector` names the detector, None for the shipped one."""
     if plan.own_detector is not None and question.detector is None:
         remedy = (
             "LivePlanner(plan.ask(replace(plan.setting, detector=...))), plan = "

@@ -44,11 +44,12 @@ class StockViews:
         # indices of poses in the stock, and their view
         self._viewed_groups: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
         self.known = 0
-        height_steps = self._stock.factors[:, 1]  # of each pose, in the stock's axes
+        # each pose's height, as a step of the stock's axes
+        height_steps = self._stock.factors[:, 1]
         middle_step = len(self._stock.axes.heights) // 2
         xmin, ymin, xmax, ymax = preparation.setting.place.area.tolist()
         middle = np.array([(xmin + xmax) / 2, (ymin + ymax) / 2])
-        # of the mounts from the middle of the area (m)
+        # how far the mounts are from the middle of the area (m)
         distances = [
             float(np.hypot(*(mount.position[:2] - middle))) for mount in self._stock.mounts
         ]

@@ -150,7 +150,7 @@ def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
     chamfer = float(rng.uniform(0.0, 0.06))
     lower_levels = _list_lower_levels(shape, floor, chamfer)
     cabin_levels = _list_cabin_levels(shape, chamfer)
-    # of the wheels
+    # the wheels' outline and breadth (m)
     sides = int(rng.choice([4, 8, 12]))
     breadth = float(rng.uniform(0.15, 0.26))
     wheels = []

@@ -36,7 +36,7 @@ def draw_person(rng: Rng, evenly: bool = False) -> DrawnMesh:
 
     evenly: rare kinds are drawn nearly as often as adults, instead of as often as in the street."""
     chance = rng.random()
-    if evenly:  # move the limits between kinds from those of even shares to those of the street
+    if evenly:  # move the limits between kinds from even shares to the shares in the street
         chance = float(np.interp(chance, EVEN_LIMITS, STREET_LIMITS))
     if chance < WHEELCHAIR_LIMIT:
         return DrawnMesh("wheelchair", stand(_draw_wheelchair(rng)))
@@ -135,9 +135,9 @@ def _mirror_pair(joints: Pair) -> Pair:
 
 def _draw_wheelchair(rng: Rng) -> Mesh:
     """Draw a person seated between two large wheels, sometimes pushed."""
-    height = float(rng.uniform(1.5, 1.85))  # of the person when standing (m)
+    height = float(rng.uniform(1.5, 1.85))  # the person's when standing (m)
     wheel_radius = float(rng.uniform(0.27, 0.31))
-    half_width = float(rng.uniform(0.26, 0.31))  # of the chair (m)
+    half_width = float(rng.uniform(0.26, 0.31))  # the chair's (m)
     seat = float(rng.uniform(0.45, 0.52))  # height (m)
     hip = seat / height + 0.05
     figure = Figure(  # joints: x, y, z in parts of the height

@@ -217,10 +217,10 @@ def mirror_span(mesh: Mesh) -> Span | None:
     length, width, height = np.ptp(mesh.vertices, axis=0)
     x, y, z = points.T
     rise = z - low[2]  # above the ground
-    half_widths = []  # of the right side and the left side, without a mirror
+    half_widths = []  # right and left half of the width, without mirrors
     for side in (-1.0, 1.0):
         outward = side * y
-        tip_x = x[outward > outward.max() - 0.02]  # of the outermost 2 cm
+        tip_x = x[outward > outward.max() - 0.02]  # x in the outermost 2 cm
         is_tip_short = np.ptp(tip_x) < 0.4
         is_tip_in_front = tip_x.min() > low[0] + 0.4 * length
         is_near_tip = (np.abs(x - tip_x.mean()) < 0.3) & (rise > 0.35 * height)

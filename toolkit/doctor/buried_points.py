@@ -18,7 +18,7 @@ def suspect_buried_points(seen: Sequence[GroundView]) -> Iterator[Finding]:
 
     seen: frames with their ground. Nothing is found unless another sensor has hardly any points
     below it."""
-    buried_shares: dict[str, float] = {}  # of the points of each sensor
+    buried_shares: dict[str, float] = {}  # share of each sensor's points
     for name in sensor_names([view.sample for view in seen]):
         heights_by_frame = [np.zeros(0)]  # heights (m) of points above the ground
         for view in seen:

@@ -109,7 +109,7 @@ def _sees_front(
     Returns False for a box too close to the sensor."""
     length, width = box[3], box[4]
     yaw = box[6]
-    # unit vectors in the plane: from the sensor to the box, and to the left of that
+    # unit vectors in the plane: from the sensor to the box, and to its left
     to_box = box[:2] - position
     distance = float(np.hypot(*to_box))
     ahead = to_box / max(distance, 1e-9)

@@ -92,7 +92,7 @@ def _read_tables(file: h5py.File) -> _StoredTables:
     shape = hdf5.dataset(file, names[0], kinds="fiub").shape if names else ()
     frame_count = shape[0] if shape else 0
     tables: list[np.ndarray] = []
-    faults: list[str] = []  # of each frame, "" for a sound one
+    faults: list[str] = []  # each frame's fault, "" for a sound one
     for k in range(frame_count):
         table = np.zeros((0, len(published.OBJECT_COLUMNS)))
         fault = ""

@@ -36,7 +36,7 @@ class Lane:
 
         Offsets are by SUMO's `length`, from which the length of the drawn line may differ."""
         steps = np.hypot(*np.diff(self.shape, axis=0).T)
-        distances = np.concatenate([[0.0], np.cumsum(steps)])  # of the line's corners
+        distances = np.concatenate([[0.0], np.cumsum(steps)])  # along the line to its corners
         drawn_length = distances[-1]
         drawn_offset = offset * drawn_length / self.length
         x = np.interp(drawn_offset, distances, self.shape[:, 0])
@@ -115,8 +115,8 @@ class Roads:
         edges = [lane.edge]
         driven_m = 0.0
         while driven_m < distance:
-            # names of the next lanes; if the lane leads nowhere, those of the first neighbour on
-            # its edge that goes on
+            # names of the next lanes; if the lane leads nowhere, the next lanes of the first neighbour
+            # on its edge that goes on
             next_lanes = self._list_onward(lane, vehicle_class)
             for neighbour in self._neighbours[lane.edge]:
                 next_lanes = next_lanes or self._list_onward(neighbour, vehicle_class)

@@ -144,7 +144,7 @@ class Spawner:
         for name, spawned in self.spawned.items():
             domain = self.domains[spawned.walks]
             sumo_id = str(name if spawned.leader is None else spawned.leader)
-            x, y = domain.getPosition(sumo_id)  # of a vehicle's front, or a person's middle
+            x, y = domain.getPosition(sumo_id)  # a vehicle's front, or a person's middle
             # degrees clockwise from north; NaN for some vehicles that change lanes
             bearing = domain.getAngle(sumo_id)
             if not np.isfinite(bearing):

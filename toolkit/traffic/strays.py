@@ -150,7 +150,7 @@ class Strays:
         is_standing = rng.random() < STANDING_SHARES[label]
         speed = 0.0 if is_standing else float(rng.uniform(*SPEEDS_M_S[label]))
         if previous is not None:
-            widths = supply.sizes[[previous.body, body], 1]  # of length, width, height (m)
+            widths = supply.sizes[[previous.body, body], 1]  # column 1 of length, width, height (m)
             pose = _place_companion(previous.pose, widths, rng)
             speed = previous.speed
         else:

@@ -38,7 +38,7 @@ class Supply:
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
         self.rng = rng
         self.once = once  # True to use each body once before any comes again
-        self.ids = count()  # of objects
+        self.ids = count()  # ids for objects
         self._taken = np.zeros(len(bodies), bool)
         self.labels = np.array([body.label for body in bodies], np.int64)
         # length, width and height (m) of each body

@@ -138,7 +138,8 @@ def _draw_still(
 ) -> None:
     """Write a picture of one frame, and print what it shows."""
     drawn_frame = drawing.draw(sample, drawing.origin(sample))
-    half = None if options.area is None else drawing.place.half  # of the picture's area (m)
+    # half sizes of the picture's area (m)
+    half = None if options.area is None else drawing.place.half
     write_still(
         drawn_frame,
         still,

@@ -35,7 +35,7 @@ def make_road_tags(tags: Tags, reading: RoadReading, *, lefthand: bool) -> dict[
     else:
         lanes = number_one_way_lanes(tags, reading.oneway)
         road_tags = {"highway": kind, "oneway": "yes", **lanes}
-    usual_side = "both"  # of footways without tags of them
+    usual_side = "both"  # side of the footways if no tag states it
     if junction in ("roundabout", "circular"):
         road_tags["junction"] = junction
         usual_side = "left" if lefthand else "right"  # none on the island

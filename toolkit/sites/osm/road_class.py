@@ -10,7 +10,7 @@ class RoadClass(NamedTuple):
         lanes: lanes each way.
         speed: speed limit (m/s).
         priority: SUMO's priority; the higher one goes first.
-        has_footways: True if there are footways on both sides without tags of them."""
+        has_footways: True if there are footways on both sides unless tags state otherwise."""
 
     lanes: int
     speed: float

@@ -29,7 +29,7 @@ def split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
 
     barred: ids of nodes that no car can pass. The new ends at a barrier are nodes ID_before and
     ID_after, so that netconvert does not join the parts."""
-    corners: list[_Corner] = []  # of the part that is growing
+    corners: list[_Corner] = []  # the part that is growing
     for k, node in enumerate(way.nodes):
         xy = way.line[k]
         if node not in barred:

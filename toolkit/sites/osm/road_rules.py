@@ -426,7 +426,7 @@ def format_types(names: Mapping[RoadRules, str]) -> str:
             "speed": f"{speed:.3f}".rstrip("0"),
             "priority": road_class.priority,
             "oneway": "false",
-            "width": 1.8 if rule.kind == "cycleway" else 3.25,  # of a lane (m)
+            "width": 1.8 if rule.kind == "cycleway" else 3.25,  # a lane's (m)
             "allow": _format_users(users),
         }
         elements.append(nets.format_element("type", attributes))

@@ -64,7 +64,7 @@ def make_trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometr
         if radius > MIN_CROWN_RADIUS_M and window.contains(foot):
             # m; a tree of unknown height is 7 m high
             height = float(np.clip(metres(tags.get("height")) or 7.0, 2.0, 40.0))
-            underside = min(2.3, 0.4 * height)  # of the crown, above the ground
+            underside = min(2.3, 0.4 * height)  # the crown's height above the ground
             solids += f.tree(float(x), float(y), height, radius, underside)
     return solids
 
