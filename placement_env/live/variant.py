@@ -276,7 +276,7 @@ class Yard:
 
         These models cost nothing, and a pole may carry at least as many sensors as it has now.
         sensors: present sensors, each on a pole within `SNAP_M` or on an additional one; keep_out:
-        areas where no new pole may be."""
+        areas closed to new poles."""
         sensors = list(sensors)
         axes = stock.axes
         mounts = [*stock.mounts, *_list_missing_mounts(site, stock, sensors)]

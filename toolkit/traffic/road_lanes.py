@@ -115,8 +115,8 @@ class Roads:
         edges = [lane.edge]
         driven_m = 0.0
         while driven_m < distance:
-            # names of the next lanes; if the lane leads nowhere, the next lanes of the first neighbour
-            # on its edge that goes on
+            # names of the next lanes; if the lane leads nowhere, the first neighbour on its edge
+            # that goes on gives them
             next_lanes = self._list_onward(lane, vehicle_class)
             for neighbour in self._neighbours[lane.edge]:
                 next_lanes = next_lanes or self._list_onward(neighbour, vehicle_class)
