@@ -80,9 +80,8 @@ def figures_html(answer: "LiveAnswer") -> str:
             f"{escape(answer.what)}</div>"
         )
     limited = np.isfinite(answer.budget)
-    unit = escape(answer.currency) or (
-        "pole" if (answer.budget if limited else answer.price) == 1 else "poles"
-    )
+    last_amount = answer.budget if limited else answer.price  # the unit comes after it
+    unit = escape(answer.currency) or ("pole" if last_amount == 1 else "poles")
     worst = "no sensor is left"
     if answer.worst_sensor:
         bounds = _format_interval(answer.worst_low, answer.worst_high, answer.objects)

@@ -102,7 +102,9 @@ def fleet_named(
     Raises ValueError for another name, a folder missing or given in vain, and arguments that
     exclude each other."""
     if name is None:
-        name = "catalogue" if held_out else "own" if meshes is None else "meshes"
+        name = "own" if meshes is None else "meshes"
+        if held_out:
+            name = "catalogue"
     if name not in FLEETS:
         raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
     if held_out and name != "catalogue":

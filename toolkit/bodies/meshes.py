@@ -406,11 +406,12 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
     mesh = scale_mesh(_read(path), entry.scale or 1.0)
     named_label = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named_label is None else (named_label,)
-    gltf = path.suffix.lower() in (".glb", ".gltf")
-    turns = (
-        [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
-    )
-    # the first turn that gives one clear class and no doubt is taken
+    # rotations to x forward, z up; the first that gives one clear class and no doubt is taken
+    turns = [np.eye(3)]
+    if entry.has_frame:
+        turns = [entry.turn]
+    elif path.suffix.lower() in (".glb", ".gltf"):
+        turns = [_Y_UP_Z_FORWARD, np.eye(3)]
     doubts = []
     for turn in turns:
         turned = Mesh(mesh.vertices @ turn.T, mesh.triangles)
