@@ -84,6 +84,7 @@ else:
     __all__ = ["live", "make", "search", *sorted(_HOMES)]
 
     def __getattr__(name: str) -> object:
+        """Import a name of the face when it is first used, so that importing coview stays quick."""
         from importlib import import_module
         from importlib.metadata import PackageNotFoundError, version
 

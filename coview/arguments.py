@@ -14,9 +14,8 @@ def check_least(option: str, value: float | None, minimum: float, remedy: str = 
 
     option: name of the option in the error; remedy: what helps, at the end of the error."""
     if value is not None and not minimum <= value < float("inf"):
-        raise ValueError(
-            f"{option} must be at least {minimum:g}, got {value:g}{remedy and ': '}{remedy}"
-        )
+        hint = f": {remedy}" if remedy else ""
+        raise ValueError(f"{option} must be at least {minimum:g}, got {value:g}{hint}")
 
 
 def check_positive(option: str, value: float | None) -> None:
@@ -77,7 +76,7 @@ def check_schemes(names: Iterable[str]) -> None:
 
 
 def sensor_set(text: str) -> list[int | str] | None:
-    """Parse a sensor set: `all` (None), or numbers and names separated by commas.
+    """Parse a sensor set: numbers and names separated by commas, or `all`, which gives None.
 
     Numbers count sensors from 0. Raises ValueError for a sensor that is named twice."""
     names = [name.strip() for name in text.split(",")]

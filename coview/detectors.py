@@ -44,8 +44,8 @@ class CloudDetector:
         if level not in ("map", "plane", None):
             raise ValueError(f'level must be "map", "plane" or None, got {level!r}')
         self.network = network
-        self.level = level
-        self._checked = level is not None
+        self.level = level  # way to level clouds, None to take them as they are
+        self._is_level_checked = level is not None
         self.labels = network.labels
         self.area = network.area
         self.name = network.name
@@ -66,27 +66,30 @@ class CloudDetector:
         if self.level is not None and len(points):
             points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
             ground = level(points, method=self.level)
+            # the network sees the points with the ground at z = 0
             detections = self.network(ground.points(points).astype(np.float32))
             if not len(detections):
                 return detections
             return replace(detections, boxes=ground.boxes_back(detections.boxes))
-        if not self._checked and len(points):
-            self._checked = True
-            self._warn(points)
+        if not self._is_level_checked and len(points):  # checked for the first cloud only
+            self._is_level_checked = True
+            self._warn_unless_level(points)
         return self.network(points)
 
     def unions(
         self, clouds: "Sequence[np.ndarray]", unions: "np.ndarray"
     ) -> "Sequence[Detections]":
-        """Detect in each union of clouds. unions: rows of booleans, one for each cloud."""
+        """Detect in each union of clouds.
+
+        unions: a row for each union, with True for each cloud that belongs to it."""
         from toolkit.points import join_clouds
 
         if self.level is None:
             return self.network.unions(clouds, unions)
         return [self(join_clouds(clouds, union)) for union in unions]
 
-    def _warn(self, points: "np.ndarray") -> None:
-        # warn if the ground of a cloud is not at z = 0
+    def _warn_unless_level(self, points: "np.ndarray") -> None:
+        # warn if the ground of a cloud is not at z = 0; points: rows of x, y, z (m)
         from toolkit.calibration.level_warning import level_warning
 
         warning = level_warning(points)
@@ -144,9 +147,16 @@ def open_detector(
     At a site, +background is the site's scenery. In a recording, it is what the recording shows
     behind all that moves, and cluster learns the empty scene.
 
-    spec: parsed name; None for the network that plans use in a recording of a known site, else for
-    general; place: place of detection in a recording, None for the site; scenes: empty scenes
-    to learn from. Raises ValueError for a detector that does not fit."""
+    Args:
+        spec: Parsed name. None for the network that plans use in a recording of a known site, and
+            for general elsewhere.
+        at: What the detector is for.
+        place: Place of detection in a recording, None for the whole site.
+        scenes: Empty scenes to learn from, None for the recording's.
+
+    Raises:
+        ValueError: For a detector that does not fit.
+    """
     from toolkit.calibration.place import Place
     from toolkit.sites.site import Site
 
@@ -282,8 +292,9 @@ def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
             f"{spec.name} needs a site: take general, another shipped network, a weights file or "
             "your own"
         )
-    x, y = place.half
-    detector = _load_network(spec, Site("recording", np.array([-x, -y, x, y])))
+    half_length, half_width = place.half  # half sizes of the area along x and y (m)
+    area = np.array([-half_length, -half_width, half_length, half_width])
+    detector = _load_network(spec, Site("recording", area))
     return _tune(spec, detector, is_site_unknown=spec.learns_scene)
 
 

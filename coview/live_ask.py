@@ -29,12 +29,12 @@ class LongTasks:
 
     def __init__(self, context: LiveContext, ghosts: Ghosts, folder: Path) -> None:
         self._planner = context.planner
-        self._jobs = context.jobs
-        self._head = context.head
-        self._show = context.show
+        self._jobs = context.jobs  # runs long tasks in a separate thread
+        self._head = context.head  # shows notes
+        self._show = context.show  # shows an answer
         self._redraw = context.redraw
-        self._ghosts = ghosts
-        self._folder = folder
+        self._ghosts = ghosts  # drawings of suggestions
+        self._folder = folder  # for exports and reports
 
     def add_ask_controls(self, gui: "GuiApi", find_name: Callable[[], str]) -> None:
         """Add the controls of the tab Ask.
@@ -65,10 +65,10 @@ class LongTasks:
         """Draw the best changes of a kind, and list them in the note, once they are found.
 
         kind: "add", "move" or "remove"; name: name of the sensor to move."""
-        moved = name if kind == "move" else None
+        moved_name = name if kind == "move" else None
 
         def job() -> None:
-            suggestions = self._planner.suggest(kind, moved, patience=PATIENCE_S)
+            suggestions = self._planner.suggest(kind, moved_name, patience=PATIENCE_S)
             self._ghosts.offer(suggestions)
             self._head.say(describe_suggestions(kind, suggestions))
             self._jobs.do(self._redraw)
@@ -83,18 +83,16 @@ class LongTasks:
 
     def search(self) -> None:
         """Improve the variant until nothing helps, or the page closes."""
-        before = self._planner.answer()
+        ap_before = format_ap(self._planner.answer())
         count = 0
         for answer in self._planner.search(lambda: self._jobs.closed):
             count += 1
             changes = describe_count(count, "change")
             self._head.say(f"search: AP {format_ap(answer)} after {changes}")
             self._jobs.do(partial(self._show, answer))
-        after = format_ap(self._planner.answer())
+        ap_after = format_ap(self._planner.answer())
         changes = describe_count(count, "change")
-        self._head.say(
-            f"search: AP {format_ap(before)} to {after} by {changes}; undo takes them back"
-        )
+        self._head.say(f"search: AP {ap_before} to {ap_after} by {changes}; undo takes them back")
 
     def measure(self) -> None:
         """Measure the variant with the detector, and show AP and the predicted AP in the note."""

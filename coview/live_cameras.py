@@ -1,6 +1,8 @@
 """Cameras of the browsers that show the live page: the area whole in any window, from above, or
 through a sensor."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from toolkit.arrays import Float64
@@ -8,18 +10,34 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.viewing import scene
 from toolkit.viewing.scene import Handle
 
-AWAY = 1.25  # distance from the area, as a multiple of the distance in the report's view
-WIDE = 1.3  # width of a window by its height from which this distance is enough
+DISTANCE_FACTOR = 1.25  # distance from the area, as a multiple of the distance in the report's view
+WIDE_ASPECT = 1.3  # width of a window by its height from which this distance is enough
 # from a sensor to the camera that looks through it, and to the point that this looks at
 HOUSING_M = 1.2
 LOOK_M = 12.0
 MIN_LOOK_FOV_RAD = 0.7
 MAX_LOOK_FOV_RAD = 1.4
 # px of width below which the panel is a sheet over this share of the scene
-PHONE = 576
-SHEET = 0.6
+MAX_PHONE_WIDTH_PX = 576
+SHEET_SHARE = 0.6
 UP = np.array([0.0, 0.0, 1.0])
 Spot = Float64[np.ndarray, "3"]  # x, y and z (m) in the site's frame
+
+
+class CameraAim(NamedTuple):
+    """Camera of a browser as it was aimed last.
+
+    Attributes:
+        way: Way (m) from the area's middle to the camera in a wide window.
+        aspect: Width of the window divided by its height.
+        is_phone: True for a telephone.
+        position: Position of the camera (m).
+    """
+
+    way: Spot
+    aspect: float
+    is_phone: bool
+    position: Spot
 
 
 class LiveCameras:
@@ -30,30 +48,28 @@ class LiveCameras:
     Attributes:
         middle: Middle of the area (m).
         slant: Way (m) from the middle to a camera that sees the area whole in a wide window.
-        aimed: Way from the middle to the camera, width by height of the window, True for a
-            telephone, and position of the camera, by the browser's number.
+        aims: Last aim of each camera, by the browser's number.
     """
 
     def __init__(self, area: Float64[np.ndarray, "4"]) -> None:
         eye, self.middle = (np.array(point) for point in scene.overview(tuple(area.tolist())))
-        self.slant = AWAY * (eye - self.middle)
-        self.aimed: dict[int, tuple[Spot, float, bool, Spot]] = {}
+        self.slant = DISTANCE_FACTOR * (eye - self.middle)
+        self.aims: dict[int, CameraAim] = {}
 
     def greet(self, client: Handle) -> None:
-        """Aim the camera of a browser that has come.
+        """Aim the camera of a browser that has come, and again if its window changes.
 
-        It is aimed again if its window changes before somebody has moved the camera."""
+        A camera that somebody has moved is left as it is."""
         camera = client.camera
-        self.aim(client, self.slant, phone=camera.image_width < PHONE)
+        self.aim(client, self.slant, is_phone=camera.image_width < MAX_PHONE_WIDTH_PX)
 
-        def fit(
-            _: Handle,
-        ) -> None:  # the panel docks, or the window changes: fit what nobody has moved
-            away, aspect, _, position = self.aimed[client.client_id]
-            if abs(camera.aspect - aspect) > 0.01 and np.allclose(
-                camera.position, position, atol=0.1
-            ):
-                self.aim(client, away)
+        def fit(_: Handle) -> None:
+            # aim again if the window has changed, or the panel was docked, and nobody has moved
+            # the camera (m)
+            last = self.aims[client.client_id]
+            has_changed = abs(camera.aspect - last.aspect) > 0.01
+            if has_changed and np.allclose(camera.position, last.position, atol=0.1):
+                self.aim(client, last.way)
 
         camera.on_update(fit)
 
@@ -77,7 +93,7 @@ class LiveCameras:
         client: browser, None if it has gone."""
         if client is None:
             return
-        ahead = sensor.world_SE3_body[:3, 0]
+        ahead = sensor.world_SE3_body[:3, 0]  # unit vector
         with client.atomic():
             client.camera.fov = min(
                 max(sensor.model.vertical_fov, MIN_LOOK_FOV_RAD), MAX_LOOK_FOV_RAD
@@ -85,21 +101,23 @@ class LiveCameras:
             client.camera.position = sensor.position + HOUSING_M * ahead
             client.camera.look_at = sensor.position + LOOK_M * ahead
 
-    def aim(self, client: Handle, way: Spot, *, phone: bool | None = None) -> None:
+    def aim(self, client: Handle, way: Spot, *, is_phone: bool | None = None) -> None:
         """Aim a browser's camera at the area, from farther away if the window is narrow.
 
         On a telephone it is aimed below the middle, as the panel's sheet covers part of the scene.
-        way: from the area's middle to the camera in a wide window (m); phone: True for a telephone,
-        None for the value of the last aim."""
+        way: from the area's middle to the camera in a wide window (m); is_phone: True for a
+        telephone, None for the value of the last aim."""
         camera = client.camera
-        if phone is None:
-            phone = self.aimed[client.client_id][2]
-        away = way * max(WIDE / camera.aspect, 1.0)
-        right = np.cross(-away, UP)  # no way is straight down
-        upwards = np.cross(right, -away)
-        covered = SHEET * np.tan(scene.VERTICAL_FOV / 2) * np.linalg.norm(away) if phone else 0.0
-        middle = self.middle - covered * upwards / np.linalg.norm(upwards)
-        self.aimed[client.client_id] = way, camera.aspect, phone, middle + away
+        if is_phone is None:
+            is_phone = self.aims[client.client_id].is_phone
+        away = way * max(WIDE_ASPECT / camera.aspect, 1.0)
+        right = np.cross(-away, UP)  # never 0, as no way is straight down
+        upwards = np.cross(right, -away)  # in the plane of the screen
+        shift_m = 0.0
+        if is_phone:
+            shift_m = SHEET_SHARE * np.tan(scene.VERTICAL_FOV / 2) * np.linalg.norm(away)
+        look_at = self.middle - shift_m * upwards / np.linalg.norm(upwards)
+        self.aims[client.client_id] = CameraAim(way, camera.aspect, is_phone, look_at + away)
         with client.atomic():
-            camera.position = middle + away
-            camera.look_at = middle
+            camera.position = look_at + away
+            camera.look_at = look_at

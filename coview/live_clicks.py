@@ -31,14 +31,14 @@ class GroundClicks:
 
     def __init__(self, context: LiveContext, areas: AreaDrawing, folder: Path) -> None:
         self._planner = context.planner
-        self._jobs = context.jobs
-        self._head = context.head
-        self._show = context.show
+        self._jobs = context.jobs  # runs functions in the page's thread
+        self._head = context.head  # shows notes
+        self._show = context.show  # shows an answer
         self._redraw = context.redraw
         self._areas = areas
-        self._folder = folder
-        self._awaited: Callable[[Spot], None] | None = None
-        self.spots: list[Spot] = []
+        self._folder = folder  # for pictures
+        self._awaited: Callable[[Spot], None] | None = None  # called with the next clicks
+        self.spots: list[Spot] = []  # clicked so far, of an area or picture
 
     def add_controls(self, gui: "GuiApi", model: Handle) -> None:
         """Add the controls of the tab Draw. model: control with the model of new sensors."""
@@ -86,17 +86,17 @@ class GroundClicks:
         self._jobs.do(self._head.show_note)
 
     def follow(self, event: Handle) -> None:
-        """Follow a click if one is awaited and its ray goes down.
+        """Call the function that awaits a click, with the clicked point of the ground.
 
-        The point is on the level of the ground at which the browser's camera looks. event: viser's
-        click, with the ray."""
+        Without one, and for a ray that does not go down, nothing happens. The point is on the level
+        of the ground at which the browser's camera looks. event: viser's click, with the ray."""
         eye = np.array(event.ray_origin)
         ray = np.array(event.ray_direction)
         then = self._awaited
         if then is not None and ray[2] < -1e-6:
-            look_at = np.array(event.client.camera.look_at)[:2]
-            level = float(self._planner.yard.site.ground(look_at))
-            spot = eye + ray * (level - eye[2]) / ray[2]
+            look_at_xy = np.array(event.client.camera.look_at)[:2]
+            ground_z = float(self._planner.yard.site.ground(look_at_xy))
+            spot = eye + ray * (ground_z - eye[2]) / ray[2]
             self._jobs.do(lambda: then(spot))
 
     def add_sensor(self, spot: Spot, model: str) -> None:
@@ -104,9 +104,12 @@ class GroundClicks:
 
         model: name of its model in the stock."""
         self._awaited = None
-        x, y = self._planner.yard.site.area.reshape(2, 2).mean(axis=0) - spot[:2]
-        foot = float(spot[0]), float(spot[1])
-        self._show(self._planner.add(foot, float(np.arctan2(y, x)), model=model))
+        xmin, ymin, xmax, ymax = self._planner.yard.site.area.tolist()
+        spot_x, spot_y = float(spot[0]), float(spot[1])
+        to_middle_x = (xmin + xmax) / 2 - spot_x
+        to_middle_y = (ymin + ymax) / 2 - spot_y
+        heading = float(np.arctan2(to_middle_y, to_middle_x))
+        self._show(self._planner.add((spot_x, spot_y), heading=heading, model=model))
 
     def add_corner(self, spot: Spot) -> None:
         """Add a corner (m) to the area that is being drawn."""
@@ -146,7 +149,7 @@ class GroundClicks:
         try:
             numbers = [float(number) for number in text.replace(",", " ").split()]
         except ValueError:
-            numbers = []
+            numbers = []  # `place` refuses these with what it needs
         self._lay(picture.place(spots, numbers))
 
     def _lay(self, picture: GroundPicture | None) -> None:

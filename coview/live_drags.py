@@ -27,10 +27,10 @@ class SensorDrags:
         self, context: LiveContext, drawings: SensorDrawings, choose: Callable[[str], None]
     ) -> None:
         self._planner = context.planner
-        self._jobs = context.jobs
-        self._show = context.show
+        self._jobs = context.jobs  # runs functions in the page's thread
+        self._show = context.show  # shows an answer
         self._drawings = drawings
-        self._choose = choose
+        self._choose = choose  # chooses a sensor in the panel, by name
 
     def attach(self, name: str, housing: Handle, handle: Handle) -> None:
         """Let a sensor be dragged by its housing and handle, and chosen by a click on either.
@@ -56,17 +56,17 @@ class SensorDrags:
             mesh.on_click(lambda _: self._choose(name))
 
     def _follow(self, event: Handle, then: Callable[[Spot, bool], None], node: Handle) -> None:
-        """Follow a drag if the pointer's ray goes down.
+        """Follow a drag if the ray from the camera to the pointer goes down.
 
         event: viser's drag; then: function that is called with the point (m) at which the ray meets
-        the level of the dragged mesh, and True at the end of the drag; node: the mesh."""
+        the height of the dragged mesh, and True at the end of the drag; node: the mesh."""
         eye = np.array(event.client.camera.position)
-        through = np.array(event.end_position)
-        level = float(node.position[2])
-        ray = through - eye
+        pointer = np.array(event.end_position)
+        mesh_z = float(node.position[2])
+        ray = pointer - eye
         last = event.phase == "end"
         if ray[2] < -1e-6:
-            spot = eye + ray * (level - eye[2]) / ray[2]
+            spot = eye + ray * (mesh_z - eye[2]) / ray[2]
             self._jobs.drag(lambda: then(spot, last), last=last)
 
     def turn(self, name: str, spot: Spot, *, last: bool) -> None:
@@ -76,21 +76,21 @@ class SensorDrags:
         x, y, z = (spot - sensor.position).tolist()
         heading = float(np.arctan2(y, x))
         tilt = float(np.arctan2(-z, np.hypot(x, y)))
-        self._show(self._planner.move(name, heading, tilt, dragging=True))
+        self._show(self._planner.move(name, heading=heading, tilt=tilt, dragging=True))
         self._end(name, last)
 
     def carry(self, name: str, spot: Spot, *, last: bool) -> None:
-        """Carry a sensor to the pole near a spot (m), or follow the pointer.
+        """Carry a sensor to the pole within `CATCH_M` of a spot (m).
 
-        At the end of the drag (`last`) it is carried to the spot itself if no pole is within
-        `CATCH_M`, and gets a new pole there."""
-        mount = self._planner.variant.find(name).mount
-        mounts = [*self._planner.yard.stock.mounts, *self._planner.variant.poles]
-        distances = np.array([np.hypot(*(mount.position[:2] - spot[:2])) for mount in mounts])
+        If there is none, its drawing follows the pointer, and at the end of the drag (`last`) the
+        sensor is carried to the spot itself, to a new pole."""
+        present_pole = self._planner.variant.find(name).mount
+        poles = [*self._planner.yard.stock.mounts, *self._planner.variant.poles]
+        distances = np.array([np.hypot(*(pole.position[:2] - spot[:2])) for pole in poles])
         if distances.min() <= CATCH_M:
-            pole = mounts[int(distances.argmin())].name
-            if pole != mount:
-                self._show(self._planner.move(name, position=pole, dragging=True))
+            nearest_pole = poles[int(distances.argmin())].name
+            if nearest_pole != present_pole:
+                self._show(self._planner.move(name, position=nearest_pole, dragging=True))
         elif last:
             position = float(spot[0]), float(spot[1])
             self._show(self._planner.move(name, position=position, dragging=True))

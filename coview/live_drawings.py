@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from placement_env.live.figures import LiveAnswer
 
 MIN_FOUND_SHARE = 0.5  # hit probability from which a road user is drawn as found
+# sizes along x, y and z (m) of the box that shows a sensor, and that shows a suggested one
+HOUSING_SIZE_M = (1.2, 1.2, 0.9)
+GHOST_SIZE_M = (1.1, 1.1, 0.9)
+HANDLE_RADIUS_M = 0.8
+# heights of labels: a sensor's above its handle, a suggestion's above its sensor
+LABEL_RISE_M = 1.1
+GHOST_LABEL_RISE_M = 2.2
 GHOST_COLOUR = "#4463f6"
 AREA_COLOUR = "#b3261e"
 # heights of drawings above the ground
@@ -47,8 +54,9 @@ class SensorDrawings:
         self._planner = planner
         # by name of the sensor: housing, handle, view and label
         self._nodes: dict[str, list[Handle]] = {}
-        self._drawn: dict[str, tuple[int, LiveSensor]] = {}  # index and state as drawn
-        self._pole_labels: dict[str, Handle] = {}
+        # by name of the sensor: its index in the variant and its state as they were drawn last
+        self._drawn_states: dict[str, tuple[int, LiveSensor]] = {}
+        self._pole_labels: dict[str, Handle] = {}  # by name of the pole
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,8 +74,9 @@ class SensorDrawings:
 
         The next `draw` puts it back. A sensor that is not drawn is ignored."""
         if name in self._nodes:
-            self._nodes[name][0].position = spot
-            self._drawn.pop(name, None)
+            housing = self._nodes[name][0]  # handle, view and label follow it
+            housing.position = spot
+            self._drawn_states.pop(name, None)
 
     def draw(self, attach: Attach) -> None:
         """Draw the sensors of the variant that is shown, and remove others.
@@ -76,57 +85,65 @@ class SensorDrawings:
         variant = self._planner.variant
         mounts_in_use = {sensor.mount for sensor in variant.sensors}
         for pole, label in self._pole_labels.items():
-            if label.visible == (pole in mounts_in_use):
-                label.visible = pole not in mounts_in_use
-        names_shown = {sensor.name for sensor in variant.sensors}
-        for name in [name for name in self._nodes if name not in names_shown]:
-            self._drawn.pop(name, None)
+            is_visible = pole not in mounts_in_use
+            if label.visible != is_visible:  # an assignment sends a message to the browsers
+                label.visible = is_visible
+        shown_names = {sensor.name for sensor in variant.sensors}
+        for name in [name for name in self._nodes if name not in shown_names]:
+            self._drawn_states.pop(name, None)
             for node in self._nodes.pop(name):
                 node.remove()
-        for index, live in enumerate(variant.sensors):
-            if live.name in self._nodes and self._drawn.get(live.name) == (index, live):
+        for index, live_sensor in enumerate(variant.sensors):
+            name = live_sensor.name
+            state = index, live_sensor  # the index decides the colour
+            if name in self._nodes and self._drawn_states.get(name) == state:
                 continue
-            self._drawn[live.name] = index, live
-            sensor = self._planner.yard.build_sensor(variant, live)
-            colour = scene.rgb(FAINT if live.failed else sensor_colour(index))
-            if live.name not in self._nodes:
-                self._nodes[live.name] = self._add_sensor(live, sensor, colour, attach)
-            self._update_sensor(live, sensor, colour)
+            self._drawn_states[name] = state
+            sensor = self._planner.yard.build_sensor(variant, live_sensor)
+            colour = scene.rgb(FAINT if live_sensor.failed else sensor_colour(index))
+            if name not in self._nodes:
+                self._nodes[name] = self._add_sensor(name, sensor, colour, attach)
+            self._update_sensor(live_sensor, sensor, colour)
 
     def _add_sensor(
-        self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int], attach: Attach
+        self, name: str, sensor: Sensor, colour: tuple[int, int, int], attach: Attach
     ) -> list[Handle]:
-        # add the drawing of a sensor in its scene; returns housing, handle, view and label
+        # add the drawing of a sensor to the scene; returns housing, handle, view and label
         site = self._planner.yard.site
         # names of nodes are random, independent of the sensors' names
         node = f"/planned/{secrets.token_hex(4)}"
-        housing = self._api.add_box(f"{node}/housing", colour, (1.2, 1.2, 0.9))
-        handle = self._api.add_icosphere(f"{node}/handle", 0.8, colour, subdivisions=2)
+        housing = self._api.add_box(f"{node}/housing", colour, HOUSING_SIZE_M)
+        handle = self._api.add_icosphere(f"{node}/handle", HANDLE_RADIUS_M, colour, subdivisions=2)
         lines = draw_view(site, sensor, find_target(site, sensor))
         view = self._api.add_line_segments(
             f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen"
         )
         label = self._api.add_label(
-            f"{node}/label", live.name, font_screen_scale=1.2, anchor="bottom-center"
+            f"{node}/label", name, font_screen_scale=1.2, anchor="bottom-center"
         )
-        attach(live.name, housing, handle)
+        attach(name, housing, handle)
         return [housing, handle, view, label]
 
     def _update_sensor(
-        self, live: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]
+        self, live_sensor: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]
     ) -> None:
-        # move and colour the drawing of a sensor as it is now
+        # move and colour the drawing of a sensor as it is now; sensor: built from live_sensor
         site = self._planner.yard.site
-        housing, handle, view, label = self._nodes[live.name]
+        housing, handle, view, label = self._nodes[live_sensor.name]
         target = find_target(site, sensor)
         housing.position = sensor.position
         handle.position = target
         housing.color = handle.color = colour
         view.points = draw_view(site, sensor, target)
         view.colors = np.array(colour, np.uint8)
-        label.position = target + np.array([0.0, 0.0, 1.1])  # apart, where two hang on a pole
-        state = (" (failed)" if live.failed else "") + (" (locked)" if live.locked else "")
-        label.text = f"{live.name}{state}"
+        # at the handle: labels of two sensors on a pole are then apart
+        label.position = target + np.array([0.0, 0.0, LABEL_RISE_M])
+        text = live_sensor.name
+        if live_sensor.failed:
+            text += " (failed)"
+        if live_sensor.locked:
+            text += " (locked)"
+        label.text = text
 
 
 class Ghosts:
@@ -139,9 +156,9 @@ class Ghosts:
     ) -> None:
         self._api = api
         self._planner = planner
-        self._accept = accept
-        self._suggestions: list[Suggestion] = []
-        self._nodes: list[Handle] = []
+        self._accept = accept  # called with a suggestion that is clicked
+        self._suggestions: list[Suggestion] = []  # to draw, the best first
+        self._nodes: list[Handle] = []  # parts of all drawings
 
     def offer(self, suggestions: Sequence[Suggestion]) -> None:
         """Keep suggestions, the best first, to be drawn in place of those before."""
@@ -170,13 +187,15 @@ class Ghosts:
         node = f"/ghosts/{k}"
         colour = scene.rgb(GHOST_COLOUR)
         housing = self._api.add_box(
-            f"{node}/housing", colour, (1.1, 1.1, 0.9), opacity=0.4, position=sensor.position
+            f"{node}/housing", colour, GHOST_SIZE_M, opacity=0.4, position=sensor.position
         )
         housing.on_click(lambda _: self._accept(suggestion))
         lines = draw_view(yard.site, sensor, find_target(yard.site, sensor))
         view = self._api.add_line_segments(f"{node}/view", lines, colour)
-        text = f"{'without ' * (suggestion.kind == 'remove')}AP {format_ap(suggestion.answer)}"
-        position = sensor.position + np.array([0.0, 0.0, 2.2])
+        text = f"AP {format_ap(suggestion.answer)}"
+        if suggestion.kind == "remove":
+            text = f"without {text}"
+        position = sensor.position + np.array([0.0, 0.0, GHOST_LABEL_RISE_M])
         label = self._api.add_label(
             f"{node}/label", text, position=position, anchor="bottom-center"
         )
@@ -189,28 +208,30 @@ class AreaDrawing:
     def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
         self._api = api
         self._planner = planner
-        self._drawn: list[tuple[tuple[float, float], ...]] | None = None
+        # corners (x, y in m) of each area as they were drawn last
+        self._drawn_outlines: list[tuple[tuple[float, float], ...]] | None = None
 
     def draw(self, spots: Sequence[Spot]) -> None:
         """Draw the outlines of all areas if one has changed.
 
         spots: corners (m) of the new area so far, which is not closed."""
         site = self._planner.yard.site
-        lines = []
+        lines = []  # start and end, as x, y and z (m)
+        # the first corner again at the end closes an outline
         outlines = [(*corners, corners[0]) for corners in self._planner.variant.keep_out]
         outlines.append(tuple((float(x), float(y)) for x, y, _ in spots))
-        if self._drawn == outlines:
+        if self._drawn_outlines == outlines:
             return
-        self._drawn = outlines
+        self._drawn_outlines = outlines
         for outline in outlines:
-            corners = [
+            points = [
                 np.array([x, y, float(site.ground(np.array([x, y]))) + AREA_LIFT_M])
                 for x, y in outline
             ]
-            lines += [[start, end] for start, end in pairwise(corners)]
+            lines += [[start, end] for start, end in pairwise(points)]
         self._api.remove_by_name("/areas")
-        rows = np.array(lines).reshape(-1, 2, 3)
-        scene_parts.add_lines(self._api, "/areas", rows, AREA_COLOUR, width=4.0, visible=True)
+        segments = np.array(lines).reshape(-1, 2, 3)  # axes: line, end, xyz
+        scene_parts.add_lines(self._api, "/areas", segments, AREA_COLOUR, width=4.0, visible=True)
 
 
 class PictureDrawing:
@@ -249,7 +270,7 @@ class TrafficDrawing:
         unseen = self._planner.unseen
         if answer is None or len(answer.probability) != len(unseen.boxes):
             return  # the answer has fewer frames than the planner; one of all frames follows
-        rows = np.flatnonzero(unseen.frame == frame)
+        rows = np.flatnonzero(unseen.frame == frame)  # this frame's road users
         is_found = answer.probability[rows] >= MIN_FOUND_SHARE
         is_hidden = answer.hidden[rows]
         state = rows.tolist(), is_found.tolist(), is_hidden.tolist()
@@ -258,13 +279,17 @@ class TrafficDrawing:
         self._drawn = state
         for node in self._nodes:
             node.remove()
-        found = unseen.boxes[rows[is_found]]
-        missed = unseen.boxes[rows[~is_found]]
-        crossed = np.concatenate([box_lines.box_edges(missed), box_lines.roof_crosses(missed)])
+        found_boxes = unseen.boxes[rows[is_found]]
+        missed_boxes = unseen.boxes[rows[~is_found]]
+        hidden_boxes = unseen.boxes[rows[is_hidden]]
+        missed_lines = np.concatenate(
+            [box_lines.box_edges(missed_boxes), box_lines.roof_crosses(missed_boxes)]
+        )
+        # name, lines and colour of each drawing; hidden road users are found or missed, too
         drawings = (
-            ("found", box_lines.box_edges(found), OUTCOME["hit"].colour),
-            ("missed", crossed, OUTCOME["missed"].colour),
-            ("unseen", box_lines.arrows(unseen.boxes[rows[is_hidden]]), INK),
+            ("found", box_lines.box_edges(found_boxes), OUTCOME["hit"].colour),
+            ("missed", missed_lines, OUTCOME["missed"].colour),
+            ("unseen", box_lines.arrows(hidden_boxes), INK),
         )
         nodes = [
             scene_parts.add_lines(
@@ -304,16 +329,16 @@ class SeenMapDrawing:
         yard = self._planner.yard
         seen_map = self._maps[height].draw(yard.build_sensor(variant, sensor) for sensor in working)
         shares = np.nan_to_num(seen_map.share)
-        colours = (255 * np.asarray(colormaps["viridis_r"](shares))).astype(np.uint8)
-        colours[..., 3] = np.where(np.isnan(seen_map.share), 0, MAP_ALPHA)
-        cell = float(seen_map.x[1] - seen_map.x[0])
+        pixels = (255 * np.asarray(colormaps["viridis_r"](shares))).astype(np.uint8)  # RGBA
+        pixels[..., 3] = np.where(np.isnan(seen_map.share), 0, MAP_ALPHA)  # no map in buildings
+        cell_m = float(seen_map.x[1] - seen_map.x[0])
         middle = np.array([seen_map.x.mean(), seen_map.y.mean()])
         position = (*middle.tolist(), float(yard.site.ground(middle)) + MAP_LIFT_M)
         self._api.add_image(
             "/seen",
-            colours,
-            len(seen_map.x) * cell,
-            len(seen_map.y) * cell,
+            pixels,
+            len(seen_map.x) * cell_m,  # width on the ground (m)
+            len(seen_map.y) * cell_m,
             position=position,
             cast_shadow=False,
         )

@@ -24,12 +24,12 @@ class PanelHead:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
         gui.set_panel_label(f"coview live: {title}")
-        self._hint = gui.add_html(hint_html(sensors))
+        self._hint = gui.add_html(hint_html(sensors))  # sensors: their number
         self._figures = gui.add_html("")
-        self._said = gui.add_html("")
-        self.busy = ""
-        self.note = ""
-        self.measured = measured
+        self._note_html = gui.add_html("")
+        self.busy = ""  # words for the long task that is being done
+        self.note = ""  # words for what was done last
+        self.measured = measured  # figures by the detector, shown without a note
 
     def show_figures(self, answer: "LiveAnswer") -> None:
         """Show the figures of an answer, and the hint on what to do first."""
@@ -46,11 +46,11 @@ class PanelHead:
     @property
     def note_content(self) -> str:
         """HTML of the note that is shown."""
-        return str(self._said.content)
+        return str(self._note_html.content)
 
     def show_note(self) -> None:
         """Show the long task that is being done, and the note, or else the measured figures."""
-        self._said.content = note_html(self.busy, self.note or self.measured)
+        self._note_html.content = note_html(self.busy, self.note or self.measured)
 
     def say(self, note: str) -> None:
         """Keep a note, to be shown by `show_note`."""

@@ -43,16 +43,16 @@ class LiveJobs:
     def __init__(
         self, head: PanelHead, *, show: "Callable[[LiveAnswer], None]", redraw: Job, draw_rest: Job
     ) -> None:
-        self._head = head
-        self._show = show
-        self._redraw = redraw
-        self._draw_rest = draw_rest
-        self._jobs: deque[Job] = deque()
-        self._long: deque[Job] = deque()
-        self._drag: Job | None = None
-        self._wake = threading.Condition()
-        self._touched = 0.0  # time (s) of the last job
-        self._behind = 0.0  # time (s) since which slow drawing is due, 0 if it is not
+        self._head = head  # shows notes and errors
+        self._show = show  # shows an answer
+        self._redraw = redraw  # draws all after a failure
+        self._draw_rest = draw_rest  # draws what no answer waits for
+        self._jobs: deque[Job] = deque()  # waiting, in order
+        self._long: deque[Job] = deque()  # waiting, for the other thread
+        self._drag: Job | None = None  # for the latest position of a drag
+        self._wake = threading.Condition()  # held to change these; wakes both threads
+        self._used_at_s = 0.0  # time (s) of the last job
+        self._rest_due_s = 0.0  # time (s) since which slow drawing is due, 0 if it is not
         self.closed = False
         self.threads: list[threading.Thread] = []
 
@@ -82,15 +82,15 @@ class LiveJobs:
     @property
     def touched(self) -> float:
         """Time (s) of the last job, by the monotonic clock."""
-        return self._touched
+        return self._used_at_s
 
     def touch(self) -> None:
         """Count now as the time of the last job, as somebody uses the page."""
-        self._touched = time.monotonic()
+        self._used_at_s = time.monotonic()
 
     def is_quiet(self, seconds: float) -> bool:
         """True if no job has been done for so many seconds."""
-        return time.monotonic() - self._touched >= seconds
+        return time.monotonic() - self._used_at_s >= seconds
 
     def do(self, job: Job) -> None:
         """Do something in the page's thread, after what was asked before."""
@@ -108,8 +108,8 @@ class LiveJobs:
     def drag(self, job: Job, *, last: bool) -> None:
         """Follow a drag in the page's thread, in place of its earlier positions that still wait.
 
-        job: does what the present position asks for; last: True at the end of the drag, whose job
-        is never left out."""
+        job: function for the present position; last: True at the end of the drag, whose job is
+        never left out."""
         with self._wake:
             if last:
                 self._drag = None
@@ -130,7 +130,7 @@ class LiveJobs:
 
     def draw_later(self) -> None:
         """Let slow drawing follow once nothing else waits, or `LATE_S` has passed."""
-        self._behind = self._behind or time.monotonic()
+        self._rest_due_s = self._rest_due_s or time.monotonic()
 
     def attempt(self, job: Job) -> bool:
         """Do a job, and return True if it did not fail.
@@ -169,13 +169,14 @@ class LiveJobs:
     def _next_job(self) -> Job | None:
         """Take the next job, after waiting up to `MAX_WAIT_S` for one; None if there is none.
 
-        Slow drawing that is late comes first, then jobs in order, then the drag."""
+        Slow drawing that is late comes first, then jobs in order, then the drag. Slow drawing that
+        is not late waits until nothing else is to do."""
         with self._wake:
-            if not self._jobs and self._drag is None and not self._behind:
+            if not self._jobs and self._drag is None and not self._rest_due_s:
                 self._wake.wait(MAX_WAIT_S)
             is_idle = not self._jobs and self._drag is None
-            if self._behind and (is_idle or time.monotonic() > self._behind + LATE_S):
-                self._behind = 0.0
+            if self._rest_due_s and (is_idle or time.monotonic() > self._rest_due_s + LATE_S):
+                self._rest_due_s = 0.0
                 return self._draw_rest
             if self._jobs:
                 return self._jobs.popleft()
@@ -212,8 +213,8 @@ class Refining:
     ) -> None:
         self._planner = planner
         self._jobs = jobs
-        self._find_answer = find_answer
-        self._show_refined = show_refined
+        self._find_answer = find_answer  # returns the shown answer, None before the first
+        self._show_refined = show_refined  # shows the figures once nothing coarse is in them
         self._thread: threading.Thread | None = None
 
     def run(self) -> None:
@@ -225,20 +226,20 @@ class Refining:
 
     def _refine_views(self) -> None:
         # make one missing view after another until the page closes, while nobody uses it
-        more = True  # False once no view is missing; use of the page may make some missing again
-        tidied = time.monotonic()
+        views_are_missing = True  # using the page may make some missing again
+        tidied_at = time.monotonic()
         while not self._jobs.closed:
             answer = self._find_answer()
-            if self._jobs.touched > tidied + TIDY_S:
-                tidied = time.monotonic()
+            if self._jobs.touched > tidied_at + TIDY_S:
+                tidied_at = time.monotonic()
                 return_freed_memory()
-            wait = QUIET_S if answer is not None and answer.coarse else CALM_S
-            if answer is None or not more or not self._jobs.is_quiet(wait):
+            quiet_s = QUIET_S if answer is not None and answer.coarse else CALM_S
+            if answer is None or not views_are_missing or not self._jobs.is_quiet(quiet_s):
                 time.sleep(0.1)
-                more = more or not self._jobs.is_quiet(1.0)
+                views_are_missing = views_are_missing or not self._jobs.is_quiet(1.0)
                 continue
-            more = self._planner.refine(self._is_in_use)
-            time.sleep(0.01)  # for those who wait to cast rays
+            views_are_missing = self._planner.refine(self._is_in_use)
+            time.sleep(0.01)  # lets other threads cast rays
             if answer.coarse and not self._planner.coarse:
                 self._jobs.do(self._show_refined)
 

@@ -68,13 +68,14 @@ class LivePage:
         self.planner = planner
         self.project = project
         self.folder = folder
-        self._answer: LiveAnswer | None = None
-        self._begun = False
+        self._answer: LiveAnswer | None = None  # figures that are shown
+        self._begun = False  # True once controls and scene are there
         self._played = 0.0  # time (s) when a frame of traffic was played last
         site = planner.yard.site
         self.cameras = LiveCameras(site.area)
         middle = self.cameras.middle
-        scene.set_view(server, tuple(middle + self.cameras.slant), tuple(middle))
+        eye = middle + self.cameras.slant
+        scene.set_view(server, tuple(eye), tuple(middle))
         measured = "" if planner.stated is None else describe_stated(planner.stated)
         self.head = PanelHead(server, site.name, len(planner.sensors), measured)
         self.jobs = LiveJobs(self.head, show=self.show, redraw=self.draw, draw_rest=self._draw_rest)
@@ -83,14 +84,16 @@ class LivePage:
         server.scene.on_click()(self.clicks.follow)
         refining = Refining(planner, self.jobs, self._find_answer, self._show_refined)
         self.jobs.start(self._find_idle_job, refining.run)
-        self.do(lambda: self.show(planner.answer()))
+        self.do(lambda: self.show(planner.answer()))  # the first figures
 
     def _add_drawings(self, picture_folder: Path) -> None:
         """Make the drawings of the scene, and what follows drags, clicks and long tasks."""
         api = self.server.scene
         planner = self.planner
         self.sensors = SensorDrawings(api, planner)
-        context = LiveContext(planner, self.jobs, self.head, self.show, self.draw)
+        context = LiveContext(
+            planner, jobs=self.jobs, head=self.head, show=self.show, redraw=self.draw
+        )
         self.drags = SensorDrags(context, self.sensors, self.choose)
         self.ghosts = Ghosts(
             api, planner, lambda suggestion: self.change(planner.accept, suggestion)
@@ -133,7 +136,7 @@ class LivePage:
     def _find_idle_job(self) -> Job | None:
         """Job to do while nothing is asked, None for none: draw the page, then play the traffic."""
         if not self._begun:
-            is_ready = self.cameras.aimed and self._answer is not None
+            is_ready = self.cameras.aims and self._answer is not None
             return self._begin if is_ready and self.jobs.is_quiet(PAINT_S) else None
         if not self.panel.view.is_playing or time.monotonic() - self._played <= PLAY_S:
             return None

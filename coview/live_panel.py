@@ -45,7 +45,9 @@ class FieldGuard:
 
     @contextmanager
     def filling(self) -> Iterator[None]:
-        """Let `typed` ignore all changes of fields during the block."""
+        """Let `typed` ignore all changes of fields during the block.
+
+        A change by the program calls the fields' functions as typing does."""
         self._filling = True
         try:
             yield
@@ -136,7 +138,8 @@ class SensorTab:
             self._chosen.options = names
 
     def fill(self) -> None:
-        """Fill in the state of the sensor that is chosen; nothing if it is gone."""
+        """Show the state of the chosen sensor in the fields, in degrees and m; nothing if it is
+        gone."""
         with suppress(ValueError):  # another browser may have removed it
             sensor = self._planner.variant.find(self.name)
             self.bearing.value = show_bearing(self._planner.yard.site, sensor)
@@ -164,9 +167,9 @@ class SensorTab:
         mount = yard.find_mount(self._planner.variant, sensor.mount)
         return self._planner.move(
             name,
-            parse_heading(yard.site, str(bearing), sensor.heading),
-            parse_tilt(float(str(tilt)), sensor.tilt),
-            parse_height(mount, float(str(height)), sensor.height),
+            heading=parse_heading(yard.site, str(bearing), sensor.heading),
+            tilt=parse_tilt(float(str(tilt)), sensor.tilt),
+            height=parse_height(mount, float(str(height)), sensor.height),
         )
 
     def add(self) -> "LiveAnswer":
@@ -175,8 +178,10 @@ class SensorTab:
         It looks at the middle of the area."""
         site = self._planner.yard.site
         pole = self._planner.yard.find_mount(self._planner.variant, str(self.pole.value))
-        x, y = (site.area[:2] + site.area[2:]) / 2 - pole.position[:2]
-        return self._planner.add(pole.name, float(np.arctan2(y, x)), model=self.model.value)
+        middle = (site.area[:2] + site.area[2:]) / 2
+        x, y = middle - pole.position[:2]  # from the pole to the middle
+        heading = float(np.arctan2(y, x))
+        return self._planner.add(pole.name, heading=heading, model=self.model.value)
 
     def _look_through(self, client: Handle) -> None:
         # show the view of the chosen sensor in one browser
@@ -190,32 +195,38 @@ class ScoreTab:
 
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
         self._planner = planner
-        first = planner.first
-        now = planner.asked
+        first = planner.first  # setting at the start
+        now = planner.asked  # setting that is asked for now
         self._details = gui.add_html("")
 
-        def choose(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
-            # dropdown with the value at the start first, and the present value chosen
-            return gui.add_dropdown(
-                label, tuple(dict.fromkeys((at_first, *options, value))), initial_value=value
-            )
+        def add_choice(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
+            # dropdown that lists the value at the start first; the present value is chosen
+            each_once = tuple(dict.fromkeys((at_first, *options, value)))
+            return gui.add_dropdown(label, each_once, initial_value=value)
 
-        self._classes = choose("Classes", CLASSES, _name_classes(first), _name_classes(now))
-        self._iou = choose(
-            "IoU", ("0.5", "0.7", "0.8"), f"{first.cases.ious[0]:g}", f"{now.cases.ious[0]:g}"
+        self._classes = add_choice(
+            "Classes", CLASSES, at_first=_name_classes(first), value=_name_classes(now)
         )
-        self._scheme = choose("Scheme", PAPER_SCHEMES, first.fusion.name, now.fusion.name)
-        self._errors = choose(
-            "Errors if measured", PROFILES, first.cases.names[0], now.cases.names[0]
+        self._iou = add_choice(
+            "IoU",
+            ("0.5", "0.7", "0.8"),
+            at_first=f"{first.cases.ious[0]:g}",
+            value=f"{now.cases.ious[0]:g}",
         )
-        self._limit = gui.add_number(
-            "Budget (0: none)", 0.0 if np.isinf(now.most_price) else now.most_price, min=0
+        self._scheme = add_choice(
+            "Scheme", PAPER_SCHEMES, at_first=first.fusion.name, value=now.fusion.name
         )
+        self._errors = add_choice(
+            "Errors if measured", PROFILES, at_first=first.cases.names[0], value=now.cases.names[0]
+        )
+        budget = 0.0 if np.isinf(now.most_price) else now.most_price
+        self._limit = gui.add_number("Budget (0: none)", budget, min=0)
         for field in (self._classes, self._iou, self._scheme, self._errors, self._limit):
             field.on_update(lambda _: jobs.change(self._ask))
 
     def _ask(self) -> "LiveAnswer":
-        # score by the question in the fields; choices of the start mean exactly what was given then
+        # score by the setting in the fields; a choice of the start means what was given then, which
+        # may be more than its name, such as a scheme with options
         first = self._planner.first
         cases = replace(
             self._planner.asked.cases, iou=float(self._iou.value), errors=(self._errors.value,)
@@ -241,15 +252,15 @@ class VariantsTab:
     ) -> None:
         self._planner = planner
         self._small_maps: dict[Variant, str] = {}  # HTML by variant, so that none is drawn twice
-        gui.add_html(site_html(planner.yard.site))
+        gui.add_html(site_html(planner.yard.site))  # hidden; the small maps show it
         self._table = gui.add_html("")
         self._shown: Handle = gui.add_dropdown("Shown", ("A",))
         self._shown.on_update(
             lambda _: guard.typed(lambda: jobs.change(planner.show, self._shown.value))
         )
-        name = gui.add_text("New name", "B")
+        name_field = gui.add_text("New name", "B")
         gui.add_button("Keep as a new variant").on_click(
-            lambda _: jobs.change(lambda: planner.show(name.value, copy=True))
+            lambda _: jobs.change(lambda: planner.show(name_field.value, copy=True))
         )
 
     def fill(self) -> None:
@@ -296,8 +307,12 @@ class ViewTab:
         self.map: Handle = gui.add_dropdown("Seen how often", ("off", *MAP_HEIGHTS))
         self.map.on_update(lambda _: jobs.do(draw_map))
         gui.add_html(MAP_KEY)
-        busiest = int(np.bincount(planner.unseen.frame, minlength=1).argmax())
-        self.frame: Handle = gui.add_slider("Frame", 0, max(planner.frames - 1, 1), 1, busiest)
+        # the frame with most road users is shown first
+        busiest_frame = int(np.bincount(planner.unseen.frame, minlength=1).argmax())
+        last_frame = max(planner.frames - 1, 1)
+        self.frame: Handle = gui.add_slider(
+            "Frame", min=0, max=last_frame, step=1, initial_value=busiest_frame
+        )
         self.frame.on_update(lambda _: jobs.do(draw_traffic))
         self._play = gui.add_checkbox("Play the traffic", False)
         gui.add_button("From above").on_click(
@@ -347,7 +362,7 @@ class LivePanel:
         tasks: LongTasks,
         **drawing: Callable[[], None],
     ) -> None:
-        self._guard = FieldGuard()
+        self._guard = FieldGuard()  # ignores changes of fields by the program
         steps = gui.add_button_group("Changes", ("Undo", "Redo"))
         steps.on_click(
             lambda _: jobs.change(planner.undo if steps.value == "Undo" else planner.redo)

@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 
 LIFT_M = 0.15  # height of signs above the ground
 REACH_M = 20.0  # greatest horizontal distance between a sensor and its handle
+HANDLE_LIFT_M = 0.3  # height of a handle above the ground
 PICTURE_LIFT_M = 0.06  # height of a picture above the ground, below the signs
 PICTURE_ALPHA = 215  # opacity of a picture, 0 to 255
 # lengths of the north arrow, head included, and of its head
 ARROW_M = 8.0
 HEAD_M = 2.0
+LETTER_GAP_M = 1.5  # from the tip of the arrow to the N
 SCALE_SHARE = 0.25  # largest part of the area's width that the scale takes
 MARGIN_M = 4.0  # between the area and its signs
 LANE_ARROW_M = 3.5
@@ -84,7 +86,7 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
             anchor="center-center",
         )
     arrows = [
-        _arrow(np.array([x, y]), angle, LANE_ARROW_M, 1.0)
+        _arrow(np.array([x, y]), angle, length=LANE_ARROW_M, head=1.0)
         for x, y, angle in find_lane_arrows(site, low, high)
     ]
     _add_lines(
@@ -100,28 +102,29 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
 
 def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
     """Draw a cross on top of each pole, which from above is only a dot."""
-    tops = np.array(
-        [pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]
-    ).reshape(-1, 1, 1, 3)
+    tops = [pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]
+    # start and end of both arms of a cross of half width 1
+    first_arm = [[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]]
+    second_arm = [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]
+    arms = POLE_MARK_M / 2 * np.array([first_arm, second_arm])
     # axes: pole, arm of the cross, end of the arm, xyz
-    arms = (
-        POLE_MARK_M
-        / 2
-        * np.array([[[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]], [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]])
-    )
+    crosses = np.array(tops).reshape(-1, 1, 1, 3) + arms
     scene_parts.add_lines(
-        api, "/signs/marks", (tops + arms).reshape(-1, 2, 3), INK, width=2.0, visible=True
+        api, "/signs/marks", crosses.reshape(-1, 2, 3), INK, width=2.0, visible=True
     )
 
 
 def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) -> None:
-    # draw an arrow to the north around a point (x, y in m), and an N at its tip
-    direction = north(site)
-    lines = _arrow(middle, float(np.arctan2(direction[1], direction[0])), ARROW_M, HEAD_M)
+    # draw an arrow to the north around a point (x, y in m), and an N beyond its tip
+    direction = north(site)  # unit vector (x, y)
+    north_x, north_y = direction
+    angle = float(np.arctan2(north_y, north_x))
+    lines = _arrow(middle, angle, length=ARROW_M, head=HEAD_M)
     _add_lines(api, "/signs/north", site, lines, INK, width=3.0)
-    tip = _lift(site, (middle + (ARROW_M / 2 + 1.5) * direction)[None])[0]
+    letter_xy = middle + (ARROW_M / 2 + LETTER_GAP_M) * direction
+    (position,) = _lift(site, letter_xy[None])
     api.add_label(
-        "/signs/north/letter", "N", position=tip, font_screen_scale=1.2, anchor="center-center"
+        "/signs/north/letter", "N", position=position, font_screen_scale=1.2, anchor="center-center"
     )
 
 
@@ -179,34 +182,38 @@ def _share_covered(
 
     Covers that overlap count twice."""
     tree = shapely.STRtree(covers)
-    touched, cover = tree.query(places)
-    areas = shapely.area(shapely.intersection(places[touched], tree.geometries[cover]))
-    return np.minimum(
-        np.bincount(touched, areas, minlength=len(places)) / shapely.area(places), 1.0
-    )
+    # indices of the place and the cover of each pair whose bounds touch
+    place, cover = tree.query(places)
+    pair_areas = shapely.area(shapely.intersection(places[place], tree.geometries[cover]))
+    covered_areas = np.bincount(place, pair_areas, minlength=len(places))
+    return np.minimum(covered_areas / shapely.area(places), 1.0)
 
 
 def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapely.Geometry:
     """Ground that a prism covers, or hides behind it in the first view.
 
     outline: corners of the prism (x, y in m); height: height of the prism (m)."""
-    # the direction of the first view is the same for any area
+    # the direction of the first view is the same for any area, here a square around 0
     eye, target = (np.array(spot) for spot in scene.overview((-1.0, -1.0, 1.0, 1.0)))
-    behind = height * (eye - target)[:2] / (target - eye)[2]
-    return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + behind])))
+    # from the foot of a top edge to the ground that it hides behind it (x, y)
+    shadow = height * (eye - target)[:2] / (target - eye)[2]
+    return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + shadow])))
 
 
 def _add_scale(
     api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]
 ) -> None:
     # draw a scale of a length (m) around a point, along the site's x axis, with the length as text
-    half = np.array([length / 2, 0.0])
-    tick = np.array([0.0, 0.8])
-    start = middle - half
-    end = middle + half
-    lines = np.array([[start, end], [start - tick, start + tick], [end - tick, end + tick]])
+    half_length = np.array([length / 2, 0.0])
+    half_tick = np.array([0.0, 0.8])  # m
+    start = middle - half_length
+    end = middle + half_length
+    # the scale, and a tick across each end
+    lines = np.array(
+        [[start, end], [start - half_tick, start + half_tick], [end - half_tick, end + half_tick]]
+    )
     _add_lines(api, "/signs/scale", site, lines, INK, width=3.0)
-    position = _lift(site, end[None])[0]
+    (position,) = _lift(site, end[None])
     api.add_label("/signs/scale/length", f"{length:g} m", position=position, anchor="center-left")
 
 
@@ -217,12 +224,14 @@ def _arrow(
 
     middle: middle of the shaft (m); angle: direction, counter-clockwise from +x (rad); length,
     head: length of the arrow and of its head (m)."""
-    along = np.array([np.cos(angle), np.sin(angle)])
-    aside = np.array([-np.sin(angle), np.cos(angle)])
-    start = middle - length / 2 * along
-    tip = middle + length / 2 * along
-    sides = [tip - head * along + side * head / 2 * aside for side in (1, -1)]
-    return np.array([[start, tip], [sides[0], tip], [sides[1], tip]])
+    forward = np.array([np.cos(angle), np.sin(angle)])
+    to_left = np.array([-np.sin(angle), np.cos(angle)])
+    start = middle - length / 2 * forward
+    tip = middle + length / 2 * forward
+    # ends of the head, which is as wide as it is long
+    left = tip - head * forward + head / 2 * to_left
+    right = tip - head * forward - head / 2 * to_left
+    return np.array([[start, tip], [left, tip], [right, tip]])
 
 
 def _add_lines(
@@ -234,9 +243,9 @@ def _add_lines(
     *,
     width: float,
 ) -> None:
-    # draw lines (start and end, x and y in m) just above the ground; width in pixels
-    lifted = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
-    scene_parts.add_lines(api, name, lifted, colour, width=width, visible=True)
+    # draw lines just above the ground; their axes: line, start and end, x and y (m); width in px
+    lifted_lines = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
+    scene_parts.add_lines(api, name, lifted_lines, colour, width=width, visible=True)
 
 
 def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
@@ -249,12 +258,15 @@ def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
 
     The handle is on the line of sight, just above the ground, but no farther than `REACH_M`
     horizontally."""
-    ahead = sensor.world_SE3_body[:3, 0]
-    ground = float(site.ground(sensor.position[:2]))
-    level = max(float(np.hypot(*ahead[:2])), 1e-6)  # horizontal part of the direction
-    # way (m) along the line of sight to 0.3 m above the ground, very long if it looks up
-    down = (sensor.position[2] - ground - 0.3) / max(-float(ahead[2]), 1e-9)
-    return np.asarray(sensor.position + ahead * min(down, REACH_M / level))
+    ahead = sensor.world_SE3_body[:3, 0]  # unit vector along the line of sight
+    ground_z = float(site.ground(sensor.position[:2]))
+    horizontal_length = max(float(np.hypot(*ahead[:2])), 1e-6)  # `ahead` seen from above
+    # distance (m) along the line of sight to the handle's height, very long if it looks up
+    distance_to_ground = (sensor.position[2] - ground_z - HANDLE_LIFT_M) / max(
+        -float(ahead[2]), 1e-9
+    )
+    distance = min(distance_to_ground, REACH_M / horizontal_length)
+    return np.asarray(sensor.position + ahead * distance)
 
 
 def draw_view(
@@ -265,18 +277,18 @@ def draw_view(
     They go from the sensor to its handle and its foot, along both sides of its field of view, and
     from the handle to the ends of these sides. A full circle has no sides. target: position of the
     handle (m)."""
-    half = min(sensor.model.horizontal_fov / 2, np.pi)
-    ahead = target - sensor.position
-    ends = [target]
-    for turn in (-half, half) if half < np.pi - 1e-6 else ():
+    half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
+    is_full_circle = half_angle >= np.pi - 1e-6
+    x, y, z = target - sensor.position
+    side_ends = []  # both sides of the field of view, as far as the handle
+    for turn in () if is_full_circle else (-half_angle, half_angle):
         cos, sin = np.cos(turn), np.sin(turn)
-        side = np.array(
-            [cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1], ahead[2]]
-        )
-        ends.append(sensor.position + side)
+        side = np.array([cos * x - sin * y, sin * x + cos * y, z])
+        side_ends.append(sensor.position + side)
     foot = np.array([*sensor.position[:2], site.ground(sensor.position[:2])])
-    pairs = [(sensor.position, end) for end in (*ends, foot)] + [(ends[0], end) for end in ends[1:]]
-    return np.array(pairs, np.float32)
+    lines = [(sensor.position, end) for end in (target, *side_ends, foot)]
+    lines += [(target, end) for end in side_ends]
+    return np.array(lines, np.float32)
 
 
 def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Path) -> None:
@@ -284,10 +296,11 @@ def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Pat
 
     folder: folder of its file."""
     alpha = np.full((picture.height, picture.width), PICTURE_ALPHA, np.uint8)
-    pixels = np.dstack([picture.read(folder)[::-1], alpha])
-    wide = picture.width * picture.scale
-    long = picture.height * picture.scale
-    laid = api.add_image("/picture", pixels, wide, long, cast_shadow=False)
-    ground = float(site.ground(np.array([picture.x, picture.y])))
-    laid.position = picture.x, picture.y, ground + PICTURE_LIFT_M
-    laid.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)
+    pixels = np.dstack([picture.read(folder)[::-1], alpha])  # RGBA, lowest row first
+    width_m = picture.width * picture.scale
+    length_m = picture.height * picture.scale
+    image = api.add_image("/picture", pixels, width_m, length_m, cast_shadow=False)
+    ground_z = float(site.ground(np.array([picture.x, picture.y])))
+    image.position = picture.x, picture.y, ground_z + PICTURE_LIFT_M
+    # quaternion w, x, y, z of a turn about z
+    image.wxyz = np.cos(picture.turn / 2), 0.0, 0.0, np.sin(picture.turn / 2)

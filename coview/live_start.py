@@ -46,9 +46,9 @@ class StartPage:
     is called with the name or file of the chosen site."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
-        self._folder = folder
-        self._then = then
-        self._busy = threading.Lock()
+        self._folder = folder  # for uploads and sites made from maps
+        self._then = then  # opens a site, given by name or file
+        self._busy = threading.Lock()  # held while a site is opened
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()
@@ -68,19 +68,19 @@ class StartPage:
         upload.on_upload(
             lambda _: self._open(lambda: self._keep(upload.value.name, upload.value.content))
         )
-        self._said = gui.add_html("")
+        self._note_html = gui.add_html("")
 
     def _open(self, find: Callable[[], Path]) -> None:
-        # open the map or site that `find` returns, and show errors; ignored while one is opened
+        # open the map or site whose path `find` returns, and show errors
         if not self._busy.acquire(blocking=False):
-            return
+            return  # another one is being opened
         try:
-            self._said.content = note_html("opening", "")
+            self._note_html.content = note_html("opening", "")
             self._then(self._import(find()))
         except Exception as error:  # whatever a map holds: the page lives on
             if not isinstance(error, ValueError | OSError | ImportError):
                 traceback.print_exc()
-            self._said.content = note_html("", str(error) or type(error).__name__)
+            self._note_html.content = note_html("", str(error) or type(error).__name__)
         finally:
             self._busy.release()
 
@@ -94,27 +94,29 @@ class StartPage:
                 f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most "
                 f"{MOST_BYTES // 10**6} MB, got {name!r:.70} of {len(content) / 1e6:.1f} MB"
             )
-        path = (
-            self._folder
-            / f"{re.sub(r'[^A-Za-z0-9_-]+', '-', Path(name).stem)[:LONGEST] or 'map'}{ending}"
-        )
+        # letters, digits, _ and - stay; all else, such as spaces and .., becomes -
+        safe_stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(name).stem)[:LONGEST] or "map"
+        path = self._folder / f"{safe_stem}{ending}"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, content)
         return path
 
     def _import(self, path: Path) -> str:
-        """Return the name or file of a site, imported first if the path is a map's."""
+        """Return the name or file of a site. A map is first imported and saved as a site.
+
+        path: path of a map or site, or a site's name. The map's piece is chosen by the fields of
+        the page: centre and size."""
         if path.suffix.lower() not in MAPS:
             return str(path)
-        typed = self._centre.value.replace(",", " ").split()
+        numbers = self._centre.value.replace(",", " ").split()
         try:
-            x, y = map(float, typed) if typed else find_middle(path)
+            x, y = map(float, numbers) if numbers else find_middle(path)
         except ValueError:
             raise ValueError(
                 f"the centre must be two numbers, got {self._centre.value!r:.60}: give them"
             ) from None
         width, length = self._size.value
-        piece = MapPiece(path, (x, y), (width, length), seed=0)
+        piece = MapPiece(path, centre=(x, y), size=(width, length), seed=0)
         site = import_osm(piece) if path.suffix.lower() == ".osm" else import_opendrive(piece)
         target = self._folder / f"{path.stem}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -126,15 +128,16 @@ def find_middle(path: Path) -> tuple[float, float]:
     """Middle of the bounds that a map states: longitude and latitude, or x and y (m) in OpenDRIVE.
 
     Raises ValueError for a map that states none, OSError if it cannot be read."""
-    ends = {
-        "bounds": ("minlon", "maxlon", "minlat", "maxlat"),
-        "header": ("west", "east", "south", "north"),
+    # attributes with the western, eastern, southern and northern end, by element
+    attributes = {
+        "bounds": ("minlon", "maxlon", "minlat", "maxlat"),  # OpenStreetMap
+        "header": ("west", "east", "south", "north"),  # OpenDRIVE
     }
     with suppress(ElementTree.ParseError, KeyError):
         for _, element in ElementTree.iterparse(path, events=("start",)):
-            if element.tag in ends:
+            if element.tag in attributes:
                 west, east, south, north = (
-                    float(element.attrib[name]) for name in ends[element.tag]
+                    float(element.attrib[name]) for name in attributes[element.tag]
                 )
                 return (west + east) / 2, (south + north) / 2
             if element.tag in ("node", "road"):  # bounds come before these
@@ -168,12 +171,12 @@ class LiveSession:
     ) -> None:
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
-        token = secrets.token_urlsafe(16)
-        self._open = ExitStack()
+        token = secrets.token_urlsafe(16)  # only who knows the URL opens the page
+        self._open = ExitStack()  # what `close` ends
         self._folder = folder
         self._server = self._open.enter_context(viser_server(port, token))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
-        if callable(planner):
+        if callable(planner):  # it makes the planner of a site that the first page asks for
             self._begin = planner
             StartPage(self._server, folder, lambda site: self._show(*planner(site)))
         else:
@@ -235,8 +238,8 @@ def interrupted_by_sigterm() -> Iterator[None]:
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    previous_handler = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous_handler)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 _BOX = f"font:12px/1.35 system-ui,sans-serif;color:{INK};padding:.2em .9em"
-MAP_REACH = 25.0  # length (m) of a field of view on a small map
+MAP_REACH_M = 25.0  # length (m) of a field of view on a small map
 _SMALL = f"color:{FAINT};font-size:12px"
 _WIDE_SHEET = (  # on a telephone viser's sheet is 20em wide, ours is as wide as the screen
     '<style>[style*="fixed"][style*="20em"],[style*="fixed"] '
@@ -52,9 +52,9 @@ MAP_KEY = (
 
 
 def hint_html(sensors: int) -> str:
-    """HTML of the hint on what to do first, another one without sensors.
+    """HTML of a hint on what to do first. sensors: number of sensors of the variant.
 
-    sensors: number of sensors of the variant."""
+    Without sensors the hint is to add one."""
     steps = _STEPS if sensors else _FIRST_STEPS
     return (
         f'{_WIDE_SHEET}<div style="{_BOX};background:#eef2fe;border-radius:6px;margin:.3em '
@@ -70,7 +70,9 @@ def figures_html(answer: "LiveAnswer") -> str:
     change = ""
     if answer.change:
         colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
-        bounds = _ends(answer.change_low, answer.change_high, answer.objects, signed=True)
+        bounds = _format_interval(
+            answer.change_low, answer.change_high, answer.objects, signed=True
+        )
         interval = f" ({bounds})" if np.isfinite(answer.change_low) else ""
         figure = format_share(answer.change, answer.objects, signed=True)
         change = (
@@ -78,12 +80,11 @@ def figures_html(answer: "LiveAnswer") -> str:
             f"{escape(answer.what)}</div>"
         )
     limited = np.isfinite(answer.budget)
-    unit = escape(answer.currency) or (
-        "pole" if (answer.budget if limited else answer.price) == 1 else "poles"
-    )
+    last_amount = answer.budget if limited else answer.price  # the unit comes after it
+    unit = escape(answer.currency) or ("pole" if last_amount == 1 else "poles")
     worst = "no sensor is left"
     if answer.worst_sensor:
-        bounds = _ends(answer.worst_low, answer.worst_high, answer.objects)
+        bounds = _format_interval(answer.worst_low, answer.worst_high, answer.objects)
         interval = f" ({bounds})" if np.isfinite(answer.worst_low) else ""
         worst = (
             f"{format_share(answer.worst, answer.objects)}{interval} without "
@@ -99,7 +100,7 @@ def figures_html(answer: "LiveAnswer") -> str:
             f'<span class="live-price">{answer.price:,.10g}</span>{budget} {unit}, {sensors}',
         ),
         ("Seen by no sensor", f"{answer.unseen} of {describe_count(answer.objects, 'road user')}"),
-        ("Fullest link", _fullest(answer)),
+        ("Fullest link", _describe_fullest_link(answer)),
     )
     rows = "".join(
         f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>'
@@ -110,19 +111,21 @@ def figures_html(answer: "LiveAnswer") -> str:
         for problem in answer.problems
     )
     several = (
-        _bars("Found, by class (95 % interval)", answer.classes) if len(answer.classes) > 1 else ""
+        _bars_html("Found, by class (95 % interval)", answer.classes)
+        if len(answer.classes) > 1
+        else ""
     )
     error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
         f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">'
         f"{format_ap(answer)}</span> "
         f"AP, predicted{' (refining)' if answer.coarse else ''}"
-        f'<div style="{_SMALL}">95 %: {_ends(answer.low, answer.high, answer.objects)}; '
-        f"{_number(answer)}; "
+        f'<div style="{_SMALL}">95 %: {_format_interval(answer.low, answer.high, answer.objects)}; '
+        f"{_describe_counts(answer)}; "
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{change}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
-        f"{_bars('Found, by approach (95 % interval)', answer.approaches)}</div>"
+        f"{_bars_html('Found, by approach (95 % interval)', answer.approaches)}</div>"
     )
 
 
@@ -135,13 +138,11 @@ def details_html(answer: "LiveAnswer") -> str:
     )
     frames = describe_count(answer.frames, "frame")
     links = f'<div style="{_SMALL};margin-top:.4em">Links, over {frames}</div><table>{rows}</table>'
-    return (
-        "<div "
-        f'style="{_BOX}">{_bars("Found, by traffic (95 % interval)", answer.levels)}{links}</div>'
-    )
+    levels = _bars_html("Found, by traffic (95 % interval)", answer.levels)
+    return f'<div style="{_BOX}">{levels}{links}</div>'
 
 
-def _number(answer: "LiveAnswer") -> str:
+def _describe_counts(answer: "LiveAnswer") -> str:
     # words for the numbers of road users and frames behind an answer
     return (
         f"N = {describe_count(answer.objects, 'road user')}, "
@@ -149,7 +150,7 @@ def _number(answer: "LiveAnswer") -> str:
     )
 
 
-def _fullest(answer: "LiveAnswer") -> str:
+def _describe_fullest_link(answer: "LiveAnswer") -> str:
     # HTML of the link that is used to the greatest share of its capacity
     if not answer.links:
         return "none"
@@ -157,21 +158,22 @@ def _fullest(answer: "LiveAnswer") -> str:
     return f"{link.share:.0%} of {link.capacity_mbit_s:g} Mbit/s, {escape(link.pole)}"
 
 
-def _bars(title: str, rows: "Iterable[FoundShare]") -> str:
+def _bars_html(title: str, rows: "Iterable[FoundShare]") -> str:
     # HTML of a titled list of groups, each with a bar as long as the share of its road users found
     lines = []
     for row in rows:
-        width = 0.0 if np.isnan(row.recall) else 100 * row.recall
+        has_objects = not np.isnan(row.recall)
+        width = 100 * row.recall if has_objects else 0.0
         bar = f'<div style="background:{BAR};height:6px;width:{width:.0f}%"></div>'
-        share = "none there" if np.isnan(row.recall) else f"{row.recall:.0%}"
-        interval = (
-            f" ({row.low:.0%} to {row.high:.0%})" if np.isfinite(row.low) and row.ap is None else ""
-        )
+        share = f"{row.recall:.0%}" if has_objects else "none there"
+        interval = ""
+        if np.isfinite(row.low) and row.ap is None:  # with an AP the interval is the AP's
+            interval = f" ({row.low:.0%} to {row.high:.0%})"
         ap = ""
         if row.ap is not None and not np.isnan(row.ap):
             ap = (
                 f", AP {format_share(row.ap, row.objects)} "
-                f"({_ends(row.low, row.high, row.objects)})"
+                f"({_format_interval(row.low, row.high, row.objects)})"
             )
         lines.append(
             "<div "
@@ -192,13 +194,13 @@ def note_html(busy: str, note: str) -> str:
 
 def site_html(site: "Site") -> str:
     """HTML of streets and buildings from above, hidden, which every `map_html` shows again."""
-    drawn = [(lane, GROUND["lanes"]) for lane in site.lanes]
-    drawn += [
-        (solid.footprint, SOLID[solid.kind])
-        for solid in site.solids
-        if solid.kind in ("building", "pond")
-    ]
-    shapes = "".join(f'<path d="{_path(corners)}" fill="{colour}"/>' for corners, colour in drawn)
+    outlines = [(lane, GROUND["lanes"]) for lane in site.lanes]  # corners and colour
+    for solid in site.solids:
+        if solid.kind in ("building", "pond"):
+            outlines.append((solid.footprint, SOLID[solid.kind]))
+    shapes = "".join(
+        f'<path d="{_svg_path(corners)}" fill="{colour}"/>' for corners, colour in outlines
+    )
     return (
         f'<svg width="0" height="0" style="position:absolute"><g id="live-site">{shapes}</g></svg>'
     )
@@ -210,22 +212,21 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
     sensors: pairs of a sensor and True if it has failed, which makes it faint."""
     xmin, ymin, xmax, ymax = site.area.tolist()
     shapes = []
-    for index, (sensor, failed) in enumerate(sensors):
+    for index, (sensor, has_failed) in enumerate(sensors):
         x, y, _ = sensor.position.tolist()
-        half = min(sensor.model.horizontal_fov / 2, np.pi)
-        ahead = sensor.world_SE3_body[:2, 0]
-        turns = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 9)
-        view = [
-            (x, y),
-            *np.column_stack(
-                [x + MAP_REACH * np.cos(turns), y + MAP_REACH * np.sin(turns)]
-            ).tolist(),
-        ]
-        colour = FAINT if failed else sensor_colour(index)
+        half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
+        ahead_x, ahead_y = sensor.world_SE3_body[:2, 0]
+        headings = np.arctan2(ahead_y, ahead_x) + np.linspace(-half_angle, half_angle, 9)
+        arc = np.column_stack(
+            [x + MAP_REACH_M * np.cos(headings), y + MAP_REACH_M * np.sin(headings)]
+        )
+        sector = [(x, y), *arc.tolist()]  # field of view from above
+        colour = FAINT if has_failed else sensor_colour(index)
         shapes.append(
-            f'<path d="{_path(view)}" fill="{colour}" fill-opacity=".35"/>'
+            f'<path d="{_svg_path(sector)}" fill="{colour}" fill-opacity=".35"/>'
             f'<circle cx="{x:.1f}" cy="{-y:.1f}" r="2.5" fill="{colour}"/>'
         )
+    # left, top, width and height of the area; SVG's y axis goes down
     box = f"{xmin:.1f} {-ymax:.1f} {xmax - xmin:.1f} {ymax - ymin:.1f}"
     return (
         f'<svg viewBox="{box}" style="width:84px;display:block"><use '
@@ -240,13 +241,14 @@ def draw_small_maps(
     maps = {}
     for variant in variants:
         sensors = [
-            (yard.build_sensor(variant, sensor), sensor.failed) for sensor in variant.sensors
+            (yard.build_sensor(variant, live_sensor), live_sensor.failed)
+            for live_sensor in variant.sensors
         ]
         maps[variant] = drawn_maps.get(variant) or map_html(yard.site, sensors)
     return maps
 
 
-def _path(corners: Iterable[Iterable[float]]) -> str:
+def _svg_path(corners: Iterable[Iterable[float]]) -> str:
     # closed path in SVG around corners (x, y in m); SVG's y axis goes down
     return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
 
@@ -268,7 +270,7 @@ def variants_html(
         cells = [
             (
                 f"{format_share(ap, answer.objects)}<br><span "
-                f"style='{_SMALL}'>{_ends(low, high, answer.objects)}</span>"
+                f"style='{_SMALL}'>{_format_interval(low, high, answer.objects)}</span>"
             )
             for ap, low, high in aps
         ]
@@ -292,7 +294,7 @@ def variants_html(
         '<table style="width:100%"><tr '
         f'style="{_SMALL}"><td></td>{head}</tr>{"".join(rows)}</table>'
     )
-    table += f'<div style="{_SMALL}">{_number(current_answer)}</div>'
+    table += f'<div style="{_SMALL}">{_describe_counts(current_answer)}</div>'
     return f'<div style="{_BOX}">{table}</div>'
 
 
@@ -303,7 +305,7 @@ def format_ap(answer: "LiveAnswer | StatedFigure") -> str:
 
 def describe_ap(answer: "LiveAnswer") -> str:
     """Text of an AP with its 95 % interval."""
-    return f"AP {format_ap(answer)} ({_ends(answer.low, answer.high, answer.objects)})"
+    return f"AP {format_ap(answer)} ({_format_interval(answer.low, answer.high, answer.objects)})"
 
 
 def describe_stated(stated: "StatedFigure") -> str:
@@ -313,21 +315,22 @@ def describe_stated(stated: "StatedFigure") -> str:
 
 def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
     """Text on suggestions of one kind, the best first. kind: "add", "move" or "remove"."""
-    described = []
+    descriptions = []
     for suggestion in suggestions:
         sensor = suggestion.sensor.name
         pole = suggestion.sensor.mount
         place = sensor if is_named_by_pole(sensor, pole) else f"{sensor} on {pole}"
-        described.append(f"{place}: {describe_ap(suggestion.answer)}")
+        descriptions.append(f"{place}: {describe_ap(suggestion.answer)}")
     title = {"add": "next sensor", "move": "best place", "remove": "missed least"}[kind]
+    text = "; ".join(descriptions)
     if kind == "remove":
-        return f"{title}: {'; '.join(described) or 'none'}"
-    if not described:
+        return f"{title}: {text or 'none'}"
+    if not suggestions:
         return f"{title}: none among the poles looked at so far; ask again"
-    return f"{title}: {'; '.join(described)} (of {suggestions[0].considered} placements so far)"
+    return f"{title}: {text} (of {suggestions[0].considered} placements so far)"
 
 
-def _ends(low: float, high: float, objects: int, *, signed: bool = False) -> str:
+def _format_interval(low: float, high: float, objects: int, *, signed: bool = False) -> str:
     # text of an interval, with the decimals that the number of road users supports
     if not (np.isfinite(low) and np.isfinite(high)):
         return "no interval from few frames"

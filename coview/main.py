@@ -129,17 +129,20 @@ def _call(arguments: Sequence[str]) -> int:
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:
-    """ValueError of coview's code that made the parser exit, None for a refusal of the parser."""
+    """ValueError of coview's code that made the parser exit, None for a refusal of the parser.
+
+    The parser turns errors of our option classes into its exit, whose `__context__` keeps them."""
     from traceback import walk_tb
 
     from coview.outputs import OURS
 
     error: BaseException | None = stopped
     while error is not None:
-        frames = walk_tb(error.__traceback__) if isinstance(error, ValueError) else ()
-        if any(frame.f_globals["__name__"].partition(".")[0] in OURS for frame, _ in frames):
-            assert isinstance(error, ValueError)
-            return error
+        if isinstance(error, ValueError):
+            for frame, _ in walk_tb(error.__traceback__):
+                package = frame.f_globals["__name__"].partition(".")[0]
+                if package in OURS:
+                    return error
         error = error.__context__
     return None
 
@@ -158,12 +161,13 @@ def command(name: str) -> Callable[..., int]:
 
 
 def refuse_hidden_packages() -> None:
-    """Raise ValueError for a user's file that hides our packages."""
+    """Raise ValueError if a file or folder of the user is imported in place of our packages."""
     from importlib.util import find_spec
 
     home = Path(__file__).resolve().parents[1]
     for name in PACKAGES:
         spec = find_spec(name)
+        # file of the package, else its folders, as a folder without __init__.py has no file
         locations = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
         package_path = next((Path(location).resolve() for location in locations if location), None)
         if package_path is None:

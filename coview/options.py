@@ -62,9 +62,10 @@ class ClassOptions:
             raise ValueError(
                 f"--class-weights needs a weight for each of {', '.join(names)}, got {len(weights)}"
             )
+        # None for the usual threshold of a class
         small_iou = None if self.small_iou == SMALL_IOU else self.small_iou
-        ious = tuple(small_iou if name in SMALL_CLASSES else None for name in names)
-        return Classes(names, weights or (), self.combine, ious)
+        iou_by_class = tuple(small_iou if name in SMALL_CLASSES else None for name in names)
+        return Classes(names, weights or (), self.combine, iou_by_class)
 
 
 @dataclass(frozen=True, kw_only=True)

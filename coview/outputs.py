@@ -110,9 +110,19 @@ def check_folder(
 ) -> None:
     """Check that a command may write the file `holds` into a new or existing folder.
 
-    writes: names of its other files; kind: kind of `holds`. Raises ValueError for a file that is
-    an input, and for a file of `writes` without `holds` next to it, which another command
-    wrote."""
+    Args:
+        out: The folder.
+        holds: Name of the command's main file.
+        inputs: Files that the command reads.
+        overwrite: True to replace the main file.
+        writes: Names of the command's other files.
+        kind: Kind of the main file among `FILE_KINDS`, "" for other files.
+
+    Raises:
+        ValueError: For a file that is an input, and for a file of `writes` without the main file
+            next to it, which another command wrote.
+        OSError: If the main file exists without `overwrite`, or cannot be written.
+    """
     inputs = list(inputs)
     check_output(out, inputs=inputs, overwrite=True)
     for name in writes:
@@ -144,9 +154,10 @@ def claim(
     """Check `out` by `check(overwrite=...)`, and lock it until the block ends.
 
     A killed run leaves a note of its settings. A run with the same settings may replace what that
-    run wrote without `overwrite`. Yields whether the block may overwrite."""
+    run wrote without `overwrite`. Yields True if the block may overwrite."""
     check(overwrite=True)
     target = out.resolve()
+    # the note is next to `out`, or in it if the folder around it cannot be written
     is_sibling = not target.is_dir() or os.access(target.parent, os.W_OK)
     path = target.with_name(f"{target.name}{UNFINISHED}") if is_sibling else target / UNFINISHED
     note = ShardFolder(path, {"asked": repr(settings)})

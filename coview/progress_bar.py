@@ -31,18 +31,20 @@ class Bar:
         self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS
     ) -> None:
         self._bar = bar
-        self._hidden = hidden
-        self._stage = unit
-        self._steps = steps
-        # number done, number done when the stage began, and number of the main stage (0: none)
-        self._done = self._first = self._step = 0
-        self._began = self._started = self._step_began = time.monotonic()
+        self._hidden = hidden  # True to print nothing
+        self._stage = unit  # name of the stage
+        self._steps = steps  # usual share of the time of each main stage, by name
+        self._done = 0  # number done
+        self._done_at_start = 0  # number done when the stage began
+        self._step = 0  # number of the main stage, counted from 1; 0 before the first
+        # times (s) at which the bar, the stage and the main stage began
+        self._bar_began = self._stage_began = self._step_began = time.monotonic()
 
     def to(self, done: int) -> None:
         """Show the number done in all; a smaller one than before restarts the stage."""
         if done < self._done:  # the stage restarts
-            self._began = time.monotonic()
-            self._first = done
+            self._stage_began = time.monotonic()
+            self._done_at_start = done
         self._bar.update(done - self._bar.n)
         self._done = done
 
@@ -58,8 +60,8 @@ class Bar:
                 self._step_began = time.monotonic()
             self._stage = name
             self._done = 0
-            self._first = 0
-            self._began = time.monotonic()
+            self._done_at_start = 0
+            self._stage_began = time.monotonic()
             self._bar.reset(total)
             self._bar.set_description(escape(name), refresh=False)
         self._bar.total = total
@@ -87,16 +89,16 @@ class Bar:
         """Words for the stage, its progress, and the time left at the speed so far."""
         done = self._done
         total = self._bar.total
-        spent_s = time.monotonic() - self._began
+        spent_s = time.monotonic() - self._stage_began
         count = ""
         if total:
             count = f": {done} of {total}"
         elif done:
             count = f": {done}"
         text = f"{self._describe_step()}{self._stage or 'inputs prepared'}{count}"
-        if not total or done <= self._first:
+        if not total or done <= self._done_at_start:
             return f"{text}, for {_describe_time(spent_s)}"
-        left_s = spent_s / (done - self._first) * max(0, total - done)
+        left_s = spent_s / (done - self._done_at_start) * max(0, total - done)
         if left_s < MIN_LEFT_S:
             return f"{text}, finishing for {_describe_time(spent_s)}"
         return f"{text}, about {_describe_time(left_s)} left"
@@ -104,28 +106,30 @@ class Bar:
     def _describe_step(self) -> str:
         """Words for the number of this step, and the total time by the usual shares of the steps.
 
-        The text is "" outside the steps, and ends with a comma and a space.
-
-        Within a step time counts, not what is done: its count may be followed by other stages. A
-        count that lags behind the time counts, too."""
+        The text ends with a comma and a space, and is "" outside the steps. The part of this step
+        that is done is the smaller one by its count and by its time: other stages may follow the
+        count within the step."""
         if not self._step:
             return ""
         shares = [*self._steps.values()]
-        done_shares = sum(shares[: self._step - 1])
+        done_shares = sum(shares[: self._step - 1])  # shares of the steps before this one
         step_share = shares[self._step - 1]
+        step_name = [*self._steps][self._step - 1]
         total = self._bar.total
-        name = [*self._steps][self._step - 1]
-        counted = min(1.0, self._done / total) if total and name == self._stage else 1.0
-        earlier = self._step_began - self._started
-        spent = time.monotonic() - self._step_began
-        if done_shares and earlier:
-            counted = min(counted, spent / (earlier / done_shares * step_share))
-        share = done_shares + step_share * counted
+        done_part = 1.0  # part of this step
+        if total and step_name == self._stage:
+            done_part = min(1.0, self._done / total)
+        earlier_s = self._step_began - self._bar_began
+        spent_s = time.monotonic() - self._step_began
+        if done_shares and earlier_s:
+            expected_s = earlier_s / done_shares * step_share
+            done_part = min(done_part, spent_s / expected_s)
+        share = done_shares + step_share * done_part
         text = f"step {self._step} of {len(shares)}"
-        if share < MIN_SHARE or (not done_shares and name != self._stage):
+        if share < MIN_SHARE or (not done_shares and step_name != self._stage):
             return f"{text}, "
-        total_seconds = (earlier + spent) * sum(shares) / share
-        return f"{text}, about {_describe_time(total_seconds)} in all, "
+        total_s = (earlier_s + spent_s) * sum(shares) / share
+        return f"{text}, about {_describe_time(total_s)} in all, "
 
 
 def _describe_time(seconds: float) -> str:
@@ -147,15 +151,15 @@ def progress_bar(
     hidden: True to print nothing; steps: usual share of the time of each main stage."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
         bar = Bar(inner, hidden, unit, steps)
-        ended = Event()
+        has_ended = Event()
 
-        def talk() -> None:
-            while not ended.wait(EVERY_S):
+        def print_lines() -> None:
+            while not has_ended.wait(EVERY_S):
                 say(f"coview: {bar.describe()}", error=True)
 
         if not hidden and not sys.stderr.isatty():
-            Thread(target=talk, daemon=True).start()
+            Thread(target=print_lines, daemon=True).start()
         try:
             yield bar
         finally:
-            ended.set()
+            has_ended.set()

@@ -26,7 +26,7 @@ def describe_near(word: str, words: Sequence[str]) -> str:
     >>> describe_near("evaluat", ["detect", "evaluate"])
     ': did you mean evaluate?'
     """
-    matches = get_close_matches(word, words, 1, 0.6)
+    matches = get_close_matches(word, words, n=1, cutoff=0.6)
     return f": did you mean {matches[0]}?" if matches else ""
 
 
@@ -49,7 +49,8 @@ def record_refusals() -> Iterator[list[Any]]:
 def describe_refusal(event: Any, text: str, words: Sequence[str]) -> str | None:
     """Describe a refusal of the parser in one line; None for one of an unknown kind.
 
-    text: what the parser printed; words: the command line."""
+    event: tyro's refusal, whose class is its kind; text: what the parser printed; words: the
+    command line."""
     command = "coview" if words[0].startswith("-") else words[0]
     if type(event).__name__ == "MissingArgs" and words[0] in COMMANDS_OF_COMMANDS:
         command = " ".join(words[:2])
@@ -78,6 +79,7 @@ def _plain(text: str) -> str:
 
 
 def _describe_unknown(event: Any, text: str, command: str) -> str:
+    # error for options, or a subcommand, that the command does not have
     options = [token for token in event.tokens if token.startswith("-")]
     if not options:
         available = re.search(r"Available subcommands: (.+?)(?: For full|$)", text)
@@ -94,45 +96,52 @@ def _describe_unknown(event: Any, text: str, command: str) -> str:
 
 
 def _describe_choice(event: Any, _: str, command: str) -> str:
+    # error for a value that is not among the choices of an option
     choices = [choice for choice in event.choices if choice != "None"]
-    if set(choices) <= set(LABELS):
+    if set(choices) <= set(LABELS):  # an option of classes, whose check has a better error
         try:
             check_classes([event.value])
         except ValueError as error:
             return f"{_name(event.argument)}: {error}"
-    near = describe_near(event.value, choices)
+    remedy = describe_near(event.value, choices)
     listed = ", ".join(choices)
-    return f"{_name(event.argument)} must be one of {listed}, got {event.value!r}{near}"
+    return f"{_name(event.argument)} must be one of {listed}, got {event.value!r}{remedy}"
 
 
 def _describe_values(event: Any, text: str, command: str) -> str:
+    # error for words from which an option's value cannot be made; tyro's texts quote these words,
+    # as in: instantiated from ['1', 'two']
     if event.argument is None:
         return str(event.message)
     message = " ".join(str(event.message).split())
     match = re.search(r"instantiated from \[(.*?)\]", f"{message} {text}")
-    quoted = re.findall(r"'([^']*)'", match[1] if match else str(event.message))
-    typed_words = " ".join(quoted)
+    quoted_words = re.findall(r"'([^']*)'", match[1] if match else str(event.message))
+    typed_words = " ".join(quoted_words)
     received = f", got {typed_words}" if typed_words else ""
     return f"{_name(event.argument)} takes {_kind(event.argument)}{received}{_help(event.argument)}"
 
 
 def _describe_too_few(event: Any, _: str, command: str) -> str:
+    # error for an option with too few values, or with a value that it does not take
     if event.reason != "too_few_values":
         return f"{_name(event.argument)} takes no value, got {event.offending_value!r}"
     return f"{_name(event.argument)} needs {_kind(event.argument)}{_help(event.argument)}"
 
 
 def _describe_missing(event: Any, _: str, command: str) -> str:
+    # error for options and arguments that the command needs
     arguments = [missing.arg for missing in event.missing_arguments]
     needs = "; ".join(f"{_name(argument)}{_help(argument)}" for argument in arguments)
     return f"{command} needs {needs}"
 
 
 def _describe_missing_command(event: Any, _: str, command: str) -> str:
+    # error for a command that needs a subcommand, such as coview site
     names = [name.split(":")[-1] for name in event.subcommand_spec.parser_from_name]
-    typed = "" if event.found_token is None else f", got {event.found_token!r}"
-    near = "" if event.found_token is None else describe_near(event.found_token, names)
-    return f"{command} needs one of {', '.join(names)}{typed}{near}"
+    text = f"{command} needs one of {', '.join(names)}"
+    if event.found_token is None:
+        return text
+    return f"{text}, got {event.found_token!r}{describe_near(event.found_token, names)}"
 
 
 def _help_line(command: str) -> str:
@@ -146,23 +155,27 @@ def _name(argument: Any) -> str:
 
 def _help(argument: Any) -> str:
     # first sentence of an argument's help after a colon, "" without help
-    text = argument.field.helptext
-    text = text() if callable(text) else text
-    sentence = re.split(r"\.(?:\s|$)|; ", (text or "").strip())[0]
-    words = " ".join(sentence.split())
-    if words.split(" ")[0][1:].islower():
-        words = f"{words[0].lower()}{words[1:]}"
-    return f": {words}" if words else ""
+    helptext = argument.field.helptext
+    text = helptext() if callable(helptext) else helptext
+    # a sentence ends with a full stop or a semicolon
+    sentence, *_ = re.split(r"\.(?:\s|$)|; ", (text or "").strip())
+    line = " ".join(sentence.split())
+    first_word = line.split(" ")[0]
+    if first_word[1:].islower():  # but keep words such as AP
+        line = f"{line[0].lower()}{line[1:]}"
+    return f": {line}" if line else ""
 
 
 def _kind(argument: Any) -> str:
     """Words for the values that an option takes, such as "2 numbers".
 
-    The parser writes them as `{None}|{FLOAT FLOAT}`, which comes back if it has no words here."""
+    The parser writes them as `{None}|{FLOAT FLOAT}`, the metavar of the option. A metavar without
+    words in `_KINDS` is returned as it is."""
     metavar = str(argument.lowered.metavar).replace("{None}|", "")
     if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
         metavar = metavar[1:-1]
     words = metavar.replace("[", " ").replace("]", " ").split()
+    # `_KINDS`: singular and plural of the values that a word such as FLOAT stands for
     kinds = [word for word in words if word in _KINDS]
     upper_words = [word for word in words if word.isupper()]
     if len(set(kinds)) != 1 or len(kinds) < len(upper_words):

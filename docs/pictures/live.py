@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_cameras import AWAY
+from coview.live_cameras import DISTANCE_FACTOR
 from coview.live_signs import find_target
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
@@ -64,7 +64,7 @@ class Film:
             np.array(each)
             for each in scene.overview(tuple(self.session.planner.yard.site.area.tolist()))
         )
-        eye = middle + AWAY * (eye - middle)
+        eye = middle + DISTANCE_FACTOR * (eye - middle)
         ahead = (middle - eye) / np.linalg.norm(middle - eye)
         right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
         way = point - eye

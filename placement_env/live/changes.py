@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from placement_env.live.variant import (
-    TILT_SPAN,
+    TILT_SPAN_RAD,
     Corners,
     LiveSensor,
+    PoleOrSpot,
     Variant,
-    Where,
     Yard,
     check_keep_out,
     check_name,
@@ -40,28 +40,28 @@ def move_sensor(
     heading: float | None = None,
     tilt: float | None = None,
     height: float | None = None,
-    position: Where | None = None,
+    position: PoleOrSpot | None = None,
 ) -> VariantChange:
     """Turn, tilt, raise or carry a sensor to another pole.
 
-    Heights stay within the range of the pole, tilts within `TILT_SPAN`, or as far beyond as the
+    Heights stay within the range of the pole, tilts within `TILT_SPAN_RAD`, or as far beyond as the
     sensor is. name: name of the sensor; heading: counter-clockwise from the site's +x (rad); tilt:
     below the horizon (rad); height: above the foot of the pole (m); position: name of a pole, or x
     and y of a place (m); each None for no change. Raises ValueError for an unknown or locked
     sensor, a tilt beyond straight down, and a place that no pole may use."""
     sensor = variant.find_unlocked(name)
     if position is not None:
-        mount, variant = yard.stand(variant, position)
+        mount, variant = yard.find_or_add_pole(variant, position)
         if mount.name != sensor.mount:
             yard.check_room(variant, mount.name)
             x, y, _ = mount.position.tolist()
             sensor = replace(sensor, mount=mount.name, x=x, y=y)
-    mount = yard.find_mount(variant, sensor.mount)
+    mount = yard.find_mount(variant, sensor.mount)  # the present pole, or the one just taken
     new_height = sensor.height if height is None else _check_finite("height", height)
     new_heading = sensor.heading if heading is None else _check_finite("heading", heading)
     new_tilt = sensor.tilt if tilt is None else _check_tilt(tilt)
-    min_tilt = min(TILT_SPAN[0], sensor.tilt)
-    max_tilt = max(TILT_SPAN[1], sensor.tilt)
+    min_tilt = min(TILT_SPAN_RAD[0], sensor.tilt)
+    max_tilt = max(TILT_SPAN_RAD[1], sensor.tilt)
     low, high = mount.min_height, mount.max_height
     if position is None:  # a sensor may stay where it is, beyond the heights of its pole
         low = min(low, sensor.height)
@@ -79,7 +79,7 @@ def move_sensor(
 def mount_sensor(
     yard: Yard,
     variant: Variant,
-    mount: Where,
+    mount: PoleOrSpot,
     heading: float = 0.0,
     tilt: float = DEFAULT_TILT_RAD,
     height: float | None = None,
@@ -97,17 +97,26 @@ def mount_sensor(
     model = model or next(iter(yard.models))
     if name is not None and name in {sensor.name for sensor in variant.sensors}:
         raise ValueError(f"there is a sensor {name!r} already: give another name")
-    pole, with_pole = yard.stand(variant, mount)
+    pole, with_pole = yard.find_or_add_pole(variant, mount)
     name = check_name(name) if name else name_on_pole(variant, pole.name)
     yard.check_room(with_pole, pole.name)
     new_height = pole.max_height
     if height is not None:
         new_height = float(np.clip(height, pole.min_height, pole.max_height))
     x, y, _ = pole.position.tolist()
-    new_tilt = float(np.clip(_check_tilt(tilt), *TILT_SPAN))
-    new_heading = _check_finite("heading", heading)
-    mounted = LiveSensor(name, model, pole.name, x, y, new_height, new_heading, new_tilt)
-    after = yard.check(replace(with_pole, sensors=(*with_pole.sensors, mounted)))
+    min_tilt, max_tilt = TILT_SPAN_RAD
+    new_tilt = float(np.clip(_check_tilt(tilt), min_tilt, max_tilt))
+    new_sensor = LiveSensor(
+        name=name,
+        model=model,
+        mount=pole.name,
+        x=x,
+        y=y,
+        height=new_height,
+        heading=_check_finite("heading", heading),
+        tilt=new_tilt,
+    )
+    after = yard.check(replace(with_pole, sensors=(*with_pole.sensors, new_sensor)))
     return VariantChange(after, f"{name} added")
 
 
@@ -129,10 +138,17 @@ def duplicate_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
         raise ValueError(
             "no pole has room for another sensor: remove one, or give a place of its own"
         )
-    foot = (sensor.x, sensor.y)
-    nearest = min(free_poles, key=lambda pole: float(np.hypot(*(pole.position[:2] - foot))))
-    aim = (sensor.heading, sensor.tilt, sensor.height)
-    return mount_sensor(yard, variant, nearest.name, *aim, model=sensor.model)
+    spot = (sensor.x, sensor.y)
+    nearest = min(free_poles, key=lambda pole: float(np.hypot(*(pole.position[:2] - spot))))
+    return mount_sensor(
+        yard,
+        variant,
+        nearest.name,
+        heading=sensor.heading,
+        tilt=sensor.tilt,
+        height=sensor.height,
+        model=sensor.model,
+    )
 
 
 def lock_sensor(yard: Yard, variant: Variant, name: str, locked: bool = True) -> VariantChange:
@@ -159,15 +175,15 @@ def keep_out_of(yard: Yard, variant: Variant, areas: Iterable[Corners]) -> Varia
 
 
 def _check_finite(name: str, value: float) -> float:
-    # the value as a float; the name is for the error
+    # the value as a float. Raises ValueError with the name unless it is finite
     if not np.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value}")
     return float(value)
 
 
 def _check_tilt(tilt: float) -> float:
-    # the tilt (rad) as a float, if it is between straight up and straight down
-    if not abs(_check_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:
+    # the tilt (rad) as a float. Raises ValueError beyond straight up and straight down
+    if not abs(_check_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:  # rounding is forgiven
         raise ValueError(
             f"a tilt must lie within pi/2 rad of the horizon, got {tilt:g}: give degrees as "
             "np.deg2rad(25)"

@@ -6,7 +6,7 @@ printed means the present one in full, so a row of the schedule changes nothing.
 
 import math
 
-from placement_env.live.variant import TILT_SPAN, LiveSensor
+from placement_env.live.variant import TILT_SPAN_RAD, LiveSensor
 from toolkit.sites.georeference import bearing_deg, heading_from_bearing
 from toolkit.sites.site import Mount, Site
 
@@ -21,8 +21,9 @@ SLACK = 1e-6  # rounding that is forgiven, in degrees or m
 def parse_heading(site: Site, text: str, present: float | None = None) -> float:
     """Return the heading (rad, counter-clockwise from the site's +x) of a direction in degrees.
 
-    text: "315" is a compass bearing, "heading=135" a heading; present: heading (rad) that stays if
-    it is printed so. Raises ValueError for another text, and beyond a full turn.
+    text: "315" is a compass bearing, "heading=135" a heading; present: heading (rad) that is
+    returned in full if it is printed like the text, None for no such heading. Raises ValueError for
+    another text, and beyond a full turn.
 
     >>> from toolkit.sites.files import load_site
     >>> site = load_site("roundabout")
@@ -47,9 +48,9 @@ def parse_heading(site: Site, text: str, present: float | None = None) -> float:
 def parse_tilt(degrees: float, present: float | None = None) -> float:
     """Return the tilt (rad below the horizon) of a typed number of degrees.
 
-    present: tilt (rad) that stays if it is printed so, None for none. Raises ValueError for a tilt
-    beyond `TILT_SPAN`."""
-    low, high = (math.degrees(limit) for limit in TILT_SPAN)
+    present: tilt (rad) that is returned in full if it is printed like the number, None for no such
+    tilt. Raises ValueError for a tilt beyond `TILT_SPAN_RAD`."""
+    low, high = (math.degrees(limit) for limit in TILT_SPAN_RAD)
     if present is not None and abs(degrees - math.degrees(present)) <= _half(PRINTED_ANGLE_DEG):
         return present
     if not low - SLACK <= degrees <= high + SLACK:
@@ -62,8 +63,8 @@ def parse_tilt(degrees: float, present: float | None = None) -> float:
 def parse_height(mount: Mount, height: float, present: float | None = None) -> float:
     """Return the height above the foot of a pole (m) of a typed number.
 
-    height: typed number (m); present: height (m) that stays if it is printed so, None for none.
-    Raises ValueError beyond the heights of the pole."""
+    height: typed number (m); present: height (m) that is returned in full if it is printed like the
+    number, None for no such height. Raises ValueError beyond the heights of the pole."""
     if present is not None and abs(height - present) <= _half(PRINTED_HEIGHT_M):
         return present
     if not mount.min_height - SLACK <= height <= mount.max_height + SLACK:

@@ -21,7 +21,7 @@ from placement_env.live.history import Step, VariantHistory
 from placement_env.live.picture import GroundPicture
 from placement_env.live.scorer import LiveScorer
 from placement_env.live.suggestions import Suggestion, apply_suggestion
-from placement_env.live.variant import Corners, LiveSensor, Variant, Where, Yard
+from placement_env.live.variant import Corners, LiveSensor, PoleOrSpot, Variant, Yard
 
 
 class VariantEditor:
@@ -42,17 +42,18 @@ class VariantEditor:
         self.scorer = scorer
         self.history = VariantHistory(yard.place(yard.site.sensors))
         self.picture: GroundPicture | None = None
-        self._stand_alone()
+        self._reset_lock_and_listener()
 
-    def _stand_alone(self) -> None:
-        """Begin with a free lock and without a listener; neither is copied."""
+    def _reset_lock_and_listener(self) -> None:
+        """Begin with a free lock and without a listener, as neither is copied."""
         self._lock = RLock()
-        self._tell: Callable[[bool], None] = _tell_nobody
+        self._notify: Callable[[bool], None] = _notify_nobody
 
     def __getstate__(self) -> dict[str, Any]:
+        # the locks keep other threads from changing anything meanwhile
         with self.scorer.all_frames.fetching, self._lock:
             state = dict(self.__dict__)
-        for name in ("_lock", "_tell"):
+        for name in ("_lock", "_notify"):  # made again by `_reset_lock_and_listener`
             del state[name]
         for name in ("scorer", "history"):
             state[name] = copied(state[name])
@@ -60,13 +61,13 @@ class VariantEditor:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._stand_alone()
+        self._reset_lock_and_listener()
 
-    def listen(self, tell: Callable[[bool], None]) -> None:
+    def listen(self, notify: Callable[[bool], None]) -> None:
         """Call a function after every change, before its answer; it replaces the one before.
 
-        tell: called with True if the change is a further move of a drag, else with False."""
-        self._tell = tell
+        notify: called with True if the change is a further move of a drag, else with False."""
+        self._notify = notify
 
     # what is shown
 
@@ -103,31 +104,47 @@ class VariantEditor:
         heading: float | None = None,
         tilt: float | None = None,
         height: float | None = None,
-        position: Where | None = None,
+        position: PoleOrSpot | None = None,
         *,
         dragging: bool = False,
     ) -> LiveAnswer:
         """Turn, tilt, raise or carry a sensor, and return the figures of the variant.
 
-        Heights stay within the range of the pole, tilts within `TILT_SPAN`.
+        Heights stay within the range of the pole, tilts within `TILT_SPAN_RAD`. Heading, tilt,
+        height and position are None to keep the present one.
 
-        heading: heading (rad); tilt: tilt below the horizon (rad); height: height above the foot of
-        the pole (m); position: name of a pole, or x and y of a place (m); each None for no change;
-        dragging: True for a move that is undone together with the moves of this sensor before it.
-        Raises ValueError for an unknown or locked sensor, a tilt beyond straight down, and a place
-        that no pole may use."""
-        aim = {"heading": heading, "tilt": tilt, "height": height}
+        Args:
+            name: Name of the sensor.
+            heading: Heading, counter-clockwise from the site's +x (rad).
+            tilt: Tilt below the horizon (rad).
+            height: Height above the foot of the pole (m).
+            position: Name of a pole, or x and y of a place (m).
+            dragging: True for a move that is undone together with the moves of this sensor before
+                it.
+
+        Raises:
+            ValueError: For an unknown or locked sensor, a tilt beyond straight down, and a place
+                that no pole may use.
+        """
         with self._lock:
-            change = move_sensor(self.yard, self.variant, name, **aim, position=position)
+            change = move_sensor(
+                self.yard,
+                self.variant,
+                name,
+                heading=heading,
+                tilt=tilt,
+                height=height,
+                position=position,
+            )
             continues_drag = dragging and self.history.is_dragged(name)
-            answer = self._take(change, continues_drag=continues_drag)
+            answer = self._show_change(change, continues_drag=continues_drag)
             if dragging:
                 self.history.drag(name)
             return answer
 
     def add(
         self,
-        mount: Where,
+        mount: PoleOrSpot,
         heading: float = 0.0,
         tilt: float = DEFAULT_TILT_RAD,
         height: float | None = None,
@@ -137,79 +154,82 @@ class VariantEditor:
     ) -> LiveAnswer:
         """Add a sensor, and return the figures of the variant with it.
 
-        mount: name of a pole, or x and y (m) of a place; heading, tilt: aim of the sensor (rad);
-        height: height above the foot of the pole (m), None for the highest; model: name of a model
-        in the stock, None for the first; name: name of the sensor, None for an unused one. Raises
-        ValueError for a place that no pole may use, a pole without room, an unknown model, and a
-        name that is taken."""
-        aim = (heading, tilt, height)
-        return self._change(mount_sensor, mount, *aim, model=model, name=name)
+        mount: name of a pole, or x and y (m) of a place; heading: counter-clockwise from the site's
+        +x (rad); tilt: below the horizon (rad); height: above the foot of the pole (m), None for
+        the highest; model: name of a model in the stock, None for the first; name: name of the
+        sensor, None for an unused one. Raises ValueError for a place that no pole may use, a pole
+        without room, an unknown model, and a name that is taken."""
+        return self._apply(
+            mount_sensor, mount, heading=heading, tilt=tilt, height=height, model=model, name=name
+        )
 
     def remove(self, name: str) -> LiveAnswer:
         """Remove a sensor, and return the figures without it.
 
         Raises ValueError for an unknown or locked one."""
-        return self._change(remove_sensor, name)
+        return self._apply(remove_sensor, name)
 
     def duplicate(self, name: str) -> LiveAnswer:
         """Mount a copy of a sensor on the nearest pole with room, and return the new figures.
 
         Raises ValueError for an unknown sensor, and if no pole has room."""
-        return self._change(duplicate_sensor, name)
+        return self._apply(duplicate_sensor, name)
 
     def lock(self, name: str, locked: bool = True) -> LiveAnswer:
         """Keep a sensor from being moved, or, with locked=False, let it be moved again.
 
         Raises ValueError for an unknown one."""
-        return self._change(lock_sensor, name, locked)
+        return self._apply(lock_sensor, name, locked)
 
     def fail(self, name: str, failed: bool = True) -> LiveAnswer:
         """Let a sensor fail, or, with failed=False, work again, and return the new figures.
 
         A failed sensor is mounted, but sees and sends nothing. Raises ValueError for an unknown
         one."""
-        return self._change(fail_sensor, name, failed)
+        return self._apply(fail_sensor, name, failed)
 
     def set_keep_out(self, areas: Iterable[Corners]) -> LiveAnswer:
         """Keep poles out of areas, which replace all that the variant had.
 
         areas: corners (x, y in m) of each. Raises ValueError for corners that form no area."""
-        return self._change(keep_out_of, areas)
+        return self._apply(keep_out_of, areas)
 
     def accept(self, suggestion: Suggestion) -> LiveAnswer:
         """Make a suggested change, and return the new figures.
 
         Raises ValueError if the variant has changed so that the suggestion does not fit."""
-        return self._change(apply_suggestion, suggestion)
+        return self._apply(apply_suggestion, suggestion)
 
-    def _change(
+    def _apply(
         self, change: Callable[..., VariantChange], *arguments: Any, **options: Any
     ) -> LiveAnswer:
-        # call a function of `placement_env.live.changes` with yard and variant, and show its result
+        # change the shown variant by a function of `placement_env.live.changes`, which gets the
+        # yard, the variant and the further arguments, and return the new figures
         with self._lock:
-            return self._take(change(self.yard, self.variant, *arguments, **options))
+            return self._show_change(change(self.yard, self.variant, *arguments, **options))
 
-    def _take(self, change: VariantChange, *, continues_drag: bool = False) -> LiveAnswer:
-        """Show the variant after a change, without additional poles that carry no sensor.
+    def _show_change(self, change: VariantChange, *, continues_drag: bool = False) -> LiveAnswer:
+        """Show the variant after a change, and return its figures.
 
-        continues_drag: True if it is undone together with the last step. The caller holds the
-        lock."""
+        Additional poles that carry no sensor are left out. continues_drag: True if the change is
+        undone together with the last step. The caller holds the lock."""
         before = self.scorer.recall(self.variant)
         variant = change.variant.without_idle_poles()
-        if self.history.change(variant, continues_drag=continues_drag):
+        is_new_step = self.history.change(variant, continues_drag=continues_drag)
+        if is_new_step:  # during a drag, changes are since its start
             self.scorer.compare_with(before)
-        self._tell(continues_drag)
+        self._notify(continues_drag)
         return self.answer(change.what)
 
     def end_drag(self) -> None:
         """End a drag: the next move is a separate step."""
         self.history.end_drag()
-        self._tell(False)
+        self._notify(False)  # no move of a drag
 
     def lay(self, picture: GroundPicture | None) -> None:
         """Lay a picture under the scene; None removes it."""
         self.picture = picture
-        self._tell(False)
+        self._notify(False)  # no move of a drag
 
     # steps and variants
 
@@ -222,12 +242,12 @@ class VariantEditor:
         return self._step(self.history.redo, "redo")
 
     def _step(self, step: Callable[[], None], what: str) -> LiveAnswer:
-        # undo or redo by a function of the history, and answer with the change that this makes
+        # call `history.undo` or `history.redo`, and return the figures and the change that it makes
         with self._lock:
             before = self.scorer.recall(self.variant)
             step()
             self.scorer.compare_with(before)
-            self._tell(False)
+            self._notify(False)  # no move of a drag
             return self.answer(what)
 
     def show(self, name: str, *, copy: bool = False) -> LiveAnswer:
@@ -239,7 +259,7 @@ class VariantEditor:
             before = self.answer()
             self.history.show(name, copy=copy)
             self.scorer.compare_with(before)
-            self._tell(False)
+            self._notify(False)  # no move of a drag
             return self.answer(f"variant {name}")
 
     def restore(self, variants: dict[str, Variant], current: str, past: Iterable[Step]) -> None:
@@ -248,7 +268,8 @@ class VariantEditor:
         current: name of the variant to show; past: steps to undo, the latest one last. Raises
         ValueError if they do not fit the site and stock."""
         steps = list(past)
-        for variant in (*variants.values(), *(step_variant for _, step_variant in steps)):
+        past_variants = [variant for _, variant in steps]
+        for variant in (*variants.values(), *past_variants):
             self.yard.check(variant)
         if current not in variants:
             raise ValueError(f"the shown variant {current!r} must be one of {', '.join(variants)}")
@@ -269,5 +290,5 @@ class VariantEditor:
             return self.scorer.estimate(variant)
 
 
-def _tell_nobody(dragging: bool) -> None:
+def _notify_nobody(dragging: bool) -> None:
     pass

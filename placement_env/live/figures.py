@@ -2,7 +2,7 @@
 
 The intervals (`placement_env.analysis.intervals`) use the same draws for every variant, so that the
 change that a move makes has an interval too. The interval of an AP includes the error of the
-surrogate. Intervals need `LEAST_BLOCKS` blocks of frames, fewer than an evaluated set needs; see
+surrogate. Intervals need `MIN_LIVE_BLOCKS` blocks of frames, fewer than an evaluated set needs; see
 `docs/how-to/live.md` for how often they hold."""
 
 import math
@@ -33,8 +33,8 @@ from placement_env.objective import Objective
 from toolkit.arrays import Bool, Float64, Int64
 
 LEVELS = 3  # levels of traffic, from thin to dense
-LEAST_BLOCKS = 5  # least number of blocks of frames for an interval
-NORMAL_ENDS = 1.96  # standard errors to the ends of a 95 % interval
+MIN_LIVE_BLOCKS = 5  # least number of blocks of frames for an interval
+NORMAL_95_SIGMA = 1.96  # standard errors to the ends of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -136,35 +136,51 @@ class LiveAnswer:
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures as JSON values, without arrays, and without an infinite budget."""
-        unlimited = {"budget"} if math.isinf(self.budget) else set()
-        left_out = {"resamples", "probability", "hidden"} | unlimited
-        return {name: value for name, value in asdict(self).items() if name not in left_out}
+        values = asdict(self)
+        for array_name in ("resamples", "probability", "hidden"):
+            del values[array_name]
+        if math.isinf(self.budget):
+            del values["budget"]
+        return values
 
     def since(self, before: "LiveAnswer | None", what: str) -> "LiveAnswer":
         """Return the answer with the change of AP since an earlier one, on the same frames.
 
-        before: earlier answer, None for no change (0); what: words for what made the change."""
+        before: earlier answer, None for no change (0); what: words for what made the change. The
+        interval of the change always includes the change; its ends are NaN for too few frames."""
         if before is None:
             return replace(self, what=what, change=0.0, change_low=0.0, change_high=0.0)
         change = self.ap - before.ap
-        ends = percentiles(
-            self.resamples - before.resamples, count_blocks(self.frames), fewest=LEAST_BLOCKS
+        # both answers use the same resamples, so they are subtracted pair by pair
+        interval = percentiles(
+            self.resamples - before.resamples, count_blocks(self.frames), fewest=MIN_LIVE_BLOCKS
         )
-        low, high = min(ends.low, change), max(ends.high, change)
-        return replace(self, what=what, change=change, change_low=low, change_high=high)
+        return replace(
+            self,
+            what=what,
+            change=change,
+            change_low=min(interval.low, change),  # NaN first: min and max then keep it
+            change_high=max(interval.high, change),
+        )
 
 
-def widen_interval(figure: float, ends: Interval, spread: float) -> Interval:
+def widen_interval(figure: float, interval: Interval, spread: float) -> Interval:
     """Interval of a predicted share, widened by the error of the prediction, within 0 to 1.
 
-    Both ends move away from the figure: squares of their distance and of the error are added.
-    figure: predicted share; ends: its 95 % interval over frames, returned unchanged if it is NaN;
-    spread: standard error of the prediction, NaN to leave it out."""
-    if math.isnan(ends.low):
-        return ends
-    margin = NORMAL_ENDS * (0.0 if math.isnan(spread) else spread)
-    low, high = (math.hypot(figure - end, margin) for end in ends)
-    return Interval(max(0.0, figure - low), min(1.0, figure + high))
+    Each end moves away from the figure: its distance becomes the root of the sum of squares of
+    that distance and of the error.
+
+    Args:
+        figure: Predicted share (0 to 1).
+        interval: Its 95 % interval over frames, returned unchanged if it is NaN.
+        spread: Standard error of the prediction, NaN to leave it out.
+    """
+    if math.isnan(interval.low):
+        return interval
+    margin = NORMAL_95_SIGMA * (0.0 if math.isnan(spread) else spread)
+    lower_width = math.hypot(figure - interval.low, margin)
+    upper_width = math.hypot(figure - interval.high, margin)
+    return Interval(max(0.0, figure - lower_width), min(1.0, figure + upper_width))
 
 
 class Meter:
@@ -187,15 +203,17 @@ class Meter:
         preparation = self.preparation
         return Objective.from_view(preparation, candidates, visibility, preparation.setting.weights)
 
-    def judge(
+    def measure_ap(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
     ) -> tuple[float, int]:
-        """AP of the working sensors and number of problems of all sensors.
+        """AP of the working sensors, and number of problems of all sensors.
 
         It takes a tenth of the time of `measure`. seen: view of the candidates; is_working: False
         for failed sensors."""
         objective = self.objective(candidates, seen)
-        return float(objective.scores(is_working[None]).ap[0]), len(_list_problems(objective))
+        one_set = is_working[None]
+        ap = float(objective.scores(one_set).ap[0])
+        return ap, len(_list_problems(objective))
 
     def measure(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
@@ -224,7 +242,7 @@ class Meter:
         classes, resamples, probability = self._by_class(surrogate, is_working, seen, spread)
         ap = float(scores.ap[0])
         objects = len(probability)
-        sample = {"blocks": self.blocks, "objects": objects, "fewest": LEAST_BLOCKS}
+        sample = {"blocks": self.blocks, "objects": objects, "fewest": MIN_LIVE_BLOCKS}
         bounds = widen_interval(ap, figure_interval(ap, resamples, **sample), spread)
         worst_resamples = self._resample(surrogate, without_worst)[0]
         worst_bounds = widen_interval(
@@ -251,7 +269,7 @@ class Meter:
             classes=classes,
             approaches=self._by_group(*self._approaches, probability),
             levels=self._by_group(*self._levels, probability),
-            links=self._loads(candidates, seen, is_working),
+            links=self._measure_loads(candidates, seen, is_working),
             objects=objects,
             frames=seen.frames,
             unseen=int(hidden.sum()),
@@ -285,22 +303,36 @@ class Meter:
         """Figures of each class, resampled AP of all, and probability that each object is found.
 
         spread: standard error of the predicted AP, which the intervals of classes include."""
-        resamples, drawn = self._resample(surrogate, is_working)
+        resamples, class_resamples = self._resample(surrogate, is_working)
         probability = np.zeros(len(seen.boxes))
         rows = []
-        aps = surrogate.by_class(is_working[None]).ap[0].tolist()
-        for k, (name, hits) in enumerate(
-            zip(surrogate.classes.names, surrogate.hits(is_working), strict=True)
-        ):
+        one_set = is_working[None]
+        aps = surrogate.by_class(one_set).ap[0].tolist()
+        hits_by_class = surrogate.hits(is_working)  # probability that each object is found
+        for k, (name, hits) in enumerate(zip(surrogate.classes.names, hits_by_class, strict=True)):
             probability[seen.labels == surrogate.classes.labels[k]] = hits
-            bounds = Interval(np.nan, np.nan)
+            interval = Interval(np.nan, np.nan)
+            recall = np.nan
             if len(hits):
-                frames = figure_interval(
-                    aps[k], drawn[k], blocks=self.blocks, objects=len(hits), fewest=LEAST_BLOCKS
+                recall = float(hits.mean())
+                frames_interval = figure_interval(
+                    aps[k],
+                    class_resamples[k],
+                    blocks=self.blocks,
+                    objects=len(hits),
+                    fewest=MIN_LIVE_BLOCKS,
                 )
-                bounds = widen_interval(aps[k], frames, spread)
-            recall = float(hits.mean()) if len(hits) else np.nan
-            rows.append(FoundShare(name, aps[k], recall, *bounds, len(hits)))
+                interval = widen_interval(aps[k], frames_interval, spread)
+            rows.append(
+                FoundShare(
+                    name=name,
+                    ap=aps[k],
+                    recall=recall,
+                    low=interval.low,
+                    high=interval.high,
+                    objects=len(hits),
+                )
+            )
         return tuple(rows), resamples, probability
 
     def _resample(
@@ -310,17 +342,14 @@ class Meter:
 
         is_working: sensors that count. Resamples draw blocks of frames by `_draws`."""
         labels = surrogate.classes.labels
-        hits = surrogate.hits(is_working)
-        drawn = [
-            resample_ap(
-                probability,
-                model.false_alarms,
-                self._draws,
-                self._block[self.unseen.labels == label],
+        hits_by_class = surrogate.hits(is_working)  # probability that each object is found
+        class_resamples = []
+        for label, model, hits in zip(labels, surrogate.models, hits_by_class, strict=True):
+            block_of_object = self._block[self.unseen.labels == label]
+            class_resamples.append(
+                resample_ap(hits, model.false_alarms, self._draws, block_of_object)
             )
-            for label, model, probability in zip(labels, surrogate.models, hits, strict=True)
-        ]
-        return surrogate.classes.combined(np.stack(drawn, axis=1)), drawn
+        return surrogate.classes.combined(np.stack(class_resamples, axis=1)), class_resamples
 
     def _by_group(
         self,
@@ -332,46 +361,56 @@ class Meter:
 
         names: names of the groups; group: index of each object's group in `names`; probability:
         probability that each object is found."""
-        cell = group * self.blocks + self._block  # index in an array [group, block]
-        rows = []
-        shape = (len(names), self.blocks)
+        shape = (len(names), self.blocks)  # objects are counted by group and block of frames
+        cell = group * self.blocks + self._block  # index in the flattened array
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
-        sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
+        found_sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
+        rows = []
         for k in np.flatnonzero(counts.any(axis=1)).tolist():
             objects = int(counts[k].sum())
-            drawn_counts = self._draws @ counts[k]
+            drawn_counts = self._draws @ counts[k]  # objects in each resample
             shares = np.divide(
-                self._draws @ sums[k],
+                self._draws @ found_sums[k],
                 drawn_counts,
-                out=np.full(len(drawn_counts), np.nan),
+                out=np.full(len(drawn_counts), np.nan),  # NaN for a resample without objects
                 where=drawn_counts > 0,
             )
-            recall = float(sums[k].sum() / objects)
-            bounds = figure_interval(
-                recall, shares, blocks=self.blocks, objects=objects, fewest=LEAST_BLOCKS
+            recall = float(found_sums[k].sum() / objects)
+            interval = figure_interval(
+                recall, shares, blocks=self.blocks, objects=objects, fewest=MIN_LIVE_BLOCKS
             )
-            rows.append(FoundShare(names[k], None, recall, *bounds, objects))
+            rows.append(
+                FoundShare(
+                    name=names[k],
+                    ap=None,
+                    recall=recall,
+                    low=interval.low,
+                    high=interval.high,
+                    objects=objects,
+                )
+            )
         return tuple(rows)
 
     @cached_property
     def _approaches(self) -> tuple[tuple[str, ...], np.ndarray]:
-        # names of the approaches, and the approach of each road user
+        # names of the approaches, and index of each road user's approach in these names
         approaches = find_approaches(self.preparation.setting.place)
         return approaches.names, approaches.locate(self.unseen.boxes)
 
     @cached_property
     def _levels(self) -> tuple[tuple[str, ...], np.ndarray]:
-        # names of the levels of traffic, and the level of each road user's frame
-        level = np.zeros(self.preparation.frames, np.int64)
+        # names of the levels of traffic, and index in these names of the level of each road user
+        level_of_frame = np.zeros(self.preparation.frames, np.int64)
         for k, frames in enumerate(self.preparation.split(LEVELS)):
-            level[frames] = k
-        return LEVEL_NAMES[LEVELS], level[self.unseen.frame]
+            level_of_frame[frames] = k
+        return LEVEL_NAMES[LEVELS], level_of_frame[self.unseen.frame]
 
-    def _loads(
+    def _measure_loads(
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[PoleLoad, ...]:
-        # load of the link of each pole; failed sensors send nothing
+        # load of the link of each pole, by what its working sensors send; failed ones send nothing
         setting = self.preparation.setting
+        # axes: sensor, frame
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
         return measure_links(
             candidates, kbit, setting.link_share, limited=setting.fusion.sends_points
@@ -381,26 +420,21 @@ class Meter:
 def _list_problems(objective: Objective) -> tuple[str, ...]:
     """Sentences on what keeps all candidates from being built together."""
     candidates = objective.candidates
-    all_sensors = np.ones((1, len(objective.candidates)), np.bool_)
-    problems = [
-        f"{name} sends more than its link carries"
-        for name in np.array(objective.names)[~objective.linked]
-    ]
-    per_mount = candidates.per_mount(all_sensors)[0]
+    all_sensors = np.ones((1, len(objective.candidates)), np.bool_)  # one set with all
+    names = np.array(objective.names)
+    problems = [f"{name} sends more than its link carries" for name in names[~objective.linked]]
+    sensor_counts = candidates.per_mount(all_sensors)[0]
     price = float(objective.price(all_sensors)[0])
-    crowded = [
-        m.name
-        for m, count in zip(candidates.mounts, per_mount, strict=True)
-        if count > m.max_sensors
-    ]
-    problems += [f"{name} carries more sensors than it may" for name in crowded]
+    for mount, count in zip(candidates.mounts, sensor_counts, strict=True):
+        if count > mount.max_sensors:
+            problems.append(f"{mount.name} carries more sensors than it may")
     if (loads := objective.shared_links) is not None:
-        sums = candidates.per_mount(all_sensors, loads)[0]
-        mounts = zip(candidates.mounts, sums, per_mount, strict=True)
-        narrow = [m.name for m, load, count in mounts if count > 1 and load > max_load(m.capacity)]
-        problems += [
-            f"the sensors on {name} together send more than its link carries" for name in narrow
-        ]
+        load_sums = candidates.per_mount(all_sensors, loads)[0]
+        for mount, load, count in zip(candidates.mounts, load_sums, sensor_counts, strict=True):
+            if count > 1 and load > max_load(mount.capacity):
+                problems.append(
+                    f"the sensors on {mount.name} together send more than its link carries"
+                )
     if not objective.affordable(np.array([price]))[0]:
         problems.append(f"it costs {price:g}, more than {objective.most_price:g}")
     return tuple(problems)

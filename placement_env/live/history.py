@@ -28,12 +28,12 @@ class VariantHistory:
         self._dragged: str | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        copied = {
+        copies = {
             "variants": self.variants.copy(),
             "_past": self._past.copy(),
             "_future": self._future.copy(),
         }
-        return self.__dict__ | copied
+        return self.__dict__ | copies
 
     @property
     def variant(self) -> Variant:
@@ -87,7 +87,8 @@ class VariantHistory:
         self._step(self._future, self._past, "redo")
 
     def _step(self, source: list[Step], target: list[Step], what: str) -> None:
-        # take the last step of `source`, keep the present state in `target`; both lists change
+        # take the last step of `source`, keep the present state in `target`; both lists change.
+        # what: "undo" or "redo", for the error
         if not source:
             raise ValueError(f"there is nothing to {what}")
         name, variant = source.pop()

@@ -17,10 +17,10 @@ from toolkit.runtime.json_object import JsonObject
 from toolkit.runtime.writing import write_bytes
 
 # limits of a picture that is uploaded
-MOST_PICTURE_BYTES = 40_000_000
-MOST_PIXELS = 60_000_000
-SHOWN_PIXELS = 1600  # along the longer side of the picture that is kept
-NEAREST = 0.5  # least distance (m) between the two points
+MAX_PICTURE_BYTES = 40_000_000
+MAX_PIXELS = 60_000_000
+MAX_SIDE_PX = 1600  # along the longer side of the picture that is kept
+MIN_POINT_GAP_M = 0.5  # least distance (m) between the two points
 # limits of the width of a pixel on the ground
 MIN_SCALE_M = 1e-6
 MAX_SCALE_M = 1e5
@@ -51,10 +51,11 @@ class GroundPicture:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
+        # raises ValueError for a field of another type or beyond its limits, as in a file
         picture = JsonObject(vars(self), "picture")
         check_name(picture.get("name", str))
         for key in ("width", "height"):
-            picture.whole(key, 1, SHOWN_PIXELS)
+            picture.whole(key, 1, MAX_SIDE_PX)
         for key in ("x", "y", "turn"):
             picture.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M)
         picture.number("scale", MIN_SCALE_M, MAX_SCALE_M)
@@ -68,26 +69,35 @@ class GroundPicture:
 
         spots: present positions (x, y) of the two points (m); numbers: x, y, x, y of their right
         positions (m), or only their right distance (m), which leaves the first point and the turn
-        as they are. Raises ValueError for points that are closer than `NEAREST`, and for other
-        numbers."""
+        as they are. Raises ValueError for points that are closer than `MIN_POINT_GAP_M`, and for
+        other numbers."""
         # points are complex numbers x + yj, so that a ratio scales and turns
-        (start, end), middle = (complex(x, y) for x, y in spots), complex(self.x, self.y)
+        start, end = (complex(x, y) for x, y in spots)
+        middle = complex(self.x, self.y)
         if len(numbers) == 1:
-            far = start + numbers[0] * (end - start) / max(abs(end - start), 1e-9)
-            numbers = start.real, start.imag, far.real, far.imag
+            direction = (end - start) / max(abs(end - start), 1e-9)  # 1e-9: no division by 0
+            right_end = start + numbers[0] * direction
+            numbers = start.real, start.imag, right_end.real, right_end.imag
         if len(numbers) != 4 or not np.isfinite(numbers).all():
             raise ValueError(
                 "two points need x y x y or their distance (m), got "
                 f"{' '.join(map(str, numbers))!r:.60}"
             )
-        first = complex(*numbers[:2])
-        last = complex(*numbers[2:])
-        if min(abs(end - start), abs(last - first)) < NEAREST:
-            raise ValueError(f"the two points must be {NEAREST:g} m apart or more: choose others")
-        ratio = (last - first) / (end - start)
-        moved = first + ratio * (middle - start)
-        turn = float(self.turn + np.angle(ratio))
-        return replace(self, x=moved.real, y=moved.imag, scale=self.scale * abs(ratio), turn=turn)
+        new_start = complex(numbers[0], numbers[1])
+        new_end = complex(numbers[2], numbers[3])
+        if min(abs(end - start), abs(new_end - new_start)) < MIN_POINT_GAP_M:
+            raise ValueError(
+                f"the two points must be {MIN_POINT_GAP_M:g} m apart or more: choose others"
+            )
+        ratio = (new_end - new_start) / (end - start)
+        new_middle = new_start + ratio * (middle - start)
+        return replace(
+            self,
+            x=new_middle.real,
+            y=new_middle.imag,
+            scale=self.scale * abs(ratio),
+            turn=float(self.turn + np.angle(ratio)),
+        )
 
     def read(self, folder: Path) -> UInt8[np.ndarray, "height width 3"]:
         """Read the pixels (RGB, upper row first) of the kept file.
@@ -102,7 +112,7 @@ def keep_picture(
 ) -> GroundPicture:
     """Write a PNG or JPEG picture to a folder, and return it placed over an area.
 
-    The file is a JPEG of at most `SHOWN_PIXELS` along its longer side, named by the content's hash.
+    The file is a JPEG of at most `MAX_SIDE_PX` along its longer side, named by the content's hash.
 
     Args:
         name: Name of the file that was uploaded.
@@ -111,39 +121,46 @@ def keep_picture(
         area: xmin, ymin, xmax and ymax (m) of the area; the picture gets its middle and width.
 
     Raises:
-        ValueError: For a long name, a damaged picture, and one of more than `MOST_PICTURE_BYTES` or
-            `MOST_PIXELS`.
+        ValueError: For a long name, a damaged picture, and one of more than `MAX_PICTURE_BYTES` or
+            `MAX_PIXELS`.
     """
     check_name(name)
-    if len(content) > MOST_PICTURE_BYTES:
-        limit = f"{MOST_PICTURE_BYTES // 10**6} MB"
+    if len(content) > MAX_PICTURE_BYTES:
+        limit = f"{MAX_PICTURE_BYTES // 10**6} MB"
         raise ValueError(
             f"a picture must have at most {limit}, got {len(content) / 1e6:.0f}: shrink it"
         )
     from PIL import Image
 
     picture = Image.fromarray(_decode(content, name))
-    picture.thumbnail((SHOWN_PIXELS, SHOWN_PIXELS))
-    content_kept = BytesIO()
-    picture.save(content_kept, "JPEG", quality=85)
+    picture.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX))
+    jpeg = BytesIO()
+    picture.save(jpeg, "JPEG", quality=85)
     file = f"picture-{sha256(content).hexdigest()[:12]}.jpg"
-    write_bytes(folder / file, content_kept.getvalue())
+    write_bytes(folder / file, jpeg.getvalue())
     xmin, ymin, xmax, ymax = area.tolist()
-    middle = (xmin + xmax) / 2, (ymin + ymax) / 2
-    return GroundPicture(name, file, *picture.size, *middle, (xmax - xmin) / picture.width)
+    return GroundPicture(
+        name=name,
+        file=file,
+        width=picture.width,
+        height=picture.height,
+        x=(xmin + xmax) / 2,
+        y=(ymin + ymax) / 2,
+        scale=(xmax - xmin) / picture.width,
+    )
 
 
 def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
-    # RGB pixels of the bytes of a PNG or JPEG file; the name is for the error
+    # RGB pixels of the content of a PNG or JPEG file; name: name of the file, for the error
     from PIL import Image
 
     try:
         with Image.open(BytesIO(content), formats=("PNG", "JPEG")) as picture:
-            if picture.width * picture.height > MOST_PIXELS:
+            if picture.width * picture.height > MAX_PIXELS:
                 raise ValueError("it has too many pixels")
             return np.asarray(picture.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        limit = f"{MOST_PIXELS // 10**6} million pixels"
+        limit = f"{MAX_PIXELS // 10**6} million pixels"
         raise ValueError(
             f"{name} is no whole PNG or JPEG picture of up to {limit}: save it again"
         ) from None

@@ -72,7 +72,7 @@ class LivePlanner(VariantEditor):
         self.sold = setting.candidates if isinstance(setting.candidates, Stock) else Stock()
         self.catalogue = self.sold.catalogue
         self.currency = self.sold.currency
-        yard = Yard.from_stock(place, _offer(setting), place.sensors, self.sold.keep_out)
+        yard = Yard.from_stock(place, _find_stock(setting), place.sensors, self.sold.keep_out)
         self.most_sensors = most_sensors
         scorer = LiveScorer(
             yard,
@@ -91,7 +91,7 @@ class LivePlanner(VariantEditor):
         OSError for a setting without a surrogate, and keeps the present one."""
         with self._lock:
             self.scorer.ask(changes)
-            self._tell(False)
+            self._notify(False)  # no move of a drag
             return self.answer("another question")
 
     @property
@@ -210,29 +210,33 @@ class LivePlanner(VariantEditor):
     def search(self, stop: Callable[[], bool] = lambda: False) -> Iterator[LiveAnswer]:
         """Move one unlocked sensor after another to its best place, until no move helps.
 
-        Yields the figures of each improvement, which is shown and can be undone."""
-        waiting = self.variant.movable
-        while waiting and not stop():
-            name = waiting.pop(0)
+        Yields the figures of each improvement, which is shown and can be undone. stop: function
+        that returns True to end the search."""
+        waiting_names = self.variant.movable
+        while waiting_names and not stop():
+            name = waiting_names.pop(0)
             if name not in {sensor.name for sensor in self.sensors}:
-                continue
+                continue  # another thread removed it
             before = self.finish()
             best = next(iter(self.suggest("move", name, count=1)), None)
             if best is not None and best.answer.ap > before.ap + MIN_HELPFUL_GAIN_AP and not stop():
                 yield self.accept(best)
-                waiting = self.variant.movable
-                waiting.remove(name)
+                # a move may help all others now
+                waiting_names = self.variant.movable
+                waiting_names.remove(name)
 
 
 def _check_detector(plan: PlanFolder, question: Setting) -> None:
-    """Raise ValueError if a plan was made with a detector that the setting lacks."""
+    """Raise ValueError if a plan was made with a detector that the setting lacks.
+
+    plan: its `own_detector` names the detector, None for the shipped one."""
     if plan.own_detector is not None and question.detector is None:
-        loaded = (
+        remedy = (
             "LivePlanner(plan.ask(replace(plan.setting, detector=...))), plan = "
             "read_plan_folder(folder)"
         )
         raise ValueError(
-            f"the plan's detector is {plan.own_detector}, which is not loaded: {loaded}"
+            f"the plan's detector is {plan.own_detector}, which is not loaded: {remedy}"
         )
 
 
@@ -250,8 +254,10 @@ def _find_plan(site: object) -> PlanFolder | None:
     return read_plan_folder(str(site)) if is_plan_folder(site) else None
 
 
-def _offer(setting: Setting) -> Candidates:
-    """Stock of a setting: its candidates, else the site's pool, else the site's sensors."""
+def _find_stock(setting: Setting) -> Candidates:
+    """Stock of a setting: its candidates, else the site's pool, else the site's sensors.
+
+    The paper's candidates, which are the site's sensors, are too few to choose from."""
     if setting.candidates is not None and setting.candidates != "paper":
         return setting.pool
     try:

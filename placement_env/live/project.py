@@ -30,10 +30,10 @@ from toolkit.runtime.writing import take, write_text, writing_together
 from toolkit.sites.files import format_site
 
 PROJECT_VERSION = 1
-SAVED_STEPS = 100  # steps that can be undone after a reload
-MOST_VARIANTS = 200
-PAUSE = 1.0  # s between two saves while a sensor is dragged
-BEFORE = ".last-good"  # ending of the state before the last save
+MAX_SAVED_STEPS = 100  # steps that can be undone after a reload
+MAX_VARIANTS = 200
+SAVE_PAUSE_S = 1.0  # s between two saves while a sensor is dragged
+LAST_GOOD_ENDING = ".last-good"  # ending of the state before the last save
 
 
 class ProjectFile:
@@ -48,16 +48,16 @@ class ProjectFile:
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
         self.path = path
         self.planner = planner
-        self._site = sha256(format_site(planner.yard.site).encode()).hexdigest()
+        self._site_sha256 = sha256(format_site(planner.yard.site).encode()).hexdigest()
         path.parent.mkdir(parents=True, exist_ok=True)
-        lock = take(path.with_name(f".{path.name}.lock"))
+        lock = take(path.with_name(f".{path.name}.lock"))  # None if another process has it
         if lock is None:
             raise ValueError(
                 f"{path} is open in another coview live: close that, or give another --project"
             )
-        self._held: int | None = lock  # file descriptor of the lock, None once closed
-        self._saved = ""  # text that was written last
-        self._when = 0.0  # time (s) of the last save, by the monotonic clock
+        self._lock_descriptor: int | None = lock  # file descriptor of the lock, None once closed
+        self._saved_text = ""  # text that was written last
+        self._saved_at_s = 0.0  # time (s) of the last save, by the monotonic clock
         try:
             source = self.before if last_good else path
             if last_good or path.exists():
@@ -65,48 +65,51 @@ class ProjectFile:
         except BaseException:
             self.close()
             raise
-        planner.listen(self.save)
+        planner.listen(self.save)  # after every change
         self.save()
 
     @property
     def before(self) -> Path:
         """File with the state before the last save."""
-        return self.path.with_name(f"{self.path.name}{BEFORE}")
+        return self.path.with_name(f"{self.path.name}{LAST_GOOD_ENDING}")
 
     def save(self, dragging: bool = False) -> None:
         """Write the planner's state, unless it is written already or the file is closed.
 
         The state of the save before is kept in a second file. dragging: True for a change during a
-        drag, which is skipped within `PAUSE` of the last save."""
-        if self._held is None or (dragging and time.monotonic() - self._when < PAUSE):
+        drag, which is skipped within `SAVE_PAUSE_S` of the last save."""
+        if self._lock_descriptor is None or (
+            dragging and time.monotonic() - self._saved_at_s < SAVE_PAUSE_S
+        ):
             return
         text = self._format()
-        if text == self._saved:
+        if text == self._saved_text:
             return
-        if self._saved and self.path.exists():
-            # a hard link that is renamed: both files exist at any time
-            spare = self.path.with_name(f".{self.path.name}.spare")
-            spare.unlink(missing_ok=True)
-            os.link(self.path, spare)
-            spare.replace(self.before)
+        if self._saved_text and self.path.exists():
+            # keep the present file as `before` by a hard link that is renamed: neither file is
+            # missing at any time
+            link = self.path.with_name(f".{self.path.name}.spare")
+            link.unlink(missing_ok=True)
+            os.link(self.path, link)
+            link.replace(self.before)
         write_text(self.path, text)
-        self._saved = text
-        self._when = time.monotonic()
+        self._saved_text = text
+        self._saved_at_s = time.monotonic()
 
     def close(self) -> None:
         """Release the lock, so that others may write the file; nothing is saved any more."""
-        if self._held is not None:
-            os.close(self._held)
-            self._held = None
+        if self._lock_descriptor is not None:
+            os.close(self._lock_descriptor)
+            self._lock_descriptor = None
 
     def _format(self) -> str:
-        # text of the project file; parts are joined so that variants are formatted once (`_format`)
+        # JSON text of the project file, joined from texts of variants, which `_format` caches
         planner = self.planner
         picture = None if planner.picture is None else asdict(planner.picture)
         head = {
             "coview_live": PROJECT_VERSION,
             "site": planner.yard.site.name,
-            "site_sha256": self._site,
+            "site_sha256": self._site_sha256,
         }
         head |= {"current": planner.current, "question": planner.question, "picture": picture}
         variants = ", ".join(
@@ -114,17 +117,16 @@ class ProjectFile:
         )
         past = ", ".join(
             f"[{json.dumps(name)}, {_format(variant)}]"
-            for name, variant in planner.past[-SAVED_STEPS:]
+            for name, variant in planner.past[-MAX_SAVED_STEPS:]
         )
         return (
-            # [:-1] drops the closing brace of the head
+            # [:-1] drops the closing brace of the head; {{ and }} are single braces in the text
             f'{json.dumps(head, allow_nan=False)[:-1]}, "variants": {{{variants}}}, "past": '
             f"[{past}]}}"
         )
 
     def _load(self, path: Path) -> None:
-        # let the planner go on from a file; errors name the file and the way out
-        content = None
+        # let the planner go on from a file; errors name the file and a remedy
         try:
             content = read_json(path)
             with name_errors(path):
@@ -132,43 +134,42 @@ class ProjectFile:
         except FileNotFoundError:
             raise ValueError(f"there is no {path}: start without --last-good") from None
         except ValueError as error:
-            hint = (
-                " coview live with --last-good goes on from the state before"
-                if self.before.is_file()
-                else ""
-            )
-            spare = hint if path == self.path else ""
-            raise ValueError(f"{error};{spare or ' give another --project'}") from None
+            remedy = "give another --project"
+            if path == self.path and self.before.is_file():
+                remedy = "coview live with --last-good goes on from the state before"
+            raise ValueError(f"{error}; {remedy}") from None
 
     def _take_over(self, content: object) -> None:
         # give the planner the variants, steps, picture and question of a file's JSON content
         project = JsonObject(content)
         if project.value.get("coview_live") != PROJECT_VERSION:
             raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
-        if project.value.get("site_sha256") != self._site:
+        if project.value.get("site_sha256") != self._site_sha256:
             raise ValueError(
                 f"it is of another site, or another version of {project.value.get('site')!r:.60}"
             )
         variants = project.node("variants")
         past = project.get("past", list)
-        if not 0 < len(variants.value) <= MOST_VARIANTS:
-            raise ValueError(f"it needs 1 to {MOST_VARIANTS} variants, and past steps")
+        if not 0 < len(variants.value) <= MAX_VARIANTS:
+            raise ValueError(f"it needs 1 to {MAX_VARIANTS} variants, and past steps")
         variants_by_name = {
             check_name(name): Variant.from_dict(document, name)
             for name, document in variants.value.items()
         }
-        steps = [self._read_step(step, number) for number, step in enumerate(past)][-SAVED_STEPS:]
-        self.planner.restore(variants_by_name, project.get("current", str), steps)
-        laid = project.value.get("picture")
-        picture = None if laid is None else self._read_picture(project.node("picture"))
-        self.planner.lay(picture)
+        steps = [self._read_step(step, number) for number, step in enumerate(past)]
+        self.planner.restore(
+            variants_by_name, project.get("current", str), steps[-MAX_SAVED_STEPS:]
+        )
+        has_picture = project.value.get("picture") is not None
+        self.planner.lay(self._read_picture(project.node("picture")) if has_picture else None)
         question = project.node("question") if "question" in project.value else JsonObject({})
         if question.value:
             self._ask(question)
 
     @staticmethod
     def _read_step(step: object, number: int) -> tuple[str, Variant]:
-        # name and variant of a past step; its number is for errors
+        # name and earlier state of a variant, from a past step [name, variant]; number: its index
+        # in the file, for errors
         if not isinstance(step, list) or len(step) != 2 or not isinstance(step[0], str):
             raise ValueError("a past step needs a name and a variant")
         return check_name(step[0]), Variant.from_dict(step[1], f"past[{number}]")
@@ -182,25 +183,26 @@ class ProjectFile:
             raise ValueError(f"a picture needs all its members, got {error}") from None
 
     def _ask(self, question: JsonObject) -> None:
-        # change the planner's question as `LivePlanner.question` wrote it
+        # change the planner's setting by a question, as `LivePlanner.question` gives it; members
+        # that are missing keep the present values
         question.check_keys(("classes", "iou", "errors", "scheme", "most_price"))
-        cases: dict[str, Any] = {}
+        case_changes: dict[str, Any] = {}
         if "iou" in question.value:
-            cases["iou"] = tuple(question.numbers("iou"))
+            case_changes["iou"] = tuple(question.numbers("iou"))
         if "errors" in question.value:
-            cases["errors"] = tuple(question.texts("errors"))
-        changes: dict[str, Any] = {"cases": replace(self.planner.asked.cases, **cases)}
+            case_changes["errors"] = tuple(question.texts("errors"))
+        changes: dict[str, Any] = {"cases": replace(self.planner.asked.cases, **case_changes)}
         if "classes" in question.value:
             changes["classes"] = question.texts("classes")
         if "scheme" in question.value:
             changes["scheme"] = question.get("scheme", str)
         if "most_price" in question.value:
-            price = question.value["most_price"]
-            changes["most_price"] = math.inf if price is None else question.number("most_price", 0)
+            has_limit = question.value["most_price"] is not None
+            changes["most_price"] = question.number("most_price", 0) if has_limit else math.inf
         self.planner.ask(**changes)
 
 
-@lru_cache(maxsize=2 * SAVED_STEPS)
+@lru_cache(maxsize=2 * MAX_SAVED_STEPS)
 def _format(variant: Variant) -> str:
     # JSON text of a variant; most variants are in many saves, so texts are cached
     return json.dumps(variant.as_dict(), allow_nan=False)
@@ -219,9 +221,8 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     candidates = planner.yard.candidates(variant)
     members = range(len(variant.sensors))
     planner.finish()
-    kbit = sent_per_frame(
-        planner.look(candidates)[0], planner.setting.fusion, planner.setting.codec
-    )
+    seen, _ = planner.look(candidates)
+    kbit = sent_per_frame(seen, planner.setting.fusion, planner.setting.codec)
     mounted = mounted_site(site, candidates, members)
     sensors = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
     ground = visible_ground(mounted, mounted.sensors)
@@ -263,7 +264,6 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     setting = replace(
         planner.asked, site=mounted, candidates=replace(stock, candidates=candidates), keep=poles
     )
-    run = replace(
-        planner.preparation.run, frames=None if planner.plan is None else planner.plan.given_frames
-    )
+    frames = None if planner.plan is None else planner.plan.given_frames
+    run = replace(planner.preparation.run, frames=frames)
     return write_plan(plan(Question(setting, run, sensors=len(candidates))), folder)

@@ -58,19 +58,24 @@ class LiveScorer:
         self._yard = yard
         self._currency = currency
         self._max_sensors = max_sensors
-        self._before: LiveAnswer | None = None
+        self._earlier_answer: LiveAnswer | None = None  # the next answers state the change since it
         self.first = setting
-        fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
-        self._open(setting, replace(run, frames=first_frames, cache=None) if fewer else run)
-        self.all_frames = AllFrames(replace(self.preparation, run=run) if fewer else None)
+        # figures come from the first frames only, until the views of all are made
+        begins_with_fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
+        first_run = replace(run, frames=first_frames, cache=None) if begins_with_fewer else run
+        self._start_question(setting, first_run)
+        awaited = replace(self.preparation, run=run) if begins_with_fewer else None
+        self.all_frames = AllFrames(awaited)
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
-        for name in ("views", "all_frames", "_answers"):
+        for name in ("views", "all_frames", "_answers"):  # these change; all else is shared
             state[name] = copy(state[name])
         return state
 
-    def _open(self, question: Setting, run: Run, before: Preparation | None = None) -> None:
+    def _start_question(
+        self, question: Setting, run: Run, before: Preparation | None = None
+    ) -> None:
         """Prepare to score by a question, and forget the figures by the question before.
 
         before: preparation whose traffic is used again, None to make traffic by `run`. Views of
@@ -80,7 +85,7 @@ class LiveScorer:
         setting = replace(question, candidates=self._yard.stock).with_fidelity("surrogate")
         preparation = Preparation(setting, run)
         preparation.check()
-        live_before = None if before is None else self.preparation.live
+        panoramas_before = None if before is None else self.preparation.live
         self.asked = question
         self.setting = setting
         self.preparation = preparation.plain
@@ -88,7 +93,7 @@ class LiveScorer:
             self.preparation = self.preparation.share_traffic(before)
         self._meter = Meter(self.preparation, self._currency)
         self._answers = dict[Variant, LiveAnswer]()
-        if live_before is None or live_before is not self.preparation.live:
+        if panoramas_before is None or panoramas_before is not self.preparation.live:
             self.views = SensorViews(self._yard, self._meter)
 
     def ask(self, changes: dict[str, Any]) -> None:
@@ -97,8 +102,8 @@ class LiveScorer:
         changes: new values of `Setting` fields by name, such as classes, cases, scheme and
         most_price. The next answer states no change."""
         before = self.preparation
-        self._open(replace(self.asked, **changes), before.run, before)
-        self._before = None
+        self._start_question(replace(self.asked, **changes), before.run, before)
+        self._earlier_answer = None
 
     @property
     def question(self) -> dict[str, object]:
@@ -118,11 +123,11 @@ class LiveScorer:
         """Figures of a variant, and their change since those given to `compare_with`.
 
         what: words for the change that led to the variant, "" without one."""
-        return self.estimate(variant).since(self._before, what)
+        return self.estimate(variant).since(self._earlier_answer, what)
 
     def compare_with(self, before: LiveAnswer | None) -> None:
         """Let the next answers state the change since these figures; None for no change."""
-        self._before = before
+        self._earlier_answer = before
 
     def recall(self, variant: Variant) -> LiveAnswer | None:
         """Figures of a variant that are in memory, else None."""
@@ -131,10 +136,12 @@ class LiveScorer:
     def estimate(self, variant: Variant) -> LiveAnswer:
         """Figures of any variant, without a change; coarse ones in memory are made again."""
         answer = self._answers.get(variant)
-        return answer if answer is not None and not answer.coarse else self._estimate(variant)
+        if answer is not None and not answer.coarse:
+            return answer
+        return self._estimate(variant)
 
     def _estimate(self, variant: Variant) -> LiveAnswer:
-        # score a variant by its views, and keep its figures in memory
+        # figures of a variant from its views, which are then kept in memory
         view = self.views.see(variant)
         answer = self._meter.measure(view.candidates, view.seen, view.is_working)
         answer = replace(
@@ -149,8 +156,8 @@ class LiveScorer:
 
     def _list_problems(self, variant: Variant) -> tuple[str, ...]:
         """Problems that no figure shows: sensors in keep-out areas, and too many sensors."""
-        barred_names = self._yard.list_barred(variant)
-        problems = [f"{name} hangs in a keep-out area" for name in barred_names]
+        kept_out_names = self._yard.list_kept_out(variant)
+        problems = [f"{name} hangs in a keep-out area" for name in kept_out_names]
         if len(variant.sensors) > self._max_sensors:
             problems.append(
                 f"it has {len(variant.sensors)} sensors, more than the {self._max_sensors} of "
@@ -168,15 +175,17 @@ class LiveScorer:
         Views are from panoramas at the sensors' exact heights, or from rays if the setting's
         rendering is "full"."""
         candidates = self._yard.candidates(variant.working)
-        rendering = self.setting.rendering
-        chosen_rendering: Rendering = "panorama" if rendering == "auto" else rendering
+        rendering: Rendering = self.setting.rendering
+        if rendering == "auto":
+            rendering = "panorama"
         seen = see(
             self.preparation.traffic,
             candidates,
             labels=self.setting.counted.labels,
-            rendering=chosen_rendering,
+            rendering=rendering,
         )
-        return self._meter.objective(candidates, seen).score(range(len(candidates)))
+        all_indices = range(len(candidates))
+        return self._meter.objective(candidates, seen).score(all_indices)
 
     def measure(self, variant: Variant, predicted: LiveAnswer) -> LiveAnswer:
         """Figures of the working sensors by the detector, on the same frames.
@@ -195,9 +204,8 @@ class LiveScorer:
         judge = Judge.from_preparation(
             Preparation(setting, self.preparation.run), self.preparation.run.seed
         )
-        judgement = judge.judge(np.ones((1, len(working.sensors)), np.bool_))[
-            0
-        ]  # one set: all sensors
+        set_of_all = np.ones((1, len(working.sensors)), np.bool_)
+        (judgement,) = judge.judge(set_of_all)
         return replace(
             predicted,
             what="measured",
@@ -224,9 +232,9 @@ class LiveScorer:
 
         def show(preparation: Preparation) -> None:
             with lock:
-                self._open(self.asked, preparation.run, preparation)
+                self._start_question(self.asked, preparation.run, preparation)
                 self.all_frames.end()
-                self._before = None
+                self._earlier_answer = None
 
         def list_candidates() -> list[Candidates]:
             return [self._yard.candidates(variant) for variant in list_variants()]
@@ -241,8 +249,12 @@ class LiveScorer:
 
 
 def _describe_question(setting: Setting) -> dict[str, object]:
-    # fields of a setting that `LiveScorer.question` compares, as JSON values; None for any price
-    cases = setting.cases
-    max_price = None if math.isinf(setting.most_price) else setting.most_price
-    question = {"classes": [*setting.counted.names], "iou": [*cases.ious], "errors": [*cases.names]}
-    return {**question, "scheme": setting.fusion.name, "most_price": max_price}
+    # fields of a setting that `LiveScorer.question` compares, as JSON values
+    has_price_limit = not math.isinf(setting.most_price)
+    return {
+        "classes": [*setting.counted.names],
+        "iou": [*setting.cases.ious],
+        "errors": [*setting.cases.names],
+        "scheme": setting.fusion.name,
+        "most_price": setting.most_price if has_price_limit else None,
+    }

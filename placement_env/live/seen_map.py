@@ -51,50 +51,60 @@ class SeenMaps:
     def __init__(self, preparation: Preparation, height: float) -> None:
         self._preparation = preparation
         self.height = height
-        self._x, self._y, targets, self._open = lay_grid(preparation.setting.place, CELL_M, height)
-        self._targets = targets[self._open]
+        self._x, self._y, targets, self._open_cells = lay_grid(
+            preparation.setting.place, CELL_M, height
+        )
+        # places that must be seen (n, 3), one for each cell outside buildings
+        self._targets = targets[self._open_cells]
         count = min(MAP_FRAMES, preparation.frames)
+        # numbers of evenly chosen frames of the traffic
         self._frames = np.linspace(0, preparation.frames - 1, count).round().astype(np.int64)
-        self._bits = Bounded()  # result of `_find_sight` by position of the eye
+        self._bits_by_eye = Bounded()  # result of `_visible_frames` by position of the eye
 
     def draw(self, sensors: Iterable[Sensor]) -> SeenMap:
-        """Map of the cells that any of the sensors sees."""
-        seen = np.zeros(len(self._targets), np.uint64)
+        """Map of the share of frames in which any of the sensors sees each cell."""
+        # a number for each open cell, whose bit k is 1 if it is seen in the k-th frame of the map
+        seen_bits = np.zeros(len(self._targets), np.uint64)
         for sensor in sensors:
-            seen |= np.where(self._in_view(sensor), self._find_sight(sensor.position), np.uint64(0))
-        share = np.full(self._open.shape, np.nan, np.float32)
-        share[self._open] = np.bitwise_count(seen) / len(self._frames)  # a bit for each frame
-        return SeenMap(self._x, self._y, share, self.height, len(self._frames))
+            visible_bits = self._visible_frames(sensor.position)
+            seen_bits |= np.where(self._cells_in_view(sensor), visible_bits, np.uint64(0))
+        share = np.full(self._open_cells.shape, np.nan, np.float32)
+        share[self._open_cells] = np.bitwise_count(seen_bits) / len(self._frames)
+        return SeenMap(self._x, self._y, share, height=self.height, frames=len(self._frames))
 
-    def _in_view(self, sensor: Sensor) -> Bool[np.ndarray, " cells"]:
+    def _cells_in_view(self, sensor: Sensor) -> Bool[np.ndarray, " cells"]:
         """Mask of the open cells in the field of view of a sensor, hidden or not."""
         return np.asarray(sensor.model.in_view(transform(invert(sensor.pose), self._targets)))
 
-    def _find_sight(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
+    def _visible_frames(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
         """Frames in which nothing hides each open cell from an eye, as uint64.
 
         Bit k of a cell is 1 if nothing hides it in the k-th frame of the map. Bits of the latest
         eyes stay in memory. eye: position in the site's frame (m)."""
         key = eye.round(3).tobytes()  # equal to a millimetre
-        bits: Shaped[np.ndarray, " cells"] | None = self._bits.get(key)
+        bits: Shaped[np.ndarray, " cells"] | None = self._bits_by_eye.get(key)
         if bits is None:
-            live = self._preparation.live
-            with live.casting if live is not None else nullcontext():
-                bits = self._cast_sight(eye)
-        self._bits.keep({key: bits}, MAX_BITS_BYTES)  # known ones too: they become the latest
+            panoramas = self._preparation.live
+            # the lock of the panoramas keeps other threads from casting rays meanwhile
+            with panoramas.casting if panoramas is not None else nullcontext():
+                bits = self._cast_visible_frames(eye)
+        # known bits too: they become the latest, and the oldest ones are dropped first
+        self._bits_by_eye.keep({key: bits}, MAX_BITS_BYTES)
         return bits
 
-    def _cast_sight(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
-        """Bits for `_find_sight`, from rays that start at an eye (m) and end at the open cells."""
+    def _cast_visible_frames(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
+        """Frames in which nothing hides each open cell from an eye, by casting rays.
+
+        eye: position (m). Returns bits as `_visible_frames` does; rays end at the cells."""
         traffic = self._preparation.traffic
         origins = np.broadcast_to(eye, self._targets.shape)
         # rows of origin and direction; directions are not unit vectors: length 1 reaches the cell
         rays = np.concatenate([origins, self._targets - eye], axis=1).astype(np.float32)
         bits = np.zeros(len(rays), np.uint64)
         # indices of cells that the still scene does not hide; only these may differ by frame
-        free = np.flatnonzero(~build_renderer(traffic).still_hides(rays))
+        unhidden_cells = np.flatnonzero(~build_renderer(traffic).still_hides(rays))
         for bit, frame in enumerate(self._frames.tolist()):
             # way to the first vehicle in parts of the ray; from 1 on, none is before the cell
-            _, length = build_moment(traffic, frame).met(rays[free])
-            bits[free] |= np.where(length >= 1, np.uint64(1 << bit), np.uint64(0))
+            _, length = build_moment(traffic, frame).met(rays[unhidden_cells])
+            bits[unhidden_cells] |= np.where(length >= 1, np.uint64(1 << bit), np.uint64(0))
         return bits

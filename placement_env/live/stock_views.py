@@ -22,9 +22,10 @@ def join_views(unseen: Visibility, rows: Sequence[tuple[np.ndarray, ...]]) -> Vi
     sensor, as arrays over objects or frames (fields of `Visibility`)."""
     if not rows:
         return unseen
-    return replace(
-        unseen, **dict(zip(VIEW_COLUMNS, map(np.stack, zip(*rows, strict=True)), strict=True))
-    )
+    arrays = {}
+    for k, name in enumerate(VIEW_COLUMNS):
+        arrays[name] = np.stack([row[k] for row in rows])
+    return replace(unseen, **arrays)
 
 
 class StockViews:
@@ -41,62 +42,75 @@ class StockViews:
         self._preparation = preparation
         self._stock = preparation.setting.pool
         # indices of poses in the stock, and their view
-        self._rows: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
+        self._viewed_groups: list[tuple[Int64[np.ndarray, " k"], Visibility]] = []
         self.known = 0
-        heights = self._stock.factors[:, 1]  # step of each pose's height in the stock's axes
-        middle = len(self._stock.axes.heights) // 2
-        order = sorted(set(heights.tolist()), key=lambda height: abs(height - middle))
-        middle_of = preparation.setting.place.area.reshape(2, 2).mean(axis=0)
-        away = [float(np.hypot(*(mount.position[:2] - middle_of))) for mount in self._stock.mounts]
-        groups = [
-            np.flatnonzero((heights == height) & (self._stock.mount == mount))
-            for height in order
-            for mount in np.argsort(away, kind="stable")
+        # each pose's height, as a step of the stock's axes
+        height_steps = self._stock.factors[:, 1]
+        middle_step = len(self._stock.axes.heights) // 2
+        xmin, ymin, xmax, ymax = preparation.setting.place.area.tolist()
+        middle = np.array([(xmin + xmax) / 2, (ymin + ymax) / 2])
+        # how far the mounts are from the middle of the area (m)
+        distances = [
+            float(np.hypot(*(mount.position[:2] - middle))) for mount in self._stock.mounts
         ]
+        # indices of the poses at each height of each mount, in the order of viewing
+        groups = []
+        for step in sorted(set(height_steps.tolist()), key=lambda step: abs(step - middle_step)):
+            for mount in np.argsort(distances, kind="stable"):
+                is_in_group = (height_steps == step) & (self._stock.mount == mount)
+                groups.append(np.flatnonzero(is_in_group))
         # groups without views, by the index of their first pose, which is their key
-        self._waiting = {int(group[0]): group for group in groups if len(group)}
-        self._first: dict[int, int] = {}  # by mount: key of the group that is viewed first
-        for key in self._waiting:
-            self._first.setdefault(int(self._stock.mount[key]), key)
+        self._waiting_groups = {int(group[0]): group for group in groups if len(group)}
+        self._first_keys: dict[int, int] = {}  # key of the group that is viewed first, by mount
+        for key in self._waiting_groups:
+            self._first_keys.setdefault(int(self._stock.mount[key]), key)
 
     def __getstate__(self) -> dict[str, object]:
         # copies, as other threads change both
-        return {**self.__dict__, "_rows": list(self._rows), "_waiting": dict(self._waiting)}
+        return {
+            **self.__dict__,
+            "_viewed_groups": list(self._viewed_groups),
+            "_waiting_groups": dict(self._waiting_groups),
+        }
 
     def look_further(self) -> bool:
         """Make the views of the poses at one more height of a pole.
 
         Returns False if all are known, or without panoramas."""
-        key = next(iter(list(self._waiting)), None)
-        return key is not None and self._look(key)
+        # a list first, as other threads remove groups
+        key = next(iter(list(self._waiting_groups)), None)
+        return key is not None and self._view_group(key)
 
-    def at_least_coarse(self, patience: float, free: Bool[np.ndarray, " M"]) -> bool:
+    def view_free_poles(self, patience: float, is_free: Bool[np.ndarray, " M"]) -> bool:
         """Make the views of the poses at one height of every free pole that lacks them.
 
-        patience: time (s) for that; at least one is made. free: True for mounts that a sensor may
-        use. Returns True if the time ended before all were made."""
+        patience: time (s) for that; at least one is made. is_free: True for mounts that a sensor
+        may use. Returns True if the time ended before all were made."""
         end = time.monotonic() + patience
-        for key in [
-            key for mount, key in self._first.items() if free[mount] and key in self._waiting
-        ]:
-            if self._look(key) and time.monotonic() > end:
+        waiting_keys = [
+            key
+            for mount, key in self._first_keys.items()
+            if is_free[mount] and key in self._waiting_groups
+        ]
+        for key in waiting_keys:
+            if self._view_group(key) and time.monotonic() > end:
                 return True
-            time.sleep(0.001)  # for those who wait to cast rays
+            time.sleep(0.001)  # lets other threads cast rays
         return False
 
-    def _look(self, key: int) -> bool:
+    def _view_group(self, key: int) -> bool:
         """Make the views of one group of poses, once for all threads.
 
         key: index of the group's first pose. Returns False if views are not looked up in
         panoramas, so nothing was made."""
-        live = self._preparation.live
-        group = self._waiting.get(key)
-        if live is not None and group is not None:
-            seen = live.see(self._stock.select(group), reach="own")
-            if self._waiting.pop(key, None) is not None:  # no other thread was faster
-                self._rows.append((group, seen))
+        panoramas = self._preparation.live
+        group = self._waiting_groups.get(key)
+        if panoramas is not None and group is not None:
+            seen = panoramas.see(self._stock.select(group), reach="own")
+            if self._waiting_groups.pop(key, None) is not None:  # no other thread was faster
+                self._viewed_groups.append((group, seen))
                 self.known += len(group)
-        return live is not None
+        return panoramas is not None
 
     def rank(
         self,
@@ -110,15 +124,15 @@ class StockViews:
         base: sensors of the set; seen: their view; is_working: False for sensors that have failed,
         which take up room but see nothing; objective: function that returns the objective of
         candidates from their view."""
-        rows = list(self._rows)
-        if not rows:
+        viewed_groups = list(self._viewed_groups)  # a copy, as other threads append
+        if not viewed_groups:
             return []
-        indices = np.concatenate([group for group, _ in rows])
+        indices = np.concatenate([group for group, _ in viewed_groups])
         count = len(base)
         columns = {}
         for name in VIEW_COLUMNS:
-            views = [getattr(view, name) for _, view in rows]
-            columns[name] = np.concatenate([getattr(seen, name), *views])
+            arrays = [getattr(view, name) for _, view in viewed_groups]
+            columns[name] = np.concatenate([getattr(seen, name), *arrays])
         stock = self._stock.select(indices)
         names = {sensor.name for sensor in base.sensors}
         sensors = [

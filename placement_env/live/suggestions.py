@@ -8,7 +8,7 @@ import numpy as np
 
 from placement_env.live.changes import VariantChange, remove_sensor
 from placement_env.live.figures import LiveAnswer, Meter
-from placement_env.live.variant import TILT_SPAN, LiveSensor, Variant, Yard, name_on_pole
+from placement_env.live.variant import TILT_SPAN_RAD, LiveSensor, Variant, Yard, name_on_pole
 from placement_env.live.views import SensorViews
 
 MIN_HELPFUL_GAIN_AP = 1e-4  # a change that gains less AP does not help
@@ -46,10 +46,10 @@ class Suggester:
         views: SensorViews,
         estimate: Callable[[Variant], LiveAnswer],
     ) -> None:
-        self._yard = yard
-        self._meter = meter
+        self._yard = yard  # site and stock of poses
+        self._meter = meter  # scores sensors whose views are known
         self._views = views
-        self._estimate = estimate
+        self._estimate = estimate  # returns the figures of a variant
 
     def suggest(
         self, variant: Variant, kind: str, name: str | None, *, count: int, patience: float
@@ -66,12 +66,17 @@ class Suggester:
                 f"kind must be add, remove, or move with the name of a sensor, got {kind!r} and "
                 f"{name!r}"
             )
-        elif kind == "add" or name is None:
-            suggestions = self._suggest_poses(variant, None, count, patience)
+        elif kind == "add" or name is None:  # a name is always given here unless kind is "add"
+            suggestions = self._suggest_poses(
+                base=variant, carried=None, count=count, patience=patience
+            )
         else:
-            carried = variant.find_unlocked(name)
-            base = variant.without_sensor(name)
-            suggestions = self._suggest_poses(base, carried, count, patience)
+            suggestions = self._suggest_poses(
+                base=variant.without_sensor(name),
+                carried=variant.find_unlocked(name),
+                count=count,
+                patience=patience,
+            )
         return tuple(suggestions)
 
     def _suggest_removals(self, variant: Variant) -> list[Suggestion]:
@@ -80,8 +85,8 @@ class Suggester:
         for sensor in variant.sensors:
             if not sensor.locked:
                 answer = self._estimate(variant.without_sensor(sensor.name))
-                suggestions.append(Suggestion("remove", sensor, answer, 0))
-        return sorted(suggestions, key=_loss)
+                suggestions.append(Suggestion("remove", sensor, answer, considered=0))
+        return sorted(suggestions, key=_negative_ap)
 
     def _suggest_poses(
         self, base: Variant, carried: LiveSensor | None, count: int, patience: float
@@ -94,32 +99,35 @@ class Suggester:
         view = self._views.see(base)
         stock = self._yard.stock
         has_room = [self._yard.has_room(base, mount.name) for mount in stock.mounts]
-        is_allowed = [not self._yard.bars(base, mount) for mount in stock.mounts]
-        is_free = np.logical_and(has_room, is_allowed)
-        ranked = list[int]()  # indices of poses in the stock, the best first
-        more = True  # True while views of free poles are missing
-        while more and not ranked:
-            more = self._views.stock.at_least_coarse(patience, is_free)
-            ranked = self._views.stock.rank(
+        is_allowed = [not base.keeps_out(mount) for mount in stock.mounts]
+        is_free = np.logical_and(has_room, is_allowed)  # by mount of the stock
+        ranked_poses = list[int]()  # indices in the stock, the best first
+        views_are_missing = True
+        while views_are_missing and not ranked_poses:
+            views_are_missing = self._views.stock.view_free_poles(patience, is_free)
+            ranked_poses = self._views.stock.rank(
                 view.candidates, view.seen, view.is_working, self._meter.objective
             )
         suggestions: list[Suggestion] = []
-        poles = set[int]()
-        for candidate in ranked:
+        used_mounts = set[int]()
+        for candidate in ranked_poses:
             mount = int(stock.mount[candidate])
-            if mount in poles or not is_free[mount]:
+            if mount in used_mounts or not is_free[mount]:
                 continue
-            poles.add(mount)
-            suggestions.append(self.improve(kind, base, self._hang(base, candidate, carried)))
+            used_mounts.add(mount)
+            sensor = self._sensor_in_pose(base, candidate, carried)
+            suggestions.append(self.improve(kind, base, sensor))
             if len(suggestions) == count:
                 break
-        return sorted(suggestions, key=_loss)
+        return sorted(suggestions, key=_negative_ap)
 
-    def _hang(self, base: Variant, candidate: int, carried: LiveSensor | None) -> LiveSensor:
+    def _sensor_in_pose(
+        self, base: Variant, candidate: int, carried: LiveSensor | None
+    ) -> LiveSensor:
         """Sensor in the pose of a candidate of the stock.
 
         base: variant that it joins, for a free name; candidate: index in the stock; carried: sensor
-        whose name and state it keeps, None for a new one."""
+        whose name and failure it keeps, None for a new one."""
         (sensor,) = self._yard.place([self._yard.stock.sensors[candidate]]).sensors
         if carried is not None:
             return replace(sensor, name=carried.name, failed=carried.failed)
@@ -131,26 +139,28 @@ class Suggester:
         A turn helps if AP rises by more than `MIN_HELPFUL_GAIN_AP` and no problem is added. kind:
         "add" or "move", for the suggestion; base: variant without the sensor."""
 
-        def judge(candidate: LiveSensor) -> tuple[float, int]:
+        def measure_candidate(candidate: LiveSensor) -> tuple[float, int]:
+            # AP of the base with this sensor, and number of problems
             view = self._views.see(replace(base, sensors=(*base.sensors, candidate)))
-            return self._meter.judge(view.candidates, view.seen, view.is_working)
+            return self._meter.measure_ap(view.candidates, view.seen, view.is_working)
 
-        ap, problems = judge(sensor)
-        better = True
-        while better:
-            better = False
-            for turn, down in TURNS_RAD:
-                turned = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + down)
-                if not TILT_SPAN[0] <= turned.tilt <= TILT_SPAN[1]:
+        min_tilt, max_tilt = TILT_SPAN_RAD
+        ap, problems = measure_candidate(sensor)
+        has_improved = True
+        while has_improved:
+            has_improved = False
+            for turn, tilt in TURNS_RAD:
+                turned = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + tilt)
+                if not min_tilt <= turned.tilt <= max_tilt:
                     continue
-                turned_ap, turned_problems = judge(turned)
+                turned_ap, turned_problems = measure_candidate(turned)
                 if turned_ap > ap + MIN_HELPFUL_GAIN_AP and turned_problems <= problems:
                     sensor = turned
                     ap = turned_ap
                     problems = turned_problems
-                    better = True
+                    has_improved = True
         answer = self._estimate(replace(base, sensors=(*base.sensors, sensor)))
-        return Suggestion(kind, sensor, answer, self._views.stock.known)
+        return Suggestion(kind, sensor, answer, considered=self._views.stock.known)
 
 
 def apply_suggestion(yard: Yard, variant: Variant, suggestion: Suggestion) -> VariantChange:
@@ -171,6 +181,6 @@ def apply_suggestion(yard: Yard, variant: Variant, suggestion: Suggestion) -> Va
     return VariantChange(after, f"{added.name} added")
 
 
-def _loss(suggestion: Suggestion) -> float:
-    # sort key: the greatest AP comes first
+def _negative_ap(suggestion: Suggestion) -> float:
+    # sort key: with it the greatest AP comes first
     return -suggestion.answer.ap

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from placement_env.candidates.candidates import Axes, Candidates, aim_sensor, aims, name_sensor
+from placement_env.candidates.candidates import Candidates, aim_sensor, aims, name_sensor
 from toolkit.arrays import Float64
 from toolkit.geometry import MAX_COORDINATE_M, pose
 from toolkit.runtime.json_object import JsonObject
@@ -20,20 +20,20 @@ from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor, SensorModel
 from toolkit.sites.site import Mount, Site
 
-TILT_SPAN = (float(np.deg2rad(-10.0)), float(np.deg2rad(89.0)))  # rad below the horizon
-SNAP = 1.5  # m from a pole within which a dragged sensor is taken to be on it
+TILT_SPAN_RAD = (float(np.deg2rad(-10.0)), float(np.deg2rad(89.0)))  # rad below the horizon
+SNAP_M = 1.5  # distance from a pole within which a dragged sensor is taken to be on it
 PASSABLE = ("kerb", "island")  # kinds of solids that may carry a pole
-KERB_GAP = 0.3  # m between a pole and a lane, wall or keep-out area
-FARTHEST = 100.0  # greatest distance (m) of a pole from the detection area
-LONGEST_NAME = 60
+KERB_GAP_M = 0.3  # least distance between a pole and a lane, wall or keep-out area
+MAX_DRAWN_POLE_DISTANCE_M = 100.0  # greatest distance of an additional pole from the detection area
+MAX_NAME_LENGTH = 60
 # limits of a variant that is read
 MAX_VARIANT_SENSORS = 1000
 MAX_VARIANT_POLES = 1000
 MAX_TURN_RAD = 1000.0
-SLACK_M = 1e-6  # rounding that is forgiven, in m and rad
+SLACK_M = 1e-6  # rounding that is forgiven, in m, and for angles in rad
 MAX_FOOT_GAP_M = 20.0  # between the foot of a pole and the ground
-KEPT_OUT = "it is a keep-out area"  # reason in errors
-Where = str | tuple[float, float]  # name of a pole, or x and y of a place (m)
+KEEP_OUT_REASON = "it is a keep-out area"  # in errors
+PoleOrSpot = str | tuple[float, float]  # name of a pole, or x and y of a place (m)
 Corners = tuple[tuple[float, float], ...]  # x and y (m) of each corner of an area
 
 
@@ -45,7 +45,7 @@ class LiveSensor:
         name: Name of the sensor.
         model: Name of its model in the stock.
         mount: Name of its pole.
-        x: Position along the site's x axis (m), within `SNAP` of the pole.
+        x: Position along the site's x axis (m), within `SNAP_M` of the pole.
         y: Position along the site's y axis (m).
         height: Height above the foot of the pole (m).
         heading: Heading, counter-clockwise from the site's +x (rad).
@@ -113,6 +113,11 @@ class Variant:
         mounts_in_use = {sensor.mount for sensor in self.sensors}
         return replace(self, poles=tuple(p for p in self.poles if p.name in mounts_in_use))
 
+    def keeps_out(self, mount: Mount) -> bool:
+        """True if a pole is in a keep-out area of the variant, or within `KERB_GAP_M` of one."""
+        foot = shapely.Point(mount.position[:2])
+        return any(shapely.Polygon(area).distance(foot) < KERB_GAP_M for area in self.keep_out)
+
     @property
     def movable(self) -> list[str]:
         """Names of the sensors that are neither locked nor failed."""
@@ -137,8 +142,8 @@ class Variant:
     def from_dict(document: object, where: str = "") -> "Variant":
         """Read a variant from the JSON values that `as_dict` gave.
 
-        where: path of these values in a file, for errors. Raises ValueError that names what does
-        not fit."""
+        where: path of these values in a file, for errors. Raises ValueError that names the value
+        that does not fit."""
         variant = JsonObject(document, where)
         variant.check_keys(("sensors", "poles", "keep_out"))
         sensors = tuple(_read_sensor(row) for row in variant.nodes("sensors", MAX_VARIANT_SENSORS))
@@ -149,36 +154,45 @@ class Variant:
 
 
 def _read_sensor(row: JsonObject) -> LiveSensor:
-    # sensor from its JSON values; locked and failed may be missing
+    # sensor from its JSON values, the fields of `LiveSensor`; locked and failed may be missing
     row.check_keys([field.name for field in fields(LiveSensor)])
-    members: dict[str, Any] = {key: row.get(key, str) for key in ("name", "model", "mount")}
-    members |= {
-        key: row.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M) for key in ("x", "y", "height")
-    }
-    members |= {key: row.number(key, -MAX_TURN_RAD, MAX_TURN_RAD) for key in ("heading", "tilt")}
-    members |= {key: row.get(key, bool) for key in ("locked", "failed") if key in row.value}
+    values: dict[str, Any] = {}
+    for key in ("name", "model", "mount"):
+        values[key] = row.get(key, str)
+    for key in ("x", "y", "height"):  # m
+        values[key] = row.number(key, -MAX_COORDINATE_M, MAX_COORDINATE_M)
+    for key in ("heading", "tilt"):  # rad
+        values[key] = row.number(key, -MAX_TURN_RAD, MAX_TURN_RAD)
+    for key in ("locked", "failed"):
+        if key in row.value:
+            values[key] = row.get(key, bool)
     with name_errors(row.path):
-        check_name(members["name"])
-        return LiveSensor(**members)
+        check_name(values["name"])
+        return LiveSensor(**values)
 
 
 def _read_pole(row: JsonObject) -> Mount:
-    # additional pole from its JSON values; all but name and position may be missing
+    # additional pole from its JSON values, the fields of `Mount`; only name and position are needed
     row.check_keys([field.name for field in fields(Mount)])
-    position = np.array(row.numbers("position", 3))
+    position = np.array(row.numbers("position", 3))  # x, y, z (m) of the foot
     name = row.get("name", str)
-    texts = {key: row.get(key, str) for key in ("origin",) if key in row.value}
-    plain = ("min_height", "max_height", "price", "capacity", "max_sensors")
-    numbers: dict[str, Any] = {key: row.number(key) for key in plain if key in row.value}
+    optional_values: dict[str, Any] = {}
+    if "origin" in row.value:
+        optional_values["origin"] = row.get("origin", str)
+    for key in ("min_height", "max_height", "price", "capacity", "max_sensors"):
+        if key in row.value:
+            optional_values[key] = row.number(key)
     with name_errors(row.path):
-        return Mount(check_name(name), position, **numbers, **texts)
+        return Mount(check_name(name), position, **optional_values)
 
 
 def check_name(name: str) -> str:
-    """Return a name. Raises ValueError unless it is one line of up to `LONGEST_NAME` characters."""
-    if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+    """Return a name unchanged.
+
+    Raises ValueError unless it is one line of 1 to `MAX_NAME_LENGTH` printable characters."""
+    if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable():
         raise ValueError(
-            f"a name must be one line of 1 to {LONGEST_NAME} characters, got {name!r:.70}"
+            f"a name must be one line of 1 to {MAX_NAME_LENGTH} characters, got {name!r:.70}"
         )
     return name
 
@@ -193,8 +207,9 @@ def check_keep_out(corners: Iterable[Iterable[float]]) -> Corners:
         rows = tuple((float(x), float(y)) for x, y in corners)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{rule}, got {corners!r:.80}") from None
-    near = len(rows) >= 3 and bool((np.abs(rows) <= MAX_COORDINATE_M).all())
-    if not near or not shapely.Polygon(rows).is_valid:
+    has_usable_corners = len(rows) >= 3 and bool((np.abs(rows) <= MAX_COORDINATE_M).all())
+    # checked first: fewer corners make shapely raise other errors
+    if not has_usable_corners or not shapely.Polygon(rows).is_valid:
         raise ValueError(f"{rule}, got {rows!r:.80}")
     return rows
 
@@ -215,16 +230,15 @@ class Yard:
 
     @cached_property
     def models(self) -> dict[str, SensorModel]:
-        """Sensor models of the stock, by names in words; repeated names get a number."""
-        by_name: dict[str, SensorModel] = {}
+        """Sensor models of the stock by name, such as "depth-camera", then "depth-camera 2"."""
+        model_by_name: dict[str, SensorModel] = {}
         for model in self.stock.axes.models:
-            plain = name_in_words(type(model).__name__)
-            by_name[
-                plain
-                if plain not in by_name
-                else f"{plain} {1 + sum(n.startswith(plain) for n in by_name)}"
-            ] = model
-        return by_name
+            stem = name_in_words(type(model).__name__)
+            name = stem
+            if stem in model_by_name:
+                name = f"{stem} {1 + sum(known.startswith(stem) for known in model_by_name)}"
+            model_by_name[name] = model
+        return model_by_name
 
     @cached_property
     def mounts(self) -> dict[str, Mount]:
@@ -258,24 +272,23 @@ class Yard:
         sensors: Iterable[Sensor],
         keep_out: Iterable[shapely.Geometry],
     ) -> "Yard":
-        """Yard of a stock, with the poles and models of present sensors added.
+        """Return a yard of the stock, with the poles and models of present sensors added.
 
-        These models cost nothing, and a pole may carry as many sensors as it has now. sensors:
-        present sensors, each on a pole within `SNAP` or on an additional one; keep_out: areas where
-        no new pole may be."""
+        These models cost nothing, and a pole may carry at least as many sensors as it has now.
+        sensors: present sensors, each on a pole within `SNAP_M` or on an additional one; keep_out:
+        areas closed to new poles."""
         sensors = list(sensors)
         axes = stock.axes
-        mounts = list(stock.mounts)
-        for mount in site.mounts:
-            carries = any(np.hypot(*(s.position[:2] - mount.position[:2])) <= SNAP for s in sensors)
-            if carries and mount.name not in {mounted.name for mounted in mounts}:
-                mounts.append(mount)
-        further_models = tuple(
+        mounts = [*stock.mounts, *_list_missing_mounts(site, stock, sensors)]
+        # each model once, in the order of the sensors
+        missing_models = tuple(
             dict.fromkeys(s.model for s in sensors if s.model not in axes.models)
         )
-        prices = (*axes.prices, *[0.0] * len(further_models)) if axes.prices else ()
-        axes = Axes(
-            axes.heights, axes.headings, axes.tilts, (*axes.models, *further_models), prices
+        missing_prices = (0.0,) * len(missing_models)
+        axes = replace(
+            axes,
+            models=(*axes.models, *missing_models),
+            prices=(*axes.prices, *missing_prices) if axes.prices else (),
         )
         yard = Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
         sensors_on = Counter(mounted.mount for mounted in yard.place(sensors).sensors)
@@ -286,69 +299,78 @@ class Yard:
         return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
 
     def place(self, sensors: Iterable[Sensor]) -> Variant:
-        """Variant of sensors in their poses, each on the nearest pole or an additional one.
+        """Return a variant of sensors in their poses, each on the nearest pole or an added one.
 
-        Heights, headings and tilts that a step of the stock equals but for rounding become that
+        Heights, headings and tilts that equal a step of the stock but for rounding become that
         step. Raises ValueError for a model that the stock lacks."""
         variant = Variant()
         axes = self.stock.axes
         for sensor in sensors:
-            (x, y, z), ((heading,), (tilt,)) = sensor.position.tolist(), aims([sensor])
-            mount, variant = self._mount_near(variant, (x, y), SNAP)
-            height = _find_step(axes.heights, z - float(mount.position[2]))
-            aim = (
-                _find_step(axes.headings, float(heading), math.tau),
-                _find_step(axes.tilts, float(tilt)),
-            )
-            name = free_name(variant, sensor.name)
+            x, y, z = sensor.position.tolist()
+            (heading,), (tilt,) = aims([sensor])
+            mount, variant = self._find_or_add_nearest(variant, (x, y))
+            foot_z = float(mount.position[2])
             live_sensor = LiveSensor(
-                name, self.name_model(sensor.model), mount.name, x, y, height, *aim
+                name=free_name(variant, sensor.name),
+                model=self.name_model(sensor.model),
+                mount=mount.name,
+                x=x,
+                y=y,
+                height=_find_step(axes.heights, z - foot_z),
+                heading=_find_step(axes.headings, float(heading), math.tau),
+                tilt=_find_step(axes.tilts, float(tilt)),
             )
             variant = replace(variant, sensors=(*variant.sensors, live_sensor))
         return variant
 
-    def _mount_near(
-        self, variant: Variant, spot: tuple[float, float], within: float
+    def _find_or_add_nearest(
+        self, variant: Variant, spot: tuple[float, float]
     ) -> tuple[Mount, Variant]:
-        # nearest pole and the same variant, if it is within a distance (m) of a spot (x, y in m);
-        # else a new pole on the ground there, like the nearest one, and the variant with it
+        """Return the nearest pole within `SNAP_M` of a spot, and the variant unchanged.
+
+        Without one, return a new pole on the ground at the spot, otherwise like the nearest, and
+        the variant with this pole added. spot: x and y (m)."""
         mounts = [*self.stock.mounts, *variant.poles]
         distances = [float(np.hypot(*(mount.position[:2] - spot))) for mount in mounts]
         nearest = mounts[int(np.argmin(distances))]
-        if min(distances) <= within:
+        if min(distances) <= SNAP_M:
             return nearest, variant
         foot = np.array([*spot, float(self.site.ground(np.array(spot)))])
-        name = "own pole 1"
+        taken_names = {mount.name for mount in mounts}
         number = 1
-        while name in {mount.name for mount in mounts}:
-            name = f"own pole {number + 1}"
-            number = number + 1
-        price = max(mount.price for mount in self.stock.mounts)  # the dearest pole's
-        pole = replace(nearest, name=name, position=foot, price=price, origin="drawn")
+        while f"own pole {number}" in taken_names:
+            number += 1
+        pole = replace(
+            nearest,
+            name=f"own pole {number}",
+            position=foot,
+            price=max(mount.price for mount in self.stock.mounts),  # as dear as the dearest
+            origin="drawn",
+        )
         return pole, replace(variant, poles=(*variant.poles, pole))
 
-    def stand(self, variant: Variant, where: Where) -> tuple[Mount, Variant]:
-        """Find the pole of a name or near a place, or make one there.
+    def find_or_add_pole(self, variant: Variant, where: PoleOrSpot) -> tuple[Mount, Variant]:
+        """Find a pole by name or near a spot, or add one at the spot.
 
-        where: name of a pole, or x and y (m) of a place, from which a pole within `SNAP` is taken.
+        where: name of a pole, or x and y (m) of a spot; a pole within `SNAP_M` of it is taken.
 
         Returns:
             The pole, and the variant: the same one, or with the new pole added.
 
         Raises:
-            ValueError: For an unknown pole, and a place or pole that may not be used.
+            ValueError: For an unknown pole, and a spot or pole that may not be used.
         """
         if isinstance(where, str):
             mount = self.find_mount(variant, where)
             after = variant
         else:
-            spot = float(where[0]), float(where[1])
-            mount, after = self._mount_near(variant, spot, SNAP)
-            # another variant means a new pole
-            if after is not variant and (reason := self.refuse(spot)):
-                raise ValueError(f"no pole can stand at {spot[0]:.1f}, {spot[1]:.1f}: {reason}")
-        if self.bars(variant, mount):
-            raise ValueError(f"{mount.name} cannot be used: {KEPT_OUT}")
+            x, y = float(where[0]), float(where[1])
+            mount, after = self._find_or_add_nearest(variant, (x, y))
+            is_new = after is not variant
+            if is_new and (reason := self.refusal_reason((x, y))):
+                raise ValueError(f"no pole can stand at {x:.1f}, {y:.1f}: {reason}")
+        if variant.keeps_out(mount):
+            raise ValueError(f"{mount.name} cannot be used: {KEEP_OUT_REASON}")
         return mount, after
 
     def has_room(self, variant: Variant, mount: str) -> bool:
@@ -361,72 +383,72 @@ class Yard:
         if not self.has_room(variant, mount):
             raise ValueError(f"{mount} carries all the sensors that it may: take another pole")
 
-    def bars(self, variant: Variant, mount: Mount) -> bool:
-        """True for a pole within `KERB_GAP` of a keep-out area of the variant."""
-        point = shapely.Point(mount.position[:2])
-        return any(
-            shapely.Polygon(corners).distance(point) < KERB_GAP for corners in variant.keep_out
-        )
-
-    def list_barred(self, variant: Variant) -> list[str]:
+    def list_kept_out(self, variant: Variant) -> list[str]:
         """Names of the sensors of a variant whose poles are in its keep-out areas."""
         names = []
         for sensor in variant.sensors:
-            if variant.keep_out and self.bars(variant, self.find_mount(variant, sensor.mount)):
+            if variant.keep_out and variant.keeps_out(self.find_mount(variant, sensor.mount)):
                 names.append(sensor.name)
         return names
 
-    def refuse(self, spot: tuple[float, float]) -> str:
+    def refusal_reason(self, spot: tuple[float, float]) -> str:
         """Reason why no new pole may be at a spot (x, y in m), "" if one may.
 
-        The keep-out areas are the yard's; a variant's areas are for `bars`."""
+        The keep-out areas are the yard's; a variant's areas are for `Variant.keeps_out`."""
         point = shapely.Point(spot)
         xmin, ymin, xmax, ymax = self.site.area.tolist()
-        if point.distance(shapely.box(xmin, ymin, xmax, ymax)) > FARTHEST:
-            return f"it is more than {FARTHEST:g} m from the detection area"
-        for reason, area in self._barred.items():
-            if area.distance(point) < KERB_GAP:
+        if point.distance(shapely.box(xmin, ymin, xmax, ymax)) > MAX_DRAWN_POLE_DISTANCE_M:
+            return f"it is more than {MAX_DRAWN_POLE_DISTANCE_M:g} m from the detection area"
+        for reason, area in self._forbidden_areas.items():
+            if area.distance(point) < KERB_GAP_M:
                 return reason
         return ""
 
     @cached_property
-    def _barred(self) -> dict[str, shapely.Geometry]:
-        # area that no new pole may use, by the reason; prepared for many distance queries
-        solid = [
+    def _forbidden_areas(self) -> dict[str, shapely.Geometry]:
+        """Areas that no new pole may use, joined by reason and prepared for distance queries.
+
+        The reasons are texts for errors, such as "it is on a lane"."""
+        obstacles = [
             shapely.Polygon(shape.footprint)
             for shape in self.site.solids
             if shape.kind not in PASSABLE
         ]
         lanes = [shapely.Polygon(lane) for lane in self.site.lanes]
-        areas = {"it is on a lane": lanes, "something stands there": solid, KEPT_OUT: self.keep_out}
-        barred = {
-            reason: shapely.union_all(list(shape)) for reason, shape in areas.items() if len(shape)
+        parts_by_reason = {
+            "it is on a lane": lanes,
+            "something stands there": obstacles,
+            KEEP_OUT_REASON: self.keep_out,
         }
-        for shape in barred.values():
-            shapely.prepare(shape)
-        return barred
+        area_by_reason = {}
+        for reason, parts in parts_by_reason.items():
+            if len(parts):
+                area_by_reason[reason] = shapely.union_all(list(parts))
+        for area in area_by_reason.values():
+            shapely.prepare(area)
+        return area_by_reason
 
     def candidates(self, variant: Variant) -> Candidates:
         """Sensors of a variant, failed ones included, as candidates in the same order.
 
         Their mounts are the stock's poles and then the variant's."""
         mounts = (*self.stock.mounts, *variant.poles)
-        index = {mount.name: k for k, mount in enumerate(mounts)}
+        index_of = {mount.name: k for k, mount in enumerate(mounts)}
         sensors = [self.build_sensor(variant, live_sensor) for live_sensor in variant.sensors]
-        aim = np.array(
-            [
-                (live_sensor.height, live_sensor.heading, live_sensor.tilt)
-                for live_sensor in variant.sensors
-            ]
-        ).reshape(-1, 3)
-        rows = np.array([index[live_sensor.mount] for live_sensor in variant.sensors], np.int64)
+        aim_rows = [(s.height, s.heading, s.tilt) for s in variant.sensors]
+        mount_indices = [index_of[s.mount] for s in variant.sensors]
         stock = replace(self.stock, mounts=mounts) if variant.poles else self.stock
-        return Candidates.from_poses(sensors, rows, aim, stock)
+        return Candidates.from_poses(
+            sensors,
+            mount=np.array(mount_indices, np.int64),
+            aim=np.array(aim_rows).reshape(-1, 3),  # three columns even without a sensor
+            pool=stock,
+        )
 
     def build_sensor(self, variant: Variant, sensor: LiveSensor) -> Sensor:
         """Build the sensor, with model and pose in the site's frame, that a variant describes."""
-        foot = float(self.find_mount(variant, sensor.mount).position[2])
-        return _hang(sensor, self.models[sensor.model], foot)
+        foot_z = float(self.find_mount(variant, sensor.mount).position[2])
+        return _build_sensor(sensor, self.models[sensor.model], foot_z)
 
     def check(self, variant: Variant) -> Variant:
         """Return a variant unchanged if it fits the yard.
@@ -449,63 +471,79 @@ class Yard:
                 raise ValueError(
                     f"there is no model {sensor.model!r}: the stock has {', '.join(self.models)}"
                 )
-            self._check_place(sensor, mount)
+            _check_mounting(sensor, mount, self._site_heights.get(mount.name, []))
         return variant
 
     def _check_pole(self, pole: Mount) -> None:
-        # raise ValueError for a pole far from the detection area, or with its foot off the ground
+        """Raise ValueError for a pole far from the detection area, or off the ground.
+
+        A pole of a present sensor of the site may be at any distance."""
         foot_xy = pole.position[:2]
-        is_present = any(np.hypot(*(spot - foot_xy)) <= SNAP for spot in self._present)
-        distance_m = shapely.box(*self.site.area.tolist()).distance(shapely.Point(foot_xy))
-        if distance_m > FARTHEST and not is_present:
-            far = f"{pole.name} stands {distance_m:.6g} m from the detection area"
-            raise ValueError(f"{far}, more than {FARTHEST:g} m: move it, or leave it out")
-        foot = float(self.site.ground(foot_xy))
-        if abs(pole.position[2] - foot) > MAX_FOOT_GAP_M:
-            raise ValueError(
-                f"{pole.name} has its foot at z = {pole.position[2]:g} m, but the ground is at "
-                f"{foot:.1f} m"
-            )
-
-    def _check_place(self, sensor: LiveSensor, mount: Mount) -> None:
-        # raise ValueError for a sensor off its pole, beyond its heights, or tilted too far
-        distance_m = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
-        if distance_m > SNAP:
-            problem = (
-                f"{sensor.name} hangs {distance_m:.6g} m from its pole {mount.name}, more than "
-                f"{SNAP:g} m"
-            )
-            raise ValueError(
-                f"{problem}: give it the place of its pole, or carry it to another one"
-            )
-        usual = mount.min_height, mount.max_height
-        # a sensor of the site may keep its height beyond the usual ones
-        low, high = (
-            pick(pick(usual), *self._heights.get(mount.name, usual)) for pick in (min, max)
+        carries_present_sensor = any(
+            np.hypot(*(sensor.position[:2] - foot_xy)) <= SNAP_M for sensor in self.site.sensors
         )
-        if not low - SLACK_M <= sensor.height <= high + SLACK_M:
+        distance_m = shapely.box(*self.site.area.tolist()).distance(shapely.Point(foot_xy))
+        if distance_m > MAX_DRAWN_POLE_DISTANCE_M and not carries_present_sensor:
             problem = (
-                f"{sensor.name} hangs {sensor.height:.6g} m up, but {mount.name} takes {low:g} to "
-                f"{high:g} m"
+                f"{pole.name} stands {distance_m:.6g} m from the detection area, more than "
+                f"{MAX_DRAWN_POLE_DISTANCE_M:g} m"
             )
-            raise ValueError(f"{problem}: give another height")
-        if not abs(sensor.tilt) <= np.pi / 2 + SLACK_M:
+            raise ValueError(f"{problem}: move it, or leave it out")
+        foot_z = pole.position[2]
+        ground_z = float(self.site.ground(foot_xy))
+        if abs(foot_z - ground_z) > MAX_FOOT_GAP_M:
             raise ValueError(
-                f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90"
+                f"{pole.name} has its foot at z = {foot_z:g} m, but the ground is at "
+                f"{ground_z:.1f} m"
             )
 
     @cached_property
-    def _present(self) -> list[np.ndarray]:
-        """Positions (x, y in m) of the site's present sensors."""
-        return [sensor.position[:2] for sensor in self.site.sensors]
-
-    @cached_property
-    def _heights(self) -> dict[str, list[float]]:
+    def _site_heights(self) -> dict[str, list[float]]:
         """Heights (m above the foot) of the site's present sensors, by name of the pole."""
         heights = defaultdict[str, list[float]](list)
         for sensor in self.place(self.site.sensors).sensors:
             heights[sensor.mount].append(sensor.height)
         return heights
+
+
+def _list_missing_mounts(site: Site, stock: Candidates, sensors: Iterable[Sensor]) -> list[Mount]:
+    """Mounts of the site within `SNAP_M` of a sensor that the stock lacks by name."""
+    spots = [sensor.position[:2] for sensor in sensors]
+    known_names = {mount.name for mount in stock.mounts}
+    missing_mounts = []
+    for mount in site.mounts:
+        foot_xy = mount.position[:2]
+        carries_sensor = any(np.hypot(*(spot - foot_xy)) <= SNAP_M for spot in spots)
+        if carries_sensor and mount.name not in known_names:
+            missing_mounts.append(mount)
+            known_names.add(mount.name)
+    return missing_mounts
+
+
+def _check_mounting(sensor: LiveSensor, mount: Mount, present_heights: list[float]) -> None:
+    """Raise ValueError for a sensor off its pole, beyond its heights, or tilted too far.
+
+    present_heights: heights (m above the foot) of the pole's sensors at the site, which are allowed
+    even beyond the pole's range."""
+    distance_m = float(np.hypot(sensor.x - mount.position[0], sensor.y - mount.position[1]))
+    if distance_m > SNAP_M:
+        problem = (
+            f"{sensor.name} hangs {distance_m:.6g} m from its pole {mount.name}, more than "
+            f"{SNAP_M:g} m"
+        )
+        raise ValueError(f"{problem}: give it the place of its pole, or carry it to another one")
+    low = min(mount.min_height, mount.max_height, *present_heights)
+    high = max(mount.min_height, mount.max_height, *present_heights)
+    if not low - SLACK_M <= sensor.height <= high + SLACK_M:
+        problem = (
+            f"{sensor.name} hangs {sensor.height:.6g} m up, but {mount.name} takes {low:g} to "
+            f"{high:g} m"
+        )
+        raise ValueError(f"{problem}: give another height")
+    if not abs(sensor.tilt) <= np.pi / 2 + SLACK_M:
+        raise ValueError(
+            f"{sensor.name} is tilted by {np.rad2deg(sensor.tilt):.4g} degrees, more than 90"
+        )
 
 
 def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = math.inf) -> float:
@@ -519,34 +557,34 @@ def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = m
 
 
 @lru_cache(maxsize=64)
-def _hang(sensor: LiveSensor, model: SensorModel, foot: float) -> Sensor:
-    # sensor of a model in its pose; foot: z of the pole's foot (m). Cached: sensors rarely change
-    plain = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
-    return aim_sensor(
-        plain, np.array([sensor.x, sensor.y, foot + sensor.height]), sensor.heading, sensor.tilt
-    )
+def _build_sensor(sensor: LiveSensor, model: SensorModel, foot_z: float) -> Sensor:
+    # sensor of a model in its pose; foot_z: z (m) of the pole's foot. Cached: sensors rarely change
+    position = np.array([sensor.x, sensor.y, foot_z + sensor.height])
+    unaimed_sensor = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
+    return aim_sensor(unaimed_sensor, position, sensor.heading, sensor.tilt)
 
 
 def name_on_pole(variant: Variant, pole: str) -> str:
-    """Name of one more sensor on a pole that no sensor of the variant has.
+    """Return an unused name for one more sensor on a pole: the pole's, with b, c, … if needed.
 
-    It is made of the pole's name, with b, c, … after it if that is taken."""
-    names = {sensor.name for sensor in variant.sensors}
-    plain = name_sensor(pole)[:LONGEST_NAME]
-    lettered = (f"{plain} {letter}" for letter in ascii_lowercase[1:])
-    return next(
-        (name for name in (plain, *lettered) if name not in names), free_name(variant, plain)
-    )
+    After z come numbers. pole: name of the pole."""
+    taken_names = {sensor.name for sensor in variant.sensors}
+    stem = name_sensor(pole)[:MAX_NAME_LENGTH]
+    lettered_names = [f"{stem} {letter}" for letter in ascii_lowercase[1:]]  # from b on
+    for name in (stem, *lettered_names):
+        if name not in taken_names:
+            return name
+    return free_name(variant, stem)
 
 
 def free_name(variant: Variant, stem: str) -> str:
-    """Name that no sensor of the variant has: a stem, with a number if that is taken.
+    """Return a name that no sensor of the variant has: a stem, with a number if that is taken.
 
-    A number at the end of the stem is replaced."""
-    names = {sensor.name for sensor in variant.sensors}
-    name = stem[:LONGEST_NAME]
+    A number at the end of the stem is replaced: "cam 2" gives "cam 4" if 2 and 3 are taken."""
+    taken_names = {sensor.name for sensor in variant.sensors}
+    name = stem[:MAX_NAME_LENGTH]
     number = 1
-    while name in names:
+    while name in taken_names:
         number += 1
         name = f"{stem.rstrip('0123456789').rstrip() or stem} {number}"
     return name

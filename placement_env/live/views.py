@@ -16,7 +16,7 @@ from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility
 from placement_env.live.figures import Meter
 from placement_env.live.stock_views import StockViews, join_views
-from placement_env.live.variant import TILT_SPAN, Variant, Yard
+from placement_env.live.variant import TILT_SPAN_RAD, Variant, Yard
 from toolkit.arrays import Bool
 from toolkit.sensors.sensor import Sensor
 
@@ -55,7 +55,7 @@ class SensorViews:
     def __init__(self, yard: Yard, meter: Meter) -> None:
         self._yard = yard
         self._meter = meter
-        self._preparation = meter.preparation
+        self._preparation = meter.preparation  # its `live` holds panoramas, None without them
         # view by model and pose, the oldest first, and True if it is from the sensor's exact height
         self._rows = dict[object, tuple[SensorRow, bool]]()
         self.stock = StockViews(self._preparation)
@@ -74,32 +74,34 @@ class SensorViews:
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
         """View of sensors, and True if one is interpolated between heights."""
-        live = self._preparation.live
-        coarse = False
+        panoramas = self._preparation.live
+        is_coarse = False
         rows: list[SensorRow] = []
         for k, sensor in enumerate(candidates.sensors):
             key = (sensor.model, sensor.pose.tobytes())
-            row, fine = self._rows.get(key, (None, False))
-            if row is None or (not fine and live is not None and live.knows(sensor)):
-                # asked before, as another thread may refine
-                fine = live is None or live.knows(sensor)
+            row, is_exact = self._rows.get(key, (None, False))
+            if row is None or (not is_exact and panoramas is not None and panoramas.knows(sensor)):
+                # asked before the look, as another thread may add the panorama meanwhile
+                is_exact = panoramas is None or panoramas.knows(sensor)
                 row = self._look_at(candidates.select([k]))
                 while len(self._rows) >= MAX_LIVE_VIEWS:
-                    self._rows.pop(next(iter(self._rows)), None)
-                self._rows[key] = row, fine
+                    oldest_key = next(iter(self._rows))
+                    self._rows.pop(oldest_key, None)
+                self._rows[key] = row, is_exact
             rows.append(row)
-            coarse |= not fine
-        return join_views(self._meter.unseen, rows), coarse
+            is_coarse |= not is_exact
+        return join_views(self._meter.unseen, rows), is_coarse
 
     def _look_at(self, candidate: Candidates) -> SensorRow:
-        # view of one candidate from the nearest panoramas, or from rays without panoramas
-        live = self._preparation.live
-        if live is None:
+        # view of a single candidate from the nearest panoramas, or from rays without panoramas
+        panoramas = self._preparation.live
+        if panoramas is None:
             labels = self._preparation.setting.counted.labels
             traffic = self._preparation.traffic
             seen = see(traffic, candidate, labels=labels, rendering="full")
         else:
-            seen = live.see(candidate, reach="nearest")
+            seen = panoramas.see(candidate, reach="nearest")
+        # row 0 is the only candidate
         return seen.points[0], seen.distance[0], seen.sent[0], seen.far[0]
 
     def refine(self, variant: Variant) -> bool:
@@ -107,21 +109,24 @@ class SensorViews:
 
         The sensors of the variant come first, then tables of rays of their models, other heights
         of their poles (the nearest first), and at last the stock."""
-        live = self._preparation.live
-        if live is None:
+        panoramas = self._preparation.live
+        if panoramas is None:
             return False
         candidates = self._yard.candidates(variant)
 
         def make_one(sensors: Iterable[tuple[int, Sensor]]) -> bool:
-            return any(make_view(live, candidates, k, sensor) for k, sensor in sensors)
+            # make the first missing panorama for sensors, given with indices of their candidates;
+            # `any` ends at it
+            return any(make_view(panoramas, candidates, k, sensor) for k, sensor in sensors)
 
         if make_one(enumerate(candidates.sensors)):
             return True
-        models = dict.fromkeys(sensor.model for sensor in candidates.sensors)
-        if any(make_table_ahead(model, *TILT_SPAN, USUAL_TILT_RAD) for model in models):
+        min_tilt, max_tilt = TILT_SPAN_RAD
+        models = dict.fromkeys(sensor.model for sensor in candidates.sensors)  # each once, in order
+        if any(make_table_ahead(model, min_tilt, max_tilt, USUAL_TILT_RAD) for model in models):
             return True
         # if memory is full, these would push each other out for ever
-        if not live.full and make_one(_raise_sensors(candidates)):
+        if not panoramas.full and make_one(_raise_sensors(candidates)):
             return True
         return self.stock.look_further()
 
@@ -153,24 +158,23 @@ class AllFrames:
         return self.preparation is not None
 
     def fetch(
-        self, candidates: Callable[[], list[Candidates]], show: Callable[[Preparation], None]
+        self, list_candidates: Callable[[], list[Candidates]], show: Callable[[Preparation], None]
     ) -> None:
         """Make one missing view of all frames, or show their figures if no view is missing.
 
-        candidates: function that lists the sensors whose views are needed; show: function that
-        takes the preparation of all frames, shows its figures and calls `end`."""
+        list_candidates: function that returns the sensors whose views are needed, by variant; show:
+        function that takes the preparation of all frames, shows its figures and calls `end`."""
         with self.fetching:
             preparation = self.preparation
             if preparation is None:
                 return
-            rows = (
-                (shown, k, sensor)
-                for shown in candidates()
-                for k, sensor in enumerate(shown.sensors)
-            )
-            live = preparation.live
-            if live is None or not any(make_view(live, *row) for row in rows):
-                show(preparation)
+            panoramas = preparation.live
+            if panoramas is not None:
+                for candidates in list_candidates():
+                    for k, sensor in enumerate(candidates.sensors):
+                        if make_view(panoramas, candidates, k, sensor):
+                            return
+            show(preparation)
 
     def end(self) -> None:
         """Await no more frames."""
@@ -186,24 +190,26 @@ def hold_back(preparation: Preparation | None, hold: Callable[[], bool]) -> None
         preparation.live.hold = hold
 
 
-def make_view(live: TrafficView, candidates: Candidates, k: int, sensor: Sensor) -> bool:
+def make_view(panoramas: TrafficView, candidates: Candidates, k: int, sensor: Sensor) -> bool:
     """Make the panorama for a sensor on the mount of candidate k; False if it is known."""
-    if live.knows(sensor):
+    if panoramas.knows(sensor):
         return False
-    live.see(replace(candidates.select([k]), sensors=(sensor,)), reach="own")
+    panoramas.see(replace(candidates.select([k]), sensors=(sensor,)), reach="own")
     return True
 
 
 def _raise_sensors(candidates: Candidates) -> Iterator[tuple[int, Sensor]]:
     """Yield the sensors at the other heights of their poles, the nearest heights first.
 
-    Each comes with the index of its candidate. Their aim is 0: panoramas hold for any aim."""
-    rises: list[tuple[float, int]] = []
+    Each comes after the index of its candidate. Heading and tilt are 0: panoramas hold for any
+    aim."""
+    rises: list[tuple[float, int]] = []  # way up (m) from the present height, and candidate
     for k, sensor in enumerate(candidates.sensors):
         mount = candidates.mounts[candidates.mount[k]]
-        foot_below = float(mount.position[2] - sensor.position[2])
-        rises += [(foot_below + height, k) for height in list_heights(mount)]
+        rise_to_foot = float(mount.position[2] - sensor.position[2])  # negative
+        rises += [(rise_to_foot + height, k) for height in list_heights(mount)]
     rises.sort(key=lambda rise: abs(rise[0]))
-    for up, k in rises:  # way up (m) from the present height
+    for up, k in rises:
         sensor = candidates.sensors[k]
-        yield k, aim_sensor(sensor, sensor.position + np.array([0.0, 0.0, up]), 0.0, 0.0)
+        position = sensor.position + np.array([0.0, 0.0, up])
+        yield k, aim_sensor(sensor, position, heading=0.0, tilt=0.0)

@@ -111,7 +111,7 @@ def test_a_lane_against_the_traffic_is_for_those_whom_the_map_names():
     assert reading.oneway == "no"
     assert reading.rules.users[0] == frozenset(nets.MOTOR.split())
     assert reading.rules.users[1] == {"bus", "taxi", "emergency"}
-    assert road_rules.CONTRAFLOW not in reading.notes
+    assert road_rules.CONTRAFLOW_NOTE not in reading.notes
     assert read_rules({"highway": "secondary", **tags}).oneway == "yes"
 
 
@@ -160,33 +160,33 @@ def test_a_source_or_zone_tells_the_limit_where_none_is_given():
 @pytest.mark.parametrize(
     ("tags", "note"),
     [
-        ({"motor_vehicle": "destination"}, road_rules.LOCAL),
-        ({"motor_vehicle:conditional": "no @ (22:00-06:00)"}, road_rules.HOURS),
-        ({"maxspeed:conditional": "30 @ (22:00-06:00)"}, road_rules.HOURS),
-        ({"bus:lanes": "yes|designated"}, road_rules.OWN_LANES),
-        ({"lanes:psv": "1"}, road_rules.OWN_LANES),
-        ({"busway:right": "lane"}, road_rules.OWN_LANES),
-        ({"cycleway:right": "lane"}, road_rules.OWN_LANES),
-        ({"hov": "designated"}, road_rules.OWN_LANES),
-        ({"turn:lanes": "left|through"}, road_rules.ARROWS),
-        ({"oneway": "yes", "oneway:bicycle": "no"}, road_rules.CONTRAFLOW),
-        ({"oneway": "yes", "cycleway": "opposite"}, road_rules.CONTRAFLOW),
-        ({"oneway": "yes", "oneway:psv": "no"}, road_rules.CONTRAFLOW),
-        ({"oneway": "T"}, road_rules.DIRECTION),
-        ({"oneway": "reversible"}, road_rules.EITHER),
-        ({"access": "sometimes"}, road_rules.UNREAD),
-        ({"maxspeed": "fast"}, road_rules.UNREAD_SPEED),
-        ({"maxspeed": "70|100"}, road_rules.UNREAD_SPEED),
-        ({"maxspeed": "signals"}, road_rules.VARIABLE),
-        ({"maxspeed:hgv": "60"}, road_rules.SPEEDS),
-        ({"lanes": "2;3"}, road_rules.LANES),
-        ({"lanes:both_ways": "1"}, road_rules.MIDDLE),
-        ({"lanes": "1"}, road_rules.SINGLE),
-        ({"width": "3.5"}, road_rules.WIDTHS_UNUSED),
-        ({"incline": "10%"}, road_rules.SLOPES),
-        ({"maxweight": "3.5"}, road_rules.SIZES),
-        ({"bicycle_road": "yes"}, road_rules.CYCLE_ROAD),
-        ({"access": "no"}, road_rules.CLOSED),
+        ({"motor_vehicle": "destination"}, road_rules.LOCAL_NOTE),
+        ({"motor_vehicle:conditional": "no @ (22:00-06:00)"}, road_rules.HOURS_NOTE),
+        ({"maxspeed:conditional": "30 @ (22:00-06:00)"}, road_rules.HOURS_NOTE),
+        ({"bus:lanes": "yes|designated"}, road_rules.OWN_LANES_NOTE),
+        ({"lanes:psv": "1"}, road_rules.OWN_LANES_NOTE),
+        ({"busway:right": "lane"}, road_rules.OWN_LANES_NOTE),
+        ({"cycleway:right": "lane"}, road_rules.OWN_LANES_NOTE),
+        ({"hov": "designated"}, road_rules.OWN_LANES_NOTE),
+        ({"turn:lanes": "left|through"}, road_rules.ARROWS_NOTE),
+        ({"oneway": "yes", "oneway:bicycle": "no"}, road_rules.CONTRAFLOW_NOTE),
+        ({"oneway": "yes", "cycleway": "opposite"}, road_rules.CONTRAFLOW_NOTE),
+        ({"oneway": "yes", "oneway:psv": "no"}, road_rules.CONTRAFLOW_NOTE),
+        ({"oneway": "T"}, road_rules.DIRECTION_NOTE),
+        ({"oneway": "reversible"}, road_rules.EITHER_NOTE),
+        ({"access": "sometimes"}, road_rules.UNREAD_NOTE),
+        ({"maxspeed": "fast"}, road_rules.UNREAD_SPEED_NOTE),
+        ({"maxspeed": "70|100"}, road_rules.UNREAD_SPEED_NOTE),
+        ({"maxspeed": "signals"}, road_rules.VARIABLE_NOTE),
+        ({"maxspeed:hgv": "60"}, road_rules.SPEEDS_NOTE),
+        ({"lanes": "2;3"}, road_rules.LANES_NOTE),
+        ({"lanes:both_ways": "1"}, road_rules.MIDDLE_NOTE),
+        ({"lanes": "1"}, road_rules.SINGLE_NOTE),
+        ({"width": "3.5"}, road_rules.WIDTHS_UNUSED_NOTE),
+        ({"incline": "10%"}, road_rules.SLOPES_NOTE),
+        ({"maxweight": "3.5"}, road_rules.SIZES_NOTE),
+        ({"bicycle_road": "yes"}, road_rules.CYCLE_ROAD_NOTE),
+        ({"access": "no"}, road_rules.CLOSED_NOTE),
     ],
 )
 def test_what_is_not_used_is_said(tags, note):
@@ -569,9 +569,9 @@ def test_lanes_of_each_direction_count_before_their_sum(tmp_path: Path):
     for tags, note in (
         (
             {"lanes": "3", "lanes:forward": "1", "lanes:backward": "1", "lanes:both_ways": "1"},
-            road_rules.MIDDLE,
+            road_rules.MIDDLE_NOTE,
         ),
-        ({"lanes": "5", "lanes:forward": "1", "lanes:backward": "1"}, road_rules.SUM),
+        ({"lanes": "5", "lanes:forward": "1", "lanes:backward": "1"}, road_rules.SUM_NOTE),
     ):
         site, notes = read_site(
             write_streets(tmp_path / "lanes.osm", (EAST, {"highway": "secondary", **tags}))
@@ -579,7 +579,7 @@ def test_lanes_of_each_direction_count_before_their_sum(tmp_path: Path):
         assert [len(lanes) for lanes in edges_of(site).values()] == [1, 1]
         assert any(note in text for text in notes)
     assert (
-        road_rules.SUM
+        road_rules.SUM_NOTE
         not in read_rules({"highway": "primary", "lanes": "2", "lanes:forward": "1"}).notes
     )
 
@@ -610,7 +610,8 @@ def test_limits_of_size_in_other_words():
     assert allowed(maxweight__hgv="3.5") & {"truck", "bus"} == {"bus"}
     assert allowed(maxheight="11'9\"") >= {"truck"}  # 3.58 m
     assert (
-        road_rules.UNREAD in read_rules({"highway": "residential", "access": "designated"}).notes
+        road_rules.UNREAD_NOTE
+        in read_rules({"highway": "residential", "access": "designated"}).notes
     )  # osrm-backend#866
 
 
@@ -627,12 +628,13 @@ def test_one_way_for_some_users_only():
     assert allowed(1, oneway__psv="yes", oneway__bus="no") == both - {"taxi"}
     against = read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "-1"})
     assert against.rules.users[0] == frozenset(nets.MOTOR.split()) - {"bus"}
-    assert road_rules.SOME_AGAINST in against.notes
+    assert road_rules.SOME_AGAINST_NOTE in against.notes
     assert (
-        road_rules.DIRECTION in read_rules({"highway": "residential", "oneway:bus": "peak"}).notes
+        road_rules.DIRECTION_NOTE
+        in read_rules({"highway": "residential", "oneway:bus": "peak"}).notes
     )
     assert (
-        road_rules.CONTRAFLOW
+        road_rules.CONTRAFLOW_NOTE
         in read_rules({"highway": "residential", "oneway:motor_vehicle": "yes"}).notes
     )
     assert not read_rules({"highway": "residential", "oneway": "yes", "oneway:bus": "yes"}).notes
@@ -643,18 +645,18 @@ def test_one_way_for_some_users_only():
 )
 def test_a_busway_of_another_value_is_said(value, note):
     reading = read_rules({"highway": "secondary", "busway:right": value})
-    assert (road_rules.OWN_LANES in reading.notes) == note
+    assert (road_rules.OWN_LANES_NOTE in reading.notes) == note
 
 
 def test_hours_of_barriers_are_said(tmp_path: Path):
     """Key:barrier takes access as roads do, also for some hours (Conditional restrictions)."""
     gate = {"barrier": "lift_gate", "motor_vehicle:conditional": "no @ (20:00-06:00)"}
     _, notes = read_site(write_map(tmp_path, MAIN, side_street(), nodes={6: gate}))
-    assert any(f"{road_rules.BARRIER_HOURS}: 1" in note for note in notes)
+    assert any(f"{road_rules.BARRIER_HOURS_NOTE}: 1" in note for note in notes)
     _, notes = read_site(
         write_map(tmp_path, MAIN, side_street(), nodes={6: {"barrier": "gate", "access": "key"}})
     )
-    assert any(road_rules.BARRIER_UNREAD in note for note in notes)
+    assert any(road_rules.BARRIER_UNREAD_NOTE in note for note in notes)
 
 
 def test_older_keys_and_roads_for_emergencies():
@@ -698,7 +700,7 @@ def test_lanes_against_a_one_way_street_carry_no_cars(tmp_path: Path, oneway, di
     write_streets(path, (((-80, 0), (80, 0)), {**tags, "lanes": "3"}))
     site, notes = read_site(path)
     assert [way for way, _ in list_driven(site)] == [direction] * 2
-    assert any(road_rules.LANES_AGAINST in note for note in notes)
+    assert any(road_rules.LANES_AGAINST_NOTE in note for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -760,4 +762,4 @@ def test_a_road_under_ground_carries_no_cars_above(tmp_path: Path, tags):
 def test_a_road_drawn_along_one_of_its_lanes_is_said():
     """Key:placement."""
     tags = {"highway": "secondary", "oneway": "yes", "lanes": "2", "placement": "right_of:1"}
-    assert road_rules.PLACEMENT in read_rules(tags).notes
+    assert road_rules.PLACEMENT_NOTE in read_rules(tags).notes

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coview.live_cameras import AWAY
+from coview.live_cameras import DISTANCE_FACTOR
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
@@ -99,7 +99,7 @@ class Page:
     def pixel(self, point):
         """Where the first view shows a point of the scene."""
         eye, middle = (np.array(each) for each in scene.overview(tuple(SITE.area.tolist())))
-        eye = middle + AWAY * (eye - middle)
+        eye = middle + DISTANCE_FACTOR * (eye - middle)
         ahead = (middle - eye) / np.linalg.norm(middle - eye)
         right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
         way, (width, height) = np.array(point) - eye, self.size

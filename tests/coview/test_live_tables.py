@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from coview.live_tables import (
-    MAP_REACH,
+    MAP_REACH_M,
     describe_ap,
     describe_suggestions,
     details_html,
@@ -202,7 +202,7 @@ def test_small_maps_show_each_sensor_with_its_field_of_view():
         corners = read_view(view.get("d"))
         np.testing.assert_allclose(corners[0], sensor.position[:2], atol=0.06)
         ways = corners[1:] - corners[0]
-        np.testing.assert_allclose(np.hypot(*ways.T), MAP_REACH, atol=0.1)
+        np.testing.assert_allclose(np.hypot(*ways.T), MAP_REACH_M, atol=0.1)
         ahead = sensor.world_SE3_body[:2, 0]
         turns = np.arctan2(ahead[0] * ways[:, 1] - ahead[1] * ways[:, 0], ways @ ahead)
         np.testing.assert_allclose(turns[4], 0.0, atol=0.01)

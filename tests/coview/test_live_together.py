@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from coview.live_cameras import CameraAim
 from coview.live_page import LivePage
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile, export_variant
@@ -37,7 +38,7 @@ def page(engine, tmp_path):
         project = ProjectFile(tmp_path / "a.live.json", engine)
         page = LivePage(server, engine, project, tmp_path)
         # as if a browser had come
-        page.cameras.aimed[0] = (page.cameras.slant, 1.5, False, page.cameras.middle)
+        page.cameras.aims[0] = CameraAim(page.cameras.slant, 1.5, False, page.cameras.middle)
         wait_for(lambda: page.has_begun and page.sensors.names)
         yield page
         page.close()
@@ -140,7 +141,7 @@ def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(
     with monkeypatch.context() as patch:
         patch.setattr(page.areas, "draw", fail)
         patch.setattr(page.planner, "refine", fail)
-        page.jobs._touched = 0.0
+        page.jobs._used_at_s = 0.0
         page.change(page.planner.lock, "d0")
         settle(page)
         time.sleep(0.5)

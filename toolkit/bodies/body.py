@@ -5,7 +5,7 @@ floor. The box is tight around the whole mesh, umbrellas and loads included, unl
 otherwise: wing mirrors of drawn bodies stick out of their boxes, as annotators of real data leave
 them out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,10 +41,8 @@ class Body:
         The middle is in the body's frame: 0, 0, 0 unless parts stick out of the truth box."""
         if self.truth is None:
             return np.array([0.0, 0.0, 0.0, *self.size])
-        low, high = (
-            self.vertices.min(axis=0).astype(np.float64),
-            self.vertices.max(axis=0).astype(np.float64),
-        )
+        low = self.vertices.min(axis=0).astype(np.float64)
+        high = self.vertices.max(axis=0).astype(np.float64)
         return np.concatenate([(low + high) / 2, high - low])
 
 
@@ -81,7 +79,8 @@ def stretch_randomly(body: Body, rng: Rng) -> Body:
     """Stretch a body and its box along each axis by a factor N(1, 0.03), cut at 0.94 and 1.06."""
     factors = 1 + 0.03 * np.clip(rng.standard_normal(3), -2, 2)
     length, width, height = (np.array(body.size) * factors).tolist()
-    truth = None if body.truth is None else (length, width, height)
-    return Body(
-        body.name, body.label, (body.vertices * factors).astype(np.float32), body.triangles, truth
+    return replace(
+        body,
+        vertices=(body.vertices * factors).astype(np.float32),
+        truth=None if body.truth is None else (length, width, height),
     )

@@ -97,10 +97,13 @@ class Proportions:
         """Half the width (m) at stations s, 0 at the front and 1 at the rear.
 
         The flanks are nearly parallel, the corners at both ends superelliptic."""
-        front = _narrow_corner(s, self.rounding[0], self.ends[0])
-        rear = _narrow_corner(1 - s, self.rounding[1], self.ends[1])
-        barrel = 1 - self.barrel * (2 * s - 1.05) ** 2
-        return self.width / 2 * barrel * np.minimum(front, rear)
+        front_rounding, rear_rounding = self.rounding
+        front_end, rear_end = self.ends
+        # all as parts of the full width
+        front = _narrow_corner(s, depth=front_rounding, end_width=front_end)
+        rear = _narrow_corner(1 - s, depth=rear_rounding, end_width=rear_end)
+        flanks = 1 - self.barrel * (2 * s - 1.05) ** 2
+        return self.width / 2 * flanks * np.minimum(front, rear)
 
 
 def _narrow_corner(
@@ -109,27 +112,31 @@ def _narrow_corner(
     """Width at stations counted from one end of a car, as parts of its full width.
 
     depth: station at which the corner ends and the width is full; end_width: width at the end."""
-    beyond = np.maximum(0.0, 1 - distance / depth)
-    return end_width + (1 - end_width) * (1 - beyond**2.6) ** (1 / 2.6)
+    # superellipse with exponent 2.6; 0 from the corner on, 1 at the end
+    to_end = np.maximum(0.0, 1 - distance / depth)
+    return end_width + (1 - end_width) * (1 - to_end**2.6) ** (1 / 2.6)
 
 
 def loft_parts(shape: Proportions) -> Mesh:
     """Mesh of body and wheels of a car, x forward, wheels on z = 0."""
-    arch_reach = shape.wheel * ARCH_FACTOR / shape.length
-    arches = [
-        axle / shape.length + arch_reach * share for axle in shape.axles for share in _ARCH_STATIONS
+    arch_radius = shape.wheel * ARCH_FACTOR / shape.length  # as stations: parts of the length
+    arch_stations = [
+        axle / shape.length + arch_radius * share
+        for axle in shape.axles
+        for share in _ARCH_STATIONS
     ]
-    stations = np.clip(np.concatenate([shape.spread, arches]), 0, 1)
-    stations = np.unique(np.round(stations, 4))
+    stations = np.clip(np.concatenate([shape.spread, arch_stations]), 0, 1)
+    stations = np.unique(np.round(stations, 4))  # sorted, from front to rear
     left = _make_half_sections(shape, stations[::-1])
     # mirrored and in reverse, without the two points in the middle, to close each ring
     right = left[:, -2:0:-1] * [1.0, -1.0, 1.0]
     parts = [loft(np.concatenate([left, right], axis=1))]
     breadth = shape.tyre * shape.width
-    wheel = make_wheel(0.0, 0.0, shape.wheel, breadth)
+    wheel = make_wheel(0.0, 0.0, radius=shape.wheel, breadth=breadth)
     for axle in shape.axles:
-        flank = float(shape.half_width(np.array([axle / shape.length]))[0]) * 0.985
-        left_wheel = place(wheel, shape.length / 2 - axle, flank - breadth / 2)
+        (half_width,) = shape.half_width(np.array([axle / shape.length]))
+        outer_side = float(half_width) * 0.985  # y of the wheel's outer side
+        left_wheel = place(wheel, x=shape.length / 2 - axle, y=outer_side - breadth / 2)
         parts += [left_wheel, flip_sides(left_wheel)]
     return merge(parts)
 
@@ -181,13 +188,18 @@ def _make_half_sections(
 
 
 def _find_roof(shape: Proportions, s: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 5"]:
-    """Heights (m) of the roof: one row per station s, one column per place of `_ROOF_SHARES`."""
-    across = np.array(_ROOF_SHARES)
+    """Heights (m) of the roof: one row per station s, one column per place of `_ROOF_SHARES`.
+
+    The heights are of the side profile, smoothed along the car; screens bulge forward and
+    backward in their middle, and the roof's edges are lower than its middle."""
+    across = np.array(_ROOF_SHARES)  # 0 in the middle of the roof, 1 at its edge
+    # shift of the station whose height is taken: forward in the front half (-1), backward behind
+    # (1), most at the edges
     bow = shape.bow * across**2 * np.clip((s[:, None] - 0.55) * 6, -1, 1)
     offsets = np.linspace(-1, 1, shape.samples) * shape.soft
-    stations = np.clip((s[:, None] + bow)[..., None] + offsets, 0, 1)
+    stations = np.clip((s[:, None] + bow)[..., None] + offsets, 0, 1)  # (station, place, sample)
     roof = shape.height * np.interp(stations, *shape.profile.T).mean(axis=-1)
-    fade = np.clip(4 * np.minimum(s, 1 - s) + 0.3, 0, 1)
+    fade = np.clip(4 * np.minimum(s, 1 - s) + 0.3, 0, 1)  # less camber at both ends
     roof -= shape.camber * across**2 * fade[:, None]
     return roof
 

@@ -93,9 +93,11 @@ def _draw_axles(kind: CarKind, length: float, wheel: float, rng: Rng) -> tuple[f
     """Draw the distances of front and rear axle from the front of a car (m).
 
     length: length of the car (m); wheel: radius of its wheels (m)."""
+    # from the axle to the end of the car (m); 4.3 and 4.6 m are usual lengths
     front_overhang = float(wheel + rng.uniform(0.32, 0.6) * min(1.0, length / 4.3))
     max_rear = 1.0 if kind.name in ("van", "pickup") else 0.75
     rear_overhang = float(wheel + rng.uniform(0.22, max_rear) * length / 4.6)
+    # shorten both by a fifth of what is in front of or behind the wheel, until the axles are apart
     while length - front_overhang - rear_overhang < MIN_WHEELBASE_SHARE * length:
         front_overhang = wheel + 0.8 * (front_overhang - wheel)
         rear_overhang = wheel + 0.8 * (rear_overhang - wheel)
@@ -109,14 +111,14 @@ def _draw_profile(kind: CarKind, rng: Rng) -> Float64[np.ndarray, "k 2"]:
     profile = _jitter_corners(kind.profile, rng)
     other_kind = CAR_KINDS[int(rng.integers(len(CAR_KINDS)))]
     other_profile = _jitter_corners(other_kind.profile, rng)
-    share = 0.0
+    other_share = 0.0
     if kind.name != "pickup":
-        share = float(np.clip(rng.exponential(0.06), 0, MAX_PROFILE_MIX))
+        other_share = float(np.clip(rng.exponential(0.06), 0, MAX_PROFILE_MIX))
     stations = np.unique(np.concatenate([profile[:, 0], _PROFILE_STATIONS]))
     heights = np.interp(stations, *profile.T)
     other_heights = np.interp(stations, *other_profile.T)
-    mixed = (1 - share) * heights + share * other_heights
-    return np.column_stack([stations, mixed / mixed.max()])
+    mixed_heights = (1 - other_share) * heights + other_share * other_heights
+    return np.column_stack([stations, mixed_heights / mixed_heights.max()])
 
 
 def _jitter_corners(profile: Profile, rng: Rng) -> Float64[np.ndarray, "k 2"]:
@@ -124,11 +126,14 @@ def _jitter_corners(profile: Profile, rng: Rng) -> Float64[np.ndarray, "k 2"]:
 
     Rows are station and height, sorted by station."""
     corners = np.array(profile)
-    corners[2:-2, 0] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
+    # views: changes of these columns change `corners`
+    stations, heights = corners.T
+    # all inner corners move together, and each a little more
+    stations[2:-2] += rng.normal(0, 0.012) + rng.normal(0, 0.012, len(corners) - 4)
     rises = np.clip(rng.normal(0, 0.02, len(corners)), -0.04, 0.04)
-    corners[:, 1] += rises * (corners[:, 1] < 0.93)
-    corners[1:-1, 0] = np.clip(corners[1:-1, 0], 0.004, 0.996)
-    return corners[np.argsort(corners[:, 0], kind="stable")]
+    heights += rises * (heights < 0.93)  # the top of the roof stays
+    stations[1:-1] = np.clip(stations[1:-1], 0.004, 0.996)
+    return corners[np.argsort(stations, kind="stable")]
 
 
 def loft_car(shape: Proportions) -> Mesh:
@@ -143,17 +148,20 @@ def build_block_car(shape: Proportions, rng: Rng) -> Mesh:
     half_width = shape.width / 2
     floor = float(rng.choice([0.02, shape.clearance], p=[0.25, 0.75]))
     chamfer = float(rng.uniform(0.0, 0.06))
-    levels = _list_lower_levels(shape, floor, chamfer)
-    cabin = _list_cabin_levels(shape, chamfer)
+    lower_levels = _list_lower_levels(shape, floor, chamfer)
+    cabin_levels = _list_cabin_levels(shape, chamfer)
+    # the wheels' outline and breadth (m)
     sides = int(rng.choice([4, 8, 12]))
     breadth = float(rng.uniform(0.15, 0.26))
     wheels = []
     if floor > 0.05 or rng.random() < 0.5:
         for axle in shape.axles:
             y = half_width - breadth / 2 - 0.005
-            wheel = make_wheel(shape.length / 2 - axle, y, shape.wheel, breadth, sides)
+            wheel = make_wheel(
+                shape.length / 2 - axle, y, radius=shape.wheel, breadth=breadth, sides=sides
+            )
             wheels += [wheel, flip_sides(wheel)]
-    blocks = [_loft_levels(levels, shape.length), _loft_levels(cabin, shape.length)]
+    blocks = [_loft_levels(levels, shape.length) for levels in (lower_levels, cabin_levels)]
     mesh = stand(merge([*blocks, *wheels]))
     return stretch(mesh, (shape.length, shape.width, shape.height))
 
@@ -164,7 +172,7 @@ def _list_lower_levels(shape: Proportions, floor: float, chamfer: float) -> list
     floor: height of its floor (m); chamfer: breadth of its slanted edges (m)."""
     half_width = shape.width / 2
     belt = shape.belt * shape.height
-    return [
+    return [  # height, front, rear and half width of each
         _Level(floor, 0.5 - 0.01, -0.49, half_width - chamfer),
         _Level(floor + chamfer + 0.01, 0.5, -0.5, half_width),
         _Level(belt - chamfer - 0.01, 0.5, -0.5, half_width),
@@ -173,17 +181,20 @@ def _list_lower_levels(shape: Proportions, floor: float, chamfer: float) -> list
 
 
 def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
-    """Levels of the cabin: its foot on the lower body, and the roof."""
-    tops = shape.profile[:, 1]
-    roof_stations = shape.profile[tops >= 0.93, 0]
-    foot_stations = shape.profile[tops >= 0.7, 0]
+    """Levels of the cabin: its foot on the lower body, and the roof.
+
+    chamfer: breadth of the slanted edges (m)."""
+    stations, tops = shape.profile.T
+    roof_stations = stations[tops >= 0.93]
+    foot_stations = stations[tops >= 0.7]
+    # x as parts of the length, from 0.5 at the front to -0.5 at the rear
     roof_front = 0.5 - roof_stations[0]
     roof_rear = 0.5 - roof_stations[-1]
     foot_front = max(0.5 - foot_stations[0] + 0.03, roof_front)
     foot_rear = min(0.5 - foot_stations[-1] - 0.02, roof_rear)
     half_width = shape.width / 2
     belt = shape.belt * shape.height
-    return [
+    return [  # height, front, rear and half width of each
         _Level(belt - 0.02, foot_front, foot_rear, half_width - chamfer),
         _Level(shape.height, roof_front, roof_rear, half_width * (1 - shape.lean)),
     ]
@@ -192,8 +203,10 @@ def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
 def _loft_levels(levels: list[_Level], length: float) -> Mesh:
     """Mesh that is lofted upwards through rectangles. length: length of the car (m)."""
     rings = []
-    for z, front, rear, y in levels:
-        front_x = length * front
-        rear_x = length * rear
+    for level in levels:
+        front_x = length * level.front
+        rear_x = length * level.rear
+        y = level.half_width
+        z = level.z
         rings.append([(rear_x, -y, z), (front_x, -y, z), (front_x, y, z), (rear_x, y, z)])
     return loft(np.array(rings))

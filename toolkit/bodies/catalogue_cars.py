@@ -67,18 +67,18 @@ def _loft_car(row: _CatalogueRow) -> tuple[Mesh, Mesh]:
     parts = [loft_parts(_make_proportions(row))]
     if row.has_rails:
         parts += _make_rails(row)
-    screen_foot = CAR_PROFILES[row.style][2][0]
+    screen_foot, _ = CAR_PROFILES[row.style][2]  # station of the third corner of the profile
     mirror_x = row.length * (0.5 - screen_foot - max(row.rake, 0.0) - 0.035)
     mirror_place = (mirror_x, row.width / 2 + 0.005, row.belt * row.height + 0.04)
-    mirror = ellipsoid(mirror_place, (0.09, 0.10, 0.075), 3, 6)
+    mirror = ellipsoid(mirror_place, radii=(0.09, 0.10, 0.075), rings=3, sides=6)
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
 def _make_proportions(row: _CatalogueRow) -> Proportions:
     """Proportions of a car of the catalogue."""
     is_pickup = row.style == "pickup"
-    profile = np.array(CAR_PROFILES[row.style])
-    profile[2:-2, 0] += row.rake
+    profile = np.array(CAR_PROFILES[row.style])  # rows of station and height
+    profile[2:-2, 0] += row.rake  # the ends stay
     share = PICKUP_FRONT_OVERHANG_SHARE if is_pickup else FRONT_OVERHANG_SHARE
     overhang = (row.length - row.wheelbase) * share
     return Proportions(
@@ -109,13 +109,14 @@ def _make_proportions(row: _CatalogueRow) -> Proportions:
 def _make_rails(row: _CatalogueRow) -> list[Mesh]:
     """Rails on both sides of a roof."""
     y = row.width * (0.5 - 0.48 * row.lean)
+    # heights of the rail's feet, and of the rail (m)
     low = row.height - 0.08
     high = row.height - 0.08 + 0.05
-    points = [
+    points = [  # x, y, z from the front to the rear
         (0.08 * row.length, y, low),
         (0.02 * row.length, y, high),
         (-0.3 * row.length, y, high),
         (-0.36 * row.length, y, low),
     ]
-    rail = tube(points, 0.02, 4)
+    rail = tube(points, radii=0.02, sides=4)
     return [rail, flip_sides(rail)]

@@ -24,7 +24,7 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
             [
                 _make_cab(LARGE_TRUCK),
                 _make_box(LARGE_TRUCK.length, 5.6, 2.45, 3.35),
-                *make_axles((2.5, -1.8), 2.4, 0.45),
+                *make_axles((2.5, -1.8), width=2.4, radius=0.45),
             ],
             _make_cab_mirror(LARGE_TRUCK),
         ),
@@ -32,7 +32,7 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
             [
                 _make_cab(SMALL_TRUCK, 1.7),
                 _make_box(SMALL_TRUCK.length, 4.35, 2.15, 2.95),
-                *make_axles((2.05, -1.55), 2.1, 0.37),
+                *make_axles((2.05, -1.55), width=2.1, radius=0.37),
             ],
             _make_cab_mirror(SMALL_TRUCK),
         ),
@@ -40,15 +40,17 @@ def trucks() -> dict[str, tuple[Mesh, Mesh]]:
             [
                 _make_cab(TIPPER),
                 _make_tipper_bed(TIPPER.length, 5.5),
-                *make_axles((2.6, -1.35, -2.65), 2.45, 0.50),
+                *make_axles((2.6, -1.35, -2.65), width=2.45, radius=0.50),
             ],
             _make_cab_mirror(TIPPER),
         ),
         "city_bus": _join(
-            [_make_bus(CITY_BUS), *make_axles((3.3, -2.6), 2.5, 0.48)], _make_bus_mirror(CITY_BUS)
+            [_make_bus(CITY_BUS), *make_axles((3.3, -2.6), width=2.5, radius=0.48)],
+            _make_bus_mirror(CITY_BUS),
         ),
         "midibus": _join(
-            [_make_bus(MIDIBUS), *make_axles((2.25, -2.15), 2.3, 0.42)], _make_bus_mirror(MIDIBUS)
+            [_make_bus(MIDIBUS), *make_axles((2.25, -2.15), width=2.3, radius=0.42)],
+            _make_bus_mirror(MIDIBUS),
         ),
     }
 
@@ -65,20 +67,20 @@ def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
     front = size.length / 2
     width = size.width
     height = size.height
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(front - cab_length, width, 0.55, height),
         ShellSection(front - 0.55, width, 0.45, height),
         ShellSection(front - 0.25, width, 0.40, height - 0.12),
         ShellSection(front - 0.07, width * 0.96, 0.40, height - 0.75),
         ShellSection(front, width * 0.88, 0.45, height - 1.25),
     ]
-    return loft_shell(sections, 0.09)
+    return loft_shell(sections, corner=0.09)
 
 
 def _make_cab_mirror(size: VehicleSize) -> Mesh:
     """Mesh of the left wing mirror of a cab."""
     middle = (size.length / 2 - 0.15, size.width / 2 + 0.12, size.height * 0.72)
-    return box((0.12, 0.16, 0.42), middle)
+    return box((0.12, 0.16, 0.42), centre=middle)
 
 
 def _make_box(truck_length: float, length: float, width: float, top: float) -> Mesh:
@@ -87,10 +89,13 @@ def _make_box(truck_length: float, length: float, width: float, top: float) -> M
     truck_length: length of the truck; length, width: size of the box; top: height of its roof (all
     m)."""
     rear = -truck_length / 2
-    sections = [ShellSection(rear, width, 0.95, top), ShellSection(rear + length, width, 0.95, top)]
-    guard = box((0.12, width * 0.95, 0.14), (rear + 0.1, 0, 0.5))
-    frame = box((truck_length - FRAME_END_M, 0.85, 0.28), (-0.35, 0, 0.80))
-    return merge([loft_shell(sections, 0.04), frame, guard])
+    sections = [  # x, width, bottom and top of each (m)
+        ShellSection(rear, width, 0.95, top),
+        ShellSection(rear + length, width, 0.95, top),
+    ]
+    guard = box((0.12, width * 0.95, 0.14), centre=(rear + 0.1, 0, 0.5))
+    frame = box((truck_length - FRAME_END_M, 0.85, 0.28), centre=(-0.35, 0, 0.80))
+    return merge([loft_shell(sections, corner=0.04), frame, guard])
 
 
 def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
@@ -99,11 +104,11 @@ def _make_tipper_bed(truck_length: float, length: float) -> Mesh:
     truck_length: length of the truck; length: length of the bed (both m)."""
     rear = -truck_length / 2
     middle = rear + length / 2
-    walls = [box((length, 0.08, 1.35), (middle, y, 1.75)) for y in (-1.2, 1.2)]
-    walls += [box((0.08, 2.45, 1.35), (x, 0, 1.75)) for x in (rear + 0.04, rear + length)]
-    heap = ellipsoid((middle, 0, 1.6), (length * 0.46, 1.12, 0.85), 5, 12)
-    floor = box((length, 2.4, 0.12), (middle, 0, 1.1))
-    frame = box((truck_length - FRAME_END_M, 0.85, 0.3), (-0.35, 0, 0.85))
+    walls = [box((length, 0.08, 1.35), centre=(middle, y, 1.75)) for y in (-1.2, 1.2)]
+    walls += [box((0.08, 2.45, 1.35), centre=(x, 0, 1.75)) for x in (rear + 0.04, rear + length)]
+    heap = ellipsoid((middle, 0, 1.6), radii=(length * 0.46, 1.12, 0.85), rings=5, sides=12)
+    floor = box((length, 2.4, 0.12), centre=(middle, 0, 1.1))
+    frame = box((truck_length - FRAME_END_M, 0.85, 0.3), centre=(-0.35, 0, 0.85))
     return merge([*walls, heap, floor, frame])
 
 
@@ -113,7 +118,7 @@ def _make_bus(size: VehicleSize) -> Mesh:
     rear = -front
     width = size.width
     height = size.height
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(rear, width * 0.9, 0.4, height - 0.25),
         ShellSection(rear + 0.12, width, 0.32, height - 0.06),
         ShellSection(rear + 0.4, width, 0.30, height),
@@ -121,15 +126,15 @@ def _make_bus(size: VehicleSize) -> Mesh:
         ShellSection(front - 0.12, width * 0.98, 0.30, height - 0.10),
         ShellSection(front, width * 0.90, 0.35, height - 0.45),
     ]
-    body = loft_shell(sections, 0.13)
+    body = loft_shell(sections, corner=0.13)
     outer_width = width + 0.04  # of pillars and skirt, next to the window band
     pillar_size = (0.14, outer_width, height - BELT_M - 0.45)
-    pillar = box(pillar_size, (0, 0, (BELT_M + height - 0.25) / 2))
-    pillars = [place(pillar, x) for x in np.arange(rear + 0.8, front - 0.7, 1.45)]
+    pillar = box(pillar_size, centre=(0, 0, (BELT_M + height - 0.25) / 2))
+    pillars = [place(pillar, x=x) for x in np.arange(rear + 0.8, front - 0.7, 1.45)]
     skirt_size = (size.length - 0.9, outer_width, BELT_M - 0.4)
-    skirt = box(skirt_size, (0, 0, (BELT_M + 0.4) / 2 + 0.02))
+    skirt = box(skirt_size, centre=(0, 0, (BELT_M + 0.4) / 2 + 0.02))
     roof_units = [
-        box((1.8, 1.5, 0.22), (x, 0, height + 0.08)) for x in (-front * 0.5, front * 0.35)
+        box((1.8, 1.5, 0.22), centre=(x, 0, height + 0.08)) for x in (-front * 0.5, front * 0.35)
     ]
     return merge([body, *pillars, skirt, *roof_units])
 
@@ -143,4 +148,4 @@ def _make_bus_mirror(size: VehicleSize) -> Mesh:
         (front + 0.12, side + 0.14, size.height - 0.5),
         (front + 0.12, side + 0.14, size.height - 0.95),
     ]
-    return tube(path, [0.03, 0.05, 0.09], 6)
+    return tube(path, radii=[0.03, 0.05, 0.09], sides=6)

@@ -33,7 +33,9 @@ def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
 
 
 def _draw_mesh(label: int, rng: Rng, evenly: bool) -> DrawnMesh:
-    """Draw a mesh of a class, by the class number. evenly: see `draw_person`."""
+    """Draw a mesh of a class, by the class number.
+
+    evenly: rare kinds of people and two-wheelers are drawn nearly as often as the usual ones."""
     if label == VEHICLE:
         return _draw_car(rng)
     if label == HEAVY:
@@ -75,8 +77,9 @@ def possible_names() -> tuple[str, ...]:
     trucks = [f"{load}_truck" for load in SUPERSTRUCTURES]
     trucks += [f"articulated_{load}" for load in SUPERSTRUCTURES]
     loaded_cars = [f"{car}_{load}" for car in cars for load in CARRIED]
-    kinds = {
-        VEHICLE: [*cars, *(f"block_{car}" for car in cars), *loaded_cars],
+    block_cars = [f"block_{car}" for car in cars]
+    kinds = {  # by class number
+        VEHICLE: [*cars, *block_cars, *loaded_cars],
         CYCLIST: TWO_WHEELERS,
         PEDESTRIAN: PEOPLE,
         HEAVY: [*trucks, *BUSES, *towing_cars],

@@ -25,12 +25,12 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     front = length / 2
     bottom = float(rng.uniform(0.25, 0.4))
     sections = _draw_sections(length, width, height, bottom, rng)
-    if is_bendy:
+    if is_bendy:  # between the third section from the rear and the fourth
         sections[3:3] = _make_bellows(length, width, height, bottom)
-    parts = [loft_shell(sections, 0.06, 2)]
+    parts = [loft_shell(sections, corner=0.06, points=2)]
     for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
-        roof_unit = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
-        parts.append(plank(roof_unit, share * (front - 1.5), 0.0, height - 0.03))
+        unit_size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
+        parts.append(plank(unit_size, x=share * (front - 1.5), y=0.0, z=height - 0.03))
     wheel_radius = float(np.clip(0.03 * length + 0.12, 0.34, 0.5))
     front_overhang = float(rng.uniform(0.16, 0.24)) * min(length, 12.0)
     rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)
@@ -39,7 +39,7 @@ def draw_bus(rng: Rng) -> DrawnMesh:
         axles.append(0.08 * length)
     mirror = _draw_mirror(front, width, bottom + 0.6 * (height - bottom), rng)
     short_kind = "minibus" if length < MAX_MINIBUS_LENGTH_M else "bus"
-    wheels = make_axles(axles, width - 0.04, wheel_radius, 12)
+    wheels = make_axles(axles, width=width - 0.04, radius=wheel_radius, sides=12)
     return DrawnMesh(
         "bendy_bus" if is_bendy else short_kind,
         merge([*parts, *wheels]),
@@ -66,7 +66,7 @@ def _draw_sections(
     rear = -front
     roof_radius = float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
-    return [
+    return [  # x, width, bottom and top of each (m)
         ShellSection(rear, 0.94 * width, bottom + 0.08, height - roof_radius),
         ShellSection(rear + 0.15, width, bottom, height - 0.03),
         ShellSection(rear + 0.5, width, bottom, height),
@@ -80,8 +80,8 @@ def _make_bellows(length: float, width: float, height: float, bottom: float) -> 
     """Sections of the bellows of a bendy bus, narrower and lower than its body.
 
     bottom: height of the body's lower edge; all lengths in m."""
-    joint = -0.05 * length
-    return [
+    joint = -0.05 * length  # x of the middle of the bellows
+    return [  # x, width, bottom and top of each (m)
         ShellSection(joint - 0.7, width, bottom, height),
         ShellSection(joint - 0.65, 0.9 * width, bottom + 0.1, height - 0.12),
         ShellSection(joint + 0.65, 0.9 * width, bottom + 0.1, height - 0.12),
@@ -96,4 +96,4 @@ def _draw_mirror(front: float, width: float, z: float, rng: Rng) -> Mesh:
     mirror_height = float(rng.uniform(0.25, 0.45))
     overhang = float(rng.uniform(0.12, 0.28))
     x = front + float(rng.uniform(-0.3, -0.1))
-    return box((0.14, overhang + 0.06, mirror_height), (x, 0.48 * width + overhang / 2, z))
+    return box((0.14, overhang + 0.06, mirror_height), centre=(x, 0.48 * width + overhang / 2, z))

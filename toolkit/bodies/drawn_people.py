@@ -35,7 +35,9 @@ def draw_person(rng: Rng, evenly: bool = False) -> DrawnMesh:
     """Draw a person, facing +x, soles or wheels on z = 0.
 
     evenly: rare kinds are drawn nearly as often as adults, instead of as often as in the street."""
-    chance = np.interp(rng.random(), EVEN_LIMITS, STREET_LIMITS) if evenly else rng.random()
+    chance = rng.random()
+    if evenly:  # move the limits between kinds from even shares to the shares in the street
+        chance = float(np.interp(chance, EVEN_LIMITS, STREET_LIMITS))
     if chance < WHEELCHAIR_LIMIT:
         return DrawnMesh("wheelchair", stand(_draw_wheelchair(rng)))
     if chance < CHILD_LIMIT:
@@ -67,10 +69,10 @@ def _draw_pram(height: float, rng: Rng) -> Mesh:
 def _draw_walker(height: float, rng: Rng) -> Mesh:
     """Draw a person of a height (m) with a wheeled walker."""
     feet = [(x, y) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
-    legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], 0.015, 5) for x, y in feet]
-    wheels = [make_wheel(x, y, 0.09, 0.04, 8) for x, y in feet]
+    legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], radii=0.015, sides=5) for x, y in feet]
+    wheels = [make_wheel(x, y, radius=0.09, breadth=0.04, sides=8) for x, y in feet]
     pushing_person = person(hold(_draw_walking(rng, lean=0.06), *PUSHING), height)
-    seat = plank((0.25, 0.46, 0.05), 0.5, 0.0, 0.5)
+    seat = plank((0.25, 0.46, 0.05), x=0.5, y=0.0, z=0.5)
     return merge([pushing_person, *legs, *wheels, seat])
 
 
@@ -83,9 +85,11 @@ def _draw_adult(height: float, rng: Rng) -> Mesh:
         parts.append(people.skirt(height, float(rng.uniform(0.1, 0.34)), figure.stout))
     elif clothes_chance < 0.28:
         parts.append(people.hat(height))
-    burdens = [make for limit, make in _BURDENS.items() if burden_chance < limit]
-    if burdens:
-        parts.append(burdens[0](height))
+    # limits of the chance in increasing order, and the function that makes each burden
+    burden_makers = [make for limit, make in _BURDENS.items() if burden_chance < limit]
+    if burden_makers:
+        make_burden = burden_makers[0]
+        parts.append(make_burden(height))
     return merge(parts)
 
 
@@ -100,12 +104,15 @@ def draw_pose(rng: Rng, stout: float) -> Figure:
 def _draw_walking(rng: Rng, stout: float | None = None, lean: float | None = None) -> Figure:
     """Draw the figure of a person in mid-stride, or without a step.
 
-    stout, lean: see `striding`; None to draw them."""
+    stout: breadth relative to an average adult; lean: how far the neck is in front of the hips, as
+    a part of the height; both None to draw them."""
     stout = float(rng.uniform(0.85, 1.2)) if stout is None else float(stout)
     if rng.random() < 0.2:
         return draw_pose(rng, stout)
     lean = float(rng.uniform(0.0, 0.05)) if lean is None else lean
-    figure = striding(float(rng.uniform(0.08, 0.45)), float(rng.uniform(0.2, 1.0)), lean, stout)
+    figure = striding(
+        float(rng.uniform(0.08, 0.45)), swing=float(rng.uniform(0.2, 1.0)), lean=lean, stout=stout
+    )
     return figure if rng.random() < 0.5 else _mirror_figure(figure)
 
 
@@ -128,14 +135,14 @@ def _mirror_pair(joints: Pair) -> Pair:
 
 def _draw_wheelchair(rng: Rng) -> Mesh:
     """Draw a person seated between two large wheels, sometimes pushed."""
-    height = float(rng.uniform(1.5, 1.85))
+    height = float(rng.uniform(1.5, 1.85))  # the person's when standing (m)
     wheel_radius = float(rng.uniform(0.27, 0.31))
-    half_width = float(rng.uniform(0.26, 0.31))
-    seat = float(rng.uniform(0.45, 0.52))
+    half_width = float(rng.uniform(0.26, 0.31))  # the chair's (m)
+    seat = float(rng.uniform(0.45, 0.52))  # height (m)
     hip = seat / height + 0.05
-    figure = Figure(
-        (-0.05, 0.0, hip),
-        (-0.07, 0.0, hip + 0.31),
+    figure = Figure(  # joints: x, y, z in parts of the height
+        hip=(-0.05, 0.0, hip),
+        neck=(-0.07, 0.0, hip + 0.31),
         knees=pair(0.19, 0.06, hip + 0.02),
         ankles=pair(0.26, 0.05, 0.1),
         elbows=pair(0.0, 0.16, hip + 0.13),
@@ -143,17 +150,17 @@ def _draw_wheelchair(rng: Rng) -> Mesh:
         stout=float(rng.uniform(0.9, 1.2)),
     )
     wheels = [
-        make_wheel(-0.08, half_width, wheel_radius, 0.04, 14),
-        make_wheel(0.38, half_width - 0.05, 0.08, 0.04, 8),
+        make_wheel(-0.08, half_width, radius=wheel_radius, breadth=0.04, sides=14),
+        make_wheel(0.38, half_width - 0.05, radius=0.08, breadth=0.04, sides=8),
     ]
     chair = [
-        plank((0.42, 1.7 * half_width, 0.06), 0.0, 0.0, seat - 0.06),
-        plank((0.05, 1.7 * half_width, 0.45), -0.24, 0.0, seat),
+        plank((0.42, 1.7 * half_width, 0.06), x=0.0, y=0.0, z=seat - 0.06),
+        plank((0.05, 1.7 * half_width, 0.45), x=-0.24, y=0.0, z=seat),
     ]
     right_wheels = [flip_sides(wheel) for wheel in wheels]
     parts = [person(figure, height), *wheels, *right_wheels, *chair]
     if rng.random() < 0.3:
         pushing_figure = hold(_draw_walking(rng), *PUSHING)
         pushing_person = person(pushing_figure, float(rng.uniform(1.55, 1.85)))
-        parts.append(place(pushing_person, -0.75))
+        parts.append(place(pushing_person, x=-0.75))
     return merge(parts)

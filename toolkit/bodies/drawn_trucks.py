@@ -62,7 +62,9 @@ def draw_truck(rng: Rng) -> DrawnMesh:
     gap = float(rng.uniform(0.05, 0.3))
     floor = float(rng.uniform(0.85, 1.2))
     front = length / 2 - cab_length - gap
-    space = _LoadSpace(front, -length / 2, width, floor, cab_height)
+    space = _LoadSpace(
+        front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
+    )
     load_kind, load = _draw_superstructure(space, rng)
     chassis = _draw_chassis(length, width, floor, rng)
     return DrawnMesh(f"{load_kind}_truck", merge([cab, load, *chassis]), mirrors)
@@ -78,13 +80,17 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
     cab, mirrors = _draw_cab(length / 2, cab_width, cab_height, cab_length, rng)
     front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))
     floor = float(rng.uniform(1.1, 1.3))
-    space = _LoadSpace(front, -length / 2, width, floor, cab_height)
+    space = _LoadSpace(
+        front=front, rear=-length / 2, width=width, floor=floor, cab_height=cab_height
+    )
     load_kind, load = _draw_superstructure(space, rng)
     wheel_radius = float(rng.uniform(0.46, 0.53))
     tractor_axles = [length / 2 - 1.4, front - 0.6]
     trailer_axles = [-length / 2 + float(rng.uniform(1.6, 2.6)) + 1.35 * k for k in range(3)]
-    wheels = make_axles([*tractor_axles, *trailer_axles], width - 0.04, wheel_radius, 12)
-    frame = plank((length - 1.2, 0.9, 0.3), -0.3, 0.0, floor - 0.3)
+    wheels = make_axles(
+        [*tractor_axles, *trailer_axles], width=width - 0.04, radius=wheel_radius, sides=12
+    )
+    frame = plank((length - 1.2, 0.9, 0.3), x=-0.3, y=0.0, z=floor - 0.3)
     return DrawnMesh(f"articulated_{load_kind}", merge([cab, load, frame, *wheels]), mirrors)
 
 
@@ -106,28 +112,28 @@ def _draw_cab(
         ShellSection(screen - 0.3 * rake, width - corner, bottom, height - 0.3 * (height - sill)),
         ShellSection(screen, width - 2 * corner, bottom, sill),
     ]
-    parts = [loft_shell(sections, SHELL_RADIUS_M, 2)]
+    parts = [loft_shell(sections, corner=SHELL_RADIUS_M, points=2)]
     if bonnet:
         bonnet_sections = [
             ShellSection(screen - 0.3, 0.9 * width, bottom, sill),
             ShellSection(front, 0.75 * width, bottom, sill - 0.25),
         ]
-        parts.append(loft_shell(bonnet_sections, SHELL_RADIUS_M, 2))
+        parts.append(loft_shell(bonnet_sections, corner=SHELL_RADIUS_M, points=2))
     if rng.random() < 0.25:
         deflector = (0.5 * length, 0.8 * width, float(rng.uniform(0.3, 0.6)))
-        parts.append(plank(deflector, screen - 0.6 * length, 0.0, height - 0.03))
+        parts.append(plank(deflector, x=screen - 0.6 * length, y=0.0, z=height - 0.03))
     mirror_height = float(rng.uniform(0.25, 0.5))
     overhang = float(rng.uniform(0.1, 0.28))
     mirror_size = (float(rng.uniform(0.06, 0.2)), overhang + 0.04, mirror_height)
     mirror_place = (screen - 0.2, width / 2 + overhang / 2 - 0.02, 0.68 * height)
-    mirror = box(mirror_size, mirror_place)
+    mirror = box(mirror_size, centre=mirror_place)
     return merge(parts), merge([mirror, flip_sides(mirror)])
 
 
 def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
     """Draw the load of a truck, and return its kind (a key of `SUPERSTRUCTURES`) and mesh."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
-    deck = plank((space.length, space.width, 0.14), space.middle, 0.0, space.floor - 0.02)
+    deck = plank((space.length, space.width, 0.14), x=space.middle, y=0.0, z=space.floor - 0.02)
     highest = space.cab_height + rng.uniform(-0.2, 1.0)
     top = float(np.clip(highest, space.floor + 1.0, MAX_TRUCK_HEIGHT_M))
     if kind in ("box", "curtain", "container"):
@@ -139,18 +145,18 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
     elif kind == "mixer":
         load = _make_mixer(space)
     else:
-        load = _draw_open_bed(space, kind == "tipper", rng)
+        load = _draw_open_bed(space, is_tipper=kind == "tipper", rng=rng)
     return kind, merge([deck, load])
 
 
 def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
     """Mesh of a box, curtain-sider or container. top: height of its roof (m)."""
     width = min(space.width, CONTAINER_WIDTH_M) if is_container else space.width
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(space.rear, width, space.floor, top),
         ShellSection(space.front, width, space.floor, top),
     ]
-    return loft_shell(sections, SHELL_RADIUS_M, 2)
+    return loft_shell(sections, corner=SHELL_RADIUS_M, points=2)
 
 
 def _make_refuse_body(space: _LoadSpace, top: float) -> Mesh:
@@ -158,12 +164,12 @@ def _make_refuse_body(space: _LoadSpace, top: float) -> Mesh:
 
     top: height of its roof (m)."""
     floor = space.floor
-    sections = [
+    sections = [  # x, width, bottom and top of each (m)
         ShellSection(space.rear, 0.9 * space.width, floor - 0.2, floor + 1.2),
         ShellSection(space.rear + 0.2 * space.length, space.width, floor, top),
         ShellSection(space.front, space.width, floor, top - 0.15),
     ]
-    return loft_shell(sections, SHELL_RADIUS_M, 2)
+    return loft_shell(sections, corner=SHELL_RADIUS_M, points=2)
 
 
 def _draw_tank(space: _LoadSpace, rng: Rng) -> Mesh:
@@ -172,7 +178,7 @@ def _draw_tank(space: _LoadSpace, rng: Rng) -> Mesh:
     stations = (space.rear, space.rear + 0.15, space.front - 0.15, space.front)
     axis = [(x, 0.0, space.floor + radius) for x in stations]
     radii = [0.7 * radius, radius, radius, 0.7 * radius]
-    return tube(axis, radii, 14, flat=space.width / 2 / radius)
+    return tube(axis, radii=radii, sides=14, flat=space.width / 2 / radius)
 
 
 def _make_mixer(space: _LoadSpace) -> Mesh:
@@ -182,31 +188,33 @@ def _make_mixer(space: _LoadSpace) -> Mesh:
         (space.middle, 0.0, space.floor + 1.25),
         (space.front - 0.1, 0.0, space.floor + 1.0),
     ]
-    return tube(axis, [0.45, min(1.15, space.width / 2), 0.6], 14)
+    return tube(axis, radii=[0.45, min(1.15, space.width / 2), 0.6], sides=14)
 
 
 def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
     """Draw a bed with low walls, and a heap, crates or nothing on it."""
     floor = space.floor
     wall_height = float(rng.uniform(0.8, 1.5) if is_tipper else rng.uniform(0.3, 0.7))
-    side_wall = (space.length, 0.06, wall_height)
-    end_wall = (0.06, space.width, wall_height)
-    parts = [
-        plank(side_wall, space.middle, y, floor)
-        for y in (-space.width / 2 + 0.03, space.width / 2 - 0.03)
-    ]
-    parts += [plank(end_wall, x, 0.0, floor) for x in (space.rear + 0.03, space.front - 0.03)]
+    # sizes: length, width, height (m)
+    side_wall_size = (space.length, 0.06, wall_height)
+    end_wall_size = (0.06, space.width, wall_height)
+    parts = []
+    for y in (-space.width / 2 + 0.03, space.width / 2 - 0.03):
+        parts.append(plank(side_wall_size, x=space.middle, y=y, z=floor))
+    for x in (space.rear + 0.03, space.front - 0.03):
+        parts.append(plank(end_wall_size, x=x, y=0.0, z=floor))
     chance = rng.random()
     if is_tipper or chance < 0.3:
         heap_height = wall_height * float(rng.uniform(0.6, 1.35))
-        heap = (0.92 * space.length, 0.9 * space.width, heap_height)
-        parts.append(mound(heap, space.middle, floor + 0.12))
+        heap_size = (0.92 * space.length, 0.9 * space.width, heap_height)
+        parts.append(mound(heap_size, x=space.middle, z=floor + 0.12))
     elif chance < 0.75:
+        # three crates: length and width as parts of the bed, height in m
         shares = rng.uniform((0.15, 0.5, 0.4), (0.3, 0.95, 1.6), (3, 3))
         sizes = shares * [space.length, space.width - 0.15, 1.0]
         for k, (length, width, height) in enumerate(sizes.tolist()):
             x = space.rear + space.length * (0.2 + 0.3 * k)
-            parts.append(plank((length, width, height), x, 0.0, floor))
+            parts.append(plank((length, width, height), x=x, y=0.0, z=floor))
     return merge(parts)
 
 
@@ -220,7 +228,7 @@ def _draw_chassis(length: float, width: float, floor: float, rng: Rng) -> list[M
     axles = [length / 2 - float(rng.uniform(1.0, 1.45)), rear_axle]
     if length > 8.5:
         axles.append(rear_axle + 2.3 * wheel_radius + 0.2)
-    frame = plank((length - 0.8, 0.85, 0.28), -0.3, 0.0, floor - 0.3)
+    frame = plank((length - 0.8, 0.85, 0.28), x=-0.3, y=0.0, z=floor - 0.3)
     guard_size = (0.12, 0.93 * width, 0.14)
-    guard = plank(guard_size, -length / 2 + 0.1, 0.0, float(rng.uniform(0.4, 0.55)))
-    return [frame, guard, *make_axles(axles, width - 0.04, wheel_radius, 12)]
+    guard = plank(guard_size, x=-length / 2 + 0.1, y=0.0, z=float(rng.uniform(0.4, 0.55)))
+    return [frame, guard, *make_axles(axles, width=width - 0.04, radius=wheel_radius, sides=12)]

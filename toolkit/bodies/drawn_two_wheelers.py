@@ -26,11 +26,15 @@ OTHER_STREAM_SCOOTER_SHARE = 0.15
 
 
 def draw_two_wheeler(rng: Rng, evenly: bool = False) -> DrawnMesh:
-    """Draw a two-wheeler, x forward, wheels on z = 0. evenly: see `draw_person`."""
-    drawers = (draw_bicycle, draw_e_scooter, draw_motorcycle, draw_scooter)
+    """Draw a two-wheeler, x forward, wheels on z = 0.
+
+    evenly: rare kinds are drawn nearly as often as bicycles, instead of as often as in the
+    street."""
+    draw_functions = (draw_bicycle, draw_e_scooter, draw_motorcycle, draw_scooter)
     shares = EVEN_SHARES if evenly else STREET_SHARES
-    drawn = drawers[int(rng.choice(4, p=shares))](rng)
-    return DrawnMesh(drawn.kind, stand(drawn.mesh))
+    draw = draw_functions[int(rng.choice(4, p=shares))]
+    two_wheeler = draw(rng)
+    return DrawnMesh(two_wheeler.kind, stand(two_wheeler.mesh))
 
 
 def draw_bicycle(rng: Rng) -> DrawnMesh:
@@ -50,11 +54,11 @@ def draw_bicycle(rng: Rng) -> DrawnMesh:
     if scale > 0.84 and load_chance < 0.1:
         kind = "cargo_bicycle"
         length, width, depth = rng.uniform((0.45, 0.4, 0.3), (0.9, 0.65, 0.6)).tolist()
-        cargo_box = plank((length, width, depth), 0.5 + 0.2 * length, 0.0, 0.42)
+        cargo_box = plank((length, width, depth), x=0.5 + 0.2 * length, y=0.0, z=0.42)
         parts = [scale_mesh(bike, (1.3, 1, 1)), cargo_box]
     elif load_chance < 0.3:
         bag = (0.36, float(rng.uniform(0.25, 0.42)), 0.32)
-        parts.append(plank(bag, -0.6 * scale, 0.0, 0.68 * scale))
+        parts.append(plank(bag, x=-0.6 * scale, y=0.0, z=0.68 * scale))
     rider_rng = _choose_stream(rng, OTHER_STREAM_SHARE, scale)
     grip: Vector = (
         (0.45 + 0.1 * sporty) * scale,
@@ -73,17 +77,21 @@ def draw_e_scooter(rng: Rng) -> DrawnMesh:
     wheel_radius = float(rng.uniform(0.1, 0.14))
     bar_height = float(rng.uniform(1.0, 1.2))
     bar_x = half_length - 0.14
-    handlebar = [(bar_x, -0.25, bar_height), (half_length - 0.13, 0.0, bar_height)]
-    handlebar.append((bar_x, 0.25, bar_height))
+    handlebar = [  # right end, middle and left end
+        (bar_x, -0.25, bar_height),
+        (half_length - 0.13, 0.0, bar_height),
+        (bar_x, 0.25, bar_height),
+    ]
     parts = [
-        make_wheel(-half_length, 0.0, wheel_radius, 0.05, 10),
-        make_wheel(half_length, 0.0, wheel_radius, 0.05, 10),
-        plank((1.7 * half_length, 0.16, 0.06), -0.05, 0.0, wheel_radius),
-        tube([(half_length, 0.0, wheel_radius), (bar_x, 0.0, bar_height)], 0.03, 6),
-        tube(handlebar, 0.02, 5),
+        make_wheel(-half_length, 0.0, radius=wheel_radius, breadth=0.05, sides=10),
+        make_wheel(half_length, 0.0, radius=wheel_radius, breadth=0.05, sides=10),
+        plank((1.7 * half_length, 0.16, 0.06), x=-0.05, y=0.0, z=wheel_radius),
+        tube([(half_length, 0.0, wheel_radius), (bar_x, 0.0, bar_height)], radii=0.03, sides=6),
+        tube(handlebar, radii=0.02, sides=5),
     ]
     rider_rng = _choose_stream(rng, OTHER_STREAM_SCOOTER_SHARE, half_length)
     height = float(np.clip(rider_rng.normal(1.73, 0.09), 1.35, 2.0))
+    # joints of a figure are in parts of its height; it stands on the board, 0.12 m behind x = 0
     hand_x = (half_length - 0.18 + 0.12) / height
     hand_z = (bar_height - wheel_radius - 0.06) / height
     pose = draw_pose(rider_rng, float(rider_rng.uniform(0.85, 1.2)))
@@ -93,7 +101,7 @@ def draw_e_scooter(rng: Rng) -> DrawnMesh:
         hands=pair(hand_x, 0.22 / height, hand_z),
         stout=pose.stout,
     )
-    parts.append(place(stand(person(figure, height)), -0.12, 0.0, wheel_radius + 0.06))
+    parts.append(place(stand(person(figure, height)), x=-0.12, y=0.0, z=wheel_radius + 0.06))
     return DrawnMesh("e_scooter", merge(parts))
 
 
@@ -108,7 +116,7 @@ def draw_motorcycle(rng: Rng) -> DrawnMesh:
     height = float(np.clip(rider_rng.normal(1.77, 0.07), 1.58, 1.98))
     grip: Vector = ((0.52 + 0.04 * bent) * scale, 0.3 - 0.06 * bent, (1.0 - 0.07 * bent) * scale)
     upright = 0.92 - 0.24 * bent
-    foot_rest = (-0.05, 0.36 + 0.06 * bent)
+    foot_rest = (-0.05, 0.36 + 0.06 * bent)  # x and z (m)
     driver = rider(height, 0.85 * scale, grip, upright=upright, foot_rest=foot_rest)
     passenger = _draw_passenger(driver, 0.4 * scale, rider_rng)
     return DrawnMesh("motorcycle", merge([bike, driver, *passenger]))
@@ -150,8 +158,9 @@ def _draw_passenger(driver: Mesh, distance: float, rng: Rng) -> list[Mesh]:
     A passenger is the driver's mesh again, smaller and higher. distance: m farther back."""
     if rng.random() > PASSENGER_SHARE:
         return []
-    offset = [-distance - 0.05, 0.0, 0.08]
-    return [Mesh(driver.vertices * [0.8, 0.95, 0.97] + offset, driver.triangles)]
+    offset = [-distance - 0.05, 0.0, 0.08]  # x, y, z (m)
+    factors = [0.8, 0.95, 0.97]
+    return [Mesh(driver.vertices * factors + offset, driver.triangles)]
 
 
 @cache

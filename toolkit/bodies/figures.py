@@ -79,10 +79,13 @@ def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float =
 def person(figure: Figure, height: float) -> Mesh:
     """Mesh of a figure that is `height` metres tall when standing, soles near z = 0."""
     head = offset_point(figure.neck, 0.012, 0.0, 0.105)
-    parts = [ellipsoid(head, (0.055, 0.045, 0.066), 5, 8), tube([figure.neck, head], 0.032, 6)]
+    parts = [
+        ellipsoid(head, radii=(0.055, 0.045, 0.066), rings=5, sides=8),
+        tube([figure.neck, head], radii=0.032, sides=6),
+    ]
     parts.append(_make_trunk(figure))
-    parts += _make_limbs(figure, 0, 1)
-    parts += _make_limbs(figure, 1, -1)
+    parts += _make_limbs(figure, side=0, sign=1)
+    parts += _make_limbs(figure, side=1, sign=-1)
     return scale_mesh(merge(parts), height)
 
 
@@ -90,17 +93,19 @@ def _make_trunk(figure: Figure) -> Mesh:
     """Mesh of chest and belly, between hip and neck."""
     hip = np.array(offset_point(figure.hip, 0.0, 0.0, -0.03))
     spine = np.array(figure.neck) - hip
-    rings = [
-        hip + station * spine + unit_circle() * [depth * figure.stout, breadth * figure.stout, 1]
-        for station, depth, breadth in _TRUNK_SECTIONS
-    ]
+    rings = []
+    # station: 0 at the hip, 1 at the neck; depth, breadth: half axes along x and y
+    for station, depth, breadth in _TRUNK_SECTIONS:
+        ring = unit_circle() * [depth * figure.stout, breadth * figure.stout, 1]
+        rings.append(hip + station * spine + ring)
     return loft(np.stack(rings))
 
 
 def _make_limbs(figure: Figure, side: int, sign: int) -> list[Mesh]:
     """Meshes of leg, arm, foot and hand of one side.
 
-    side: index of the side in pairs, 0 for left and 1 for right; sign: 1 for left, -1 for right."""
+    All lengths are in parts of the figure's height. side: index of the side in pairs, 0 for left
+    and 1 for right; sign: 1 for left, -1 for right."""
     stout = figure.stout
     ankle = figure.ankles[side]
     hand = figure.hands[side]
@@ -110,10 +115,10 @@ def _make_limbs(figure: Figure, side: int, sign: int) -> list[Mesh]:
     arm = [shoulder, figure.elbows[side], hand]
     foot = offset_point(ankle, 0.035, 0.0, -0.015)
     return [
-        tube(leg, [0.052 * stout, 0.036 * stout, 0.025], 6),
-        tube(arm, [0.032 * stout, 0.026 * stout, 0.020], 6),
-        ellipsoid(foot, (0.075, 0.028, 0.022), 3, 6),
-        ellipsoid(hand, (0.024, 0.018, 0.03), 3, 5),
+        tube(leg, radii=[0.052 * stout, 0.036 * stout, 0.025], sides=6),
+        tube(arm, radii=[0.032 * stout, 0.026 * stout, 0.020], sides=6),
+        ellipsoid(foot, radii=(0.075, 0.028, 0.022), rings=3, sides=6),
+        ellipsoid(hand, radii=(0.024, 0.018, 0.03), rings=3, sides=5),
     ]
 
 

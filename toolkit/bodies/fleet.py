@@ -30,14 +30,14 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
 
     held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never
     trained on."""
-    procedural = tuple(
-        body
-        for body in _procedural()
-        if body.label != VEHICLE or (body.name in HELD_OUT) == held_out
-    )
-    if meshes is None:
-        return procedural
-    return procedural + tuple(loaded.body for loaded in take_meshes(meshes))
+    bodies = []
+    for body in _procedural():
+        is_other_car = body.label == VEHICLE and (body.name in HELD_OUT) != held_out
+        if not is_other_car:
+            bodies.append(body)
+    if meshes is not None:
+        bodies += [taken.body for taken in take_meshes(meshes)]
+    return tuple(bodies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +68,18 @@ class Fleet:
             return self.fixed
         bodies: list[Body] = []
         for label in range(len(LABELS)):
-            fixed = [body for body in self.fixed if body.label == label]
+            fixed_bodies = [body for body in self.fixed if body.label == label]
             at_first, per_frame = _SPAWNED[label]
-            spawned = at_first + round(per_frame * min(frames, LARGEST_DRAW))
-            count = 0 if label not in self.drawn else spawned // 2 if fixed else spawned
-            drawn = (draw_body(label, rng, self.evenly) for _ in range(count))
-            bodies += [include_mirrors(body) if self.mirrors else body for body in drawn]
-            bodies += islice(cycle(fixed), max(spawned - count, len(fixed)) if fixed else 0)
+            needed = at_first + round(per_frame * min(frames, LARGEST_DRAW))
+            drawn_count = 0
+            if label in self.drawn:
+                drawn_count = needed // 2 if fixed_bodies else needed
+            for _ in range(drawn_count):
+                body = draw_body(label, rng, self.evenly)
+                bodies.append(include_mirrors(body) if self.mirrors else body)
+            if fixed_bodies:  # each at least once, and again from the first
+                fixed_count = max(needed - drawn_count, len(fixed_bodies))
+                bodies += islice(cycle(fixed_bodies), fixed_count)
         return tuple(bodies)
 
 
@@ -97,7 +102,9 @@ def fleet_named(
     Raises ValueError for another name, a folder missing or given in vain, and arguments that
     exclude each other."""
     if name is None:
-        name = "catalogue" if held_out else "own" if meshes is None else "meshes"
+        name = "own" if meshes is None else "meshes"
+        if held_out:
+            name = "catalogue"
     if name not in FLEETS:
         raise ValueError(f"fleet must be one of {', '.join(FLEETS)}, got {name!r}")
     if held_out and name != "catalogue":
@@ -133,15 +140,12 @@ def fleet_named(
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
-    # Bodies of the catalogue by class, made once.
-    with_mirrors = ((VEHICLE, cars()), (HEAVY, trucks()))
-    without = ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians()))
-    bodies = [
-        make_boxed_body(name, label, *meshes)
-        for label, group in with_mirrors
-        for name, meshes in group.items()
-    ]
-    bodies += [
-        make_body(name, label, *mesh) for label, group in without for name, mesh in group.items()
-    ]
+    # bodies of the catalogue by class, made once
+    bodies = []
+    for label, vehicles in ((VEHICLE, cars()), (HEAVY, trucks())):
+        for name, (mesh, mirrors) in vehicles.items():
+            bodies.append(make_boxed_body(name, label, mesh, outside=mirrors))
+    for label, road_users in ((CYCLIST, two_wheelers()), (PEDESTRIAN, pedestrians())):
+        for name, mesh in road_users.items():
+            bodies.append(make_body(name, label, mesh.vertices, mesh.triangles))
     return tuple(sorted(bodies, key=lambda body: body.label))

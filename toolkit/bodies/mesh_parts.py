@@ -28,17 +28,17 @@ def stretch(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
     size: length, width, height (m)."""
     low = mesh.vertices.min(axis=0)
     high = mesh.vertices.max(axis=0)
-    middle = (low + high) / 2
-    foot = np.array([middle[0], middle[1], low[2]])
+    origin = (low + high) / 2
+    origin[2] = low[2]  # z
     factors = np.array(size) / (high - low)
-    return Mesh((mesh.vertices - foot) * factors, mesh.triangles)
+    return Mesh((mesh.vertices - origin) * factors, mesh.triangles)
 
 
 def plank(size: tuple[float, float, float], x: float, y: float, z: float) -> Mesh:
     """Cuboid with its foot at height z and its middle at x, y (m).
 
     size: length, width, height (m), along x, y, z."""
-    return box(size, (x, y, z + size[2] / 2))
+    return box(size, centre=(x, y, z + size[2] / 2))
 
 
 def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
@@ -46,5 +46,6 @@ def mound(size: tuple[float, float, float], x: float, z: float) -> Mesh:
 
     size: length, width, height (m)."""
     length, width, height = size
-    dome = ellipsoid((x, 0.0, z), (length / 2, width / 2, height), 7, 12)
+    dome = ellipsoid((x, 0.0, z), radii=(length / 2, width / 2, height), rings=7, sides=12)
+    # lift the lower half to the foot
     return Mesh(np.maximum(dome.vertices, [-np.inf, -np.inf, z]), dome.triangles)

@@ -40,6 +40,40 @@ _COARSE = 16  # cells along an axis in which symmetry is judged
 SYMMETRIC = 0.06
 ASKEW = 0.12
 BACKWARDS = -0.18  # no car has as low a `Shape.ahead`: a pick-up has -0.14
+TABLE = "meshes.toml"
+# unit vector of each axis name, such as "x" and "-y"
+_AXES = {
+    sign + axis: (1 if not sign else -1) * np.eye(3)[i]
+    for i, axis in enumerate("xyz")
+    for sign in ("", "-")
+}
+SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+
+# Smallest and largest length, width and height (m) of a body of each class.
+PLAUSIBLE = {
+    VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)),
+    CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4)),
+}
+PLAUSIBLE |= {
+    PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
+    HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
+}
+# typical length, width, height (m), to choose between several possible units
+_TYPICAL = {
+    VEHICLE: (4.5, 1.85, 1.55),
+    CYCLIST: (1.75, 0.6, 1.7),
+    PEDESTRIAN: (0.5, 0.5, 1.7),
+    HEAVY: (9.0, 2.45, 3.1),
+}
+_FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
+_Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
+# rotations to x forward, y left, z up from other axes, by the words "... forward" in errors
+_TURNS = {
+    "y up and z": _Y_UP_Z_FORWARD,
+    "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+}
+_TURNS["z up and y"] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
 
 class Shape(NamedTuple):
@@ -63,26 +97,34 @@ def measure_shape(mesh: Mesh) -> Shape:
     if not (size > 0).all():
         raise ValueError("has no volume")
     points = surface_points(mesh)
-    unit = np.clip((points - low) / size, 0, 1 - 1e-9)
-    cells = (unit * _CELLS).astype(np.int64)
-    fills = np.array([_fill_outline(np.delete(cells, axis, axis=1)).mean() for axis in range(3)])
+    # each coordinate from 0 to just below 1 over the mesh, so that cells are below their number
+    unit_points = np.clip((points - low) / size, 0, 1 - 1e-9)
+    x, y, z = unit_points.T
+    cells = (unit_points * _CELLS).astype(np.int64)
+    fills = [_fill_outline(np.delete(cells, axis, axis=1)).mean() for axis in range(3)]
     # points in the lowest 4 % of the height touch the ground
-    ground = points[unit[:, 2] < 0.04]
-    length, width = np.ptp(ground[:, :2], axis=0).tolist()
-    middle = unit[(np.abs(unit[:, 0] - 0.5) < 0.1) & (np.abs(unit[:, 1] - 0.5) < 0.25), 2]
-    clearance = float(middle.min() * size[2]) if len(middle) else float(size[2])
+    ground_points = points[z < 0.04]
+    stance_length, stance_width = np.ptp(ground_points[:, :2], axis=0).tolist()
+    middle_z = z[(np.abs(x - 0.5) < 0.1) & (np.abs(y - 0.5) < 0.25)]
     # highest point in each of 24 slices along the length; the last 8 are the front third
-    along = (unit[:, 0] * 24).astype(np.int64)
-    tops = np.array([unit[along == k, 2].max(initial=0.0) for k in range(24)])
-    ahead = float(tops[:8].mean() - tops[-8:].mean())
-    return Shape(size, fills, _asymmetry(unit), (length, width), clearance, ahead)
+    slices = (x * 24).astype(np.int64)
+    tops = np.array([z[slices == k].max(initial=0.0) for k in range(24)])
+    return Shape(
+        size=size,
+        fills=np.array(fills),
+        asymmetry=_measure_asymmetry(unit_points),
+        stance=(stance_length, stance_width),
+        clearance=float(middle_z.min() * size[2]) if len(middle_z) else float(size[2]),
+        ahead=float(tops[:8].mean() - tops[-8:].mean()),
+    )
 
 
 def is_clearly(shape: Shape, label: int) -> bool:
     """Return True if a shape clearly shows a class of `LABELS` without further hints."""
-    if shape.asymmetry[1] > ASKEW and label != PEDESTRIAN:  # a walking person is not symmetric
+    left_right_asymmetry = shape.asymmetry[1]
+    if left_right_asymmetry > ASKEW and label != PEDESTRIAN:  # a walking person is not symmetric
         return False
-    shows_class = {
+    shows_class = {  # function that returns True for a shape of the class
         VEHICLE: _is_clearly_car,
         HEAVY: _is_clearly_heavy,
         CYCLIST: _is_clearly_cyclist,
@@ -128,12 +170,16 @@ def _is_clearly_pedestrian(shape: Shape) -> bool:
 
 def find_wrong_stand(shape: Shape, label: int) -> str | None:
     """Describe in words how a mesh of a class is turned wrongly; None if it seems right."""
-    asymmetry = shape.asymmetry
+    # share of the surface without a counterpart when mirrored along x, y and z
+    x_asymmetry = shape.asymmetry[0]
+    y_asymmetry = shape.asymmetry[1]
+    z_asymmetry = shape.asymmetry[2]
     if label == PEDESTRIAN:
-        return "lies on the ground" if shape.size[2] < 0.7 * shape.size[:2].max() else None
-    if asymmetry[2] < SYMMETRIC and asymmetry[1] > ASKEW:
+        height = shape.size[2]
+        return "lies on the ground" if height < 0.7 * shape.size[:2].max() else None
+    if z_asymmetry < SYMMETRIC and y_asymmetry > ASKEW:
         return "lies on its side: y or -y seems to be up"
-    if asymmetry[0] < SYMMETRIC and asymmetry[1] > ASKEW:
+    if x_asymmetry < SYMMETRIC and y_asymmetry > ASKEW:
         return "stands across: y or -y seems to be forward"
     if label == VEHICLE and shape.ahead < BACKWARDS:
         return "seems to face backwards: -x forward"
@@ -144,20 +190,21 @@ def surface_points(mesh: Mesh) -> Float64[np.ndarray, "n 3"]:
     """Points spread evenly over the triangles of a mesh, then all of its vertices.
 
     They are the same each time. Raises ValueError for a mesh without surface."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)  # corners of each triangle
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # doubled
     if not areas.sum() > 0:
         raise ValueError("has no surface")
     rng = np.random.default_rng(0)
-    triangle = np.searchsorted(
-        np.cumsum(areas), (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
-    ).clip(max=len(a) - 1)
-    u, v = rng.random((2, _POINTS, 1))
+    # triangle of each point, at even steps of the summed area
+    steps = (np.arange(_POINTS) + 0.5) / _POINTS * areas.sum()
+    triangle = np.searchsorted(np.cumsum(areas), steps).clip(max=len(a) - 1)
+    u, v = rng.random((2, _POINTS, 1))  # parts of both sides that start at a
     # reflect points of the parallelogram into the triangle
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    return np.concatenate(
-        [a[triangle] + u * (b - a)[triangle] + v * (c - a)[triangle], mesh.vertices]
-    )
+    is_beyond = u + v > 1
+    u = np.where(is_beyond, 1 - u, u)
+    v = np.where(is_beyond, 1 - v, v)
+    points = a[triangle] + u * (b - a)[triangle] + v * (c - a)[triangle]
+    return np.concatenate([points, mesh.vertices])
 
 
 def mirror_span(mesh: Mesh) -> Span | None:
@@ -167,60 +214,62 @@ def mirror_span(mesh: Mesh) -> Span | None:
     point, above the wheels, in the front six tenths. mesh: m, x forward, y left, z up."""
     points = surface_points(mesh)
     low = mesh.vertices.min(axis=0)
-    size = np.ptp(mesh.vertices, axis=0)
-    x, z = points[:, 0], points[:, 2] - low[2]
-    sides = []
+    length, width, height = np.ptp(mesh.vertices, axis=0)
+    x, y, z = points.T
+    rise = z - low[2]  # above the ground
+    half_widths = []  # right and left half of the width, without mirrors
     for side in (-1.0, 1.0):
-        outward = side * points[:, 1]
-        tip = points[outward > outward.max() - 0.02]
-        ahead = tip[:, 0].min() > low[0] + 0.4 * size[0] and np.ptp(tip[:, 0]) < 0.4
-        near = (np.abs(x - tip[:, 0].mean()) < 0.3) & (z > 0.35 * size[2])
-        body = float(outward[~near].max())
-        sides.append(body if ahead and 0.03 < outward.max() - body < 0.45 else float(outward.max()))
-    right = -sides[0]
-    left = sides[1]
-    return None if left - right > size[1] - 0.03 else (right, left)
+        outward = side * y
+        tip_x = x[outward > outward.max() - 0.02]  # x in the outermost 2 cm
+        is_tip_short = np.ptp(tip_x) < 0.4
+        is_tip_in_front = tip_x.min() > low[0] + 0.4 * length
+        is_near_tip = (np.abs(x - tip_x.mean()) < 0.3) & (rise > 0.35 * height)
+        half_width = float(outward[~is_near_tip].max())
+        has_mirror_size = 0.03 < outward.max() - half_width < 0.45
+        if not (is_tip_in_front and is_tip_short and has_mirror_size):
+            half_width = float(outward.max())
+        half_widths.append(half_width)
+    right = -half_widths[0]
+    left = half_widths[1]
+    return None if left - right > width - 0.03 else (right, left)
 
 
 def _fill_outline(cells: Int64[np.ndarray, "n 2"]) -> Bool[np.ndarray, "a b"]:
     """Grid of the cells that are occupied or enclosed by occupied ones in both directions.
 
     cells: column and row of each occupied cell, from 0 to `_CELLS` - 1."""
-    grid = np.zeros((_CELLS, _CELLS), bool)
-    grid[tuple(cells.T)] = True
-    inside = np.ones_like(grid)
+    is_occupied = np.zeros((_CELLS, _CELLS), bool)
+    is_occupied[tuple(cells.T)] = True
+    is_inside = np.ones_like(is_occupied)
     for axis in (0, 1):
-        inside &= np.logical_or.accumulate(grid, axis)
-        inside &= np.flip(np.logical_or.accumulate(np.flip(grid, axis), axis), axis)
-    return inside
+        # occupied at or before a cell along the axis, and at or after it
+        is_inside &= np.logical_or.accumulate(is_occupied, axis)
+        flipped = np.flip(is_occupied, axis)
+        is_inside &= np.flip(np.logical_or.accumulate(flipped, axis), axis)
+    return is_inside
 
 
-def _asymmetry(unit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
-    # Share of the points without another point near their mirror image, for mirrors across x, y, z.
-    # unit: points with each coordinate from 0 to 1 over the mesh. The grid has an empty border.
-    grid = np.zeros((_COARSE + 2,) * 3, bool)
-    cells = (unit * _COARSE).astype(np.int64)
-    grid[tuple(cells.T + 1)] = True
-    near = np.zeros_like(grid)
+def _measure_asymmetry(unit_points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    """Share of the points without another point near their mirror image, mirrored along x, y, z.
+
+    unit_points: points with each coordinate from 0 to below 1 over the mesh."""
+    # the grid of cells has an empty border, so that all cells have neighbours
+    is_occupied = np.zeros((_COARSE + 2,) * 3, bool)
+    cells = (unit_points * _COARSE).astype(np.int64)
+    is_occupied[tuple(cells.T + 1)] = True
+    # cells that are occupied, or have an occupied neighbour
+    is_near = np.zeros_like(is_occupied)
     inner = slice(1, -1)
     for shift in np.ndindex(3, 3, 3):
-        near[inner, inner, inner] |= grid[tuple(slice(s, s + _COARSE) for s in shift)]
-    mirrored = (np.where(np.eye(3, dtype=bool)[axis], 1 - 1e-9 - unit, unit) for axis in range(3))
-    return np.array(
-        [
-            1 - near[tuple((reflection * _COARSE).astype(np.int64).T + 1)].mean()
-            for reflection in mirrored
-        ]
-    )
-
-
-TABLE = "meshes.toml"
-# unit vector of each axis name, such as "x" and "-y"
-_AXES = {
-    sign + axis: (1 if not sign else -1) * np.eye(3)[i]
-    for i, axis in enumerate("xyz")
-    for sign in ("", "-")
-}
+        shifted = tuple(slice(start, start + _COARSE) for start in shift)
+        is_near[inner, inner, inner] |= is_occupied[shifted]
+    shares = []
+    for axis in range(3):
+        is_axis = np.eye(3, dtype=bool)[axis]
+        mirrored_points = np.where(is_axis, 1 - 1e-9 - unit_points, unit_points)
+        mirrored_cells = (mirrored_points * _COARSE).astype(np.int64)
+        shares.append(1 - is_near[tuple(mirrored_cells.T + 1)].mean())
+    return np.array(shares)
 
 
 @dataclass(frozen=True)
@@ -267,12 +316,12 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
             raise ValueError(f"{where}: file must name a mesh below {folder}, got {file!r}")
         if Path(file) in table:
             raise ValueError(f"{where}: {file} is there twice: keep one entry")
-        table[Path(file)] = _entry(row, where)
+        table[Path(file)] = _read_entry(row, where)
     return table
 
 
-def _entry(row: dict[str, Any], where: str) -> MeshEntry:
-    # Check one row of the table and return it as an entry. where: table and number, for errors.
+def _read_entry(row: dict[str, Any], where: str) -> MeshEntry:
+    # check one row of the table and return it as an entry. where: table and number, for errors
     keys = {"file", "label", "up", "forward", "scale"}
     if not set(row) <= keys:
         raise ValueError(
@@ -284,7 +333,7 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
     up = row.get("up")
     forward = row.get("forward")
     scale = row.get("scale")
-    if (up or "z")[-1] == (forward or "x")[-1]:
+    if (up or "z")[-1] == (forward or "x")[-1]:  # [-1]: the axis without its sign
         raise ValueError(
             f"{where}: up {up or 'z'} and forward {forward or 'x'} lie on one axis: say both"
         )
@@ -298,37 +347,11 @@ def _entry(row: dict[str, Any], where: str) -> MeshEntry:
     if label not in (None, *LABELS):
         raise ValueError(f"{where}: label must be one of {', '.join(LABELS)}, got {label!r}")
     return MeshEntry(
-        None if label is None else LABELS.index(label), up, forward, scale and float(scale)
+        label=None if label is None else LABELS.index(label),
+        up=up,
+        forward=forward,
+        scale=None if scale is None else float(scale),
     )
-
-
-SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
-
-# Smallest and largest length, width and height (m) of a body of each class.
-PLAUSIBLE = {
-    VEHICLE: ((2.2, 6.6), (1.2, 2.7), (0.9, 2.9)),
-    CYCLIST: ((0.9, 3.0), (0.25, 1.3), (0.8, 2.4)),
-}
-PLAUSIBLE |= {
-    PEDESTRIAN: ((0.15, 2.0), (0.15, 2.0), (0.6, 2.5)),
-    HEAVY: ((4.0, 25.0), (1.7, 3.6), (1.7, 4.8)),
-}
-# typical length, width, height (m), to choose between several possible units
-_TYPICAL = {
-    VEHICLE: (4.5, 1.85, 1.55),
-    CYCLIST: (1.75, 0.6, 1.7),
-    PEDESTRIAN: (0.5, 0.5, 1.7),
-    HEAVY: (9.0, 2.45, 3.1),
-}
-_FRONT_CLEAR = 0.1  # `Shape.ahead` from which a vehicle's profile says where its front is
-_Y_UP_Z_FORWARD = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # glTF
-# rotations to x forward, y left, z up from other axes, by the words "... forward" in errors
-_TURNS = {
-    "y up and z": _Y_UP_Z_FORWARD,
-    "y up and x": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-}
-_TURNS["z up and y"] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
 
 class TakenMesh(NamedTuple):
@@ -362,11 +385,12 @@ def take_meshes(folder: str | Path, *, mirrors: bool = False) -> tuple[TakenMesh
             f"{folder} holds no mesh: put files in it that end in one of {' '.join(SUFFIXES)}"
         )
     table = read_mesh_table(folder)
-    names = [path.relative_to(folder) for path in paths]
-    entries = [table.get(name, MeshEntry()) for name in names]
-    return tuple(
-        take_mesh(*source, mirrors=mirrors) for source in zip(paths, names, entries, strict=True)
-    )
+    taken_meshes = []
+    for path in paths:
+        name = path.relative_to(folder)
+        entry = table.get(name, MeshEntry())
+        taken_meshes.append(take_mesh(path, name, entry, mirrors=mirrors))
+    return tuple(taken_meshes)
 
 
 def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = False) -> TakenMesh:
@@ -382,11 +406,12 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
     mesh = scale_mesh(_read(path), entry.scale or 1.0)
     named_label = _find_label(called) if entry.label is None else entry.label
     labels = tuple(PLAUSIBLE) if named_label is None else (named_label,)
-    gltf = path.suffix.lower() in (".glb", ".gltf")
-    turns = (
-        [entry.turn] if entry.has_frame else [_Y_UP_Z_FORWARD, np.eye(3)] if gltf else [np.eye(3)]
-    )
-    # the first turn that gives one clear class and no doubt is taken
+    # rotations to x forward, z up; the first that gives one clear class and no doubt is taken
+    turns = [np.eye(3)]
+    if entry.has_frame:
+        turns = [entry.turn]
+    elif path.suffix.lower() in (".glb", ".gltf"):
+        turns = [_Y_UP_Z_FORWARD, np.eye(3)]
     doubts = []
     for turn in turns:
         turned = Mesh(mesh.vertices @ turn.T, mesh.triangles)
@@ -402,8 +427,9 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
         clear = [label for label in fitting if named_label is not None or is_clearly(shape, label)]
         doubt = find_wrong_stand(shape, clear[0]) if clear and not entry.has_frame else None
         if len(clear) == 1 and doubt is None:
-            body = _body(called.with_suffix("").as_posix(), clear[0], turned, mirrors)
-            return TakenMesh(called.as_posix(), body, _how(body, shape, entry, named_label, turn))
+            body = _make_taken_body(called.with_suffix("").as_posix(), clear[0], turned, mirrors)
+            how = _describe_taken(body, shape, entry, named_label, turn)
+            return TakenMesh(called.as_posix(), body, how)
         may_be = " or ".join(
             f"a {LABELS[label]}" if label != HEAVY else "a heavy vehicle" for label in fitting
         )
@@ -428,39 +454,45 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
     )
 
 
-def _body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
-    # Body of a mesh in its final frame. If mirrors stick out and do not count, the box is of the
-    # rest.
-    body = make_body(name, label, *mesh)
-    may_stick_out = not mirrors and label in (VEHICLE, HEAVY)
-    span = (
-        mirror_span(Mesh(body.vertices.astype(np.float64), mesh.triangles))
-        if may_stick_out
-        else None
-    )
+def _make_taken_body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
+    """Body of a mesh in its final frame.
+
+    mirrors: True to count wing mirrors into the box; without them, the box is of the rest."""
+    body = make_body(name, label, mesh.vertices, mesh.triangles)
+    if mirrors or label not in (VEHICLE, HEAVY):
+        return body
+    span = mirror_span(Mesh(body.vertices.astype(np.float64), mesh.triangles))
     if span is None:
         return body
-    aside, (length, _, height) = np.array([0, sum(span) / 2, 0], np.float32), body.size
+    right, left = span  # y of the body's sides
+    middle = np.array([0, sum(span) / 2, 0], np.float32)
+    length, height = body.size[0], body.size[2]
     return Body(
-        name, label, body.vertices - aside, body.triangles, (length, span[1] - span[0], height)
+        name,
+        label,
+        vertices=body.vertices - middle,
+        triangles=body.triangles,
+        truth=(length, left - right, height),
     )
 
 
-def _how(
+def _describe_taken(
     body: Body, shape: Shape, entry: MeshEntry, named_label: int | None, turn: np.ndarray
 ) -> str:
-    """Describe class, size and axes of a body in words, and why they were chosen."""
+    """Describe class, size and axes of a body in words, and why they were chosen.
+
+    named_label: class number by the table, folder or file name, None if the shape decided; turn:
+    rotation from the file's axes, whose rows are forward, left and up."""
     class_source = "by its shape" if named_label is None else "by its folder or name"
-    class_source = class_source if entry.label is None else f"as {TABLE} says"
-    axes = {tuple(axis): name for name, axis in _AXES.items()}
-    forward, _, up = (axes[tuple(row)] for row in turn)
+    if entry.label is not None:
+        class_source = f"as {TABLE} says"
+    axis_names = {tuple(axis): name for name, axis in _AXES.items()}
+    forward = axis_names[tuple(turn[0])]
+    up = axis_names[tuple(turn[2])]
     frame = f"{up} up, {forward} forward"
     if not entry.has_frame and body.label == VEHICLE:
-        frame += (
-            " (its profile agrees)"
-            if shape.ahead > _FRONT_CLEAR
-            else " (assumed, its profile does not tell)"
-        )
+        agrees = shape.ahead > _FRONT_CLEAR
+        frame += " (its profile agrees)" if agrees else " (assumed, its profile does not tell)"
     elif not entry.has_frame:
         frame += " (front assumed)"
     mirrors = "" if body.truth is None else ", mirrors left out of its box"
@@ -491,23 +523,25 @@ def _read(path: Path) -> Mesh:
         raise ValueError(
             f"{path}: a triangle refers to a missing vertex: repair it or export it again"
         )
-    in_use, corners = np.unique(triangles, return_inverse=True)
-    if not np.isfinite(vertices[in_use]).all():
+    # indices of the vertices that triangles use, and triangles by index in these
+    used_indices, new_triangles = np.unique(triangles, return_inverse=True)
+    used_vertices = vertices[used_indices]
+    if not np.isfinite(used_vertices).all():
         raise ValueError(
             f"{path}: holds vertices that are NaN or infinite: repair it or export it again"
         )
-    return Mesh(vertices[in_use], corners.reshape(-1, 3))
+    return Mesh(used_vertices, new_triangles.reshape(-1, 3))
 
 
 def _find_label(called: Path) -> int | None:
     """Class number by the name of a folder in the path or the start of the file's name.
 
     Inner folders come first; None if nothing begins with the name of a class."""
-    parts = (part.lower() for part in (*reversed(called.parent.parts), called.stem))
-    return next(
-        (label for part in parts for label, name in enumerate(LABELS) if part.startswith(name)),
-        None,
-    )
+    for part in (*reversed(called.parent.parts), called.stem):
+        for label, name in enumerate(LABELS):
+            if part.lower().startswith(name):
+                return label
+    return None
 
 
 def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
@@ -522,25 +556,30 @@ def _remedy(mesh: Mesh, named_label: int | None) -> str:
 
     mesh: as in the file; named_label: class number, None if unknown."""
     # smaller is better: first no change of scale, then the largest deviation from typical sizes
-    best = (np.inf, np.inf)
+    best_penalty = (np.inf, np.inf)
     remedy = ""
-    for (unit, scale), (axes, turn) in product(
-        [("", 1.0), *_UNITS.items()], [("", np.eye(3)), *_TURNS.items()]
-    ):
-        ways = (
-            f"{axes} forward: scale it by {scale} and turn it" if axes else f"scale it by {scale}"
-        )
-        what = f"in {unit}, {ways}" if unit else f"{axes} forward, turn it"
-        read = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
-        size = np.ptp(read.vertices, axis=0)
+    units = [("", 1.0), *_UNITS.items()]  # name, and metres of one
+    axes_and_turns = [("", np.eye(3)), *_TURNS.items()]  # words, and rotation to x forward, z up
+    for (unit, scale), (axes, turn) in product(units, axes_and_turns):
+        changed = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
+        size = np.ptp(changed.vertices, axis=0)
         for label in PLAUSIBLE if named_label is None else (named_label,):
-            off = (float(scale != 1), float(np.abs(np.log(size / _TYPICAL[label])).max()))
-            if not _plausible(size, label) or off >= best:
+            deviation = float(np.abs(np.log(size / _TYPICAL[label])).max())
+            penalty = (float(scale != 1), deviation)
+            if not _plausible(size, label) or penalty >= best_penalty:
                 continue
-            shape = measure_shape(read)
-            if find_wrong_stand(shape, label) is None and (
-                named_label is not None or is_clearly(shape, label)
-            ):
-                best = off
-                remedy = f"it seems to be {what}"
+            shape = measure_shape(changed)
+            has_class = named_label is not None or is_clearly(shape, label)
+            if has_class and find_wrong_stand(shape, label) is None:
+                best_penalty = penalty
+                remedy = f"it seems to be {_describe_change(unit, scale, axes)}"
     return remedy
+
+
+def _describe_change(unit: str, scale: float, axes: str) -> str:
+    # words for a file's unit and axes, and how to mend them; unit and axes: "" if they are right
+    if not unit:
+        return f"{axes} forward, turn it"
+    if not axes:
+        return f"in {unit}, scale it by {scale}"
+    return f"in {unit}, {axes} forward: scale it by {scale} and turn it"

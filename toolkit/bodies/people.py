@@ -16,7 +16,7 @@ def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
 
     height: of the person (m); hem: height of the hem, as a part of it; stout: see `Figure`."""
     waist = [(0.0, 0.0, 0.58 * height), (0.0, 0.0, hem * height)]
-    return tube(waist, [0.095 * stout * height, (0.10 + 0.06 * stout) * height], 10)
+    return tube(waist, radii=[0.095 * stout * height, (0.10 + 0.06 * stout) * height], sides=10)
 
 
 def umbrella(height: float) -> Mesh:
@@ -27,7 +27,7 @@ def umbrella(height: float) -> Mesh:
     # radius, and distance below the top (m)
     rings = ((0.47, 0.26), (0.48, 0.24), (0.36, 0.1), (0.18, 0.02), (0.01, 0))
     dome = [unit_circle() * radius + [x, y, top - drop] for radius, drop in rings]
-    handle = tube([(x, y, 0.55 * height), (x, y, top)], 0.012, 5)
+    handle = tube([(x, y, 0.55 * height), (x, y, top)], radii=0.012, sides=5)
     return merge([loft(np.stack(dome)), handle])
 
 
@@ -35,29 +35,38 @@ def pushchair(height: float) -> Mesh:
     """Mesh of a pushchair with a child, about 0.9 m ahead of the person pushing.
 
     height: as for other burdens; the pushchair does not depend on it."""
-    wheels = [make_wheel(x, y, 0.11, 0.05, 10) for x in (0.62, 1.15) for y in (-0.24, 0.24)]
-    seat = place(ellipsoid((0.0, 0.0, 0.62), (0.30, 0.21, 0.24), 5, 8), 0.88)
-    bars = [
-        tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], 0.015, 5) for y in (-0.22, 0.22)
+    wheels = [
+        make_wheel(x, y, radius=0.11, breadth=0.05, sides=10)
+        for x in (0.62, 1.15)
+        for y in (-0.24, 0.24)
     ]
-    handle = tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], 0.015, 5)
+    seat = place(ellipsoid((0.0, 0.0, 0.62), radii=(0.30, 0.21, 0.24), rings=5, sides=8), x=0.88)
+    bars = [
+        tube([(1.15, y, 0.12), (0.62, y, 0.72), (0.36, y, 1.0)], radii=0.015, sides=5)
+        for y in (-0.22, 0.22)
+    ]
+    handle = tube([(0.36, -0.22, 1.0), (0.36, 0.22, 1.0)], radii=0.015, sides=5)
     return merge([*wheels, seat, *bars, handle])
 
 
 def trolley(height: float) -> Mesh:
     """Mesh of a suitcase on wheels, pulled behind; it does not depend on the height."""
-    handle = tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], 0.012, 5)
-    return merge([box((0.26, 0.42, 0.58), (-0.55, -0.30, 0.34)), handle])
+    handle = tube([(-0.45, -0.30, 0.6), (-0.15, -0.28, 0.85)], radii=0.012, sides=5)
+    return merge([box((0.26, 0.42, 0.58), centre=(-0.55, -0.30, 0.34)), handle])
 
 
 def bag(height: float) -> Mesh:
     """Mesh of a carrier bag in the left hand. height: height of the person (m)."""
-    return ellipsoid((0.03 * height, 0.17 * height, 0.31 * height), (0.16, 0.08, 0.20), 3, 8)
+    return ellipsoid(
+        (0.03 * height, 0.17 * height, 0.31 * height), radii=(0.16, 0.08, 0.20), rings=3, sides=8
+    )
 
 
 def backpack(height: float) -> Mesh:
     """Mesh of a rucksack on the back. height: height of the person (m)."""
-    return ellipsoid((-0.105 * height, 0.0, 0.71 * height), (0.12, 0.16, 0.25), 5, 8)
+    return ellipsoid(
+        (-0.105 * height, 0.0, 0.71 * height), radii=(0.12, 0.16, 0.25), rings=5, sides=8
+    )
 
 
 def hat(height: float) -> Mesh:
@@ -65,12 +74,14 @@ def hat(height: float) -> Mesh:
     x = 0.022 * height
     z = 0.965 * height
     axis = [(x, 0, z), (x, 0, z + 0.02), (x, 0, z + 0.03), (x, 0, z + 0.10)]
-    return tube(axis, [0.17, 0.17, 0.10, 0.09], 10)
+    return tube(axis, radii=[0.17, 0.17, 0.10, 0.09], sides=10)
 
 
 def stick(height: float) -> Mesh:
     """Mesh of a walking stick in the right hand. height: height of the person (m)."""
-    return tube([(0.20, -0.17 * height, 0.0), (0.10, -0.155 * height, 0.50 * height)], 0.015, 5)
+    return tube(
+        [(0.20, -0.17 * height, 0.0), (0.10, -0.155 * height, 0.50 * height)], radii=0.015, sides=5
+    )
 
 
 class _Pedestrian(NamedTuple):
@@ -90,8 +101,9 @@ def pedestrians() -> dict[str, Mesh]:
     """Fourteen people on foot, 1.1 to 1.95 m tall; umbrellas, hats and loads come on top."""
     meshes = {}
     for name, (figure, height, make_extra) in _list_pedestrians().items():
-        body = stand(person(figure, height))
-        body = scale_mesh(body, height / body.vertices[:, 2].max())
+        standing = stand(person(figure, height))
+        top = standing.vertices[:, 2].max()
+        body = scale_mesh(standing, height / top)  # exactly as tall as stated
         extras = [make_extra(height)] if make_extra else []
         meshes[name] = merge([body, *extras])
     return meshes

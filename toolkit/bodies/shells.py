@@ -47,10 +47,11 @@ def _round_section(section: ShellSection, radius: float, points: int) -> Float64
     y = section.width / 2 - radius
     low = section.bottom + radius
     high = section.top - radius
+    middles = ((y, high), (-y, high), (-y, low), (y, low))
     quarter = np.linspace(0, np.pi / 2, points)
     arcs = []
-    for k, (middle_y, middle_z) in enumerate(((y, high), (-y, high), (-y, low), (y, low))):
-        turn = k * np.pi / 2 + quarter
+    for k, (middle_y, middle_z) in enumerate(middles):
+        turn = k * np.pi / 2 + quarter  # angle from +y towards +z
         arc_y = middle_y + radius * np.cos(turn)
         arc_z = middle_z + radius * np.sin(turn)
         # 0 * turn + x repeats x for every point of the arc

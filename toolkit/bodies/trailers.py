@@ -27,14 +27,16 @@ def draw_trailer(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     floor = float(rng.uniform(0.4, 0.6))
     front = -shape.length / 2 - drawbar_length
     wheel_radius = float(rng.uniform(0.24, 0.33))
-    drawbar = tube([(-shape.length / 2 + 0.1, 0.0, 0.42), (front - 0.2, 0.0, 0.46)], 0.05, 6)
+    drawbar = tube(
+        [(-shape.length / 2 + 0.1, 0.0, 0.42), (front - 0.2, 0.0, 0.46)], radii=0.05, sides=6
+    )
     if kind == "open_trailer":
         bodies = _draw_open_trailer(front, length, width, floor, rng)
     else:
         bodies = [_draw_box(kind, front, length, width, floor, rng)]
     middle = front - length / 2
     inset = 0.08 if kind == "caravan" else -0.1  # wheels of other trailers are outside
-    wheel = make_wheel(middle - 0.05 * length, width / 2 - inset, wheel_radius, 0.18)
+    wheel = make_wheel(middle - 0.05 * length, width / 2 - inset, radius=wheel_radius, breadth=0.18)
     return kind, merge([drawbar, *bodies, wheel, flip_sides(wheel)])
 
 
@@ -48,14 +50,14 @@ def _draw_open_trailer(
     wall_height = float(rng.uniform(0.3, 0.6))
     side_wall = (length, 0.05, wall_height)
     end_wall = (0.05, width, wall_height)
-    parts = [plank((length, width, 0.06), middle, 0.0, floor)]
+    parts = [plank((length, width, 0.06), x=middle, y=0.0, z=floor)]
     for y in (-width / 2 + 0.025, width / 2 - 0.025):
-        parts.append(plank(side_wall, middle, y, floor))
+        parts.append(plank(side_wall, x=middle, y=y, z=floor))
     for x in (front - 0.025, front - length + 0.025):
-        parts.append(plank(end_wall, x, 0.0, floor))
+        parts.append(plank(end_wall, x=x, y=0.0, z=floor))
     if rng.random() < 0.5:
         heap = (0.9 * length, 0.88 * width, float(rng.uniform(0.3, 0.9)))
-        parts.append(mound(heap, middle, floor + 0.06))
+        parts.append(mound(heap, x=middle, z=floor + 0.06))
     return parts
 
 
@@ -92,5 +94,6 @@ def _shrink_ring(
     """Points (x, y, z) of a ring at an end of a trailer, narrower and lower than in its middle.
 
     ring: y, z in the middle (m); slope: share by which heights above 0.4 m shrink."""
-    z = ring[:, 1] - slope * (ring[:, 1] - 0.4)
-    return np.column_stack([np.full(4, x), ring[:, 0] * 0.96, z])
+    middle_y, middle_z = ring.T
+    z = middle_z - slope * (middle_z - 0.4)
+    return np.column_stack([np.full(4, x), middle_y * 0.96, z])

@@ -25,7 +25,7 @@ PEDALS = ((0.14, 0.13), (-0.10, 0.36))  # x and z of the left and right pedal (m
 
 def two_wheelers() -> dict[str, Mesh]:
     """Bicycles, motorcycles and a scooter with their riders, x forward, wheels on z = 0."""
-    crate = box((0.42, 0.42, 0.36), (-0.62, 0, 0.95))
+    crate = box((0.42, 0.42, 0.36), centre=(-0.62, 0, 0.95))
     vehicles = {
         "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
         "racing_bicycle": (
@@ -75,18 +75,27 @@ def rider(
         upright: sine of the back's slope, 1 for an upright back.
         stout: breadth of trunk and limbs relative to an average adult.
         foot_rest: x and z of the foot rests (m), None for pedals, one up and one down."""
-    # a figure's joints are in parts of its height
-    hip = (-0.2 / height, 0.0, saddle / height + 0.045)
-    neck_x = hip[0] + BACK_LENGTH * math.sqrt(1 - upright**2) + 0.03
-    neck = (neck_x, 0.0, hip[2] + BACK_LENGTH * upright)
-    hands = pair(grip[0] / height, grip[1] / height, grip[2] / height)
-    hand = hands[0]
-    elbows = pair((neck[0] + hand[0]) / 2 - 0.02, 0.155, (neck[2] + hand[2]) / 2 - 0.05)
+    # a figure's joints are x, y, z in parts of its height
+    hip_x, hip_z = -0.2 / height, saddle / height + 0.045
+    hip = (hip_x, 0.0, hip_z)
+    neck_x = hip_x + BACK_LENGTH * math.sqrt(1 - upright**2) + 0.03
+    neck_z = hip_z + BACK_LENGTH * upright
+    hand_x, hand_z = grip[0] / height, grip[2] / height
+    # an elbow is near the middle between neck and hand
+    elbows = pair((neck_x + hand_x) / 2 - 0.02, 0.155, (neck_z + hand_z) / 2 - 0.05)
     left_rest, right_rest = PEDALS if foot_rest is None else (foot_rest, foot_rest)
-    ankle = _find_ankle(left_rest, 0.11, height)
+    left_ankle = _find_ankle(left_rest, 0.11, height)
     right_ankle = _find_ankle(right_rest, -0.11, height)
-    knees = (_find_knee(hip, ankle), _find_knee(hip, right_ankle))
-    return person(Figure(hip, neck, knees, (ankle, right_ankle), elbows, hands, stout), height)
+    figure = Figure(
+        hip=hip,
+        neck=(neck_x, 0.0, neck_z),
+        knees=(_find_knee(hip, left_ankle), _find_knee(hip, right_ankle)),
+        ankles=(left_ankle, right_ankle),
+        elbows=elbows,
+        hands=pair(hand_x, grip[1] / height, hand_z),
+        stout=stout,
+    )
+    return person(figure, height)
 
 
 def _find_ankle(foot_rest: Span, y: float, height: float) -> Vector:
@@ -99,19 +108,21 @@ def _find_ankle(foot_rest: Span, y: float, height: float) -> Vector:
 def _find_knee(hip: Vector, ankle: Vector) -> Vector:
     """Knee in front of the line from hip to ankle, all as parts of the figure's height.
 
-    Thigh and shin are each a quarter of the height."""
+    Thigh and shin are each 0.245 of the height."""
     # half the leg's length and `bend` are the sides of a right triangle on thigh or shin
     hip_point = np.array(hip)
     ankle_point = np.array(ankle)
     leg = ankle_point - hip_point
-    bend = math.sqrt(max(0.245**2 - float(leg @ leg) / 4, 0.0004))
-    backward = np.cross([0.0, 1.0, 0.0], leg)
+    bend = math.sqrt(max(0.245**2 - float(leg @ leg) / 4, 0.0004))  # at least 0.02
+    backward = np.cross([0.0, 1.0, 0.0], leg)  # at a right angle to the leg
     knee = (hip_point + ankle_point) / 2 - bend * backward / np.linalg.norm(backward)
-    return float(knee[0]), math.copysign(0.06, ankle[1]), float(knee[2])
+    y = math.copysign(0.06, ankle[1])  # on the side of the ankle
+    return float(knee[0]), y, float(knee[2])
 
 
 def bicycle(radius: float) -> Mesh:
     """Mesh of a bicycle whose wheels have this radius (m), x forward, wheels on z = 0."""
+    # ends of the frame's tubes: x, y, z (m)
     rear_hub = (-0.52, 0.0, radius)
     front_hub = (0.52, 0.0, radius)
     crank = (-0.08, 0.0, 0.29)
@@ -126,9 +137,11 @@ def bicycle(radius: float) -> Mesh:
         ((-0.18, 0.0, 0.78), rear_hub),
         (stem, front_hub),
     ]
-    tubes = [tube(list(ends), 0.018, 5) for ends in frame]
-    handlebar = tube([(0.45, -0.28, 1.02), (0.40, 0.0, 1.0), (0.45, 0.28, 1.02)], 0.015, 5)
-    saddle = ellipsoid((-0.21, 0.0, 0.92), (0.14, 0.08, 0.04), 3, 6)
+    tubes = [tube(list(ends), radii=0.018, sides=5) for ends in frame]
+    handlebar = tube(
+        [(0.45, -0.28, 1.02), (0.40, 0.0, 1.0), (0.45, 0.28, 1.02)], radii=0.015, sides=5
+    )
+    saddle = ellipsoid((-0.21, 0.0, 0.92), radii=(0.14, 0.08, 0.04), rings=3, sides=6)
     tyres = [_make_tyre(-0.52, radius, 0.025), _make_tyre(0.52, radius, 0.025)]
     return merge([*tubes, handlebar, saddle, *tyres])
 
@@ -150,35 +163,41 @@ def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
 def motorcycle(fairing: bool = False) -> Mesh:
     """Mesh of a motorcycle, x forward, wheels on z = 0.
 
-    fairing: True for one with a fairing and a top case."""
-    rear_wheel = make_wheel(-0.70, 0.0, 0.31, 0.16)
-    front_wheel = make_wheel(0.74, 0.0, 0.30, 0.12)
-    engine = ellipsoid((0.02, 0.0, 0.45), (0.32, 0.17, 0.22))
-    tank = ellipsoid((0.16, 0.0, 0.80), (0.30, 0.15, 0.16))
+    fairing: True for one with a fairing and a top case. Points are x, y, z, all lengths in m."""
+    rear_wheel = make_wheel(-0.70, 0.0, radius=0.31, breadth=0.16)
+    front_wheel = make_wheel(0.74, 0.0, radius=0.30, breadth=0.12)
+    engine = ellipsoid((0.02, 0.0, 0.45), radii=(0.32, 0.17, 0.22))
+    tank = ellipsoid((0.16, 0.0, 0.80), radii=(0.30, 0.15, 0.16))
     seat_line = [(-0.95, 0.0, 0.80), (-0.55, 0.0, 0.78), (0.0, 0.0, 0.74)]
-    seat = tube(seat_line, [0.06, 0.13, 0.12], 8)
-    fork = [tube([(0.74, y, 0.30), (0.46, y, 0.92)], 0.03, 5) for y in (-0.1, 0.1)]
-    handlebar = tube([(0.48, -0.33, 1.0), (0.50, 0.0, 0.96), (0.48, 0.33, 1.0)], 0.02, 5)
-    lamp = ellipsoid((0.60, 0.0, 0.86), (0.10, 0.10, 0.11))
-    exhaust = tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], 0.06, 6)
+    seat = tube(seat_line, radii=[0.06, 0.13, 0.12], sides=8)
+    fork = [tube([(0.74, y, 0.30), (0.46, y, 0.92)], radii=0.03, sides=5) for y in (-0.1, 0.1)]
+    handlebar = tube(
+        [(0.48, -0.33, 1.0), (0.50, 0.0, 0.96), (0.48, 0.33, 1.0)], radii=0.02, sides=5
+    )
+    lamp = ellipsoid((0.60, 0.0, 0.86), radii=(0.10, 0.10, 0.11))
+    exhaust = tube([(-0.75, -0.17, 0.38), (0.0, -0.17, 0.28)], radii=0.06, sides=6)
     parts = [rear_wheel, front_wheel, engine, tank, seat, *fork, handlebar, lamp, exhaust]
     if fairing:
-        parts.append(ellipsoid((0.52, 0.0, 0.72), (0.36, 0.22, 0.34)))
-        parts.append(ellipsoid((-0.78, 0.0, 0.92), (0.26, 0.10, 0.09)))  # top case
+        parts.append(ellipsoid((0.52, 0.0, 0.72), radii=(0.36, 0.22, 0.34)))
+        parts.append(ellipsoid((-0.78, 0.0, 0.92), radii=(0.26, 0.10, 0.09)))  # top case
     return merge(parts)
 
 
 def scooter() -> Mesh:
     """Mesh of a motor scooter with mirrors on its handlebar, x forward, wheels on z = 0."""
-    rear_wheel = make_wheel(-0.58, 0.0, 0.24, 0.13)
-    front_wheel = make_wheel(0.60, 0.0, 0.24, 0.11)
-    seat = ellipsoid((-0.50, 0.0, 0.58), (0.46, 0.18, 0.19))
-    footboard = box((0.5, 0.34, 0.08), (0.05, 0, 0.30))
+    rear_wheel = make_wheel(-0.58, 0.0, radius=0.24, breadth=0.13)
+    front_wheel = make_wheel(0.60, 0.0, radius=0.24, breadth=0.11)
+    seat = ellipsoid((-0.50, 0.0, 0.58), radii=(0.46, 0.18, 0.19))
+    footboard = box((0.5, 0.34, 0.08), centre=(0.05, 0, 0.30))
     shield_line = [(0.36, 0.0, 0.28), (0.40, 0.0, 0.60), (0.36, 0.0, 0.92)]
-    shield = tube(shield_line, [0.10, 0.12, 0.06], 8, flat=1.9)
-    fork = tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], 0.04, 6)
-    handlebar = tube([(0.36, -0.30, 0.98), (0.38, 0.0, 0.95), (0.36, 0.30, 0.98)], 0.02, 5)
-    mirror_arm = tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], 0.01, 4)
-    mirror = merge([ellipsoid((0.40, 0.27, 1.12), (0.02, 0.06, 0.05), 3, 6), mirror_arm])
+    shield = tube(shield_line, radii=[0.10, 0.12, 0.06], sides=8, flat=1.9)
+    fork = tube([(0.60, 0.0, 0.24), (0.38, 0.0, 0.92)], radii=0.04, sides=6)
+    handlebar = tube(
+        [(0.36, -0.30, 0.98), (0.38, 0.0, 0.95), (0.36, 0.30, 0.98)], radii=0.02, sides=5
+    )
+    mirror_arm = tube([(0.37, 0.24, 0.98), (0.40, 0.27, 1.12)], radii=0.01, sides=4)
+    mirror = merge(
+        [ellipsoid((0.40, 0.27, 1.12), radii=(0.02, 0.06, 0.05), rings=3, sides=6), mirror_arm]
+    )
     body = [rear_wheel, front_wheel, seat, footboard, shield, fork]
     return merge([*body, handlebar, mirror, flip_sides(mirror)])

@@ -18,7 +18,7 @@ def make_wheel(x: float, y: float, radius: float, breadth: float, sides: int = 1
 
     x, y: its middle (m); radius, breadth: m; sides: number of sides of its outline."""
     axis = np.column_stack([np.full(4, x), np.array(_ACROSS) * breadth + y, np.full(4, radius)])
-    return stand(tube(axis, np.array(_RADII) * radius, sides))
+    return stand(tube(axis, radii=np.array(_RADII) * radius, sides=sides))
 
 
 def make_axles(axles: Iterable[float], width: float, radius: float, sides: int = 14) -> list[Mesh]:
@@ -27,5 +27,7 @@ def make_axles(axles: Iterable[float], width: float, radius: float, sides: int =
     axles: x of each axle (m); width: from the outer side of the left wheels to the right ones'
     (m); radius: m; sides: number of sides of a wheel's outline."""
     y = width / 2 - AXLE_WHEEL_WIDTH_M / 2
-    wheels = [make_wheel(x, y, radius, AXLE_WHEEL_WIDTH_M, sides) for x in axles]
+    wheels = [
+        make_wheel(x, y, radius=radius, breadth=AXLE_WHEEL_WIDTH_M, sides=sides) for x in axles
+    ]
     return wheels + [flip_sides(wheel) for wheel in wheels]

@@ -43,7 +43,7 @@ from toolkit.traffic.snapshots import (
     simulate,
     take_continuous,
 )
-from toolkit.traffic.sumo import STEP
+from toolkit.traffic.sumo import STEP_S
 from toolkit.traffic.supply import Supply
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ class Job:
     @property
     def is_continuous(self) -> bool:
         """True if road users come in at the border and leave there."""
-        return self.flow is not None or self.interval < STEP
+        return self.flow is not None or self.interval < STEP_S
 
     @property
     def seconds(self) -> int:

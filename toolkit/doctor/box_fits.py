@@ -42,14 +42,17 @@ class GroundView:
 
     @staticmethod
     def from_frame(sample: Frame) -> "GroundView":
-        """Find the ground of a frame and leave out its points."""
+        """Return a frame with its ground, and its points without the ground's.
+
+        If no ground is found, `ground` is None and all points stay."""
         points = sample.points()
+        step = max(1, len(points) // GROUND_POINTS)
         try:
-            ground = level(points[:: max(1, len(points) // GROUND_POINTS)], method="map")
+            ground = level(points[::step], method="map")
         except ValueError:
             return GroundView(sample, points)
-        seen = GroundView(sample, points, ground)
-        return GroundView(sample, seen.above_ground(points), ground)
+        with_all_points = GroundView(sample, points, ground)
+        return GroundView(sample, with_all_points.above_ground(points), ground)
 
     def above_ground(self, points: Points) -> Float64[np.ndarray, "_ 3"]:
         """Points (world frame) at least `CLEARANCE_M` above the ground.
@@ -61,34 +64,36 @@ class GroundView:
 
 
 def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of boxes, 0 to 1, frame after frame.
+    """Fit of boxes, 0 to 1, frame after frame: how well the points are on their faces.
 
     views: frames with their points; boxes: boxes (m, 7) of each frame, world frame."""
-    parts = [
-        measure_fits(view.points, rows)
-        for view, rows in zip(views, boxes, strict=True)
-        if len(rows)
-    ]
-    return np.concatenate([np.zeros(0), *parts])
+    fits_by_frame = [np.zeros(0)]
+    for view, view_boxes in zip(views, boxes, strict=True):
+        if len(view_boxes):
+            fits_by_frame.append(measure_fits(view.points, view_boxes))
+    return np.concatenate(fits_by_frame)
 
 
 def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.ndarray, " m"]:
     """Fit of boxes to points above the ground, 0 to 1.
 
-    Boxes with hardly any points have 0. points: one frame's (m), in the frame of the boxes; boxes:
-    x, y, z, length, width, height, yaw of each."""
-    # added to a box: one metre more on all sides and above, nothing below
+    The fit is the share of the points in and around a box that are on its faces, 0 for fewer than
+    `MIN_BOX_POINTS`. points: one frame's (m), in the frame of the boxes; boxes: x, y, z, length,
+    width, height, yaw of each."""
+    # columns as in boxes. Added to a box: one metre more on all sides and above, nothing below
     around = np.array([0, 0, 0.5, 2, 2, 1, 0])
-    # middle of each box, from its floor to 0.2 m below its roof
+    # the hollow middle of each box, from its floor to 0.2 m below its roof
     hollow = boxes * [1, 1, 1, HOLLOW_SHARE, HOLLOW_SHARE, 1, 1] - np.array(
         [0, 0, BOX_SLACK_M, 0, 0, 2 * BOX_SLACK_M, 0]
     )
-    hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)
-    all_boxes = np.concatenate([boxes + SHELL_M * around, boxes + BOX_SLACK_M * around, hollow])
-    counts = count_points(points, all_boxes).reshape(3, -1)  # (kind of box, m)
-    near = counts[0]
-    on_faces = counts[1] - counts[2]
-    return np.where(near >= MIN_BOX_POINTS, on_faces / np.maximum(near, 1), 0.0)
+    hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)  # heights of very low boxes
+    boxes_with_surroundings = boxes + SHELL_M * around
+    boxes_with_slack = boxes + BOX_SLACK_M * around
+    all_boxes = np.concatenate([boxes_with_surroundings, boxes_with_slack, hollow])
+    counts = count_points(points, all_boxes).reshape(3, -1)  # axes: kind of box as above, box
+    near_counts = counts[0]
+    on_faces = counts[1] - counts[2]  # in the box, but not in its hollow middle
+    return np.where(near_counts >= MIN_BOX_POINTS, on_faces / np.maximum(near_counts, 1), 0.0)
 
 
 def fits_better(
@@ -97,7 +102,9 @@ def fits_better(
     """Return True if the same boxes fit better by `gain` on average, and beyond chance.
 
     before, after: fit of each box; boxes without a fit in both do not count."""
-    change = (after - before)[(after > 0) | (before > 0)]
-    if len(change) < MIN_FITTED_BOXES or change.mean() < gain:
+    changes = (after - before)[(after > 0) | (before > 0)]
+    if len(changes) < MIN_FITTED_BOXES or changes.mean() < gain:
         return False
-    return bool(change.mean() >= MIN_STANDARD_ERRORS * change.std() / np.sqrt(len(change)))
+    # the standard error of a mean is the deviation over the root of the number
+    least_change = MIN_STANDARD_ERRORS * changes.std() / np.sqrt(len(changes))
+    return bool(changes.mean() >= least_change)

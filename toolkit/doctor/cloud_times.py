@@ -27,8 +27,7 @@ def diagnose_times(samples: Sequence[Frame]) -> list[Finding]:
 
 def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find clouds of one frame whose stamps are usually more than `MAX_APART_S` apart."""
-    paired = [sample for sample in samples if len(sample.clouds) > 1]
-    spreads_s = [measure_spread(sample.clouds) for sample in paired]
+    spreads_s = [measure_spread(sample.clouds) for sample in samples if len(sample.clouds) > 1]
     if not spreads_s or np.median(spreads_s) <= MAX_APART_S:
         return
     evidence = f"{np.median(spreads_s):.3f} s from first to last, median of {len(spreads_s)} frames"
@@ -51,7 +50,7 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
         )
         if len(stamps) > 2:
             steps_s[name] = float(np.median(np.diff(stamps)))
-        repeated[name] = _share_repeated(clouds)
+        repeated[name] = _repeated_share(clouds)
         missing[name] = _share_missing(clouds)
     remedy = "pair clouds by their times, and leave out those without a partner"
     if len(steps_s) > 1 and max(steps_s.values()) > MAX_RATE_RATIO * min(steps_s.values()):
@@ -60,7 +59,7 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
         return
     fresh = [name for name in repeated if repeated[name] <= MAX_REPEATED_SHARE]
     for name, share in repeated.items():
-        if share > MAX_REPEATED_SHARE and fresh and _shows_the_past(samples, name):
+        if share > MAX_REPEATED_SHARE and fresh and _is_cloud_stale(samples, name):
             evidence = (
                 f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
             )
@@ -82,55 +81,52 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
 def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find two sensors that have the same points in every frame: one cloud under two names."""
     for first, second in combinations(sensor_names(samples), 2):
-        pairs = [(find_cloud(sample, first), find_cloud(sample, second)) for sample in samples]
-        clouds = [
-            (first_cloud, second_cloud)
-            for first_cloud, second_cloud in pairs
-            if first_cloud and second_cloud and len(first_cloud.points) > 0
-        ]
-        if clouds and all(
-            np.array_equal(first_cloud.points, second_cloud.points)
-            for first_cloud, second_cloud in clouds
-        ):
-            evidence = f"all points in {len(clouds)} frames"
-            words = f"it has the same points as {second}"
+        pairs = []  # points of both sensors in each frame with points of the first
+        for sample in samples:
+            first_cloud = find_cloud(sample, first)
+            second_cloud = find_cloud(sample, second)
+            if first_cloud and second_cloud and len(first_cloud.points) > 0:
+                pairs.append((first_cloud.points, second_cloud.points))
+        if pairs and all(np.array_equal(points, others) for points, others in pairs):
             yield Finding(
-                "warning",
-                f"sensor {first}",
-                words,
-                evidence,
-                "leave one out, its points count twice",
+                severity="warning",
+                where=f"sensor {first}",
+                suspected=f"it has the same points as {second}",
+                evidence=f"all points in {len(pairs)} frames",
+                remedy="leave one out, its points count twice",
             )
 
 
-def _share_repeated(clouds: Sequence[SensorCloud | None]) -> float:
-    """Share of a sensor's clouds that have the points of the frame before.
+def _repeated_share(clouds: Sequence[SensorCloud | None]) -> float:
+    """Share of a sensor's clouds that have the points of the frame before, 0 to 1.
 
-    clouds: cloud in each frame, None if the frame lacks it. 0 for fewer than three pairs."""
-    pairs = [(former, latter) for former, latter in pairwise(clouds) if former and latter]
-    same = [
+    It is 0 for fewer than three pairs of clouds. clouds: cloud in each frame, None if the frame
+    lacks it."""
+    is_repeated = [
         len(former.points) > 0 and np.array_equal(former.points, latter.points)
-        for former, latter in pairs
+        for former, latter in pairwise(clouds)
+        if former and latter
     ]
-    return float(np.mean(same)) if len(same) > 2 else 0.0
+    return float(np.mean(is_repeated)) if len(is_repeated) > 2 else 0.0
 
 
-def _shows_the_past(samples: Sequence[Frame], name: str) -> bool:
+def _is_cloud_stale(samples: Sequence[Frame], name: str) -> bool:
     """Return True if the clouds of a sensor that repeat mostly show objects at former places.
 
-    So the repeated cloud is old, rather than the labels. Also returns True if no object has left
-    its place when a cloud repeats. name: name of the sensor."""
-    stale_count = 0
-    changes = 0
+    Then the repeated clouds are old, rather than the labels. Also returns True if no object has
+    left its place when a cloud repeats. name: name of the sensor."""
+    stale_count = 0  # repeated clouds that show an object at a place that it has left
+    repeated_count = 0  # repeated clouds of frames in which objects have left their places
     for former, latter in pairwise(samples):
         places = former.objects.boxes
-        gone = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
+        left_places = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
         before = find_cloud(former, name)
         cloud = find_cloud(latter, name)
-        if before and cloud and len(gone) and np.array_equal(cloud.points, before.points):
-            changes += 1
-            stale_count += bool((count_points(cloud.in_world(), gone) >= MIN_STALE_POINTS).any())
-    return changes == 0 or stale_count > 0.5 * changes
+        if before and cloud and len(left_places) and np.array_equal(cloud.points, before.points):
+            repeated_count += 1
+            point_counts = count_points(cloud.in_world(), left_places)
+            stale_count += bool((point_counts >= MIN_STALE_POINTS).any())
+    return repeated_count == 0 or stale_count > 0.5 * repeated_count
 
 
 def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:

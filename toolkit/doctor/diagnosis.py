@@ -108,9 +108,9 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
     problems = sum((Counter(sample.problems) for sample in samples), Counter[str]())
     total = sum(len(sample.objects) for sample in samples)
     if all(len(sample.objects) for sample in samples):
-        problems.pop(
-            problem_kinds.STRAY, None
-        )  # labels of the whole recording with a part of the clouds
+        # labels of other frames are no fault: they are the whole recording's, and only a part of
+        # the clouds is here
+        problems.pop(problem_kinds.STRAY, None)
     for kind, remedy in _REMEDIES.items():
         if problems[kind]:
             subject = "labels"

@@ -45,23 +45,26 @@ def drift_findings(found_poses: Sequence[FoundPose], reference: str) -> list[Fin
     reference: words for what the poses were found by."""
     findings = []
     for found_pose in found_poses:
-        subject, (turn, move) = f"sensor {found_pose.sensor.name}", found_pose.deviation
+        where = f"sensor {found_pose.sensor.name}"
+        turn_error, move_error = found_pose.deviation  # standard deviations (rad, m)
         if found_pose.registration is None:
             suspected = f"its pose cannot be checked against {reference}"
             findings.append(
-                Finding("warning", subject, suspected, found_pose.refusal, "check by hand")
+                Finding("warning", where, suspected, found_pose.refusal, "check by hand")
             )
         elif found_pose.has_drifted:
-            off = (
+            change = (
                 f"turned by {np.rad2deg(found_pose.turn):.2f}° and moved by "
                 f"{found_pose.distance * 100:.1f} cm"
             )
-            within = f"to within {np.rad2deg(turn):.2f}° and {move * 100:.1f} cm"
-            evidence = f"{off} against {reference}, {within}"
-            suspicion = (
-                "it hangs crooked or has drifted",
-                evidence,
-                "write its pose by coview calibrate",
+            within = f"to within {np.rad2deg(turn_error):.2f}° and {move_error * 100:.1f} cm"
+            findings.append(
+                Finding(
+                    severity="warning",
+                    where=where,
+                    suspected="it hangs crooked or has drifted",
+                    evidence=f"{change} against {reference}, {within}",
+                    remedy="write its pose by coview calibrate",
+                )
             )
-            findings.append(Finding("warning", subject, *suspicion))
     return findings

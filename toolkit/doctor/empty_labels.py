@@ -20,19 +20,20 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
 
     The finding names the wrong frame of coordinates if boxes would have points without it. views:
     frames with their points above the ground."""
-    empty, total = _count_empty(views, [view.sample.objects.boxes for view in views])
-    if not total or empty / total <= MAX_EMPTY_SHARE:
+    empty_count, total = _count_empty(views, [view.sample.objects.boxes for view in views])
+    if not total or empty_count / total <= MAX_EMPTY_SHARE:
         return
-    observation = f"{empty} of {total} boxes hold no point above the ground"
+    observation = f"{empty_count} of {total} boxes hold no point above the ground"
     samples = [view.sample for view in views]
-    undone = [
+    # the labels moved to the world from each frame that they may be in by mistake
+    explanations = [
         undo_each(other_frame.mistake, views, other_frame.choose)
         for other_frame in other_frames(samples)
     ]
-    best = max(undone, key=lambda attempt: float(attempt.fits.mean()))
-    left_empty, _ = _count_empty(views, best.boxes)
-    if left_empty / total <= MAX_EXPLAINED_EMPTY_SHARE:
-        evidence = f"{observation}, {left_empty} with that undone"
+    best = max(explanations, key=lambda attempt: float(attempt.fits.mean()))
+    remaining_count, _ = _count_empty(views, best.boxes)
+    if remaining_count / total <= MAX_EXPLAINED_EMPTY_SHARE:
+        evidence = f"{observation}, {remaining_count} with that undone"
         yield Finding("error", "labels", best.mistake.name, evidence, best.mistake.remedy)
         return
     remedy = (
@@ -43,11 +44,13 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
 
 
 def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> tuple[int, int]:
-    """Count boxes without a point above the ground, and all boxes. boxes: for each view."""
+    """Number of boxes without a point above the ground, and number of all boxes.
+
+    boxes: boxes (m, 7) of each view, in place of its labels."""
     counts = [
-        count_points(view.points, rows)
-        for view, rows in zip(views, boxes, strict=True)
-        if len(rows)
+        count_points(view.points, view_boxes)
+        for view, view_boxes in zip(views, boxes, strict=True)
+        if len(view_boxes)
     ]
-    inside = np.concatenate([np.zeros(0, np.int64), *counts])
-    return int((inside == 0).sum()), len(inside)
+    point_counts = np.concatenate([np.zeros(0, np.int64), *counts])
+    return int((point_counts == 0).sum()), len(point_counts)

@@ -81,15 +81,14 @@ class Examination:
         for mistake in self.mistakes:
             yield report_error("objects", mistake.mistake, mistake.evidence, mistake.remedy)
         yield from self.misplaced
-        # the mistakes in doubt, each once and in order; None for sensors without an explanation
-        kinds = dict.fromkeys(suspicion and suspicion.mistake for suspicion in self.doubts.values())
-        for kind in kinds:
-            doubts = {
-                name: suspicion
-                for name, suspicion in self.doubts.items()
-                if (suspicion and suspicion.mistake) == kind
-            }
-            where = f"sensor{'s' * (len(doubts) > 1)} {', '.join(doubts)}"
+        # suspicions by sensor for each mistake in order; "" for sensors without an explanation
+        doubts_by_mistake: dict[str, dict[str, Suspicion | None]] = {}
+        for name, suspicion in self.doubts.items():
+            words = "" if suspicion is None else suspicion.mistake
+            doubts_by_mistake.setdefault(words, {})[name] = suspicion
+        for doubts in doubts_by_mistake.values():
+            plural = "s" if len(doubts) > 1 else ""
+            where = f"sensor{plural} {', '.join(doubts)}"
             evidence = self._evidence(doubts)
             first = next(iter(doubts.values()))
             if first is not None:
@@ -102,25 +101,24 @@ class Examination:
         """Describe the fits of sensors in doubt in words, each after its name if they are several.
 
         doubts: suspected mistake by name of the sensor, None without an explanation."""
-        words = {
-            name: f"{self.fits[name]:.0%} of the moving points lie on boxes"
-            if doubt is None
-            else doubt.evidence
-            for name, doubt in doubts.items()
-        }
-        if len(words) == 1:
-            return next(iter(words.values()))
-        return "; ".join(f"{name}: {evidence}" for name, evidence in words.items())
+        texts: dict[str, str] = {}
+        for name, doubt in doubts.items():
+            if doubt is None:
+                texts[name] = f"{self.fits[name]:.0%} of the moving points lie on boxes"
+            else:
+                texts[name] = doubt.evidence
+        if len(texts) == 1:
+            return next(iter(texts.values()))
+        return "; ".join(f"{name}: {text}" for name, text in texts.items())
 
     def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
         """Yield objects and points (site frame) of about 20 frames, evenly spread.
 
         Points of sensors in doubt are left out."""
-        trusted = [view for view in self.views if view.sensor.name not in self.doubts]
+        trusted_views = [view for view in self.views if view.sensor.name not in self.doubts]
+        step = max(1, len(self.rows) // 20)
         # frame: row in the images and tables, not its number in the file
-        for frame in range(0, len(self.rows), max(1, len(self.rows) // 20)):
-            points = [np.zeros((0, 3), np.float32), *(view.points(frame) for view in trusted)]
-            yield (
-                published.parse_rows(self.rows[frame], self.site.map_SE3_site),
-                np.concatenate(points),
-            )
+        for frame in range(0, len(self.rows), step):
+            objects = published.parse_rows(self.rows[frame], self.site.map_SE3_site)
+            points = [view.points(frame) for view in trusted_views]
+            yield objects, np.concatenate([np.zeros((0, 3), np.float32), *points])

@@ -40,10 +40,10 @@ def find_nearly_best(
     Args:
         attempts: explanations in order of preference.
         current: fit of each box as it is, frame after frame.
-        gain: least gain in mean fit; without it, the one of `fits_better`."""
-    surer = [attempt for attempt in attempts if fits_better(current, attempt.fits, *gain)]
-    means = _means(surer) if surer else []
-    for attempt, mean in zip(surer, means, strict=True):
+        gain: least gain in mean fit, one number or none; without it, `MIN_FIT_GAIN`."""
+    better_attempts = [attempt for attempt in attempts if fits_better(current, attempt.fits, *gain)]
+    means = _mean_fits(better_attempts) if better_attempts else []
+    for attempt, mean in zip(better_attempts, means, strict=True):
         if mean >= max(means) - MAX_TIED_FIT_GAP:
             return attempt
     return None
@@ -58,11 +58,11 @@ def choose_clearer(
     it. If one is None, the other is returned. margin: in mean fit, may be negative."""
     if best is None or freer is None:
         return best or freer
-    best_mean, freer_mean = _means([best, freer])
+    best_mean, freer_mean = _mean_fits([best, freer])
     return freer if freer_mean > best_mean + margin else best
 
 
-def _means(attempts: Sequence[Explanation]) -> list[float]:
+def _mean_fits(attempts: Sequence[Explanation]) -> list[float]:
     """Mean fit of each explanation, over the boxes that have a fit in any explanation."""
     has_fit = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
     return [float(attempt.fits[has_fit].mean()) for attempt in attempts]
@@ -82,10 +82,10 @@ def undo_each(
             choice, all with the boxes in the same order. A tie takes the first."""
     boxes = []
     for view in views:
-        choices = choose(view.sample)
-        best = np.zeros(len(choices[0]), np.int64)
+        choices = np.stack(choose(view.sample))  # (choices, m, 7)
+        box_count = choices.shape[1]
+        best = np.zeros(box_count, np.int64)  # index of the best choice of each box
         if len(choices) > 1:
             best = np.argmax([measure_fits(view.points, rows) for rows in choices], axis=0)
-        # (choices, m, 7) at the best choice of each box
-        boxes.append(np.stack(choices)[best, np.arange(len(choices[0]))])
+        boxes.append(choices[best, np.arange(box_count)])
     return Explanation(mistake, boxes, fits(views, boxes))

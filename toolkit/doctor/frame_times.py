@@ -16,9 +16,9 @@ def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
 
     times: time of each frame in order (s); those that are not finite are left out."""
     steps = np.diff(times[np.isfinite(times)])
-    back = int((steps <= 0).sum())
-    if back > max(1, len(steps) / 10):  # a new scene or sensor may begin again
-        evidence = f"{back} of {len(steps)} steps, the smallest of {steps.min():g} s"
+    backward_count = int((steps <= 0).sum())
+    if backward_count > max(1, len(steps) / 10):  # some may: a new scene or sensor begins again
+        evidence = f"{backward_count} of {len(steps)} steps, the smallest of {steps.min():g} s"
         remedy = "check the times, or sort the frames"
         yield report_error("frames", "times that repeat or go back", evidence, remedy)
     elif len(steps) and not MIN_FRAME_STEP_S < np.median(steps) < MAX_FRAME_STEP_S:

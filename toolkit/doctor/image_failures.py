@@ -29,17 +29,20 @@ def frozen_frames(
         view: images of the sensor in the frames that are looked at.
         rows: published rows of the objects in each such frame.
         site: site of the recording."""
-    frozen = np.zeros(len(view.depth), bool)
-    first = 0  # frame with the original of the image that is repeated
+    is_frozen = np.zeros(len(view.depth), bool)
+    original = 0  # frame with the original of the image that is repeated
     for k in range(1, len(view.depth)):
-        if not (view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])):
-            first = k
+        is_repeated = view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])
+        if not is_repeated:
+            original = k
             continue
-        before = published.parse_rows(rows[first], site.map_SE3_site)
+        before = published.parse_rows(rows[original], site.map_SE3_site)
         now = published.parse_rows(rows[k], site.map_SE3_site)
-        gone = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
-        frozen[k] = bool((count_points(view.points(k), gone) >= MIN_OBJECT_POINTS).any())
-    return frozen
+        # places of objects that nothing is at any more
+        left_places = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
+        point_counts = count_points(view.points(k), left_places)
+        is_frozen[k] = bool((point_counts >= MIN_OBJECT_POINTS).any())
+    return is_frozen
 
 
 def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors frames"]:
@@ -65,7 +68,7 @@ def failing_sensors(
         return
     for view, is_blind in zip(views, blind_frames(views), strict=True):
         is_frozen = frozen_frames(view, rows, site)
-        failures = (
+        failures = (  # mask of the frames, suspected failure, its symptom
             (is_frozen, "it is frozen", "show objects where nobody is any more"),
             (
                 is_blind,
@@ -75,10 +78,10 @@ def failing_sensors(
         )
         for is_failing, suspected, symptom in failures:
             if is_failing.any():
-                first = frames[int(is_failing.argmax())]
+                first_frame = frames[int(is_failing.argmax())]
                 evidence = (
                     f"{int(is_failing.sum())} of {len(frames)} frames that were looked at, "
-                    f"the first is {first}, {symptom}"
+                    f"the first is {first_frame}, {symptom}"
                 )
                 remedy = "leave these frames out, or the sensor"
                 yield Finding("warning", f"sensor {view.sensor.name}", suspected, evidence, remedy)

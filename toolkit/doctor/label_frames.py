@@ -30,24 +30,35 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
 
     These are each sensor's frame; the result of applying a sensor's pose to labels that were in
     the world already; and the map. samples: frames of the recording."""
-    names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
-    wrong = []
-    for name in names:
-        find_pose = partial(_find_pose, name)
-        stated = f"labels are in the frame of sensor {name}, not in the world"
-        wrong.append(
+    sensor_names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
+    frames = []
+    for name in sensor_names:
+        frames.append(
             _make_other_frame(
-                find_pose, stated, f"move them by the pose of {name}, or name their frame"
+                partial(_find_pose, name),
+                name=f"labels are in the frame of sensor {name}, not in the world",
+                remedy=f"move them by the pose of {name}, or name their frame",
             )
         )
-    for name in names:
-        find_inverse = partial(_find_inverse, name)
-        away = f"labels in the world were moved by the pose of sensor {name}, as if in its frame"
-        wrong.append(_make_other_frame(find_inverse, away, "leave them in the world"))
-    in_map = "labels are in the map, not in the world"
-    remedy = "move them by the pose of the vehicle"
-    wrong.append(_make_other_frame(lambda sample: invert(sample.map_SE3_world), in_map, remedy))
-    return wrong
+    for name in sensor_names:
+        frames.append(
+            _make_other_frame(
+                partial(_find_inverse, name),
+                name=(
+                    f"labels in the world were moved by the pose of sensor {name}, as if in its "
+                    "frame"
+                ),
+                remedy="leave them in the world",
+            )
+        )
+    frames.append(
+        _make_other_frame(
+            lambda sample: invert(sample.map_SE3_world),
+            name="labels are in the map, not in the world",
+            remedy="move them by the pose of the vehicle",
+        )
+    )
+    return frames
 
 
 def _find_pose(name: str, sample: Frame) -> Pose:
@@ -65,8 +76,8 @@ def _find_inverse(name: str, sample: Frame) -> Pose:
 def _make_other_frame(
     world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str
 ) -> OtherFrame:
-    # world_SE3_labels: returns the motion that brings a frame's labels to the world, if they are
-    # in the wrong frame; name, remedy: words for the mistake
+    # frame of coordinates, and the mistake of labels that are in it. world_SE3_labels: function
+    # that returns the motion from it to the world; name, remedy: words for the mistake
     def choose(sample: Frame) -> list[BoxRows]:
         return [box_frames.move_boxes(world_SE3_labels(sample), sample.objects.boxes)]
 

@@ -35,22 +35,27 @@ def count_turned(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> T
 
     samples: consecutive frames; undo: takes a frame and its moving boxes, and returns the boxes
     without the mistake. Returns None if they are few, or if undoing it spoils many boxes."""
-    tracks: set[int] = set()
-    mended = 0
-    spoilt = 0
+    turned_tracks: set[int] = set()
+    # boxes that undoing the mistake turns along their motion, or against it, and all
+    mended_count = 0
+    spoilt_count = 0
     total = 0
     for k, sample in enumerate(samples):
         movers = find_moving(samples, k)
+        # cosines between heading and motion
         before = _compare_headings(movers.boxes, movers.velocities)
         after = _compare_headings(undo(sample, movers.boxes), movers.velocities)
-        is_turned = (before < 0) & (after > MIN_ALONG_COSINE)
-        tracks |= set(movers.ids[is_turned].tolist())
-        mended += int(is_turned.sum())
+        is_mended = (before < 0) & (after > MIN_ALONG_COSINE)
+        is_spoilt = (before > MIN_ALONG_COSINE) & (after < 0)
+        turned_tracks |= set(movers.ids[is_mended].tolist())
+        mended_count += int(is_mended.sum())
+        spoilt_count += int(is_spoilt.sum())
         total += len(movers.boxes)
-        spoilt += int(((before > MIN_ALONG_COSINE) & (after < 0)).sum())
-    if len(tracks) < MIN_TURNED_TRACKS or mended < MIN_FITTED_BOXES or spoilt > mended / 10:
+    if len(turned_tracks) < MIN_TURNED_TRACKS or mended_count < MIN_FITTED_BOXES:
         return None
-    return TurnedTracks(len(tracks), mended, total)
+    if spoilt_count > mended_count / 10:
+        return None
+    return TurnedTracks(tracks=len(turned_tracks), boxes=mended_count, total=total)
 
 
 def _compare_headings(
@@ -60,9 +65,9 @@ def _compare_headings(
 
     velocities: along x and y, in the frame of the boxes (m/s)."""
     speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
-    directions = velocities / np.maximum(speeds, 1e-9)
+    direction_x, direction_y = (velocities / np.maximum(speeds, 1e-9)).T
     yaw = boxes[:, 6]
-    return np.cos(yaw) * directions[:, 0] + np.sin(yaw) * directions[:, 1]
+    return np.cos(yaw) * direction_x + np.sin(yaw) * direction_y
 
 
 def suspect_headings(samples: Sequence[Frame]) -> list[Finding]:

@@ -52,6 +52,8 @@ def possible_headings(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k 
 
     A file that stores sine and cosine, or a quaternion, of a wrong angle has lost its full
     turns. Returns 31 possible headings of each box, a row for each choice."""
-    # Each lost turn was 2 pi degrees, about 6.3; 15 such turns are a quarter turn either way.
-    turns = np.arange(-15, 16)[:, None]
-    return np.deg2rad(np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * turns)
+    # The lost full turns were 2 pi degrees (about 6.3) each; 15 such turns are about a quarter
+    # turn, so 15 either way cover half a turn.
+    lost_turns = np.arange(-15, 16)[:, None]  # a row for each choice
+    angle_deg = np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * lost_turns
+    return np.deg2rad(angle_deg)

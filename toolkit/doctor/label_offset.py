@@ -58,13 +58,14 @@ def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2
 
     if not len(points) or not len(boxes):
         return np.zeros((0, 2))
-    tree = cKDTree(points[:, :2])
-    neighbours = tree.query_ball_point(
-        boxes[:, :2], np.hypot(boxes[:, 3], boxes[:, 4]) / 2 + OFFSET_REACH_M
-    )
-    rows = [
-        np.median(points[point_rows, :2], axis=0) - box[:2]
-        for point_rows, box in zip(neighbours, boxes, strict=True)
-        if point_rows
+    centres = boxes[:, :2]
+    length, width = boxes[:, 3], boxes[:, 4]
+    radii = np.hypot(length, width) / 2 + OFFSET_REACH_M
+    # indices of the points around each box
+    neighbours = cKDTree(points[:, :2]).query_ball_point(centres, radii)
+    offsets = [
+        np.median(points[indices, :2], axis=0) - centre
+        for indices, centre in zip(neighbours, centres, strict=True)
+        if indices
     ]
-    return np.array(rows).reshape(-1, 2)
+    return np.array(offsets).reshape(-1, 2)

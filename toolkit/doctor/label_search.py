@@ -71,7 +71,9 @@ def turn_each(views: Sequence[GroundView]) -> Explanation:
 
     def turn(sample: Frame) -> list[np.ndarray]:
         # the frame's boxes with each of the possible headings
-        rows = sample.objects.boxes
-        return [np.column_stack([rows[:, :6], yaw]) for yaw in possible_headings(rows[:, 6])]
+        boxes = sample.objects.boxes
+        without_yaw = boxes[:, :6]
+        stored_yaw = boxes[:, 6]
+        return [np.column_stack([without_yaw, yaw]) for yaw in possible_headings(stored_yaw)]
 
     return undo_each(LOST_DEGREES, views, turn)

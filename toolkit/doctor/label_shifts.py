@@ -52,13 +52,15 @@ def _find_delay(views: Sequence[GroundView]) -> Shift | None:
         # fit of each moving box, moved by this time (s) along its track
         return fits(views, [_move_along(moving, shift_s) for moving in movers])
 
-    now = measure_shifted_fits(0.0)
-    shifts = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
-    shifted = {shift_s: measure_shifted_fits(shift_s) for shift_s in shifts}
-    best = max(shifted, key=lambda shift_s: shifted[shift_s].mean())
-    if not fits_better(now, shifted[best]):
+    fits_now = measure_shifted_fits(0.0)
+    shifts_s = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
+    fits_by_shift = {shift_s: measure_shifted_fits(shift_s) for shift_s in shifts_s}
+    best_s = max(fits_by_shift, key=lambda shift_s: fits_by_shift[shift_s].mean())
+    if not fits_better(fits_now, fits_by_shift[best_s]):
         return None
-    return Shift(f"{abs(best):g} s", best > 0, now, shifted[best])
+    return Shift(
+        amount=f"{abs(best_s):g} s", behind=best_s > 0, before=fits_now, after=fits_by_shift[best_s]
+    )
 
 
 def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
@@ -69,26 +71,26 @@ def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
     best: Shift | None = None
     best_gain = -np.inf
     for steps in [sign * k for k in range(1, MAX_FRAME_SHIFT + 1) for sign in (1, -1)]:
-        numbers = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
+        label_frames = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
         # moving boxes of frame k, in the world of that frame and in the world of frame k + steps
         at_labels = []
         at_clouds = []
-        for k in numbers:
+        for k in label_frames:
             labels = views[k].sample
             cloud = views[k + steps].sample
-            to_cloud = invert(cloud.map_SE3_world) @ labels.map_SE3_world
-            boxes = box_frames.move_boxes(to_cloud, labels.objects.boxes)
+            cloud_SE3_labels = invert(cloud.map_SE3_world) @ labels.map_SE3_world
+            boxes = box_frames.move_boxes(cloud_SE3_labels, labels.objects.boxes)
             is_moving = _mark_moved(boxes, cloud.objects.boxes)
             at_labels.append(labels.objects.boxes[is_moving])
             at_clouds.append(boxes[is_moving])
-        before = fits([views[k] for k in numbers], at_labels)
-        after = fits([views[k + steps] for k in numbers], at_clouds)
+        before = fits([views[k] for k in label_frames], at_labels)
+        after = fits([views[k + steps] for k in label_frames], at_clouds)
         if not fits_better(before, after):
             continue
         gain = after.mean() - before.mean()
         if gain > best_gain:
-            amount = f"{abs(steps)} sample{'s' * (abs(steps) > 1)}"
-            best = Shift(amount, steps < 0, before, after)
+            unit = "samples" if abs(steps) > 1 else "sample"
+            best = Shift(f"{abs(steps)} {unit}", behind=steps < 0, before=before, after=after)
             best_gain = gain
     return best
 
@@ -101,7 +103,8 @@ def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
 
     if not len(boxes) or not len(other_boxes):
         return np.ones(len(boxes), bool)
-    distances = cKDTree(other_boxes[:, :3]).query(boxes[:, :3])[0]
+    # distance (m) of each centre from the nearest centre of the others
+    distances, _ = cKDTree(other_boxes[:, :3]).query(boxes[:, :3])
     return np.asarray(distances > MAX_STILL_M)
 
 

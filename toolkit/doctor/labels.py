@@ -77,20 +77,23 @@ def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> li
 
     views: frames with their ground; boxes: boxes (m, 7) of each frame. Returns one finding or
     none."""
-    shares = [np.zeros(0)]  # heights of centres above the ground, in heights of their boxes
-    for view, rows in zip(views, boxes, strict=True):
+    # heights of centres above the ground as shares of their boxes' heights; 0.5 is right
+    shares_by_frame = [np.zeros(0)]
+    for view, view_boxes in zip(views, boxes, strict=True):
         if view.ground is not None:
-            shares.append((rows[:, 2] - view.ground.height(rows[:, :2])) / rows[:, 5])
-    pooled = np.concatenate(shares)
-    share = float(np.median(pooled)) if len(pooled) >= MIN_FITTED_BOXES else 0.5
-    if not abs(share - 0.5) >= MIN_SUNK_SHARE:
+            centre_z, box_height = view_boxes[:, 2], view_boxes[:, 5]
+            ground_z = view.ground.height(view_boxes[:, :2])
+            shares_by_frame.append((centre_z - ground_z) / box_height)
+    shares = np.concatenate(shares_by_frame)
+    share = float(np.median(shares)) if len(shares) >= MIN_FITTED_BOXES else 0.5
+    if not abs(share - 0.5) >= MIN_SUNK_SHARE:  # also for a share that is NaN
         return []
     side = "floor" if share < 0.5 else "roof"
     remedy = "add half the height to z" if share < 0.5 else "take half the height off z"
     words = f"the centre of the {side} where the centre of the box belongs"
     evidence = (
         f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median "
-        f"of {len(pooled)}"
+        f"of {len(shares)}"
     )
     return [Finding("error", "labels", words, evidence, remedy)]
 

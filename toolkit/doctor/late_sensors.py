@@ -32,11 +32,11 @@ def suspect_late_sensors(seen: Sequence[GroundView]) -> Iterator[Finding]:
     timely = []
     for name in names:
         views = [_restrict_sensor(view, name) for view in seen]
-        now = _measure_shift(views, movers, 0.0)
+        now = _measure_moved_fits(views, movers, 0.0)
         shifts = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
-        shifted = {shift_s: _measure_shift(views, movers, shift_s) for shift_s in shifts}
+        shifted = {shift_s: _measure_moved_fits(views, movers, shift_s) for shift_s in shifts}
         best = max(shifts, key=lambda shift_s: float(shifted[shift_s].mean()))
-        if _is_later(now, shifted[best]):
+        if _fits_moved_boxes(now, shifted[best]):
             late[name] = (best, now, shifted[best])
         elif (now > 0).sum() >= MIN_TIMELY_OBJECTS:
             timely.append(name)
@@ -54,23 +54,23 @@ def suspect_late_sensors(seen: Sequence[GroundView]) -> Iterator[Finding]:
         )
 
 
-def _is_later(
+def _fits_moved_boxes(
     before: Float64[np.ndarray, " tracks"], after: Float64[np.ndarray, " tracks"]
 ) -> bool:
     """Return True if nearly all moving objects fit better with their boxes moved.
 
     before, after: mean fit of each object's boxes as they are, and moved."""
-    change = (after - before)[(before > 0) | (after > 0)]
-    improved = int((change > MIN_FIT_CHANGE).sum())
-    spoilt = int((change < -MIN_FIT_CHANGE).sum())
+    changes = (after - before)[(before > 0) | (after > 0)]  # objects without a fit do not count
+    improved_count = int((changes > MIN_FIT_CHANGE).sum())
+    spoilt_count = int((changes < -MIN_FIT_CHANGE).sum())
     return (
-        improved >= MIN_LATE_OBJECTS
-        and spoilt <= 0.1 * improved
-        and float(change.mean()) >= MIN_LATE_GAIN
+        improved_count >= MIN_LATE_OBJECTS
+        and spoilt_count <= 0.1 * improved_count
+        and float(changes.mean()) >= MIN_LATE_GAIN
     )
 
 
-def _measure_shift(
+def _measure_moved_fits(
     views: Sequence[GroundView], movers: Sequence[MovingBoxes], shift_s: float
 ) -> Float64[np.ndarray, " tracks"]:
     """Mean fit of each moving object's boxes, moved along its track by some time.
@@ -81,13 +81,15 @@ def _measure_shift(
         views: frames with the points to fit.
         movers: moving boxes of each frame.
         shift_s: time (s) by which boxes are moved, backwards if negative."""
-    moved = []
+    moved_boxes = []
     for moving in movers:
+        # x and y change, the other five columns do not
         path = np.column_stack([shift_s * moving.velocities, np.zeros((len(moving.boxes), 5))])
-        moved.append(moving.boxes + path)
+        moved_boxes.append(moving.boxes + path)
     ids = np.concatenate([moving.ids for moving in movers if len(moving.ids)])
-    tracks, places = np.unique(ids, return_inverse=True)
-    return np.bincount(places, fits(views, moved)) / np.bincount(places, minlength=len(tracks))
+    tracks, track_of_box = np.unique(ids, return_inverse=True)
+    fit_sums = np.bincount(track_of_box, fits(views, moved_boxes))
+    return fit_sums / np.bincount(track_of_box, minlength=len(tracks))
 
 
 def _restrict_sensor(seen: GroundView, name: str) -> GroundView:

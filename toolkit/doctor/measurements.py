@@ -74,25 +74,26 @@ def _suspect_blind(views: Sequence[SensorImages], frames: Sequence[int]) -> Iter
     """Find sensors that never return a point, and frames in which no sensor does.
 
     frames: numbers in the file of the frames that are looked at."""
-    blind = [view.sensor.name for view in views if not view.depth.any()]
-    for name in blind:
-        remedy = "check its images and their unit, or leave it out"
+    blind_names = [view.sensor.name for view in views if not view.depth.any()]
+    for name in blind_names:
         yield report_error(
-            f"sensor {name}", "no points", f"not one pixel of {len(frames)} frames returned", remedy
+            where=f"sensor {name}",
+            suspected="no points",
+            evidence=f"not one pixel of {len(frames)} frames returned",
+            remedy="check its images and their unit, or leave it out",
         )
     has_points = np.zeros(len(frames), bool)
     for view in views:
-        has_points |= view.depth.any(axis=1)
-    dark = [k for i, k in enumerate(frames) if not has_points[i]]
-    if dark and len(blind) < len(views):
-        evidence = (
-            f"{len(dark)} of {len(frames)} frames that were looked at, the first is {dark[0]}"
-        )
+        has_points |= view.depth.any(axis=1)  # depth: (frames, pixels), 0 without a return
+    empty_frames = [number for i, number in enumerate(frames) if not has_points[i]]
+    if empty_frames and len(blind_names) < len(views):
+        first = empty_frames[0]
+        count = f"{len(empty_frames)} of {len(frames)} frames that were looked at"
         yield report_error(
-            f"frame {dark[0]}",
-            "frames without points",
-            evidence,
-            "restore their images or leave them out",
+            where=f"frame {first}",
+            suspected="frames without points",
+            evidence=f"{count}, the first is {first}",
+            remedy="restore their images or leave them out",
         )
 
 
@@ -144,14 +145,15 @@ def _suspect_floating(exam: Examination) -> Iterator[Finding]:
     """Find boxes whose floor is off the ground around them, if they are usually so."""
     gaps = []  # heights (m) of boxes' floors above the ground next to them
     for objects, cloud in exam.clouds():
-        points = level_rows(cloud[::4], exam.site.relief.slope)
+        points = level_rows(cloud[::4], exam.site.relief.slope)  # every fourth, to save time
         for x, y, z, length, width, height, _ in level_rows(objects.boxes, exam.site.relief.slope):
             away = np.hypot(points[:, 0] - x, points[:, 1] - y)
             radius = np.hypot(length, width) / 2
-            # points in a ring of 2 m around the box; a low one is on the ground
-            ground_heights = points[(away > radius) & (away < radius + 2), 2]
-            if len(ground_heights) >= 20:
-                gaps.append(z - height / 2 - np.percentile(ground_heights, 10))
+            # points in a ring of 2 m around the box; the low ones are on the ground
+            ring_heights = points[(away > radius) & (away < radius + 2), 2]
+            if len(ring_heights) >= 20:
+                floor_z = z - height / 2
+                gaps.append(floor_z - np.percentile(ring_heights, 10))
     if len(gaps) >= 10 and abs(np.median(gaps)) > MAX_FLOATING_M:
         gap = float(np.median(gaps))
         word, side = ("float above", "above") if gap > 0 else ("are sunk into", "below")
@@ -162,14 +164,16 @@ def _suspect_floating(exam: Examination) -> Iterator[Finding]:
 
 def _suspect_unseen(exam: Examination) -> Iterator[Finding]:
     """Find objects in the area without a point, if they are too many to be hidden."""
-    counts = [np.zeros(0, np.int64)]  # points on each object
-    for objects, points in exam.clouds() if exam.site.name != UNKNOWN_SITE else ():
+    if exam.site.name == UNKNOWN_SITE:
+        return
+    counts_by_frame = [np.zeros(0, np.int64)]  # points on each object in the area
+    for objects, points in exam.clouds():
         if len(points):
-            inside = objects[in_area(objects.boxes[:, :2], exam.site)]
-            counts.append(count_on_ground(points, inside.boxes, exam.site))
-    unseen = np.concatenate(counts) == 0
-    if len(unseen) >= 10 and unseen.mean() > MAX_UNSEEN_SHARE:
-        evidence = f"{unseen.sum()} of {len(unseen)} objects in the detection area"
+            objects_inside = objects[in_area(objects.boxes[:, :2], exam.site)]
+            counts_by_frame.append(count_on_ground(points, objects_inside.boxes, exam.site))
+    is_unseen = np.concatenate(counts_by_frame) == 0
+    if len(is_unseen) >= 10 and is_unseen.mean() > MAX_UNSEEN_SHARE:
+        evidence = f"{is_unseen.sum()} of {len(is_unseen)} objects in the detection area"
         remedy = "check poses and boxes, and that images and objects belong to the same frames"
         yield Finding(
             "warning", "objects", "objects without a point from any sensor", evidence, remedy

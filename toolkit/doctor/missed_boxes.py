@@ -51,7 +51,10 @@ def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
         ground = seen_frame.ground
         if ground is None or not len(sample.objects):
             continue
-        views = {cloud.name: _look(cloud, sample.objects.boxes, ground) for cloud in sample.clouds}
+        views = {
+            cloud.name: _mark_visible_boxes(cloud, sample.objects.boxes, ground)
+            for cloud in sample.clouds
+        }
         for name, view in views.items():
             other_hits = [
                 other_view.hit for other_name, other_view in views.items() if other_name != name
@@ -75,48 +78,53 @@ def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
             yield Finding("error", f"sensor {name}", words, evidence, remedy)
 
 
-def _look(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
+def _mark_visible_boxes(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
     """Mark the boxes that a sensor must see, and the boxes that it has a point on.
 
-    cloud: the sensor's; boxes: (m, 7) in the world frame.
     It must see a box if it measured the ground between itself and the box, within `FRONT_M` of the
-    box and within its inner half as seen from the sensor."""
+    box and within its inner half as seen from the sensor. cloud: the sensor's; boxes: (m, 7) in
+    the world frame."""
     points = cloud.in_world()
-    heights = points[:, 2] - ground.height(points[:, :2])
-    grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
-    above_ground = points[heights > GROUND_BAND_M]
-    hit = count_points(above_ground, grown) > 0
-    level_points = points[np.abs(heights) < GROUND_BAND_M]
+    heights = points[:, 2] - ground.height(points[:, :2])  # above the ground (m)
+    # x, y, z, length, width, height, yaw: a margin on all sides
+    grown_boxes = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
+    points_above = points[heights > GROUND_BAND_M]
+    is_hit = count_points(points_above, grown_boxes) > 0
+    ground_points = points[np.abs(heights) < GROUND_BAND_M]
     position = cloud.world_SE3_sensor[:2, 3]
-    must_see = [_sees_front(level_points, position, box) for box in boxes]
-    return _Visibility(np.array(must_see, bool), hit)
+    must_see = [_sees_front(ground_points, position, box) for box in boxes]
+    return _Visibility(must_see=np.array(must_see, bool), hit=is_hit)
 
 
 def _sees_front(
-    level_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
+    ground_points: Points, position: Float64[np.ndarray, "2"], box: Float64[np.ndarray, "7"]
 ) -> bool:
     """Return True if a sensor has points on the ground just in front of a box.
 
     Args:
-        level_points: points (m) near the ground.
+        ground_points: points (m) near the ground.
         position: x and y (m) of the sensor.
         box: x, y, z, length, width, height, yaw, in the same frame.
 
     Returns False for a box too close to the sensor."""
-    # unit vectors from the sensor to the box, and to its left; along the box, and across it
+    length, width = box[3], box[4]
+    yaw = box[6]
+    # unit vectors in the plane: from the sensor to the box, and to its left
     to_box = box[:2] - position
     distance = float(np.hypot(*to_box))
     ahead = to_box / max(distance, 1e-9)
     aside = np.array([-ahead[1], ahead[0]])
-    heading = np.array([np.cos(box[6]), np.sin(box[6])])
+    # unit vectors along the box, and across it
+    heading = np.array([np.cos(yaw), np.sin(yaw)])
     across = np.array([-heading[1], heading[0]])
     # half of the box's extent along and across the view
-    depth = abs(heading @ ahead) * box[3] / 2 + abs(across @ ahead) * box[4] / 2
-    width = abs(heading @ aside) * box[3] / 2 + abs(across @ aside) * box[4] / 2
-    if distance <= depth + FRONT_M:
+    half_depth = abs(heading @ ahead) * length / 2 + abs(across @ ahead) * width / 2
+    half_width = abs(heading @ aside) * length / 2 + abs(across @ aside) * width / 2
+    front = distance - half_depth
+    if distance <= half_depth + FRONT_M:
         return False
-    offsets = level_points[:, :2] - position
-    along = offsets @ ahead
-    near = (along > distance - depth - FRONT_M) & (along < distance - depth)
-    inner = np.abs(offsets @ aside) < width / 2
-    return int((near & inner).sum()) >= MIN_FRONT_POINTS
+    offsets = ground_points[:, :2] - position
+    along_view = offsets @ ahead
+    is_in_front = (along_view > front - FRONT_M) & (along_view < front)
+    is_in_inner_half = np.abs(offsets @ aside) < half_width / 2
+    return int((is_in_front & is_in_inner_half).sum()) >= MIN_FRONT_POINTS

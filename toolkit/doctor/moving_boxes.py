@@ -31,22 +31,25 @@ def find_moving(samples: Sequence[Frame], k: int) -> MovingBoxes:
 
     samples: consecutive frames. Boxes without a track in those frames are left out."""
     frame = samples[k]
-    rows = list[int]()
-    velocities = list[np.ndarray]()
+    moving_rows = list[int]()
+    velocities = list[np.ndarray]()  # x, y (m/s) in the world of frame k
     neighbours = [samples[index] for index in (k + 1, k - 1) if 0 <= index < len(samples)]
     for row, track in enumerate(frame.objects.ids):
         for neighbour in neighbours:
             match = np.flatnonzero(neighbour.objects.ids == track)
-            seconds = neighbour.time - frame.time
+            seconds = neighbour.time - frame.time  # negative for the frame before
             if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
+                # the worlds of two frames may differ, as around a vehicle; the map is the same
                 in_map = transform(neighbour.map_SE3_world, neighbour.objects.boxes[match, :3])
                 position = transform(invert(frame.map_SE3_world), in_map)[0, :2]
                 velocity = (position - frame.objects.boxes[row, :2]) / seconds
                 if MIN_MOVING_SPEED_MPS < np.linalg.norm(velocity) < MAX_TRACK_SPEED_MPS:
-                    rows.append(row)
+                    moving_rows.append(row)
                     velocities.append(velocity)
                 break
-    moving = np.array(rows, np.int64)
+    indices = np.array(moving_rows, np.int64)
     return MovingBoxes(
-        frame.objects.boxes[moving], np.array(velocities).reshape(-1, 2), frame.objects.ids[moving]
+        boxes=frame.objects.boxes[indices],
+        velocities=np.array(velocities).reshape(-1, 2),
+        ids=frame.objects.ids[indices],
     )

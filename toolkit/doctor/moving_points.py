@@ -44,16 +44,21 @@ def choose_witnesses(views: Sequence[SensorImages]) -> list[Witness]:
 
     views: images of each sensor. Results are sensor by sensor, then by frame."""
     rng = np.random.default_rng(0)
-    selected = []
-    for i, view in enumerate(views):
-        for frame, moving in enumerate(view.moving()):
-            pixels = np.flatnonzero(moving)
+    witnesses = []
+    for sensor_index, view in enumerate(views):
+        for frame, is_moving in enumerate(view.moving()):
+            pixels = np.flatnonzero(is_moving)
             if len(pixels) > _POINTS_PER_FRAME:
                 pixels = rng.choice(pixels, _POINTS_PER_FRAME, replace=False)
-            rays = view.rays[pixels].astype(np.float64)
-            depth = view.depth[frame, pixels].astype(np.float64)
-            selected.append(Witness(frame, i, rays, depth))
-    return selected
+            witnesses.append(
+                Witness(
+                    frame=frame,
+                    sensor=sensor_index,
+                    rays=view.rays[pixels].astype(np.float64),
+                    depth=view.depth[frame, pixels].astype(np.float64),
+                )
+            )
+    return witnesses
 
 
 def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_site: Pose) -> float:
@@ -72,14 +77,16 @@ def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_s
         objects = published.parse_rows(table, map_SE3_site)
         # offsets of each point from each box's centre, (points, boxes) each
         x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
-        cos = np.cos(objects.boxes[:, 6])
-        sin = np.sin(objects.boxes[:, 6])
+        yaw = objects.boxes[:, 6]
+        cos = np.cos(yaw)
+        sin = np.sin(yaw)
+        # distances along each box's length, width and height
         offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
-        half = objects.boxes.T[3:6, None, :] / 2
-        inside = np.all(offsets <= half + _SLACK_M, axis=0)
+        half_sizes = objects.boxes.T[3:6, None, :] / 2
+        is_inside = np.all(offsets <= half_sizes + _SLACK_M, axis=0)
         is_vehicle = np.isin(objects.labels, (VEHICLE, HEAVY))
-        core = np.all(offsets <= half * _CORE_SHARE, axis=0) & is_vehicle
-        on_boxes += int((np.any(inside, axis=1) & ~np.any(core, axis=1)).sum())
+        is_in_core = np.all(offsets <= half_sizes * _CORE_SHARE, axis=0) & is_vehicle
+        on_boxes += int((np.any(is_inside, axis=1) & ~np.any(is_in_core, axis=1)).sum())
     return on_boxes / max(1, sum(map(len, clouds)))
 
 
@@ -88,10 +95,11 @@ def collect_clouds(
 ) -> list[Float64[np.ndarray, "_ 3"]]:
     """Points (m, site frame) of moving pixels in each frame.
 
-    frames: number of frames; frames without moving pixels get an empty array."""
+    witnesses: moving pixels, each with the indices of its frame and of its sensor in `sensors`;
+    frames: number of frames. Frames without moving pixels get an empty array."""
     arrays_by_frame: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
     for witness in witnesses:
-        arrays_by_frame[witness.frame].append(
-            transform(sensors[witness.sensor].pose, witness.rays * witness.depth[:, None])
-        )
+        in_sensor = witness.rays * witness.depth[:, None]
+        in_site = transform(sensors[witness.sensor].pose, in_sensor)
+        arrays_by_frame[witness.frame].append(in_site)
     return [np.concatenate(arrays) for arrays in arrays_by_frame]

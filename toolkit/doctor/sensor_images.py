@@ -13,6 +13,7 @@ from toolkit.runtime import hdf5
 from toolkit.sensors.sensor import Sensor
 
 _MOVED_M = 0.3  # a pixel nearer than the empty scene by more than this shows a moving object
+_MAX_MOVING_DEPTH_M = 100  # farther pixels are not used
 
 
 def read_images(
@@ -37,7 +38,7 @@ def read_images(
                 remedy = "restore the file"
                 findings.append(report_error(where, "damaged image", str(error), remedy))
                 continue
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore"):  # numbers too large for float32 become inf
                 depth[i] = image[::stride, ::stride]
         depth = np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
         rays = sensor.model.rays().reshape(-1, 3)
@@ -63,12 +64,14 @@ class SensorImages:
 
         Nothing is marked with fewer than three frames that have a return."""
         # a frame without any return shows nothing of the scene
-        seen = self.depth[(self.depth > 0).any(axis=1)]
-        if len(seen) < 3:
+        usable_depth = self.depth[(self.depth > 0).any(axis=1)]
+        if len(usable_depth) < 3:
             return np.zeros(self.depth.shape, bool)
         # farthest measurement of each pixel, infinite if it once has no return
-        background = np.where(seen > 0, seen, np.inf).max(axis=0)
-        return (self.depth > 0) & (self.depth < 100) & (self.depth < background * 0.99 - _MOVED_M)
+        background = np.where(usable_depth > 0, usable_depth, np.inf).max(axis=0)
+        is_near = (self.depth > 0) & (self.depth < _MAX_MOVING_DEPTH_M)
+        # nearer than the background by 1 % and `_MOVED_M`
+        return is_near & (self.depth < background * 0.99 - _MOVED_M)
 
     def points(self, frame: int) -> Float32[np.ndarray, "_ 3"]:
         """Points (m, site frame) of one frame. frame: row of `depth`."""

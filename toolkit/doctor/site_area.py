@@ -17,19 +17,19 @@ def find_misplaced(rows: list[np.ndarray], site: Site) -> tuple[list[Finding], l
     rows: published rows of the objects of each frame, in CARLA's frame. Returns findings, and the
     rows without a mirrored axis, or as they are."""
     centres = np.concatenate([np.zeros((0, 3)), *(table[:, :3] for table in rows)])
-    # factors of the published columns, among them y and yaw
+    # factors of the published columns: y (column 1) and yaw (column 5) change their signs
     mirror_y = np.array([1.0, -1, 1, 1, 1, -1, 1, 1, 1, 1])
-    near = _share_near(centres, site)
-    if near >= 0.5 or site.name == UNKNOWN_SITE:
+    near_share = _share_near(centres, site)
+    if near_share >= 0.5 or site.name == UNKNOWN_SITE:
         return [], rows
-    mirrored_near = _share_near(centres * mirror_y[:3], site)
-    evidence = f"{near:.0%} of {len(centres)} objects in or near the area of {site.name!r}"
-    if mirrored_near < 0.5:
+    mirrored_share = _share_near(centres * mirror_y[:3], site)
+    evidence = f"{near_share:.0%} of {len(centres)} objects in or near the area of {site.name!r}"
+    if mirrored_share < 0.5:
         remedy = "pass the site where this was recorded, or check the coordinates"
         return [report_error("objects", "objects elsewhere than the site", evidence, remedy)], rows
-    evidence += f", {mirrored_near:.0%} with y negated"
-    mirrored = report_error("objects", "mirrored y axis", evidence, MIRROR_Y)
-    return [mirrored], [table * mirror_y for table in rows]
+    evidence += f", {mirrored_share:.0%} with y negated"
+    finding = report_error("objects", "mirrored y axis", evidence, MIRROR_Y)
+    return [finding], [table * mirror_y for table in rows]
 
 
 def _share_near(centres: np.ndarray, site: Site) -> float:

@@ -52,7 +52,8 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
 def _depth_units(file: h5py.File) -> tuple[float, ...]:
     """Factors that may turn the file's depth into metres, chosen by its largest number.
 
-    The number is from the image in the middle of `dslices`. Returns 1 for a file without it."""
+    The number is from the image in the middle of `dslices`, the file's depth images. Returns the
+    factor 1 for a file without it."""
     if not hdf5.contains(file, "dslices"):
         return (1.0,)
     images = hdf5.dataset(file, "dslices", kinds="fiub")
@@ -64,9 +65,11 @@ def _depth_units(file: h5py.File) -> tuple[float, ...]:
         return (published.NO_RETURN_M,)  # CARLA's encoding, parts of the far plane
     if largest <= 1.01 * published.NO_RETURN_M:
         return (1.0,)
-    return tuple(
+    # metres, centimetres or millimetres, if the largest depth is then plausible
+    plausible_units = tuple(
         unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN_M
-    ) or (0.001,)
+    )
+    return plausible_units or (0.001,)
 
 
 class _StoredTables(NamedTuple):
@@ -84,20 +87,24 @@ class _StoredTables(NamedTuple):
 
 def _read_tables(file: h5py.File) -> _StoredTables:
     """Read the objects of all frames; only the first three damaged frames become findings."""
-    images = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
-    shape = hdf5.dataset(file, images[0], kinds="fiub").shape if images else ()
+    # any dataset with a row for each frame gives the number of frames
+    names = [*hdf5.find_kinds(file, ("dslices", "coview/time"))]
+    shape = hdf5.dataset(file, names[0], kinds="fiub").shape if names else ()
+    frame_count = shape[0] if shape else 0
     tables: list[np.ndarray] = []
-    faults: list[str] = []
-    for k in range(shape[0] if shape else 0):
+    faults: list[str] = []  # each frame's fault, "" for a sound one
+    for k in range(frame_count):
         table = np.zeros((0, len(published.OBJECT_COLUMNS)))
         fault = ""
         try:
             rows = object_rows(file, f"objects/{k}")
-            words = published.wrong_rows(rows)  # "" for a sound row
-            published.parse_rows(rows[words == ""], np.eye(4))
-            table = np.asarray(rows[words == ""], np.float64)
-            if (words != "").any():
-                fault = f"row {int((words != '').argmax())} {words[words != ''][0]}"
+            row_faults = published.wrong_rows(rows)  # words for each row, "" for a sound one
+            is_sound = row_faults == ""
+            published.parse_rows(rows[is_sound], np.eye(4))  # raises ValueError for wrong values
+            table = np.asarray(rows[is_sound], np.float64)
+            if not is_sound.all():
+                first_wrong = int((~is_sound).argmax())
+                fault = f"row {first_wrong} {row_faults[first_wrong]}"
         except (ValueError, OSError) as error:
             fault = str(error).removeprefix("objects ")
         tables.append(table)
@@ -116,26 +123,29 @@ def _suspect_repetitions(
     tables: published rows of each frame; is_readable: for each frame, True if its table has no
     fault, so that an empty one has no objects."""
     findings = []
-    empty = [k for k, table in enumerate(tables) if is_readable[k] and not len(table)]
-    if empty:
-        evidence = f"{len(empty)} of {len(tables)} frames, the first is {empty[0]}"
+    empty_frames = [k for k, table in enumerate(tables) if is_readable[k] and not len(table)]
+    if empty_frames:
+        first = empty_frames[0]
+        evidence = f"{len(empty_frames)} of {len(tables)} frames, the first is {first}"
         remedy = "right if nothing was there, else restore their objects"
         findings.append(
-            Finding("warning", f"objects/{empty[0]}", "frames without objects", evidence, remedy)
+            Finding("warning", f"objects/{first}", "frames without objects", evidence, remedy)
         )
-    # first frame with the same rows, by their bytes
-    first: dict[bytes, int] = {}
-    twins = [
-        (first.setdefault(table.tobytes(), k), k) for k, table in enumerate(tables) if len(table)
-    ]
-    twins = [(original, copy) for original, copy in twins if original != copy]
-    if twins:
+    frame_by_bytes: dict[bytes, int] = {}  # first frame with these rows
+    copies: list[tuple[int, int]] = []  # original and copy
+    for k, table in enumerate(tables):
+        if len(table):
+            original = frame_by_bytes.setdefault(table.tobytes(), k)
+            if original != k:
+                copies.append((original, k))
+    if copies:
+        original, copy = copies[0]
         evidence = (
-            f"{len(twins)} of {len(tables)} frames, frame {twins[0][1]} has the objects of frame "
-            f"{twins[0][0]}"
+            f"{len(copies)} of {len(tables)} frames, frame {copy} has the objects of frame "
+            f"{original}"
         )
         remedy = "leave the copies out, or they count twice in training and AP"
         findings.append(
-            Finding("warning", f"objects/{twins[0][1]}", "duplicated frames", evidence, remedy)
+            Finding("warning", f"objects/{copy}", "duplicated frames", evidence, remedy)
         )
     return findings

@@ -18,7 +18,7 @@ from toolkit.traffic.flow import Flow
 from toolkit.traffic.gates import VIEW_MARGIN_M
 from toolkit.traffic.obstacles import LevelBoxes, Obstacles, overlaps
 from toolkit.traffic.parked import Parked
-from toolkit.traffic.sumo import FINE_STEP
+from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply
 from toolkit.traffic.ways import Traveller, simulate_ways
 
@@ -85,7 +85,7 @@ def simulate_continuously(
         site: Site with a network.
         supply: Gives bodies, ids and random numbers.
         frames: Number of frames.
-        interval: Time between frames (s), a whole number of steps of `FINE_STEP`.
+        interval: Time between frames (s), a whole number of steps of `FINE_STEP_S`.
         max_parked: Largest number of parked vehicles.
         flow: Demand, None to draw it.
         progress: Called with the number of simulated seconds.
@@ -95,7 +95,7 @@ def simulate_continuously(
     parked = Parked.draw(site, obstacles, supply, max_parked=max_parked)
     seconds = max(0, frames - 1) * interval
     ways = simulate_ways(site, supply, seconds=seconds, flow=flow, progress=progress)
-    stride = round(interval / FINE_STEP)
+    stride = round(interval / FINE_STEP_S)
     view = shapely.box(*(site.area + VIEW_MARGIN_M * np.array([-1, -1, 1, 1])))
     frame_parts = [np.zeros(0, np.int64)]
     box_parts = [np.zeros((0, 7))]

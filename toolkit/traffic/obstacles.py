@@ -9,8 +9,8 @@ from toolkit.sites.site import Site
 
 # boxes (x, y, z, length, width, height in m, yaw in rad), z counted from the plane of the ground
 LevelBoxes = Float64[np.ndarray, "n 7"]
-GAP = 0.1  # m left between bodies
-STEPS_ASIDE = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
+BODY_GAP_M = 0.1  # m left between bodies
+STEPS_ASIDE_M = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)  # m, tried in this order
 MAX_STEP_HEIGHT_M = 0.3  # above the ground; lower solids can be stepped on
 
 
@@ -26,22 +26,26 @@ class Obstacles:
 
     def __init__(self, site: Site) -> None:
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
+        # tops above the ground (m)
         heights = np.array([solid.top for solid in site.solids]) - site.ground(middles)
         solids = [
             solid
             for solid, height in zip(site.solids, heights, strict=True)
             if height > MAX_STEP_HEIGHT_M
         ]
-        places = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
-        self.bases = np.array([solid.base for solid in solids]) - site.plane(places)
+        solid_middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
+        # undersides above the plane of the site (m), and outlines from above, in the same order
+        self.bases = np.array([solid.base for solid in solids]) - site.plane(solid_middles)
         self.tree = shapely.STRtree([shapely.Polygon(solid.footprint) for solid in solids])
 
     def hit(self, boxes: LevelBoxes) -> Mask:
-        """Mask of boxes that touch an obstacle, or come within half of `GAP` of it.
+        """Mask of boxes that touch an obstacle, or come within half of `BODY_GAP_M` of it.
 
         A box may be under a solid that begins above its top, such as a tree's crown."""
+        # row of the box and index of the obstacle of each pair that touches, seen from above
         rows, obstacles = self.tree.query(outline_boxes(boxes), predicate="intersects")
-        box_tops = boxes[rows, 2] + boxes[rows, 5] / 2
+        centre_z, height = boxes[rows, 2], boxes[rows, 5]
+        box_tops = centre_z + height / 2
         is_hit = np.zeros(len(boxes), bool)
         is_hit[rows[self.bases[obstacles] < box_tops]] = True
         return is_hit
@@ -57,42 +61,45 @@ def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask,
     rows_in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(rows_in_the_way):
         return boxes, is_kept, 0
-    settled = boxes.copy()
+    new_boxes = boxes.copy()
     shapes = outline_boxes(boxes)
     for row in rows_in_the_way:
         is_kept[row] = False  # so that the row is not compared with itself below
         yaw = boxes[row, 6]
-        places = np.tile(boxes[row], (len(STEPS_ASIDE), 1))
-        places[:, :2] += np.outer(STEPS_ASIDE, [-np.sin(yaw), np.cos(yaw)])
+        to_left = [-np.sin(yaw), np.cos(yaw)]
+        places = np.tile(boxes[row], (len(STEPS_ASIDE_M), 1))  # a box for each step
+        places[:, :2] += np.outer(STEPS_ASIDE_M, to_left)
         place_shapes = outline_boxes(places)
         touches = shapely.intersects(place_shapes[:, None], shapes[is_kept][None])
         is_free = ~obstacles.hit(places) & ~touches.any(axis=1)
         # first free place; without a free one it is place 0, and the row is dropped
         first = np.argmax(is_free)
         is_kept[row] = is_free[first]
-        settled[row] = places[first]
+        new_boxes[row] = places[first]
         shapes[row] = place_shapes[first]
-    is_changed = ~is_kept | (settled != boxes).any(axis=1)
-    return settled, is_kept, int(is_changed.sum())
+    is_changed = ~is_kept | (new_boxes != boxes).any(axis=1)
+    return new_boxes, is_kept, int(is_changed.sum())
 
 
 def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
-    """Mask (n, n) of pairs of boxes closer than `GAP`, seen from above.
+    """Mask (n, n) of pairs of boxes closer than `BODY_GAP_M`, seen from above.
 
     Only entries above the diagonal are set: the row is the earlier box, the column the later."""
-    radius = np.hypot(boxes[:, 3] + GAP, boxes[:, 4] + GAP) / 2
+    length, width = boxes[:, 3], boxes[:, 4]
+    radius = np.hypot(length + BODY_GAP_M, width + BODY_GAP_M) / 2
     offsets = boxes[:, None, :2] - boxes[None, :, :2]
     square_distances = np.square(offsets).sum(-1)
+    # only pairs whose circles touch are compared exactly
     is_near = square_distances < np.square(radius[:, None] + radius[None])
-    i, j = np.nonzero(np.triu(is_near, 1))
+    earlier, later = np.nonzero(np.triu(is_near, 1))
     shapes = outline_boxes(boxes)
     is_close = np.zeros((len(boxes), len(boxes)), bool)
-    is_close[i, j] = shapely.intersects(shapes[i], shapes[j])
+    is_close[earlier, later] = shapely.intersects(shapes[earlier], shapes[later])
     return is_close
 
 
 def outline_boxes(boxes: LevelBoxes) -> np.ndarray:
-    """Footprint of each box as a polygon, wider by half of `GAP` on each side."""
+    """Footprint of each box as a polygon, wider by half of `BODY_GAP_M` on each side."""
     widened = boxes.copy()
-    widened[:, 3:5] += GAP
+    widened[:, 3:5] += BODY_GAP_M
     return shapely.polygons(footprints(widened))

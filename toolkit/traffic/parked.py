@@ -10,11 +10,11 @@ from toolkit.sites.site import Site
 from toolkit.traffic.obstacles import LevelBoxes, Obstacles
 from toolkit.traffic.supply import Supply
 
-STAY = 20.0  # mean number of frames that a vehicle stays
-ROOM = (5.8, 2.4, 2.0)  # length, width and height (m) that must be free in a bay
-OCCUPIED = (0.3, 0.9)  # lowest and highest share of the bays that are taken
+MEAN_STAY_FRAMES = 20.0  # mean number of frames that a vehicle stays
+BAY_ROOM_M = (5.8, 2.4, 2.0)  # length, width and height (m) that must be free in a bay
+OCCUPIED_SHARES = (0.3, 0.9)  # lowest and highest share of the bays that are taken
 # standard deviations of x (m), y (m) and yaw (rad) from the middle of the bay
-JITTER = (0.1, 0.1, np.radians(1.0))
+PARKING_JITTER = (0.1, 0.1, np.radians(1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,25 +38,27 @@ class Parked:
     def draw(site: Site, obstacles: Obstacles, supply: Supply, *, max_parked: int) -> "Parked":
         """Park vehicles in a random share of the bays, `max_parked` at most.
 
-        Bays without `ROOM` between the obstacles are left out. supply: gives bodies, ids and
+        Bays without `BAY_ROOM_M` between the obstacles are left out. supply: gives bodies, ids and
         random numbers."""
         x, y, yaw = site.parking.T
+        room_height = BAY_ROOM_M[2]
         # boxes of the room that bays must offer: z of the middle, length, width, height
-        size_columns = np.full((len(x), 4), (ROOM[2] / 2, *ROOM))
+        size_columns = np.full((len(x), 4), (room_height / 2, *BAY_ROOM_M))
         rooms = np.column_stack([x, y, size_columns, yaw])
         bays = site.parking[~obstacles.hit(rooms)]
-        number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED)), max_parked)
+        number = min(round(len(bays) * supply.rng.uniform(*OCCUPIED_SHARES)), max_parked)
         places = supply.rng.permutation(len(bays))[:number]
+        # the vehicles themselves are drawn next, as if all had just been replaced
         zeros = np.zeros(number, np.int64)
-        parked = Parked(bays, places, zeros, zeros, np.zeros((number, 3)))
-        return parked._replace_vehicles(np.ones(number, bool), supply)
+        unfilled = Parked(bays, places, bodies=zeros, ids=zeros, poses=np.zeros((number, 3)))
+        return unfilled._replace_vehicles(np.ones(number, bool), supply)
 
     def later(self, supply: Supply) -> "Parked":
         """Parked vehicles a frame later.
 
-        Each has left with probability 1 / `STAY`; for each that left, another is in some free
-        bay."""
-        is_gone = supply.rng.random(len(self.ids)) < 1 / STAY
+        Each has left with probability 1 / `MEAN_STAY_FRAMES`; for each that left, another is in
+        some free bay."""
+        is_gone = supply.rng.random(len(self.ids)) < 1 / MEAN_STAY_FRAMES
         return self._replace_vehicles(is_gone, supply)
 
     def boxes(self, supply: Supply) -> LevelBoxes:
@@ -80,7 +82,7 @@ class Parked:
         places[is_gone] = rng.permutation(free_bays)[:number]
         bodies[is_gone] = supply.several(np.flatnonzero(supply.labels == VEHICLE), number)
         ids[is_gone] = [next(supply.ids) for _ in range(number)]
-        off_centre = JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
+        off_centre = PARKING_JITTER * np.clip(rng.standard_normal((number, 3)), -1.5, 1.5)
         poses[is_gone] = self.bays[places[is_gone]] + off_centre
-        poses[is_gone, 2] += np.pi * rng.integers(2, size=number)  # nose or tail first
+        poses[is_gone, 2] += np.pi * rng.integers(2, size=number)  # yaw: nose or tail first
         return replace(self, places=places, bodies=bodies, ids=ids, poses=poses)

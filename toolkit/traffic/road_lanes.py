@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit.arrays import Float, Float64
 
-SPACING = 2.0  # m between the places of a lane
+PLACE_SPACING_M = 2.0  # m between the places of a lane
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,13 @@ class Lane:
     following: tuple[str, ...]
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
-        """Points x, y of the middle line at offsets (m) from its start, by the lane's `length`."""
+        """Points x, y (m) of the middle line at offsets (m) from its start.
+
+        Offsets are by SUMO's `length`, from which the length of the drawn line may differ."""
         steps = np.hypot(*np.diff(self.shape, axis=0).T)
-        distances = np.concatenate([[0.0], np.cumsum(steps)])
-        drawn_offset = offset * distances[-1] / self.length
+        distances = np.concatenate([[0.0], np.cumsum(steps)])  # along the line to its corners
+        drawn_length = distances[-1]
+        drawn_offset = offset * drawn_length / self.length
         x = np.interp(drawn_offset, distances, self.shape[:, 0])
         y = np.interp(drawn_offset, distances, self.shape[:, 1])
         return np.stack([x, y], axis=-1)
@@ -74,26 +77,32 @@ class Roads:
 
         Outside the area, lanes must lead towards it. Pedestrians start on lanes without cars and
         walk either way. area: xmin, ymin, xmax, ymax (m)."""
-        walks = vehicle_class == "pedestrian"
+        is_on_foot = vehicle_class == "pedestrian"
         names = []
         offsets = [np.zeros(0)]
         points = [np.zeros((0, 2))]
         for lane in self.lanes.values():
-            is_shared = walks and "passenger" not in lane.forbidden
-            if vehicle_class in lane.forbidden or is_shared:
+            is_for_cars = "passenger" not in lane.forbidden
+            if vehicle_class in lane.forbidden or (is_on_foot and is_for_cars):
                 continue
-            lane_offsets = np.arange(SPACING / 2, lane.length, SPACING)
+            lane_offsets = np.arange(PLACE_SPACING_M / 2, lane.length, PLACE_SPACING_M)
             xy = lane.at(lane_offsets)
-            ahead = lane.at(lane_offsets + SPACING) - lane.at(lane_offsets - SPACING)
+            # vectors along the lane, and from each place to the nearest point of the area
+            next_xy = lane.at(lane_offsets + PLACE_SPACING_M)
+            ahead = next_xy - lane.at(lane_offsets - PLACE_SPACING_M)
             to_area = np.clip(xy, area[:2], area[2:]) - xy
             is_inside = (to_area == 0).all(axis=1)
-            is_headed = is_inside | ((to_area * ahead).sum(axis=1) > 0)
-            is_useful = (distance_to_area(xy, area) <= reach) & (walks | is_headed)
+            leads_to_area = is_inside | ((to_area * ahead).sum(axis=1) > 0)
+            is_useful = (distance_to_area(xy, area) <= reach) & (is_on_foot | leads_to_area)
             names += [lane.name] * int(is_useful.sum())
             offsets.append(lane_offsets[is_useful])
             points.append(xy[is_useful])
-        lengths = np.array([self.lanes[name].length for name in names])
-        return Places(tuple(names), lengths, np.concatenate(offsets), np.concatenate(points))
+        return Places(
+            lanes=tuple(names),
+            lengths=np.array([self.lanes[name].length for name in names]),
+            offsets=np.concatenate(offsets),
+            points=np.concatenate(points),
+        )
 
     def route(
         self, start: str, vehicle_class: str, distance: float, rng: np.random.Generator
@@ -103,18 +112,19 @@ class Roads:
         After that edge it is at least `distance` (m) long, or ends with the road. vehicle_class:
         SUMO class, for which all its lanes are open."""
         lane = self.lanes[start]
-        edges = [self.lanes[start].edge]
-        driven = 0.0
-        while driven < distance:
-            # if the lane leads nowhere, take the first neighbour on its edge that goes on
-            choices = self._list_onward(lane, vehicle_class)
+        edges = [lane.edge]
+        driven_m = 0.0
+        while driven_m < distance:
+            # names of the next lanes; if the lane leads nowhere, the first neighbour on its edge
+            # that goes on gives them
+            next_lanes = self._list_onward(lane, vehicle_class)
             for neighbour in self._neighbours[lane.edge]:
-                choices = choices or self._list_onward(neighbour, vehicle_class)
-            if not choices:
+                next_lanes = next_lanes or self._list_onward(neighbour, vehicle_class)
+            if not next_lanes:
                 break
-            lane = self.lanes[choices[rng.integers(len(choices))]]
+            lane = self.lanes[next_lanes[rng.integers(len(next_lanes))]]
             edges.append(lane.edge)
-            driven += lane.length
+            driven_m += lane.length
         return edges
 
     def _list_onward(self, lane: Lane, vehicle_class: str) -> list[str]:
@@ -131,19 +141,22 @@ class Roads:
 
 
 def _read_lane(sumo: ModuleType, name: str) -> Lane:
-    """Read a lane of the network that SUMO runs."""
+    """Read a lane of the network that SUMO runs. name: its id in the network."""
     links = sumo.lane.getLinks(name)
     # a link holds the next lane at 0 and its direction at 6, "t" for a U-turn
-    onward = [link[0] for link in links if link[6] != "t"]
-    if not onward:
-        onward = [link[0] for link in links]
+    next_lanes = [link[0] for link in links if link[6] != "t"]
+    if not next_lanes:
+        next_lanes = [link[0] for link in links]
     # in order and without repeats; names with ":" are lanes within junctions
-    following = dict.fromkeys(lane for lane in onward if not lane.startswith(":"))
-    shape = np.array(sumo.lane.getShape(name), np.float64)
-    edge = sumo.lane.getEdgeID(name)
-    length = sumo.lane.getLength(name)
-    forbidden = frozenset(sumo.lane.getDisallowed(name))
-    return Lane(name, edge, length, shape, forbidden, tuple(following))
+    following = dict.fromkeys(lane for lane in next_lanes if not lane.startswith(":"))
+    return Lane(
+        name,
+        edge=sumo.lane.getEdgeID(name),
+        length=sumo.lane.getLength(name),
+        shape=np.array(sumo.lane.getShape(name), np.float64),
+        forbidden=frozenset(sumo.lane.getDisallowed(name)),
+        following=tuple(following),
+    )
 
 
 def distance_to_area(

@@ -26,7 +26,7 @@ from toolkit.traffic.obstacles import Obstacles, separate
 from toolkit.traffic.parked import Parked
 from toolkit.traffic.spawner import Spawner
 from toolkit.traffic.strays import Strays
-from toolkit.traffic.sumo import FINE_STEP, STEP, running
+from toolkit.traffic.sumo import FINE_STEP_S, STEP_S, running
 from toolkit.traffic.supply import Supply
 
 INTERVAL = 5.0  # s between frames
@@ -71,6 +71,7 @@ class Mix:
     strays: float = 0.0
 
     def __post_init__(self) -> None:
+        # raises ValueError for a field that is out of range
         if self.most < 1:
             raise ValueError(f"most must be at least 1, got {self.most}")
         if self.parked is not None and not 0 <= self.parked <= self.most:
@@ -122,7 +123,7 @@ def simulate(
         )
     mix = mix or Mix()
     supply = Supply(bodies, np.random.default_rng(seed), once=once)
-    if flow is None and interval >= STEP:
+    if flow is None and interval >= STEP_S:
         return _run(site, supply, Obstacles(site), mix, frames, interval)
     return _run_continuously(site, supply, mix, frames, interval, flow)
 
@@ -130,12 +131,12 @@ def simulate(
 def check_interval(interval: float) -> None:
     """Raise ValueError unless an interval (s) is a whole number of steps.
 
-    A step has `STEP`, or `FINE_STEP` below that."""
-    step = STEP if interval >= STEP else FINE_STEP
+    A step has `STEP_S`, or `FINE_STEP_S` below that."""
+    step = STEP_S if interval >= STEP_S else FINE_STEP_S
     steps = interval / step
     if not (0.5 < steps < 1e6 and abs(steps - round(steps)) < 1e-6):
         raise ValueError(
-            f"interval must be a whole number of SUMO's steps of {STEP} or {FINE_STEP} s, got "
+            f"interval must be a whole number of SUMO's steps of {STEP_S} or {FINE_STEP_S} s, got "
             f"{interval}"
         )
 

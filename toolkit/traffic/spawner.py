@@ -13,21 +13,26 @@ from toolkit.arrays import Float64, Int64
 from toolkit.objects import PEDESTRIAN
 from toolkit.sites.site import Site
 from toolkit.traffic.road_lanes import Roads, distance_to_area
-from toolkit.traffic.sumo import STEP
-from toolkit.traffic.supply import POSITIONS, SHARES, SWAY, Supply
+from toolkit.traffic.sumo import STEP_S
+from toolkit.traffic.supply import POSITIONS, SHARES, SWAY_DEG, Supply
 
 LIFE = 4  # frames an object is seen in
-SPAWN_REACH = (
-    25.0  # m round the area in which things are spawned; they are removed `_LEEWAY` farther out
+SPAWN_REACH_M = (
+    25.0  # m round the area in which things are spawned; they are removed `_LEEWAY_M` farther out
 )
-_LEEWAY = 10.0  # m
-_ROUTE_LENGTH = 300.0  # m; farther than anything drives in its life
-_TRIES = 8  # places looked at before a spawn is put off to the next step
-_ASIDE = 0.3  # m, at most, that a pedestrian walks left or right of the middle of its stripe
+_LEEWAY_M = 10.0  # m
+_ROUTE_LENGTH_M = 300.0  # m; farther than anything drives in its life
+_MAX_PLACE_TRIES = 8  # places looked at before a spawn is put off to the next step
+_MAX_WALKER_OFFSET_M = (
+    0.3  # m, at most, that a pedestrian walks left or right of the middle of its stripe
+)
 # shares of pedestrians of a drawn fleet with 0, 1, 2, 3 companions
-_COMPANIONS = (0.7, 0.19, 0.08, 0.03)
+_COMPANION_SHARES = (0.7, 0.19, 0.08, 0.03)
 _RESERVED = 2  # objects that are not spawned if there may be companions, to leave room for these
-_SHOULDER = (0.55, 0.8)  # lowest and highest distance (m) between two pedestrians side by side
+_SHOULDER_GAPS_M = (
+    0.55,
+    0.8,
+)  # lowest and highest distance (m) between two pedestrians side by side
 
 
 @dataclass
@@ -35,7 +40,7 @@ class Spawned:
     """State of one spawned object.
 
     Its pose is SUMO's, moved `aside` (m to the left) and `behind` (m back, pedestrians only) and
-    turned by `turn` (rad)."""
+    turned by `turn` (rad, counter-clockwise)."""
 
     body: int  # row of its body in the supply
     walks: bool  # True for pedestrians
@@ -61,7 +66,13 @@ class Spawner:
         step: time step of the simulation (s)."""
 
     def __init__(
-        self, sumo: ModuleType, site: Site, supply: Supply, *, max_objects: int, step: float = STEP
+        self,
+        sumo: ModuleType,
+        site: Site,
+        supply: Supply,
+        *,
+        max_objects: int,
+        step: float = STEP_S,
     ) -> None:
         self.sumo = sumo
         self.area = site.area
@@ -74,11 +85,11 @@ class Spawner:
         self.roads = Roads.read(sumo)
         # by SUMO class: places at which something of it can start
         self.places = {
-            kind: self.roads.places(site.area, SPAWN_REACH, kind)
+            kind: self.roads.places(site.area, SPAWN_REACH_M, kind)
             for kind in sorted(set(supply.classes))
         }
         if not self.places["passenger"].lanes:
-            where = f"within {SPAWN_REACH:.0f} m of the area {site.area.tolist()}"
+            where = f"within {SPAWN_REACH_M:.0f} m of the area {site.area.tolist()}"
             remedy = "give the network in site coordinates, or move the area onto the road"
             raise ValueError(f"site {site.name!r}: no lane open to cars {where}: {remedy}")
         possible = np.array([bool(self.places[kind].lanes) for kind in supply.classes])
@@ -94,7 +105,7 @@ class Spawner:
         self.due: list[int] = []  # class labels of objects that wait for a place
         self.spawned: dict[int, Spawned] = {}  # by id, the oldest first
         # edges of walks already found, by first and last edge
-        self.walks: dict[tuple[str, str], list[str]] = {}
+        self.walk_edges: dict[tuple[str, str], list[str]] = {}
         self.routes: set[str] = set()  # names of the routes that SUMO knows
 
     def advance(self, seconds: float) -> None:
@@ -104,19 +115,18 @@ class Spawner:
         for _ in range(round(seconds / self.step)):
             self._spawn()
             self.sumo.simulationStep()
-            present = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
+            present_ids = {*self.sumo.vehicle.getIDList(), *self.sumo.person.getIDList()}
             for name, spawned in list(self.spawned.items()):
-                if str(name if spawned.leader is None else spawned.leader) in present:
+                sumo_id = str(name if spawned.leader is None else spawned.leader)
+                if sumo_id in present_ids:
                     spawned.inserted = True
                     continue
-                del self.spawned[
-                    name
-                ]  # it arrived, or SUMO could not insert it: then it is due again
+                # it arrived, or SUMO could not insert it: then it is due again
+                del self.spawned[name]
                 if not spawned.inserted:
                     self.supply.take(spawned.body, is_used=False)
-                    self.due += (
-                        [int(self.supply.labels[spawned.body])] if spawned.leader is None else []
-                    )
+                    if spawned.leader is None:
+                        self.due.append(int(self.supply.labels[spawned.body]))
             # vehicles that SUMO inserted late, after they were given up
             for vehicle in self.sumo.vehicle.getIDList():
                 if int(vehicle) not in self.spawned:
@@ -134,22 +144,23 @@ class Spawner:
         for name, spawned in self.spawned.items():
             domain = self.domains[spawned.walks]
             sumo_id = str(name if spawned.leader is None else spawned.leader)
-            x, y = domain.getPosition(sumo_id)
+            x, y = domain.getPosition(sumo_id)  # a vehicle's front, or a person's middle
             # degrees clockwise from north; NaN for some vehicles that change lanes
-            angle = domain.getAngle(sumo_id)
-            if not np.isfinite(angle):
-                angle = self.sumo.lane.getAngle(
+            bearing = domain.getAngle(sumo_id)
+            if not np.isfinite(bearing):
+                bearing = self.sumo.lane.getAngle(
                     domain.getLaneID(sumo_id), domain.getLanePosition(sumo_id)
                 )
-            yaw = np.pi / 2 - np.radians(angle)
-            back = spawned.behind if spawned.walks else self.supply.sizes[spawned.body, 0] / 2
+            yaw = np.pi / 2 - np.radians(bearing)
+            half_length = self.supply.sizes[spawned.body, 0] / 2
+            back = spawned.behind if spawned.walks else half_length
             # back along the heading, and `aside` to its left
             x -= back * np.cos(yaw) + spawned.aside * np.sin(yaw)
             y -= back * np.sin(yaw) - spawned.aside * np.cos(yaw)
             poses[name] = np.array([x, y, yaw + spawned.turn])
         points = np.array([pose[:2] for pose in poses.values()]).reshape(-1, 2)
-        distant = distance_to_area(points, self.area) > SPAWN_REACH + _LEEWAY
-        self.remove(np.array(list(poses), np.int64)[distant])
+        is_distant = distance_to_area(points, self.area) > SPAWN_REACH_M + _LEEWAY_M
+        self.remove(np.array(list(poses), np.int64)[is_distant])
         ids = np.array(list(self.spawned), np.int64)
         bodies = np.array([spawned.body for spawned in self.spawned.values()], np.int64)
         return ids, bodies, np.array([poses[name] for name in self.spawned]).reshape(-1, 3)
@@ -157,23 +168,23 @@ class Spawner:
     def remove(self, ids: Int64[np.ndarray, " n"]) -> None:
         """Remove objects, and companions of removed leaders; unknown ids are ignored."""
         for name in ids.tolist():
-            spawned = self.spawned.pop(name, None)
+            removed = self.spawned.pop(name, None)
             self.spawned = {
-                spawned_name: record
-                for spawned_name, record in self.spawned.items()
-                if record.leader != name
+                other_name: spawned
+                for other_name, spawned in self.spawned.items()
+                if spawned.leader != name
             }
-            if spawned and spawned.leader is None:
-                self.domains[spawned.walks].remove(str(name))
+            if removed and removed.leader is None:  # SUMO does not know companions
+                persons_or_vehicles = self.domains[removed.walks]
+                persons_or_vehicles.remove(str(name))
 
     def count_frame(self, ids: Int64[np.ndarray, " n"]) -> None:
         """Count a frame in which these objects were seen; remove those seen in `LIFE` frames."""
-        seen = [name for name in ids.tolist() if name in self.spawned]
-        for name in seen:
+        known_ids = [name for name in ids.tolist() if name in self.spawned]
+        for name in known_ids:
             self.spawned[name].frames += 1
-        self.remove(
-            np.array([name for name in seen if self.spawned[name].frames >= LIFE], np.int64)
-        )
+        ended_ids = [name for name in known_ids if self.spawned[name].frames >= LIFE]
+        self.remove(np.array(ended_ids, np.int64))
 
     def _spawn(self) -> None:
         """Spawn what is missing up to `most` objects; what finds no place stays in `due`."""
@@ -207,8 +218,8 @@ class Spawner:
             self.supply.take(body)
             name = next(self.ids)
             (self._add_walker if walks else self._add_driver)(str(name), body, place)
-            aside = self.rng.uniform(-_ASIDE, _ASIDE) if walks else 0.0
-            turn = float(np.radians(self.rng.normal(0, SWAY[label])))
+            aside = self.rng.uniform(-_MAX_WALKER_OFFSET_M, _MAX_WALKER_OFFSET_M) if walks else 0.0
+            turn = float(np.radians(self.rng.normal(0, SWAY_DEG[label])))
             self.spawned[name] = Spawned(body, walks, aside, turn)
             if walks and self.supply.once:
                 self._add_companions(name, self.most - len(self.spawned) - len(waiting))
@@ -217,46 +228,62 @@ class Spawner:
             )
 
     def _free_place(self, body: int, occupied: Float64[np.ndarray, "m 2"]) -> int | None:
-        """Draw a place for a body, or return None if the first `_TRIES` are not free.
+        """Draw a place for a body, or return None if the first `_MAX_PLACE_TRIES` are not free.
 
         A place is a row of `places` for the SUMO class of the body. occupied: x, y (m) of objects
         to keep away from. A vehicle also needs its length of lane behind the place."""
         places = self.places[self.supply.classes[body]]
         length = self.supply.sizes[body, 0]
-        candidates = self.rng.integers(len(places.lanes), size=_TRIES)
-        gaps = np.square(places.points[candidates][:, None] - occupied[None]).sum(-1)
-        drives = self.supply.labels[body] != PEDESTRIAN
-        free = (gaps > (length + (2.0 if drives else 0.5)) ** 2).all(axis=1)
-        if drives:
-            free &= places.offsets[candidates] >= np.minimum(length, places.lengths[candidates] - 1)
-        return int(candidates[np.argmax(free)]) if free.any() else None
+        candidates = self.rng.integers(len(places.lanes), size=_MAX_PLACE_TRIES)
+        square_distances = np.square(places.points[candidates][:, None] - occupied[None]).sum(-1)
+        is_driver = self.supply.labels[body] != PEDESTRIAN
+        least_distance = length + (2.0 if is_driver else 0.5)  # m
+        is_free = (square_distances > least_distance**2).all(axis=1)
+        if is_driver:
+            # short lanes need their length less 1 m only
+            needed_lane = np.minimum(length, places.lengths[candidates] - 1)
+            is_free &= places.offsets[candidates] >= needed_lane
+        return int(candidates[np.argmax(is_free)]) if is_free.any() else None
 
     def _add_driver(self, name: str, body: int, place: int) -> None:
-        # Add vehicle `name` to SUMO at a place (a row of `places`), on a random drive.
-        places = self.places[self.supply.classes[body]]
+        # add vehicle `name` to SUMO at a place (a row of `places`), on a random drive.
+        # body: row of its body
+        vehicle_class = self.supply.classes[body]
+        places = self.places[vehicle_class]
         lane = places.lanes[place]
-        edges = self.roads.route(lane, self.supply.classes[body], _ROUTE_LENGTH, self.rng)
-        if (route := " ".join(edges)) not in self.routes:
+        edges = self.roads.route(lane, vehicle_class, _ROUTE_LENGTH_M, self.rng)
+        route = " ".join(edges)  # its name
+        if route not in self.routes:
             self.sumo.route.add(route, edges)
             self.routes.add(route)
         # the number after the last "_" of a lane's name counts the lanes of its edge
-        start = {"departLane": lane.rpartition("_")[2], "departPos": f"{places.offsets[place]:.2f}"}
+        lane_number = lane.rpartition("_")[2]
         self.sumo.vehicle.add(
-            name, route, f"{body}-{self.rng.integers(POSITIONS)}", **start, departSpeed="max"
+            name,
+            route,
+            f"{body}-{self.rng.integers(POSITIONS)}",  # SUMO's type: body and lateral position
+            departLane=lane_number,
+            departPos=f"{places.offsets[place]:.2f}",
+            departSpeed="max",
         )
 
     def _add_walker(self, name: str, body: int, place: int) -> None:
-        # Add person `name` to SUMO at a place, on a walk to another, random one.
+        # add person `name` to SUMO at a place (a row of `places`), on a walk to another, random
+        # one. body: row of its body
         places = self.places["pedestrian"]
         destination = int(self.rng.integers(len(places.lanes)))
-        start, end = (self.roads.lanes[places.lanes[index]].edge for index in (place, destination))
-        if (start, end) not in self.walks:
-            stages = self.sumo.simulation.findIntermodalRoute(start, end, pType=f"{body}-0")
-            self.walks[start, end] = [edge for stage in stages for edge in stage.edges] or [start]
-        self.sumo.person.add(name, start, float(places.offsets[place]), typeID=f"{body}-0")
-        walk = self.walks[start, end]
-        # without a way there, walk to the middle of the lane on which it starts
-        arrival = places.offsets[destination] if walk[-1] == end else places.lengths[place] / 2
+        start_edge = self.roads.lanes[places.lanes[place]].edge
+        end_edge = self.roads.lanes[places.lanes[destination]].edge
+        sumo_type = f"{body}-0"
+        key = start_edge, end_edge
+        if key not in self.walk_edges:
+            stages = self.sumo.simulation.findIntermodalRoute(*key, pType=sumo_type)
+            edges = [edge for stage in stages for edge in stage.edges]
+            self.walk_edges[key] = edges or [start_edge]
+        self.sumo.person.add(name, start_edge, float(places.offsets[place]), typeID=sumo_type)
+        walk = self.walk_edges[key]
+        # m along the last lane; without a way there, to the middle of the lane on which it starts
+        arrival = places.offsets[destination] if walk[-1] == end_edge else places.lengths[place] / 2
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _add_companions(self, leader: int, room: int) -> None:
@@ -264,14 +291,20 @@ class Spawner:
 
         leader: id of the pedestrian; room: largest number of companions."""
         first = self.spawned[leader]
-        beside = 0.0
-        for _ in range(min(int(self.rng.choice(len(_COMPANIONS), p=_COMPANIONS)), room)):
+        drawn_number = int(self.rng.choice(len(_COMPANION_SHARES), p=_COMPANION_SHARES))
+        offset = 0.0  # m to the left of the leader
+        for _ in range(min(drawn_number, room)):
             body = self.supply.offer(self.choices[PEDESTRIAN])
             self.supply.take(body)
             # alternately farther to the left and mirrored to the right
-            beside = beside + self.rng.uniform(*_SHOULDER) if beside >= 0 else -beside
-            turn = first.turn + float(np.radians(self.rng.normal(0, SWAY[PEDESTRIAN])))
-            behind = self.rng.uniform(-0.4, 0.4)
+            offset = offset + self.rng.uniform(*_SHOULDER_GAPS_M) if offset >= 0 else -offset
+            turn = first.turn + float(np.radians(self.rng.normal(0, SWAY_DEG[PEDESTRIAN])))
+            behind = self.rng.uniform(-0.4, 0.4)  # m
             self.spawned[next(self.ids)] = Spawned(
-                body, True, first.aside + beside, turn, behind=behind, leader=leader
+                body,
+                walks=True,
+                aside=first.aside + offset,
+                turn=turn,
+                behind=behind,
+                leader=leader,
             )

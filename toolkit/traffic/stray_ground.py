@@ -50,6 +50,7 @@ class StrayGround:
 
         boxes: (n, 7) box of each vehicle."""
         vehicle_edges = outward_edges(shapely.polygons(footprints(boxes)))
+        # half as many as the edges of solids, rounded down to whole repeats
         repeats = max(1, len(self.edges) // max(1, 2 * len(vehicle_edges)))
         edges = np.concatenate([self.edges, np.tile(vehicle_edges, (repeats, 1))])
         return replace(self, edges=edges)
@@ -60,14 +61,14 @@ def outward_edges(polygons: np.ndarray) -> Float64[np.ndarray, "n 4"]:
 
     Points are the middles of pieces at most `EDGE_STEP_M` long."""
     rings = shapely.segmentize(shapely.get_exterior_ring(shapely.normalize(polygons)), EDGE_STEP_M)
-    xy, ring_rows = shapely.get_coordinates(rings, return_index=True)
+    xy, ring_of_point = shapely.get_coordinates(rings, return_index=True)
     # False from the last point of one ring to the first of the next
-    is_step = ring_rows[1:] == ring_rows[:-1]
-    steps = np.diff(xy, axis=0)[is_step]
-    middles = ((xy[1:] + xy[:-1]) / 2)[is_step]
-    lengths = np.hypot(*steps.T)
-    is_long = lengths > 1e-6
+    is_piece = ring_of_point[1:] == ring_of_point[:-1]
+    pieces = np.diff(xy, axis=0)[is_piece]  # vectors from start to end
+    middles = ((xy[1:] + xy[:-1]) / 2)[is_piece]
+    lengths = np.hypot(*pieces.T)
+    has_direction = lengths > 1e-6
     # normalised rings run clockwise: left is outside
-    left = np.column_stack([-steps[:, 1], steps[:, 0]])
-    normals = left[is_long] / lengths[is_long, None]
-    return np.column_stack([middles[is_long], normals])
+    to_left = np.column_stack([-pieces[:, 1], pieces[:, 0]])
+    normals = to_left[has_direction] / lengths[has_direction, None]
+    return np.column_stack([middles[has_direction], normals])

@@ -75,8 +75,8 @@ class Strays:
         no_numbers = np.zeros(0)
         no_integers = np.zeros(0, np.int64)
         nobody = Strays(
-            ground,
-            obstacles,
+            ground=ground,
+            obstacles=obstacles,
             bodies=no_integers,
             ids=no_integers,
             poses=np.zeros((0, 3)),
@@ -86,7 +86,8 @@ class Strays:
         )
         number = number if len(ground.points) else 0
         # lives of different length, so that not all end in the same frame
-        return nobody._add(number, supply, 0.0, rng.integers(1, LIFE + 1, number))
+        lives = rng.integers(1, LIFE + 1, number)
+        return nobody._add(number, supply, time=0.0, left=lives)
 
     def at(self, time: float) -> _Poses:
         """Poses at a time (s since the first frame), straight on from the drawn pose."""
@@ -110,7 +111,7 @@ class Strays:
             left=left[is_alive],
         )
         missing = int((~is_alive).sum())
-        return alive._add(missing, supply, time, np.full(missing, LIFE))
+        return alive._add(missing, supply, time=time, left=np.full(missing, LIFE))
 
     def _add(self, number: int, supply: Supply, time: float, left: np.ndarray) -> "Strays":
         """Return the strays with `number` new ones after them.
@@ -149,12 +150,13 @@ class Strays:
         is_standing = rng.random() < STANDING_SHARES[label]
         speed = 0.0 if is_standing else float(rng.uniform(*SPEEDS_M_S[label]))
         if previous is not None:
-            widths = supply.sizes[[previous.body, body], 1]
+            widths = supply.sizes[[previous.body, body], 1]  # column 1 of length, width, height (m)
             pose = _place_companion(previous.pose, widths, rng)
             speed = previous.speed
         else:
             pose, is_next_to = self._draw_place(supply.sizes[body], rng)
-            speed = 0.0 if is_next_to else speed
+            if is_next_to:
+                speed = 0.0
         return _Stray(body, pose, speed if label in SPEEDS_M_S else 0.0)
 
     def _draw_place(
@@ -175,8 +177,11 @@ class Strays:
             else:
                 x, y = self.ground.points[rng.integers(len(self.ground.points))]
                 pose = np.array([x, y, yaw])
-            box = np.array([[pose[0], pose[1], size[2] / 2, *size, pose[2]]])
-            if not self.obstacles.hit(box)[0]:
+            x, y = pose[:2]
+            height = size[2]
+            box = np.array([[x, y, height / 2, *size, pose[2]]])  # pose[2] is its yaw
+            (is_hit,) = self.obstacles.hit(box)
+            if not is_hit:
                 break
         return pose, is_next_to
 
@@ -197,12 +202,13 @@ def _place_next_to(
     edge: x, y and its outward unit normal nx, ny; yaw: heading (rad) for strays that are neither
     along nor across it; size: length, width, height (m) of the body."""
     x, y, nx, ny = edge
-    along_edge = np.arctan2(nx, -ny)
+    length, width = size[:2]
+    along_edge = np.arctan2(nx, -ny)  # heading (rad)
     if rng.random() < 0.6:
         yaw = along_edge + np.pi / 2 * rng.integers(4) + rng.normal(0, 0.1)
     turn = yaw - along_edge
     # half of the body's extent at right angles to the edge
-    half_depth = abs(np.cos(turn)) * size[1] / 2 + abs(np.sin(turn)) * size[0] / 2
+    half_depth = abs(np.cos(turn)) * width / 2 + abs(np.sin(turn)) * length / 2
     distance = half_depth + rng.uniform(MIN_STRAY_GAP_M, MAX_STRAY_GAP_M)
     return np.array([x + distance * nx, y + distance * ny, yaw])
 
@@ -214,8 +220,8 @@ def _place_companion(
 
     first: pose of that stray; widths: widths of that body and the companion's (m)."""
     x, y, yaw = first
-    across = widths.sum() / 2 + rng.uniform(MIN_STRAY_GAP_M, MAX_COMPANION_GAP_M)
-    behind = rng.normal(0, 0.15)
-    companion_x = x - across * np.sin(yaw) - behind * np.cos(yaw)
-    companion_y = y + across * np.cos(yaw) - behind * np.sin(yaw)
+    to_left = widths.sum() / 2 + rng.uniform(MIN_STRAY_GAP_M, MAX_COMPANION_GAP_M)
+    behind = rng.normal(0, 0.15)  # m, as to_left
+    companion_x = x - to_left * np.sin(yaw) - behind * np.cos(yaw)
+    companion_y = y + to_left * np.cos(yaw) - behind * np.sin(yaw)
     return np.array([companion_x, companion_y, yaw + rng.normal(0, 0.1)])

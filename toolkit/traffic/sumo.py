@@ -10,8 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 
-STEP = 1.0  # s; SUMO's own default, for which its driver models are tuned
-FINE_STEP = 0.1  # s, for continuous traffic
+STEP_S = 1.0  # s; SUMO's own default, for which its driver models are tuned
+FINE_STEP_S = 0.1  # s, for continuous traffic
 LATERAL_RESOLUTION = (
     0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
 )
@@ -33,7 +33,7 @@ def running(
     types: str,
     *,
     seed: int,
-    step: float = STEP,
+    step: float = STEP_S,
     options: Mapping[str, float] | None = None,
 ) -> Iterator[ModuleType]:
     """Start a simulation and yield the libsumo module that runs it; close it at the end.

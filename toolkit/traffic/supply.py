@@ -13,10 +13,10 @@ HEAVY_SHARE = 0.08  # share of heavy vehicles among the vehicles
 # probability of each class among spawned objects, from the paper's section "Dataset"
 SHARES = {VEHICLE: 0.6 * (1 - HEAVY_SHARE), HEAVY: 0.6 * HEAVY_SHARE, CYCLIST: 0.2, PEDESTRIAN: 0.2}
 # standard deviation of an object's yaw from the path's (degrees)
-SWAY = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}
+SWAY_DEG = {VEHICLE: 0.5, HEAVY: 0.3, CYCLIST: 2.0, PEDESTRIAN: 8.0}
 # standard deviation of an object's place from the middle of the lane (m)
-ASIDE = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}
-BICYCLE_LENGTH = 1.75  # m; a longer two-wheeler has an engine
+LANE_OFFSETS_M = {VEHICLE: 0.25, HEAVY: 0.0, CYCLIST: 0.8, PEDESTRIAN: 0.0}
+MAX_BICYCLE_LENGTH_M = 1.75  # m; a longer two-wheeler has an engine
 POSITIONS = 3  # number of lateral positions in the lane that are drawn for each body
 
 
@@ -37,47 +37,51 @@ class Supply:
 
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
         self.rng = rng
-        self.once = once
-        self.ids = count()
+        self.once = once  # True to use each body once before any comes again
+        self.ids = count()  # ids for objects
         self._taken = np.zeros(len(bodies), bool)
         self.labels = np.array([body.label for body in bodies], np.int64)
+        # length, width and height (m) of each body
         self.sizes = np.array([body.size for body in bodies], np.float64).reshape(-1, 3)
-        names = {VEHICLE: "passenger", HEAVY: "truck", PEDESTRIAN: "pedestrian"}
-        two_wheelers = (
-            "bicycle" if body.size[0] <= BICYCLE_LENGTH else "motorcycle" for body in bodies
-        )
-        self.classes = tuple(
-            names.get(body.label, two_wheeler)
-            for body, two_wheeler in zip(bodies, two_wheelers, strict=True)
-        )
+        # SUMO's vehicle class of each body; two-wheelers have one by their length
+        class_by_label = {VEHICLE: "passenger", HEAVY: "truck", PEDESTRIAN: "pedestrian"}
+        classes = []
+        for body in bodies:
+            length = body.size[0]
+            two_wheeler = "bicycle" if length <= MAX_BICYCLE_LENGTH_M else "motorcycle"
+            classes.append(class_by_label.get(body.label, two_wheeler))
+        self.classes = tuple(classes)
 
     def sumo_types(self) -> str:
         """Text of SUMO's additional file with a type for each body and lateral position.
 
         A type's id is "row-position". Random numbers are drawn at each call."""
-        rows = []
+        elements = []
         for row, (label, (length, width, height)) in enumerate(
             zip(self.labels.tolist(), self.sizes, strict=True)
         ):
             for position in range(POSITIONS):
-                aside = np.clip(self.rng.normal(0, ASIDE[label]), -1.2, 1.2)
+                # m to the left of the lane's middle, and behind the object ahead
+                aside = np.clip(self.rng.normal(0, LANE_OFFSETS_M[label]), -1.2, 1.2)
                 gap = self.rng.uniform(1.0, 2.5) if label != PEDESTRIAN else 0.5
-                rows.append(
+                elements.append(
                     f'<vType id="{row}-{position}" vClass="{self.classes[row]}" '
                     f'length="{length:.3f}" width="{width:.3f}" height="{height:.3f}" '
                     f'minGap="{gap:.2f}" latAlignment="{aside:.2f}"/>'
                 )
-        return "<additional>\n" + "\n".join(rows) + "\n</additional>\n"
+        return "<additional>\n" + "\n".join(elements) + "\n</additional>\n"
 
     def offer(self, rows: Int64[np.ndarray, " n"]) -> int:
-        """Draw one of these rows of bodies; call `take` when it is used."""
+        """Draw one of these rows of bodies; call `take` when it is used.
+
+        With `once`, rows that are not used yet are drawn, and all again after the last of them."""
         if not self.once:
             return int(self.rng.choice(rows))
-        free = rows[~self._taken[rows]]
-        if not len(free):
+        unused_rows = rows[~self._taken[rows]]
+        if not len(unused_rows):
             self._taken[rows] = False
-            free = rows
-        return int(self.rng.choice(free))
+            unused_rows = rows
+        return int(self.rng.choice(unused_rows))
 
     def take(self, row: int, *, is_used: bool = True) -> None:
         """Note that the body of a row is used. is_used: False if it was not used after all."""

@@ -17,8 +17,8 @@ from toolkit.sites.site import Site
 from toolkit.traffic.flow import KINDS, Flow
 from toolkit.traffic.gates import Gates, Passage
 from toolkit.traffic.road_lanes import Roads
-from toolkit.traffic.sumo import FINE_STEP, running
-from toolkit.traffic.supply import ASIDE, HEAVY_SHARE, SWAY, Supply
+from toolkit.traffic.sumo import FINE_STEP_S, running
+from toolkit.traffic.supply import HEAVY_SHARE, LANE_OFFSETS_M, SWAY_DEG, Supply
 
 WARM_UP_S = 150.0  # before the first frame, so that the roads are as full as they stay
 SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
@@ -50,8 +50,8 @@ class Way(NamedTuple):
 
     Attributes:
         traveller: the road user.
-        first: number of the step (`FINE_STEP`) of the first pose; 0 is that of the first frame, and
-            steps before it are negative.
+        first: number of the step (`FINE_STEP_S`) of the first pose; 0 is that of the first frame,
+            and steps before it are negative.
         poses: x, y of the middle of the body (m), yaw (rad), one for each step."""
 
     traveller: Traveller
@@ -77,7 +77,7 @@ class _Course:
 
 def possible_movements(site: Site, supply: Supply) -> dict[str, dict[str, list[str]]]:
     """Exits that each kind of road user can reach, by kind and entry. See `Flow`."""
-    with running(site.network, _describe_types(supply), seed=0, step=FINE_STEP) as sumo:
+    with running(site.network, _describe_types(supply), seed=0, step=FINE_STEP_S) as sumo:
         return _Demand(sumo, site, supply).possible()
 
 
@@ -100,12 +100,12 @@ def simulate_ways(
 
     Raises ValueError for a network without a passage near the area, and for a flow that it has no
     way for; the errors of `toolkit.traffic.sumo.running`."""
-    steps = round(seconds / FINE_STEP) + 1
-    warm_up = round(WARM_UP_S / FINE_STEP)
+    steps = round(seconds / FINE_STEP_S) + 1
+    warm_up = round(WARM_UP_S / FINE_STEP_S)
     types = _describe_types(supply)
     seed = int(supply.rng.integers(2**31 - 1))
-    options = {"max-depart-delay": -1, "default.action-step-length": FINE_STEP}
-    with running(site.network, types, seed=seed, step=FINE_STEP, options=options) as sumo:
+    options = {"max-depart-delay": -1, "default.action-step-length": FINE_STEP_S}
+    with running(site.network, types, seed=seed, step=FINE_STEP_S, options=options) as sumo:
         demand = _Demand(sumo, site, supply)
         possible = demand.possible()
         if not possible["vehicle"]:
@@ -144,7 +144,7 @@ def _describe_types(supply: Supply) -> str:
         else:
             habits = {
                 "minGap": rng.uniform(1.0, 2.5),
-                "latAlignment": np.clip(rng.normal(0, ASIDE[label]), -1.2, 1.2),
+                "latAlignment": np.clip(rng.normal(0, LANE_OFFSETS_M[label]), -1.2, 1.2),
                 "speedFactor": np.clip(rng.normal(1, 0.1), 0.8, 1.2),
                 "accel": rng.uniform(1.4, 2.4) if label != HEAVY else rng.uniform(0.8, 1.3),
                 "decel": rng.uniform(2.5, 4.0),
@@ -198,7 +198,7 @@ class _Demand:
     def add_due(self, flow: Flow, courses: dict[int, _Course]) -> None:
         """Add the road users that set out in this step, and their courses."""
         rng = self._supply.rng
-        rates = np.array([movement.per_hour for movement in flow.movements]) * FINE_STEP / 3600
+        rates = np.array([movement.per_hour for movement in flow.movements]) * FINE_STEP_S / 3600
         for number in np.repeat(np.arange(len(rates)), rng.poisson(rates)).tolist():
             kind, entry, leave, _ = flow.movements[number]
             labels = LABELS_OF_KIND[kind]
@@ -264,7 +264,7 @@ def _make_ways(course: _Course, supply: Supply) -> list[Way]:
     traveller = course.traveller
     label = int(supply.labels[traveller.body])
     points = np.array(course.points)
-    turn = float(np.radians(rng.normal(0, SWAY[label])))
+    turn = float(np.radians(rng.normal(0, SWAY_DEG[label])))
     if label != PEDESTRIAN:
         length = float(supply.sizes[traveller.body, 0])
         poses = move_driver(points, course.yaws[0], length)
@@ -283,7 +283,7 @@ def _make_ways(course: _Course, supply: Supply) -> list[Way]:
             body = int(supply.several(np.flatnonzero(supply.labels == PEDESTRIAN), 1)[0])
             left += supply.sizes[[traveller.body, body], 1].mean() + rng.uniform(*COMPANION_GAP_M)
             traveller = traveller._replace(id=next(supply.ids), body=body)
-            turn = float(np.radians(rng.normal(0, SWAY[label])))
+            turn = float(np.radians(rng.normal(0, SWAY_DEG[label])))
     return ways
 
 
@@ -296,7 +296,7 @@ def move_driver(
     sideways.
 
     Args:
-        fronts: x, y of the middle of the front (m), one for each step of `FINE_STEP`.
+        fronts: x, y of the middle of the front (m), one for each step of `FINE_STEP_S`.
         yaw: heading at the start (rad).
         length: length of the body (m)."""
     smoothed = smooth_motion(fronts)
@@ -322,10 +322,12 @@ def move_walker(
     """Poses (x, y, yaw) of a walker who takes a course and faces where it leads.
 
     Args:
-        points: x, y (m), one for each step of `FINE_STEP`.
+        points: x, y (m), one for each step of `FINE_STEP_S`.
         yaw: heading at the start (rad), for one who does not move."""
     smoothed = smooth_motion(points)
-    velocities = np.gradient(smoothed, FINE_STEP, axis=0) if len(smoothed) > 1 else np.zeros((1, 2))
+    velocities = (
+        np.gradient(smoothed, FINE_STEP_S, axis=0) if len(smoothed) > 1 else np.zeros((1, 2))
+    )
     is_walking = np.hypot(*velocities.T) >= MIN_WALKING_M_S
     yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
     # step of the last heading that holds; before the first one, that one
@@ -341,10 +343,10 @@ def move_walker(
 def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:
     """Means over time, weighted by a Gaussian of `SMOOTHING_S`; the first and last value stay.
 
-    values: one row for each step of `FINE_STEP`."""
+    values: one row for each step of `FINE_STEP_S`."""
     from scipy.ndimage import gaussian_filter1d
 
-    sigma = SMOOTHING_S / FINE_STEP
+    sigma = SMOOTHING_S / FINE_STEP_S
     reach = round(4 * sigma)
     # continued by its mirror image through each end, which keeps speed
     continued = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")

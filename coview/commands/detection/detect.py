@@ -113,21 +113,23 @@ class _Detectors:
     def choose(
         self, recordings: "Sequence[Recording]", scenes: "Sequence[StandingScene | None]"
     ) -> list[_PlacedDetector]:
-        """Return the detector for each recording, with its standing scene if that is learnt."""
-        with_scene = self.network
+        """Return the detector for each recording.
+
+        scenes: standing scene of each recording, None if it is not learnt."""
+        network_for_scenes = self.network
         if any(scene is not None for scene in scenes):
-            with_scene = open_detector(self.spec.without_background(), self.levelled)
-        placed = []
+            network_for_scenes = open_detector(self.spec.without_background(), self.levelled)
+        placed_detectors = []
         for recording, scene in zip(recordings, scenes, strict=True):
             site = recording.site if self.place.at(recording.site) else None
             if self.network is None or self.spec.knows_background(site):
-                known = open_detector(self.spec, recording, self.place)
-                placed.append(_PlacedDetector(known, self.place))
-            elif scene is None or with_scene is None:
-                placed.append(_PlacedDetector(self.network, self.levelled))
+                detector = open_detector(self.spec, recording, self.place)
+                placed_detectors.append(_PlacedDetector(detector, self.place))
+            elif scene is None or network_for_scenes is None:
+                placed_detectors.append(_PlacedDetector(self.network, self.levelled))
             else:
-                placed.append(_PlacedDetector(with_scene, self.levelled))
-        return placed
+                placed_detectors.append(_PlacedDetector(network_for_scenes, self.levelled))
+        return placed_detectors
 
 
 def _detect(
@@ -136,20 +138,21 @@ def _detect(
 ) -> "Iterator[FrameDetections]":
     """Yield the detections of each frame, and warn once of a missing ground.
 
-    jobs: frames of each recording, with detector and standing scene."""
+    jobs: frames of each recording, with detector and standing scene; progress: function that is
+    called with the number of frames done."""
     from toolkit.detection.detect import detect_frames
 
-    warned = False
+    has_warned = False
     done = 0
     for frames, placed, scene in jobs:
-        left_out = 0
+        left_out_count = 0  # detections that belong to the standing scene
         for result in detect_frames(frames, placed.detector, placed.place, scene):
-            if result.stand.warning is not None and not warned:
-                warned = True
+            if result.stand.warning is not None and not has_warned:
+                has_warned = True
                 warnings.warn(f"{result.frame.name}: {result.stand.warning}", stacklevel=2)
             done += 1
-            left_out += result.left_out
+            left_out_count += result.left_out
             progress(done)
             yield result
-        if scene is not None and left_out:
-            warnings.warn(scene.describe(left_out), stacklevel=2)
+        if scene is not None and left_out_count:
+            warnings.warn(scene.describe(left_out_count), stacklevel=2)

@@ -166,7 +166,9 @@ def _describe_default(detector: "Detector") -> str:
 
 
 def _check_options(rules: Rules, subject: Subject) -> None:
-    """Raise ValueError for rules that cannot be followed, and for unknown errors."""
+    """Raise ValueError for options of the evaluation that do not fit.
+
+    rules: how detections are scored; subject: what is scored, and under which sensor errors."""
     for name in ("schemes", "sensors", "classes", "iou"):
         arguments.check_each_once(f"--{name}", getattr(rules, name))
     arguments.check_ious(rules.iou or ())
@@ -192,7 +194,10 @@ def _check_outputs(
     overwrite: bool,
     labels: Sequence[str] | None = None,
 ) -> None:
-    """Check that the table and the curves of these classes may be written."""
+    """Check that the table and the curves of these classes may be written.
+
+    labels: the classes, None for those that the rules name. Raises ValueError or OSError
+    otherwise."""
     from toolkit.detection.evaluation_files import curve_files
 
     labels = labels or rules.classes or ("vehicle",)
@@ -203,7 +208,10 @@ def _check_outputs(
 def _check_recording(
     recording: "Recording", count: int, sets: Sequence[Sequence[int | str] | None]
 ) -> None:
-    """Raise ValueError for labels that cannot be scored, and for unknown sensors."""
+    """Raise ValueError for labels that cannot be scored, and for unknown sensors.
+
+    count: number of first frames that are evaluated; sets: sensors of each set, by number or name,
+    None for all."""
     from toolkit.datasets.listing import check_labels
     from toolkit.frame import select_sensors
 
@@ -216,7 +224,11 @@ def _check_recording(
 def _correct_poses(
     recording: "Recording", reference: str | None, surface: "Surface | None", frames: int | None
 ) -> "tuple[Recording, tuple[FoundPose, ...]]":
-    """Return a recording with the poses found by a reference, if any, and these."""
+    """Return a recording with corrected poses, and the poses that were found.
+
+    reference: name of what the poses are fitted to, None to keep the recording as it is; surface:
+    surface that they are fitted to, if any; frames: number of first frames to use, None for
+    all."""
     from toolkit.calibration.corrected_recording import Corrected
     from toolkit.calibration.poses import find_poses
 
@@ -229,7 +241,10 @@ def _correct_poses(
 def _select_frames(
     recording: "Recording", sets: Sequence[Sequence[int | str] | None], count: int | None
 ) -> "Recording":
-    """Return the first frames, with the sensors of the sets only."""
+    """Return the first frames, with the sensors of the sets only.
+
+    sets: sensors of each set, by number or name, None for all; count: number of frames, None for
+    all."""
     from toolkit.datasets.recording_views import Part
 
     if not len(recording):

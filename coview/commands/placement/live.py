@@ -55,10 +55,13 @@ class Changes:
         yard = planner.yard
         for name in self.drop:
             planner.remove(name)
-        for name, bearing, tilt in self.move:
+        for name, bearing, tilt in self.move:  # degrees
             sensor = planner.variant.find(name)
-            heading = parse_heading(yard.site, bearing, sensor.heading)
-            planner.move(name, heading, parse_tilt(tilt, sensor.tilt))
+            planner.move(
+                name,
+                heading=parse_heading(yard.site, bearing, sensor.heading),
+                tilt=parse_tilt(tilt, sensor.tilt),
+            )
         for name, height in self.lift:
             sensor = planner.variant.find(name)
             pole = yard.find_mount(planner.variant, sensor.mount)
@@ -66,7 +69,7 @@ class Changes:
         for name, pole_name in self.carry:
             planner.move(name, position=pole_name)
         for pole_name, bearing, tilt in self.add:
-            planner.add(pole_name, parse_heading(yard.site, bearing), parse_tilt(tilt))
+            planner.add(pole_name, heading=parse_heading(yard.site, bearing), tilt=parse_tilt(tilt))
         for name in self.fail:
             planner.fail(name)
 

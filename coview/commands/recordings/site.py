@@ -111,7 +111,9 @@ class ImportMap:
         return code
 
     def find_heading(self) -> float:
-        """Return the heading of the area's x axis (degrees counter-clockwise from east)."""
+        """Return the heading of the area's x axis (degrees counter-clockwise from east).
+
+        It is 0 without --bearing and --heading-deg. Raises ValueError for both."""
         if self.bearing is not None and self.heading_deg is not None:
             raise ValueError(
                 "--bearing and --heading-deg are two directions of one axis: give only one"

@@ -137,10 +137,17 @@ def _draw_still(
     sample: Frame, drawing: Drawing, options: ViewOptions, title: str, still: Path, as_json: bool
 ) -> None:
     """Write a picture of one frame, and print what it shows."""
-    drawn = drawing.draw(sample, drawing.origin(sample))
+    drawn_frame = drawing.draw(sample, drawing.origin(sample))
+    # half sizes of the picture's area (m)
     half = None if options.area is None else drawing.place.half
-    write_still(drawn, still, title=f"{title}, {drawn.name}", colouring=options.colour, half=half)
-    description = drawn.describe()
+    write_still(
+        drawn_frame,
+        still,
+        title=f"{title}, {drawn_frame.name}",
+        colouring=options.colour,
+        half=half,
+    )
+    description = drawn_frame.describe()
     summary = {"still": str(still), "said": description}
     print_result(summary, f"{still}: {description}", as_json=as_json)
 

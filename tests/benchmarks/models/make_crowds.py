@@ -28,7 +28,7 @@ def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
     from toolkit.traffic import obstacles, snapshots, strays
 
     strays.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
-    strays.COMPANION_SHARE, strays.MIN_STRAY_GAP_M, obstacles.GAP = 0.45, 0.1, 0.05
+    strays.COMPANION_SHARE, strays.MIN_STRAY_GAP_M, obstacles.BODY_GAP_M = 0.45, 0.1, 0.05
     shares = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
     Job.mix = shares  # type: ignore[method-assign, assignment]
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}

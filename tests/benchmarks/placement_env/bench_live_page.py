@@ -64,7 +64,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
-from coview.live_cameras import AWAY
+from coview.live_cameras import DISTANCE_FACTOR
 from coview.live_signs import find_target
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
@@ -148,7 +148,7 @@ class Bench:
         eye, middle = (
             np.array(each) for each in scene.overview(tuple(self.planner.yard.site.area.tolist()))
         )
-        eye = middle + AWAY * (eye - middle)
+        eye = middle + DISTANCE_FACTOR * (eye - middle)
         ahead = (middle - eye) / np.linalg.norm(middle - eye)
         right = np.cross(ahead, [0, 0, 1]) / np.linalg.norm(np.cross(ahead, [0, 0, 1]))
         way, (width, height) = np.array(point) - eye, self.size

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 from PIL import Image
 
-from placement_env.live.picture import MOST_PICTURE_BYTES, SHOWN_PIXELS, GroundPicture, keep_picture
+from placement_env.live.picture import MAX_PICTURE_BYTES, MAX_SIDE_PX, GroundPicture, keep_picture
 
 AREA = np.array([-40.0, -30.0, 40.0, 30.0])
 LAID = GroundPicture("plan.png", "picture-0123456789ab.jpg", 800, 600, 0.0, 0.0, 0.1)
@@ -56,10 +56,10 @@ def test_other_numbers_are_refused(numbers):
 
 
 def test_a_picture_is_kept_and_read_back(tmp_path):
-    kept = keep_picture("my plan.jpeg", encode("JPEG", (2 * SHOWN_PIXELS, 100)), tmp_path, AREA)
-    assert (kept.width, kept.height) == (SHOWN_PIXELS, 50)
+    kept = keep_picture("my plan.jpeg", encode("JPEG", (2 * MAX_SIDE_PX, 100)), tmp_path, AREA)
+    assert (kept.width, kept.height) == (MAX_SIDE_PX, 50)
     assert kept.width * kept.scale == pytest.approx(80)
-    assert kept.read(tmp_path).shape == (50, SHOWN_PIXELS, 3)
+    assert kept.read(tmp_path).shape == (50, MAX_SIDE_PX, 3)
     (tmp_path / kept.file).write_bytes(b"gone")
     with pytest.raises(ValueError, match="no whole PNG or JPEG"):
         kept.read(tmp_path)
@@ -73,7 +73,7 @@ def test_a_picture_is_kept_and_read_back(tmp_path):
         ("plan.png", b"", "no whole"),
         ("x" * 61, encode(), "1 to 60"),
         ("a\nb.png", encode(), "one line"),
-        ("plan.png", bytes(MOST_PICTURE_BYTES + 1), "at most 40 MB"),
+        ("plan.png", bytes(MAX_PICTURE_BYTES + 1), "at most 40 MB"),
     ],
 )
 def test_what_is_no_picture_is_refused_in_one_line(tmp_path, name, content, said):
@@ -84,7 +84,7 @@ def test_what_is_no_picture_is_refused_in_one_line(tmp_path, name, content, said
 
 
 def test_a_picture_bomb_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("placement_env.live.picture.MOST_PIXELS", 400 * 300 - 1)
+    monkeypatch.setattr("placement_env.live.picture.MAX_PIXELS", 400 * 300 - 1)
     with pytest.raises(ValueError, match="million pixels"):
         keep_picture("plan.png", encode(), tmp_path, AREA)
 

@@ -206,7 +206,9 @@ def test_a_pole_stands_on_free_ground_alone(planner) -> None:
     xmin, ymin, xmax, ymax = site.area
     grid = ((x, y) for x in np.arange(xmin, xmax, 3.0) for y in np.arange(ymin, ymax, 3.0))
     feet = np.array([mount.position[:2] for mount in site.mounts])
-    free = next(s for s in grid if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 3)
+    free = next(
+        s for s in grid if not planner.yard.refusal_reason(s) and np.hypot(*(feet - s).T).min() > 3
+    )
     planner.move("d0", position=free)
     assert planner.sensors[0].mount == "own pole 1"
     assert (planner.sensors[0].x, planner.sensors[0].y) == free

@@ -10,7 +10,7 @@ from placement_env import LivePlanner
 from placement_env.live.figures import Meter
 from placement_env.live.history import MAX_UNDO_STEPS
 from placement_env.live.suggestions import Suggester, Suggestion
-from placement_env.live.variant import TILT_SPAN, Variant
+from placement_env.live.variant import TILT_SPAN_RAD, Variant
 from placement_env.live.views import SensorViews, VariantView
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Setting
@@ -111,13 +111,13 @@ def test_headings_turn_round_and_tilts_and_heights_are_held(planner):
     planner.move("d0", heading=2 * np.pi + 0.5, tilt=1.57, height=99.0)
     sensor = planner.variant.find("d0")
     assert sensor.heading == pytest.approx(0.5)
-    assert sensor.tilt == TILT_SPAN[1]
+    assert sensor.tilt == TILT_SPAN_RAD[1]
     assert sensor.height == max(
         mount.max_height, planner.yard.place(planner.yard.site.sensors).find("d0").height
     )
     planner.move("d0", tilt=-1.0, height=-5.0)
     sensor = planner.variant.find("d0")
-    assert (sensor.tilt, sensor.height) == (TILT_SPAN[0], min(mount.min_height, sensor.height))
+    assert (sensor.tilt, sensor.height) == (TILT_SPAN_RAD[0], min(mount.min_height, sensor.height))
     for tilt in (1.6, -1.6, float("nan")):
         with pytest.raises(ValueError, match="tilt must"):
             planner.move("d0", tilt=tilt)
@@ -231,7 +231,7 @@ def test_poles_that_nobody_uses_are_forgotten(planner):
     spots = ((x, y) for x in np.arange(-60, 60, 2.0) for y in np.arange(-60, 60, 2.0))
     feet = np.array([mount.position[:2] for mount in planner.yard.stock.mounts])
     spot = next(
-        s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 3
+        s for s in spots if not planner.yard.refusal_reason(s) and np.hypot(*(feet - s).T).min() > 3
     )
     planner.move("d0", position=spot)
     (pole,) = planner.variant.poles
@@ -412,7 +412,7 @@ def test_suggestions_are_of_different_poles_with_room(planner, monkeypatch):
         asked.append((kind, sensor.mount, len(base.sensors)))
         return Suggestion(kind, sensor, replace(planner.answer(), ap=len(asked) / 10), 0)
 
-    monkeypatch.setattr(planner.scorer.views.stock, "at_least_coarse", lambda *_: False)
+    monkeypatch.setattr(planner.scorer.views.stock, "view_free_poles", lambda *_: False)
     monkeypatch.setattr(planner.scorer.views.stock, "rank", lambda *_: ranked)
     monkeypatch.setattr(Suggester, "improve", improve)
     found = planner.suggest("add", count=2)
@@ -455,7 +455,7 @@ def make_suggester(planner, monkeypatch, judge):
     """Suggester that judges variants in place of views, and whose answers are variants."""
     see = lambda self, variant: VariantView(variant, None, None, False)  # noqa: E731
     monkeypatch.setattr(SensorViews, "see", see)
-    monkeypatch.setattr(Meter, "judge", judge)
+    monkeypatch.setattr(Meter, "measure_ap", judge)
     return planner.scorer.make_suggester(lambda variant: variant)
 
 
@@ -492,11 +492,11 @@ def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(
 def test_a_suggestion_is_turned_only_for_a_gain_without_problems(
     planner, monkeypatch, gain, problems, turned
 ):
-    start = replace(planner.sensors[0], heading=0.5, tilt=TILT_SPAN[1])
+    start = replace(planner.sensors[0], heading=0.5, tilt=TILT_SPAN_RAD[1])
 
     def judge(self, variant, *_):
         sensor = variant.sensors[-1]
-        assert sensor.tilt <= TILT_SPAN[1]
+        assert sensor.tilt <= TILT_SPAN_RAD[1]
         return (0.5 + gain, problems) if sensor.heading > 0.6 else (0.5, 0)
 
     suggester = make_suggester(planner, monkeypatch, judge)

@@ -15,8 +15,8 @@ from placement_env import LivePlanner
 from placement_env.cases import Cases
 from placement_env.live.picture import GroundPicture
 from placement_env.live.project import (
-    MOST_VARIANTS,
-    SAVED_STEPS,
+    MAX_SAVED_STEPS,
+    MAX_VARIANTS,
     ProjectFile,
     export_variant,
     report_variant,
@@ -63,7 +63,9 @@ def test_everything_is_there_again(planner, path):
     planner.move(
         "d1",
         position=next(
-            s for s in spots if not planner.yard.refuse(s) and np.hypot(*(feet - s).T).min() > 2
+            s
+            for s in spots
+            if not planner.yard.refusal_reason(s) and np.hypot(*(feet - s).T).min() > 2
         ),
     )
     planner.fail("d2")
@@ -93,9 +95,9 @@ def test_drags_are_saved_now_and_then_and_at_their_end(planner, path):
 
 def test_steps_are_bounded(planner, path):
     project = ProjectFile(path, planner)
-    for k in range(SAVED_STEPS + 20):
+    for k in range(MAX_SAVED_STEPS + 20):
         planner.lock("d0", locked=k % 2 == 0)
-    assert len(json.loads(path.read_text())["past"]) == SAVED_STEPS
+    assert len(json.loads(path.read_text())["past"]) == MAX_SAVED_STEPS
     project.close()
 
 
@@ -279,13 +281,13 @@ def test_as_many_variants_as_allowed_are_read_and_no_more(planner, path):
     project.close()
     content = json.loads(path.read_text())
     row = content["variants"]["A"]
-    for count, fits in ((MOST_VARIANTS, True), (MOST_VARIANTS + 1, False), (0, False)):
+    for count, fits in ((MAX_VARIANTS, True), (MAX_VARIANTS + 1, False), (0, False)):
         variants = dict.fromkeys(("A", "B", *(f"v{k}" for k in range(count - 2)))[:count], row)
         path.write_text(json.dumps({**content, "variants": variants}))
         if fits:
             assert len(reopen(path, planner)[0]) == count
         else:
-            with pytest.raises(ValueError, match=f"it needs 1 to {MOST_VARIANTS} variants"):
+            with pytest.raises(ValueError, match=f"it needs 1 to {MAX_VARIANTS} variants"):
                 reopen(path, planner)
 
 

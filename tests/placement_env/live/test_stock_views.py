@@ -73,13 +73,13 @@ def test_every_pose_is_looked_at_once_the_middle_height_and_poles_first():
 def test_one_height_of_every_free_pole_is_looked_at_first():
     stock, live = views()
     free = np.array([True, False, True, True, False, True])
-    assert stock.at_least_coarse(np.inf, free) is False
+    assert stock.view_free_poles(np.inf, free) is False
     seen = [next(iter(places(each))) for each in live.looked]
     assert sorted(mount for mount, _ in seen) == np.flatnonzero(free).tolist()
     assert {height for _, height in seen} == {1}
-    assert stock.at_least_coarse(np.inf, free) is False
+    assert stock.view_free_poles(np.inf, free) is False
     assert len(live.looked) == free.sum()
-    assert stock.at_least_coarse(-1.0, np.ones(6, bool)) is True  # patience ends after one pole
+    assert stock.view_free_poles(-1.0, np.ones(6, bool)) is True  # patience ends after one pole
     assert len(live.looked) == free.sum() + 1
 
 

@@ -9,12 +9,12 @@ import shapely
 
 from placement_env.candidates.candidates import aim_sensor, pool
 from placement_env.live.variant import (
-    FARTHEST,
-    KERB_GAP,
-    LONGEST_NAME,
+    KERB_GAP_M,
+    MAX_DRAWN_POLE_DISTANCE_M,
+    MAX_NAME_LENGTH,
     MAX_TURN_RAD,
     MAX_VARIANT_SENSORS,
-    SNAP,
+    SNAP_M,
     LiveSensor,
     Variant,
     Yard,
@@ -101,7 +101,7 @@ def test_a_variant_that_does_not_fit_is_refused_with_the_place(change, said):
     [
         ("name", 3, "name must be a text"),
         ("name", "", "a name must be one line of 1 to 60 characters"),
-        ("name", "x" * (LONGEST_NAME + 1), "a name must be one line"),
+        ("name", "x" * (MAX_NAME_LENGTH + 1), "a name must be one line"),
         ("model", None, "model must be a text"),
         ("x", "1", "x must be a finite number"),
         ("x", 1e9, "x must be from -1e.08 to 1e.08"),
@@ -119,7 +119,7 @@ def test_a_sensor_that_does_not_fit_is_refused_with_its_member(key, value, said)
 
 
 def test_names_and_areas_have_bounds():
-    assert check_name("x" * LONGEST_NAME) == "x" * LONGEST_NAME
+    assert check_name("x" * MAX_NAME_LENGTH) == "x" * MAX_NAME_LENGTH
     assert check_keep_out([[0, 0], [1, 0], [0, 1]]) == ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
     for wrong in (
         SQUARE[:2],
@@ -147,11 +147,11 @@ def test_a_free_name_goes_on_from_its_number():
     assert free_name(variant, "a") == "a 2"
     assert free_name(variant, "cam 2") == "cam 4"
     assert free_name(variant, "7") == "7 2"
-    assert len(free_name(variant, "x" * 200)) == LONGEST_NAME
+    assert len(free_name(variant, "x" * 200)) == MAX_NAME_LENGTH
 
 
 def test_a_sensor_is_placed_on_the_nearest_pole_or_on_one_of_its_own(yard):
-    near, far = hang(X + SNAP, Y, name="near"), hang(200.0, 300.0, name="far")
+    near, far = hang(X + SNAP_M, Y, name="near"), hang(200.0, 300.0, name="far")
     rich = replace(STOCK, mounts=(replace(STOCK.mounts[0], price=7.0), *STOCK.mounts[1:]))
     yard = Yard(SITE, rich)
     variant = yard.place([near, far, replace(far, name="far")])
@@ -163,9 +163,9 @@ def test_a_sensor_is_placed_on_the_nearest_pole_or_on_one_of_its_own(yard):
         [200.0, 300.0, float(SITE.ground(np.array([200.0, 300.0])))]
     )
     sensor = variant.sensors[0]
-    assert (sensor.x, sensor.y) == (X + SNAP, Y)
+    assert (sensor.x, sensor.y) == (X + SNAP_M, Y)
     assert (sensor.height, sensor.heading, sensor.tilt) == pytest.approx((5.0, 0.0, 0.3))
-    beyond = yard.place([hang(X + SNAP + 0.01, Y), hang(X - 90, Y + 90)])
+    beyond = yard.place([hang(X + SNAP_M + 0.01, Y), hang(X - 90, Y + 90)])
     assert [sensor.mount for sensor in beyond.sensors] == ["own pole 1", "own pole 2"]
 
 
@@ -193,7 +193,7 @@ def test_a_project_may_say_only_what_can_hang(yard):
     low, high = POLE.min_height, POLE.max_height
     for height in (low, high):
         assert yard.check(Variant((replace(SENSOR, height=height),)))
-    yard.check(Variant((replace(SENSOR, x=X + SNAP, tilt=np.pi / 2),)))
+    yard.check(Variant((replace(SENSOR, x=X + SNAP_M, tilt=np.pi / 2),)))
     yard.check(Variant((replace(SENSOR, tilt=-np.pi / 2),)))
     for change, said in (
         (
@@ -203,7 +203,7 @@ def test_a_project_may_say_only_what_can_hang(yard):
         ({"height": low - 0.01}, "m up, but"),
         ({"height": 6000.0}, "a hangs 6000 m up"),
         ({"x": X + 20.0}, f"a hangs 20 m from its pole {POLE.name}, more than 1.5 m"),
-        ({"y": Y - SNAP - 0.01}, "m from its pole"),
+        ({"y": Y - SNAP_M - 0.01}, "m from its pole"),
         ({"tilt": np.pi / 2 + 0.01}, "a is tilted by 90.57 degrees, more than 90"),
         ({"tilt": -2.0}, "more than 90"),
         ({"mount": "moon"}, "there is no pole 'moon'"),
@@ -228,13 +228,20 @@ def test_a_sensor_that_hangs_higher_than_its_pole_takes_may_stay(yard):
 def test_a_pole_of_a_project_stands_at_the_site(yard):
     _, ymin, xmax, ymax = SITE.area.tolist()
     middle = (ymin + ymax) / 2
-    pole = Mount("own pole 1", np.array([xmax + FARTHEST, middle, 0.0]))
+    pole = Mount("own pole 1", np.array([xmax + MAX_DRAWN_POLE_DISTANCE_M, middle, 0.0]))
     yard.check(Variant((), (pole,)))
     with pytest.raises(
         ValueError, match="own pole 1 stands 101 m from the detection area, more than 100 m"
     ):
         yard.check(
-            Variant((), (replace(pole, position=np.array([xmax + FARTHEST + 1, middle, 0.0])),))
+            Variant(
+                (),
+                (
+                    replace(
+                        pole, position=np.array([xmax + MAX_DRAWN_POLE_DISTANCE_M + 1, middle, 0.0])
+                    ),
+                ),
+            )
         )
     with pytest.raises(
         ValueError, match="own pole 1 has its foot at z = 25 m, but the ground is at"
@@ -252,32 +259,40 @@ def test_where_a_pole_may_stand_is_said(yard):
     _, _, xmax, _ = SITE.area.tolist()
     lane = shapely.Polygon(SITE.lanes[0])
     inside = lane.representative_point()
-    assert yard.refuse((inside.x, inside.y)) == "it is on a lane"
-    assert yard.refuse((xmax + FARTHEST + 1, 0.0)).startswith(
+    assert yard.refusal_reason((inside.x, inside.y)) == "it is on a lane"
+    assert yard.refusal_reason((xmax + MAX_DRAWN_POLE_DISTANCE_M + 1, 0.0)).startswith(
         "it is more than 100 m from the detection area"
     )
     solid = next(
         each for each in SITE.solids if each.kind in ("building", "wall", "hedge", "tree", "trunk")
     )
     middle = shapely.Polygon(solid.footprint).representative_point()
-    assert yard.refuse((middle.x, middle.y)) in ("something stands there", "it is on a lane")
+    assert yard.refusal_reason((middle.x, middle.y)) in (
+        "something stands there",
+        "it is on a lane",
+    )
     kept = replace(yard, keep_out=(shapely.Polygon(SQUARE).buffer(30),))
-    assert kept.refuse((2.0, 30.0)) != ""
+    assert kept.refusal_reason((2.0, 30.0)) != ""
     variant = Variant(
         keep_out=(
-            ((X + KERB_GAP / 2, Y - 5), (X + 5, Y - 5), (X + 5, Y + 5), (X + KERB_GAP / 2, Y + 5)),
+            (
+                (X + KERB_GAP_M / 2, Y - 5),
+                (X + 5, Y - 5),
+                (X + 5, Y + 5),
+                (X + KERB_GAP_M / 2, Y + 5),
+            ),
         )
     )
-    assert yard.bars(variant, POLE)
-    away = tuple((x + KERB_GAP, y) for x, y in variant.keep_out[0])
-    assert not yard.bars(Variant(keep_out=(away,)), POLE)
+    assert variant.keeps_out(POLE)
+    away = tuple((x + KERB_GAP_M, y) for x, y in variant.keep_out[0])
+    assert not Variant(keep_out=(away,)).keeps_out(POLE)
     with pytest.raises(ValueError, match=f"{POLE.name} cannot be used: it is a keep-out area"):
-        yard.stand(variant, POLE.name)
+        yard.find_or_add_pole(variant, POLE.name)
     with pytest.raises(
         ValueError, match=f"no pole can stand at {inside.x:.1f}, {inside.y:.1f}: it is on a lane"
     ):
-        yard.stand(Variant(), (inside.x, inside.y))
-    mount, after = yard.stand(Variant(), (X + 0.5, Y))
+        yard.find_or_add_pole(Variant(), (inside.x, inside.y))
+    mount, after = yard.find_or_add_pole(Variant(), (X + 0.5, Y))
     assert (mount.name, after) == (POLE.name, Variant())
     with pytest.raises(ValueError, match=r"there is no pole 'moon': .* and others are there"):
         yard.find_mount(Variant(), "moon")

@@ -4,7 +4,7 @@ import pytest
 from toolkit.bodies.figures import Figure, person, striding
 from toolkit.bodies.people import pedestrians
 from toolkit.bodies.two_wheelers import two_wheelers
-from toolkit.traffic.supply import BICYCLE_LENGTH
+from toolkit.traffic.supply import MAX_BICYCLE_LENGTH_M
 
 
 def test_people_and_two_wheelers_have_their_measures():
@@ -28,4 +28,4 @@ def test_people_and_two_wheelers_have_their_measures():
         assert abs(mesh.vertices[:, 2].min()) < 0.02
 
     long = {name: np.ptp(mesh.vertices[:, 0]) for name, mesh in two_wheelers().items()}
-    assert long["motorcycle"] > BICYCLE_LENGTH > long["child_bicycle"]
+    assert long["motorcycle"] > MAX_BICYCLE_LENGTH_M > long["child_bicycle"]

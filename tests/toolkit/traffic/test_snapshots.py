@@ -12,8 +12,8 @@ from toolkit.boxes import footprints, iou_bev
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site, Solid
-from toolkit.traffic.obstacles import GAP, Obstacles, overlaps, separate
-from toolkit.traffic.parked import STAY, Parked
+from toolkit.traffic.obstacles import BODY_GAP_M, Obstacles, overlaps, separate
+from toolkit.traffic.parked import MEAN_STAY_FRAMES, Parked
 from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, Mix, simulate
 from toolkit.traffic.spawner import LIFE
 from toolkit.traffic.supply import Supply
@@ -296,7 +296,7 @@ def cars(*offsets):
 
 
 def test_later_rows_and_parked_vehicles_stand_free():
-    boxes = cars((0, 0, 0), (0, 2.0 + 2 * GAP, 0), (10, 0, 1))
+    boxes = cars((0, 0, 0), (0, 2.0 + 2 * BODY_GAP_M, 0), (10, 0, 1))
     settled, kept, repaired = separate(boxes, FREE)
     assert settled is boxes
     assert (kept.tolist(), repaired) == ([True] * 3, 0)
@@ -347,7 +347,7 @@ def test_later_rows_and_parked_vehicles_stand_free():
         gone += len(set(parked.ids.tolist()) - set(later.ids.tolist()))
         assert len(set(later.places.tolist())) == number
         parked = later
-    assert 0.8 < gone * STAY / (400 * number) < 1.2
+    assert 0.8 < gone * MEAN_STAY_FRAMES / (400 * number) < 1.2
 
 
 @pytest.mark.parametrize(

@@ -32,9 +32,9 @@ def make_buildings(
     reach = window.buffer(MAX_OVERHANG_M)
     for shape, tags in _list_parts(extract, window):
         base, top = _read_heights(tags)
-        off_road = shape.difference(road)
-        cut_count += bool(shape.area - off_road.area > 0.1)
-        for ring in nets.cut_polygons([off_road], reach):
+        shape_off_road = shape.difference(road)
+        cut_count += bool(shape.area - shape_off_road.area > 0.1)  # m²
+        for ring in nets.cut_polygons([shape_off_road], reach):
             if shapely.Polygon(ring).area > 1.0:
                 solids.append(Solid(ring, base, top, "building"))
     if not cut_count:
@@ -43,16 +43,18 @@ def make_buildings(
 
 
 def _list_parts(extract: Extract, window: shapely.Geometry) -> list[tuple[shapely.Geometry, Tags]]:
-    """List ground and tags of parts of buildings, then of buildings without their parts' ground."""
+    """List the ground and tags of parts of buildings, then of whole buildings.
+
+    Whole buildings leave out the ground of all parts. Only areas that meet `window` are listed."""
     near_areas = [(shape, tags) for shape, tags in extract.areas if shape.intersects(window)]
     parts = [
         (shape, tags)
         for shape, tags in near_areas
         if tags.get("building:part", "") not in _NO_BUILDING
     ]
-    covered = shapely.union_all([shape for shape, _ in parts])
+    parts_ground = shapely.union_all([shape for shape, _ in parts])
     buildings = [
-        (shape.difference(covered), tags) for shape, tags in near_areas if _is_building(tags)
+        (shape.difference(parts_ground), tags) for shape, tags in near_areas if _is_building(tags)
     ]
     return parts + buildings
 

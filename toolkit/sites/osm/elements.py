@@ -92,7 +92,7 @@ class _Consumption:
             or self.silent_bytes > MAX_SILENT_BYTES
             or self.element_tags > MAX_ELEMENT_TAGS
         ):
-            limits = (
+            limits = (  # bytes >> 20 are MiB
                 f"{MAX_MAP_BYTES >> 20} MB, {MAX_SILENT_BYTES >> 20} MB without a tag or "
                 f"{MAX_ELEMENT_TAGS} tags in an element"
             )
@@ -137,7 +137,7 @@ def _check_xml(path: Path, head: bytes) -> None:
             raise ValueError(
                 f"{path}: the file is {kind}: convert it first (osmium cat -o map.osm)"
             )
-    first_tag = re.search(rb"<(?!\?|!)", head)
+    first_tag = re.search(rb"<(?!\?|!)", head)  # after <?xml ...?>, comments and <!DOCTYPE ...>
     is_map = first_tag is not None and re.match(rb"<osm[\s>]", head[first_tag.start() :])
     has_doctype = first_tag is not None and b"<!DOCTYPE" in head[: first_tag.start()]
     if not is_map or has_doctype:
@@ -147,9 +147,9 @@ def _check_xml(path: Path, head: bytes) -> None:
 
 
 def _check_remark(path: Path, remark: object) -> None:
-    """Raise ValueError for a remark of Overpass that it could not finish, pass all others.
+    """Raise ValueError for a remark of the server Overpass that it could not finish.
 
-    remark: text, or another value for a file without one."""
+    All other remarks pass. remark: text, or another value for a file without one."""
     if remark and "error" in str(remark).lower():
         quoted = " ".join(str(remark).split())[:90]
         raise ValueError(
@@ -185,7 +185,7 @@ def _convert_row(row: Mapping[str, Any]) -> ElementTree.Element:
     """Make the XML element of an entry of Overpass's JSON, a node, way or relation."""
     attributes = {key: str(row[key]) for key in ("id", "lat", "lon", "visible") if key in row}
     if row.get("visible") is False:
-        attributes["visible"] = "false"
+        attributes["visible"] = "false"  # as in XML, and not "False"
     element = ElementTree.Element(str(row["type"]), attributes)
     tags = row.get("tags") or ()
     if isinstance(tags, dict):

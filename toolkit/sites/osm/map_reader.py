@@ -46,14 +46,14 @@ def read_map(path: Path, centre: tuple[float, float], heading: float = 0.0) -> E
     places = tuple((positions[name], tags) for name, tags in raw_map.node_tags.items())
     notes = tuple(f"{count} {note}" for note, count in raw_map.oddities.items() if count)
     return Extract(
-        centre,
-        heading,
-        tuple(ways.values()),
-        areas,
-        places,
-        notes,
-        raw_map.node_tags,
-        tuple(raw_map.restrictions),
+        centre=centre,
+        heading=heading,
+        ways=tuple(ways.values()),
+        areas=areas,
+        places=places,
+        notes=notes,
+        node_tags=raw_map.node_tags,
+        restrictions=tuple(raw_map.restrictions),
     )
 
 
@@ -68,15 +68,18 @@ def _check_centre(
     bounds: west, south, east, north (degrees), one or several; lon_lats: degrees of all nodes."""
     has_bounds = bool(bounds) and bool(np.isfinite(bounds).all())
     # rows west, south, east, north; a node is its whole bounds
-    corners = np.array(bounds) if has_bounds else np.tile(lon_lats, 2)
-    low = corners[:, :2].min(axis=0)
-    high = corners[:, 2:].max(axis=0)
-    if _is_between(centre, low, high):
+    rows = np.array(bounds) if has_bounds else np.tile(lon_lats, 2)
+    south_west = rows[:, :2].min(axis=0)
+    north_east = rows[:, 2:].max(axis=0)
+    if _is_between(centre, south_west, north_east):
         return
-    span = f"longitude {low[0]:.6g} to {high[0]:.6g} and latitude {low[1]:.6g} to {high[1]:.6g}"
+    west, south = south_west
+    east, north = north_east
+    span = f"longitude {west:.6g} to {east:.6g} and latitude {south:.6g} to {north:.6g}"
+    longitude, latitude = centre
     raise ValueError(
-        f"{path}: centre {centre[0]:g} {centre[1]:g} lies outside the map, which spans {span}: "
-        f"{_correct_centre(centre, low, high)}"
+        f"{path}: centre {longitude:g} {latitude:g} lies outside the map, which spans {span}: "
+        f"{_correct_centre(centre, south_west, north_east)}"
     )
 
 
@@ -87,11 +90,13 @@ def _is_between(centre: tuple[float, ...], low: np.ndarray, high: np.ndarray) ->
 
 
 def _correct_centre(centre: tuple[float, float], low: np.ndarray, high: np.ndarray) -> str:
-    """Words of a remedy for a centre outside a map that spans from `low` to `high` (degrees)."""
-    swapped = centre[::-1]
-    if _is_between(swapped, low, high):
-        return f"longitude comes first, give --centre {swapped[0]:g} {swapped[1]:g}"
-    if abs(centre[0]) > 180 or abs(centre[1]) > 90:
+    """Words of a remedy for a centre (longitude, latitude) outside a map.
+
+    low, high: south-western and north-eastern corner of the map (degrees)."""
+    longitude, latitude = centre
+    if _is_between((latitude, longitude), low, high):
+        return f"longitude comes first, give --centre {latitude:g} {longitude:g}"
+    if abs(longitude) > 180 or abs(latitude) > 90:
         return (
             "these are no degrees, give --centre LONGITUDE LATITUDE inside it, not metres of a "
             "projection"
@@ -107,7 +112,7 @@ def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str
     oddities = raw_map.oddities
     for name, raw_way in raw_map.ways.items():
         runs = _list_runs(raw_way, positions)
-        oddities[GAPS_NOTE] += len(runs) > 1
+        oddities[GAPS_NOTE] += len(runs) > 1  # a bool counts as 0 or 1
         long_runs = [run for run in runs if len(run) > 1]
         for number, run in enumerate(long_runs):
             nodes = _drop_repeats(run)
@@ -116,9 +121,10 @@ def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str
             line = np.array([positions[node] for node in nodes])
             key = f"{name}~{number}" if number else name
             ways[key] = Way(line, tuple(nodes), raw_way.tags, name)
-            # a distance too long is a fault of the map, which is kept
-            leaps = np.hypot(*np.diff(line, axis=0).T).max() > MAX_LEAP_M
-            oddities[LEAPS_NOTE] += leaps and bool(_BUILT_KEYS & raw_way.tags.keys())
+            # a distance too long between nodes is a fault of the map, which is kept
+            step_lengths = np.hypot(*np.diff(line, axis=0).T)
+            has_leap = step_lengths.max() > MAX_LEAP_M
+            oddities[LEAPS_NOTE] += has_leap and bool(_BUILT_KEYS & raw_way.tags.keys())
     return ways
 
 
@@ -161,7 +167,7 @@ def _list_areas(
         inner = _enclose_rings(way for way, role in known_members if role == "inner")
         area_tags = dict(tags)
         if known_members and "building" not in tags and "building:part" not in tags:
-            first_way = known_members[0][0]
+            first_way, _ = known_members[0]
             area_tags = {**first_way.tags, **tags}
         for polygon in _list_valid(outer.difference(inner)):
             yield polygon, dict(area_tags)

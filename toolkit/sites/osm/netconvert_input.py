@@ -37,17 +37,18 @@ def _format_nodes(positions: Mapping[str, np.ndarray], extract: Extract) -> Iter
     points = np.array(list(positions.values())).reshape(-1, 2)
     map_points = points @ plane_rotation(extract.heading).T
     degrees = inverse_project(map_points, extract.centre)
-    # places of traffic lights, rounded to find the same place again
-    signals = {
+    # places of traffic lights, rounded to mm to find the same place again
+    signal_places = {
         tuple(xy.round(3))
         for xy, tags in extract.places
         if tags.get("highway") == "traffic_signals"
     }
     for number, (xy, lon_lat) in enumerate(zip(points, degrees, strict=True), start=1):
-        has_signal = tuple(xy.round(3)) in signals
+        has_signal = tuple(xy.round(3)) in signal_places
         tag = '<tag k="highway" v="traffic_signals"/>' if has_signal else ""
-        place = f'lon="{lon_lat[0]:.9f}" lat="{lon_lat[1]:.9f}"'
-        yield f'<node id="{number}" {place}>{tag}</node>'
+        longitude, latitude = lon_lat
+        position = f'lon="{longitude:.9f}" lat="{latitude:.9f}"'
+        yield f'<node id="{number}" {position}>{tag}</node>'
 
 
 def _format_ways(pieces: Sequence[Way], numbers: Mapping[str, int]) -> Iterator[str]:
@@ -57,10 +58,10 @@ def _format_ways(pieces: Sequence[Way], numbers: Mapping[str, int]) -> Iterator[
     types = name_types(cast("RoadRules", piece.rules) for piece in pieces)
     for number, piece in enumerate(pieces, start=1):
         tags = {**piece.tags, "highway": types[cast("RoadRules", piece.rules)]}
-        rows = [f'<nd ref="{numbers[node]}"/>' for node in piece.nodes]
+        elements = [f'<nd ref="{numbers[node]}"/>' for node in piece.nodes]
         for key, value in tags.items():
-            rows.append(nets.format_element("tag", {"k": key, "v": value}))
-        yield nets.format_element("way", {"id": number}, "".join(rows))
+            elements.append(nets.format_element("tag", {"k": key, "v": value}))
+        yield nets.format_element("way", {"id": number}, "".join(elements))
 
 
 def _format_restrictions(

@@ -74,14 +74,17 @@ class Parking:
             left = self._find_area_angle(spot, to_left)
         if right is None:
             right = self._find_area_angle(spot, -to_left)
-        return Sides(left, right) if self.lefthand else Sides(right, left)
+        if self.lefthand:
+            return Sides(kerb=left, inner=right)
+        return Sides(kerb=right, inner=left)
 
     def _find_road_angles(
         self, spot: shapely.Point, ahead: Float64[np.ndarray, "2"]
     ) -> tuple[Angle, Angle]:
         """Angles left and right of the nearest road that runs along a direction or against it.
 
-        ahead: unit vector of the direction, as seen in which left and right come back."""
+        spot: middle of the search, up to `MAX_PARKING_GAP_M`; ahead: unit vector of the direction,
+        to whose left and right the angles belong. None for a side without parking."""
         angles: tuple[Angle, Angle] = (None, None)
         min_distance = MAX_PARKING_GAP_M
         near_roads = self._tree.query(spot, predicate="dwithin", distance=MAX_PARKING_GAP_M)
@@ -101,13 +104,15 @@ class Parking:
         across: vector x, y (m) to the side of the lane."""
         end = shapely.get_coordinates(spot)[0] + across
         ray = shapely.LineString([spot, shapely.Point(end)])
-        distances = [float(ray.intersection(shape).distance(spot)) for shape, _ in self.areas]
-        hits = [
-            (distance, angle)
-            for distance, (_, angle) in zip(distances, self.areas, strict=True)
-            if np.isfinite(distance)
-        ]
-        return min(hits, default=(0.0, None))[1]
+        hits: list[tuple[float, int]] = []  # distance (m) and angle of areas that the ray meets
+        for shape, angle in self.areas:
+            distance = float(ray.intersection(shape).distance(spot))
+            if np.isfinite(distance):  # NaN without an intersection
+                hits.append((distance, angle))
+        if not hits:
+            return None
+        _, nearest_angle = min(hits)
+        return nearest_angle
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
@@ -121,21 +126,19 @@ def find_parking(
     """Read the parking along the roads of `kinds` (highway=...) that reach into `window`.
 
     lefthand: traffic keeps left."""
-    ways = [way for way in extract.ways if way.tags.get("highway") in kinds]
-    roads = [
-        ParkingRoad(
-            shapely.LineString(way.line),
-            _read_angle(way.tags, "left"),
-            _read_angle(way.tags, "right"),
-        )
-        for way in ways
-    ]
-    near_roads = [road for road in roads if road.line.intersects(window)]
-    near_areas = [
-        (shape, _ORIENTATIONS.get(tags.get("orientation", ""), 0))
-        for shape, tags in extract.areas
-        if _is_next_to_road(tags) and shape.intersects(window)
-    ]
+    near_roads = []
+    for way in extract.ways:
+        if way.tags.get("highway") not in kinds:
+            continue
+        line = shapely.LineString(way.line)
+        if line.intersects(window):
+            left = _read_angle(way.tags, "left")
+            right = _read_angle(way.tags, "right")
+            near_roads.append(ParkingRoad(line, left, right))
+    near_areas = []  # shape, and angle of the bays to the road (degrees)
+    for shape, tags in extract.areas:
+        if _is_next_to_road(tags) and shape.intersects(window):
+            near_areas.append((shape, _ORIENTATIONS.get(tags.get("orientation", ""), 0)))
     return Parking(tuple(near_roads), tuple(near_areas), lefthand)
 
 
@@ -153,7 +156,10 @@ def _find_direction(line: shapely.LineString, distance: float) -> Float64[np.nda
 
 
 def _read_angle(tags: Tags, side: str) -> Angle:
-    """Angle of parking on one side of a road, None for no parking. side: "left" or "right"."""
+    """Angle of parking on one side of a road (degrees), None for no parking.
+
+    Tags are today's, as parking:left=lane, or the older ones, as parking:lane:left=parallel. side:
+    "left" or "right"."""
     parking = _read_side_tag(tags, "parking", side)
     if _read_side_tag(tags, "parking", side, ":restriction") in _FORBIDDEN:
         return None

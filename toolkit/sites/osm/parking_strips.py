@@ -43,6 +43,7 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
     on the inner side are for one-way streets only."""
     strips = {}
     for street in _list_streets(network):
+        # distances (m) along the innermost lane
         stations = np.arange(SIDE_STEP_M / 2, street.inner.length, SIDE_STEP_M)
         samples = [parking.find_sides(street.inner, station) for station in stations]
         kerb = _find_commonest([sample.kerb for sample in samples])
@@ -57,10 +58,11 @@ def _find_commonest(samples: Iterable[Angle]) -> Angle:
     """Return the commonest angle of samples along a lane.
 
     None if fewer than `MIN_PARKING_SAMPLES` have parking."""
-    angles = Counter(angle for angle in samples if angle is not None)
-    if angles.total() < MIN_PARKING_SAMPLES:
+    counts = Counter(angle for angle in samples if angle is not None)
+    if counts.total() < MIN_PARKING_SAMPLES:
         return None
-    return angles.most_common(1)[0][0]
+    ((commonest_angle, _),) = counts.most_common(1)
+    return commonest_angle
 
 
 def restrict_network(folder: Path, types: Mapping[RoadRules, str]) -> None:
@@ -79,10 +81,10 @@ def widen_network(folder: Path, strips: Mapping[str, Sides]) -> list[str]:
     on both sides of edges by id, those without parking left out."""
     edges = ElementTree.parse(folder / "plain.edg.xml")
     connections = ElementTree.parse(folder / "plain.con.xml")
-    first_lanes = {}
+    first_lanes = {}  # by edge: number of the first lane that moves
     for edge in edges.iter("edge"):
         name = str(edge.get("id"))
-        first_lanes[name] = _widen(edge, strips.get(name, Sides()))
+        first_lanes[name] = _add_strips(edge, strips.get(name, Sides()))
     for connection in connections.iter("connection"):
         _move_lane(connection, "from", first_lanes)
         _move_lane(connection, "to", first_lanes)
@@ -110,24 +112,25 @@ def _move_lane(connection: ElementTree.Element, end: str, first_lanes: Mapping[s
         connection.set(f"{end}Lane", str(int(lane) + 1))
 
 
-def _widen(edge: ElementTree.Element, sides: Sides) -> int:
+def _add_strips(edge: ElementTree.Element, sides: Sides) -> int:
     """Give an edge its strips, in place; return the number of the first lane that moves.
 
     The kerb's strip comes before the first lane for cars, between footway and lanes. Without it no
-    lane moves, and the number is beyond them all."""
+    lane moves, and the number is beyond them all. sides: angles of parking on both sides."""
     lanes = edge.findall("lane")
     if not lanes:
         lanes = [ElementTree.Element("lane") for _ in range(int(edge.get("numLanes", "1")))]
-    driven = [i for i, lane in enumerate(lanes) if "passenger" in nets.list_users(lane)]
-    first = driven[0] if driven else 0
-    wide = lanes[:first] + _make_strip(sides.kerb) + lanes[first:] + _make_strip(sides.inner)
+    car_lanes = [i for i, lane in enumerate(lanes) if "passenger" in nets.list_users(lane)]
+    first = car_lanes[0] if car_lanes else 0
+    footways, driven_lanes = lanes[:first], lanes[first:]
+    new_lanes = footways + _make_strip(sides.kerb) + driven_lanes + _make_strip(sides.inner)
     for lane in edge.findall("lane"):
         edge.remove(lane)
-    for index, lane in enumerate(wide):
+    for index, lane in enumerate(new_lanes):
         lane.set("index", str(index))
         edge.append(lane)
-    edge.set("numLanes", str(len(wide)))
-    return first if sides.kerb is not None else len(wide)
+    edge.set("numLanes", str(len(new_lanes)))
+    return first if sides.kerb is not None else len(new_lanes)
 
 
 def _make_strip(angle: Angle) -> list[ElementTree.Element]:
@@ -144,20 +147,21 @@ def find_strip_bays(network: str, parking: Parking) -> list[tuple[float, float, 
     network: net.xml text in the extract's frame, with strips."""
     strip_bays: list[tuple[float, float, float]] = []
     for street in _list_streets(network):
-        is_inside = False
+        is_inner = False  # True from the first lane for cars on
         for lane in street.lanes:
             users = nets.list_users(lane)
-            is_inside |= "passenger" in users
+            is_inner |= "passenger" in users
             if users:
                 continue
             # a lane without users is a strip, as wide as its bays are deep
             angle = _match_angle(float(lane.get("width", "0")))
             strip = shapely.LineString(nets.parse_shape(lane))
-            kerb_left = parking.lefthand != is_inside
+            # the kerb is on the side that traffic keeps to; an inner strip has its kerb opposite
+            kerb_left = parking.lefthand != is_inner
             for x, y, yaw in bays_between(strip, angle, kerb_left=kerb_left).tolist():
                 distance = street.inner.project(shapely.Point(x, y))
                 sides = parking.find_sides(street.inner, distance)
-                if (sides.inner if is_inside else sides.kerb) == angle:
+                if (sides.inner if is_inner else sides.kerb) == angle:
                     strip_bays.append((x, y, yaw))
     return strip_bays
 
@@ -169,18 +173,22 @@ def _match_angle(width: float) -> int:
 
 def _list_streets(network: str) -> Iterator[_Street]:
     """Yield the edges of a network (net.xml text) with a lane for motor vehicles."""
-    edges: dict[str, list[ElementTree.Element]] = {}
-    driven_lanes: dict[str, list[ElementTree.Element]] = {}
+    # lanes by edge: all, and those for cars
+    lanes_by_edge: dict[str, list[ElementTree.Element]] = {}
+    car_lanes_by_edge: dict[str, list[ElementTree.Element]] = {}
     for edge, lane in nets.list_lanes(network):
         name = str(edge.get("id"))
-        edges.setdefault(name, []).append(lane)
+        lanes_by_edge.setdefault(name, []).append(lane)
         if "passenger" in nets.list_users(lane):
-            driven_lanes.setdefault(name, []).append(lane)
-    for name, lanes in edges.items():
-        if name not in driven_lanes:
+            car_lanes_by_edge.setdefault(name, []).append(lane)
+    for name, lanes in lanes_by_edge.items():
+        if name not in car_lanes_by_edge:
             continue
         # SUMO marks one direction of a road by -
         opposite = name[1:] if name.startswith("-") else f"-{name}"
-        line = nets.parse_shape(driven_lanes[name][-1])
+        innermost_lane = car_lanes_by_edge[name][-1]
+        line = nets.parse_shape(innermost_lane)
         if len(line) > 1:
-            yield _Street(name, lanes, shapely.LineString(line), opposite in driven_lanes)
+            yield _Street(
+                name, lanes, inner=shapely.LineString(line), two_way=opposite in car_lanes_by_edge
+            )

@@ -24,11 +24,14 @@ def find_walks(extract: Extract, window: shapely.Geometry) -> list[shapely.Polyg
     ]
     for way in extract.ways:
         if _is_walk(way):
-            width = np.clip(metres(way.tags.get("width")) or 2.0, 1.0, 10.0)
+            width = np.clip(metres(way.tags.get("width")) or 2.0, 1.0, 10.0)  # m, 2 without a tag
             line = shapely.LineString(way.line)
             shapes.append(line.buffer(width / 2, cap_style="flat", quad_segs=2))
-    inside = (shape.intersection(window) for shape in shapes if shape.intersects(window))
-    return [polygon for shape in inside for polygon in nets.list_polygons(shape)]
+    polygons: list[shapely.Polygon] = []
+    for shape in shapes:
+        if shape.intersects(window):
+            polygons += nets.list_polygons(shape.intersection(window))
+    return polygons
 
 
 def _is_walk(way: Way) -> bool:
@@ -54,12 +57,13 @@ def find_parking_spaces(
         is_space = tags.get("amenity") == "parking_space"
         if not is_space or not window.contains(shape) or road.intersects(shape):
             continue
+        # corners of the rectangle around it; the fifth is the first again
         corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shape))
-        sides = np.diff(corners[:3], axis=0)
+        sides = np.diff(corners[:3], axis=0)  # two neighbouring ones, x and y (m)
         lengths = np.hypot(*sides.T)
         if lengths.max() < MAX_BAY_LENGTH_M and lengths.min() > MIN_BAY_WIDTH_M:
-            long_side = sides[lengths.argmax()]
+            long_x, long_y = sides[lengths.argmax()]
             x, y = corners[:4].mean(axis=0).tolist()
-            yaw = float(np.arctan2(long_side[1], long_side[0]))
+            yaw = float(np.arctan2(long_y, long_x))
             spaces.append((round(x, 3), round(y, 3), round(yaw, 4)))
     return spaces

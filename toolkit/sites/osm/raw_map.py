@@ -109,8 +109,8 @@ class RawMap:
         """Add a node with its tags if it is a place on earth, and count it as odd if not."""
         name = element.get("id", "")
         degrees = _read_degrees(element, "lon", "lat")
-        # a bool counts as 0 or 1; a node may be there twice at the same place
         is_on_earth = not np.isnan(degrees[0])
+        # a bool counts as 0 or 1; a node that is there twice at the same place is not odd
         self.oddities[OFF_EARTH_NOTE] += not is_on_earth
         self.oddities[TWICE_NOTE] += self.degrees.get(name, degrees) != degrees
         if is_on_earth:
@@ -163,7 +163,7 @@ def _read_restriction(element: ElementTree.Element, tags: Tags) -> tuple[list[Re
     name = element.get("id", "")
     via_nodes = members.get("via node", [])
     turns = [
-        Restriction(name, kind, origin, via_nodes[0], target)
+        Restriction(name, kind, origin=origin, via=via_nodes[0], target=target)
         for origin in members.get("from way", [])
         for target in members.get("to way", [])
         if via_nodes

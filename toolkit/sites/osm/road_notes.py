@@ -51,12 +51,13 @@ def describe_crossings(ways: Sequence[Way]) -> list[str]:
     if not ways:
         return []
     lines = [shapely.LineString(way.line) for way in ways]
+    # indices of two ways that cross; each pair comes twice, so only one order counts
     pairs = shapely.STRtree(lines).query(lines, predicate="crosses").T.tolist()
-    crossing = [(a, b) for a, b in pairs if a < b and crosses_road(ways[a], ways[b])]
-    if not crossing:
+    count = sum(a < b and crosses_road(ways[a], ways[b]) for a, b in pairs)
+    if not count:
         return []
     note = "roads that cross without a junction in the map, and drive through each other"
-    return [f"{note}: {len(crossing)}"]
+    return [f"{note}: {count}"]
 
 
 def list_unused_places(extract: Extract, window: shapely.Geometry) -> list[str]:
@@ -98,13 +99,14 @@ def _describe_nearest(lines: Iterable[shapely.LineString], extract: Extract) -> 
     """Describe the road nearest to the centre: its distance and place on earth.
 
     lines: roads' lines, in the extract's frame."""
-    middle = shapely.Point(0.0, 0.0)
-    nearest_line = min(lines, key=middle.distance)
-    link = shapely.get_coordinates(shapely.shortest_line(middle, nearest_line))
-    map_point = link[1:] @ plane_rotation(extract.heading).T
+    centre = shapely.Point(0.0, 0.0)  # origin of the extract's frame
+    nearest_line = min(lines, key=centre.distance)
+    # from the centre to the nearest point of the road
+    link = shapely.get_coordinates(shapely.shortest_line(centre, nearest_line))
+    map_point = link[1:] @ plane_rotation(extract.heading).T  # (1, 2): m along east and north
     ((longitude, latitude),) = inverse_project(map_point, extract.centre)
     return (
-        f"the nearest road is {middle.distance(nearest_line):.0f} m away, at {longitude:.5f} "
+        f"the nearest road is {centre.distance(nearest_line):.0f} m away, at {longitude:.5f} "
         f"{latitude:.5f}"
     )
 
@@ -113,37 +115,42 @@ def describe_unused(ways: Iterable[Way]) -> list[str]:
     """Return a note that counts ways by kinds that may be driven on but are no roads here.
 
     ways: with a tag highway."""
-    unused = Counter[str]()
+    counts = Counter[str]()  # ways by kind
     for way in ways:
         tags = way.tags
         kind = tags["highway"]
         if kind in ROADS and tags.get("area") == "yes":
-            unused["paved area"] += 1
+            counts["paved area"] += 1
         elif kind in ROADS and tags.get("service") in UNUSED_SERVICES:
-            unused[tags["service"]] += 1
+            counts[tags["service"]] += 1
         elif kind not in ROADS and kind not in WALKS and kind not in _NO_ROADS:
-            unused[kind[:30]] += 1
-    listed = ", ".join(f"{count} {kind}" for kind, count in unused.most_common(6))
-    more = f" and {len(unused) - 6} kinds more" if len(unused) > 6 else ""
-    return [f"no roads are made of: {listed}{more}"] if unused else []
+            counts[kind[:30]] += 1
+    if not counts:
+        return []
+    listed = ", ".join(f"{count} {kind}" for kind, count in counts.most_common(6))
+    more = f" and {len(counts) - 6} kinds more" if len(counts) > 6 else ""
+    return [f"no roads are made of: {listed}{more}"]
 
 
 def describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:
     """Return a note that counts roundabouts that run against the side that traffic keeps to.
 
     lefthand: traffic keeps left, and so drives clockwise."""
-    arcs = [way for way in ways if way.tags.get("junction") in ("roundabout", "circular")]
-    driven_lines = []
-    for way in arcs:
-        is_reversed = way.tags.get("oneway") in ("-1", "reverse")
-        driven_lines.append(way.line[::-1] if is_reversed else way.line)
+    lines = []  # in the direction of traffic
+    for way in ways:
+        if way.tags.get("junction") in ("roundabout", "circular"):
+            is_reversed = way.tags.get("oneway") in ("-1", "reverse")
+            lines.append(way.line[::-1] if is_reversed else way.line)
     # rings may be made of several ways
-    chains = shapely.line_merge(shapely.MultiLineString(driven_lines), directed=True)
-    corners = (shapely.get_coordinates(chain) for chain in shapely.get_parts(chains))
-    rings = [shapely.LinearRing(points) for points in corners if len(points) > 2]
-    wide_rings = [ring for ring in rings if shapely.Polygon(ring).area > MIN_RING_M2]
-    against = sum(ring.is_ccw == lefthand for ring in wide_rings)
-    if not against:
+    chains = shapely.line_merge(shapely.MultiLineString(lines), directed=True)
+    against_count = 0
+    for chain in shapely.get_parts(chains):
+        points = shapely.get_coordinates(chain)
+        if len(points) > 2:
+            ring = shapely.LinearRing(points)
+            is_wide = shapely.Polygon(ring).area > MIN_RING_M2
+            against_count += is_wide and ring.is_ccw == lefthand
+    if not against_count:
         return []
-    note = f"roundabouts that run against traffic that keeps {name_side(lefthand)}: {against}"
+    note = f"roundabouts that run against traffic that keeps {name_side(lefthand)}: {against_count}"
     return [f"{note}; give {'--righthand' if lefthand else '--lefthand'} if it is wrong"]

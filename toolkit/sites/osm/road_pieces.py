@@ -29,12 +29,13 @@ def split_way(way: Way, barred: Collection[str]) -> Iterator[Way]:
 
     barred: ids of nodes that no car can pass. The new ends at a barrier are nodes ID_before and
     ID_after, so that netconvert does not join the parts."""
-    corners: list[_Corner] = []
+    corners: list[_Corner] = []  # the part that is growing
     for k, node in enumerate(way.nodes):
         xy = way.line[k]
         if node not in barred:
             corners.append(_Corner(node, xy))
             continue
+        # end the part before the barrier, and begin one after it
         if corners:
             corners.append(_Corner(f"{node}_before", _step_back(xy, way.line[k - 1])))
             yield from _make_part(way, corners)
@@ -67,10 +68,11 @@ def cut_way(
     They have netconvert's tags and the rules of `reading`. A way that is one-way against its line
     (oneway -1) is turned round; lefthand: traffic keeps left."""
     tags = make_road_tags(way.tags, reading, lefthand=lefthand)
-    step = -1 if reading.oneway == "-1" else 1
     corners = [_Corner(node, xy) for node, xy in zip(way.nodes, way.line, strict=True)]
+    if reading.oneway == "-1":
+        corners.reverse()
     pieces: list[list[_Corner]] = [[]]  # the last one is still growing
-    for start, end in pairwise(corners[::step]):
+    for start, end in pairwise(corners):
         inside = shapely.LineString([start.xy, end.xy]).intersection(window)
         if inside.geom_type == "LineString" and not inside.is_empty:
             _add_stretch(pieces, start, end, shapely.get_coordinates(inside))
@@ -92,16 +94,17 @@ def _add_stretch(
     start, end: nodes of the stretch; inside: (2, 2) ends of its part within the window, in any
     order."""
     distances = np.hypot(*(inside - start.xy).T)
-    inside = inside[np.argsort(distances)]
-    entry = _Corner(start.node, inside[0])
-    if np.hypot(*(entry.xy - start.xy)) >= SAME_PLACE_M:
-        entry = _Corner(f"{start.node}_{end.node}_in", entry.xy)
-        if pieces[-1]:
-            pieces.append([])
-    _add_corner(pieces[-1], entry)
-    leaves = bool(np.hypot(*(inside[-1] - end.xy)) >= SAME_PLACE_M)
+    in_order = inside[np.argsort(distances)]
+    entry_xy = in_order[0]
+    exit_xy = in_order[-1]
+    enters = bool(np.hypot(*(entry_xy - start.xy)) >= SAME_PLACE_M)  # the window, after the start
+    leaves = bool(np.hypot(*(exit_xy - end.xy)) >= SAME_PLACE_M)
+    if enters and pieces[-1]:
+        pieces.append([])
+    entry_node = f"{start.node}_{end.node}_in" if enters else start.node
     exit_node = f"{start.node}_{end.node}_out" if leaves else end.node
-    _add_corner(pieces[-1], _Corner(exit_node, inside[-1]))
+    _add_corner(pieces[-1], _Corner(entry_node, entry_xy))
+    _add_corner(pieces[-1], _Corner(exit_node, exit_xy))
     if leaves:
         pieces.append([])
 

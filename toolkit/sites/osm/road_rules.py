@@ -15,28 +15,28 @@ from typing import Any
 
 from toolkit.runtime.text_values import read_own_table
 from toolkit.sites import network as nets
+from toolkit.sites.osm.road_class import RoadClass
 
 Tags = Mapping[str, str]
 Users = frozenset[str]
 
-# class of road: lanes each way, speed (m/s), priority, footways on both sides without tags of them
-ROADS = {
-    "motorway": (2, 36.1, 14, False),
-    "trunk": (2, 27.8, 13, False),
-    "primary": (1, 13.9, 12, True),
-    "secondary": (1, 13.9, 11, True),
-    "tertiary": (1, 13.9, 10, True),
-    "unclassified": (1, 13.9, 8, True),
-    "residential": (1, 8.3, 7, True),
-    "living_street": (1, 2.8, 6, True),
-    "busway": (1, 8.3, 5, False),
-    "service": (1, 5.6, 4, False),
-    "cycleway": (1, 5.6, 2, False),
-    "motorway_link": (2, 36.1, 14, False),
-    "trunk_link": (2, 27.8, 13, False),
-    "primary_link": (1, 13.9, 12, True),
-    "secondary_link": (1, 13.9, 11, True),
-    "tertiary_link": (1, 13.9, 10, True),
+ROADS = {  # by the value of highway
+    "motorway": RoadClass(2, 36.1, 14, False),
+    "trunk": RoadClass(2, 27.8, 13, False),
+    "primary": RoadClass(1, 13.9, 12, True),
+    "secondary": RoadClass(1, 13.9, 11, True),
+    "tertiary": RoadClass(1, 13.9, 10, True),
+    "unclassified": RoadClass(1, 13.9, 8, True),
+    "residential": RoadClass(1, 8.3, 7, True),
+    "living_street": RoadClass(1, 2.8, 6, True),
+    "busway": RoadClass(1, 8.3, 5, False),
+    "service": RoadClass(1, 5.6, 4, False),
+    "cycleway": RoadClass(1, 5.6, 2, False),
+    "motorway_link": RoadClass(2, 36.1, 14, False),
+    "trunk_link": RoadClass(2, 27.8, 13, False),
+    "primary_link": RoadClass(1, 13.9, 12, True),
+    "secondary_link": RoadClass(1, 13.9, 11, True),
+    "tertiary_link": RoadClass(1, 13.9, 10, True),
 }
 
 MPH_M_S = 0.44704
@@ -45,6 +45,8 @@ KMH_M_S = 1 / 3.6
 UNITS_M_S = dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "km/hr"), KMH_M_S)
 UNITS_M_S |= {"mph": MPH_M_S, "mi/h": MPH_M_S, "knots": KNOT_M_S, "knot": KNOT_M_S, "kn": KNOT_M_S}
 INCH_M = 0.0254
+# t or m of a unit of weight or size; other values are in t or m
+_SIZE_UNITS = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048, "ft": 0.3048}
 MIN_SPEED_M_S = 0.5
 MAX_SPEED_M_S = 100.0
 
@@ -136,53 +138,59 @@ _PASSABLE = {  # barriers on a road that cars drive through unless their tags cl
 }
 
 # kinds of rules, each followed by a colon and the number of roads
-LOCAL = "roads for local traffic only (destination, customers), driven through here"
-HOURS = "roads with rules for some hours or vehicles only (:conditional), not used"
-OWN_LANES = (
+LOCAL_NOTE = "roads for local traffic only (destination, customers), driven through here"
+HOURS_NOTE = "roads with rules for some hours or vehicles only (:conditional), not used"
+OWN_LANES_NOTE = (
     "roads with lanes for some users only (bus:lanes, busway, cycleway=lane, hov), open to all here"
 )
-ARROWS = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
-DIRECTION = (
+ARROWS_NOTE = "roads with arrows on their lanes (turn:lanes, change:lanes), not used"
+DIRECTION_NOTE = (
     "roads with a oneway that is not understood, one-way only if that is usual for their class"
 )
-CONTRAFLOW = (
+CONTRAFLOW_NOTE = (
     "one-way streets open both ways to some (oneway:bicycle, cycleway=opposite), who ride one "
     "way here"
 )
-SOME_AGAINST = (
+SOME_AGAINST_NOTE = (
     "roads that run one way for some users, against the others (oneway:bus=-1), who do not drive "
     "there here"
 )
-LANES_AGAINST = (
+LANES_AGAINST_NOTE = (
     "one-way streets with lanes against their traffic (lanes:backward), which are left out"
 )
-EITHER = "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
-UNREAD = "roads with access that is not understood, open as is usual for their class"
-UNREAD_SPEED = "roads with a speed limit that is not understood, driven as is usual for their class"
-VARIABLE = (
+EITHER_NOTE = (
+    "roads that run one way at a time (oneway=reversible, alternating), open both ways here"
+)
+UNREAD_NOTE = "roads with access that is not understood, open as is usual for their class"
+UNREAD_SPEED_NOTE = (
+    "roads with a speed limit that is not understood, driven as is usual for their class"
+)
+VARIABLE_NOTE = (
     "roads with a speed limit that signs set (maxspeed=signals, variable), driven as is usual "
     "for their class"
 )
-SPEEDS = (
+SPEEDS_NOTE = (
     "roads with speed limits for some lanes or vehicles (maxspeed:hgv, maxspeed:lanes), not used"
 )
-LANES = "roads with a number of lanes that is not understood"
-SUM = "roads with more or fewer lanes than lanes:forward and lanes:backward have, which count"
-MIDDLE = "roads with a middle lane for both directions (lanes:both_ways), not used"
-SINGLE = "roads with one lane for both directions (lanes=1), drawn with one each way"
-WIDTHS_UNUSED = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
-PLACEMENT = "roads drawn along one of their lanes (placement), whose line is taken as their middle"
-SLOPES = "roads that rise (incline), level here"
-SIZES = "roads with limits of weight or size, closed to trucks and buses"
-CYCLE_ROAD = (
+LANES_NOTE = "roads with a number of lanes that is not understood"
+SUM_NOTE = "roads with more or fewer lanes than lanes:forward and lanes:backward have, which count"
+MIDDLE_NOTE = "roads with a middle lane for both directions (lanes:both_ways), not used"
+SINGLE_NOTE = "roads with one lane for both directions (lanes=1), drawn with one each way"
+WIDTHS_UNUSED_NOTE = "roads with a width of their own (width, width:lanes), drawn with usual lanes"
+PLACEMENT_NOTE = (
+    "roads drawn along one of their lanes (placement), whose line is taken as their middle"
+)
+SLOPES_NOTE = "roads that rise (incline), level here"
+SIZES_NOTE = "roads with limits of weight or size, closed to trucks and buses"
+CYCLE_ROAD_NOTE = (
     "roads for bicycles first (bicycle_road, cyclestreet), open to motor traffic as their access "
     "says"
 )
-BARRIER_HOURS = "barriers with rules for some hours or vehicles only (:conditional), not used"
-BARRIER_UNREAD = (
+BARRIER_HOURS_NOTE = "barriers with rules for some hours or vehicles only (:conditional), not used"
+BARRIER_UNREAD_NOTE = (
     "barriers with access that is not understood, open or shut as is usual for their kind"
 )
-CLOSED = "roads closed to cars, as the map says"
+CLOSED_NOTE = "roads closed to cars, as the map says"
 # tag: limit (t or m) up to which the road is closed to trucks and buses
 _SIZE_LIMITS = {
     "maxweight": 7.5,
@@ -245,7 +253,7 @@ def usual_users(kind: str) -> Users:
 def usual_rules(kind: str) -> RoadRules:
     """Rules of a road without further tags, by its class (a key of `ROADS`)."""
     users = usual_users(kind)
-    speed = ROADS[kind][1]
+    speed = ROADS[kind].speed
     return RoadRules(kind, (users, users), (speed, speed))
 
 
@@ -275,16 +283,16 @@ def read_rules(tags: Tags) -> RoadReading:
         oneway = "no"
         sides[1] = sides[1] & (against | {_ALWAYS})
     elif oneway != "no" and against:
-        notes.append(CONTRAFLOW)
+        notes.append(CONTRAFLOW_NOTE)
     if oneway != "no" and number_lanes(tags).get(_name_sides(oneway)[1]):
-        notes.append(LANES_AGAINST)
+        notes.append(LANES_AGAINST_NOTE)
     speeds = [_read_speed(tags, side, notes) for side in ("forward", "backward")]
     driven = sides
     if oneway != "no":
         driven = [sides[1] if oneway == "-1" else sides[0]]
     has_cars = any("passenger" in users for users in driven)
     if tags["highway"] not in ("cycleway", "busway") and not has_cars:
-        notes.append(CLOSED)
+        notes.append(CLOSED_NOTE)
     # the line of such a road is turned round for netconvert
     if oneway == "-1":
         sides = sides[::-1]
@@ -314,30 +322,33 @@ def is_barred(tags: Tags) -> bool:
     barrier = tags.get("barrier")
     if barrier is None and not ACCESS_KEYS & tags.keys():
         return False
-    opened: bool | None = None if barrier is None else barrier in _PASSABLE
+    is_open: bool | None = None if barrier is None else barrier in _PASSABLE  # None: unknown
     if barrier == "bollard":
-        opened = tags.get("bollard") == "rising"
-    for key in _KEYS["passenger"]:
+        is_open = tags.get("bollard") == "rising"
+    for key in _KEYS["passenger"]:  # from the general to the particular, which counts
         value = tags.get(key, "")
         if value in _OPEN | _LOCAL | _DELIVERS:
-            opened = True
+            is_open = True
         elif value in _CLOSED:
-            opened = False
+            is_open = False
     if tags.get("locked") == "yes":
-        opened = False
-    return opened is False and tags.get("highway") != "crossing"
+        is_open = False
+    return is_open is False and tags.get("highway") != "crossing"
 
 
 def describe_barrier(tags: Tags) -> list[str]:
-    """List the kinds of rules in the tags of a node of a road that are not used."""
+    """Return notes on the rules in the tags of a node of a road that are not used."""
     tags = {key.strip().lower(): value.strip().lower() for key, value in tags.items()}
     notes = []
-    access = {key: value for key, value in tags.items() if key.partition(":")[0] in ACCESS_KEYS}
-    if any(key.endswith(":conditional") for key in access):
-        notes.append(BARRIER_HOURS)
+    access_tags = {
+        key: value for key, value in tags.items() if key.partition(":")[0] in ACCESS_KEYS
+    }
+    if any(key.endswith(":conditional") for key in access_tags):
+        notes.append(BARRIER_HOURS_NOTE)
     known_values = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
-    if any(access.get(key, "no") not in known_values for key in _KEYS["passenger"]):
-        notes.append(BARRIER_UNREAD)
+    # "no", a known value, for a key that is not there
+    if any(access_tags.get(key, "no") not in known_values for key in _KEYS["passenger"]):
+        notes.append(BARRIER_UNREAD_NOTE)
     return notes
 
 
@@ -362,13 +373,14 @@ def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
     oneway: "yes" or "-1". Empty if the number is unknown."""
     numbers = number_lanes(tags)
     driven_key, against_key = _name_sides(oneway)
-    driven = numbers.get(driven_key)
-    against = numbers.get(against_key)
-    total = driven or numbers.get("lanes")
-    if driven is None and against is not None:
-        remaining = int(numbers.get("lanes", against)) - int(against)
-        total = str(remaining) if remaining > 0 else None
-    return {} if total is None else {"lanes": total}
+    lanes_driven = numbers.get(driven_key)
+    lanes_against = numbers.get(against_key)
+    lanes = lanes_driven or numbers.get("lanes")
+    if lanes_driven is None and lanes_against is not None:
+        # all lanes less those against the traffic
+        remaining = int(numbers.get("lanes", lanes_against)) - int(lanes_against)
+        lanes = str(remaining) if remaining > 0 else None
+    return {} if lanes is None else {"lanes": lanes}
 
 
 def _name_sides(oneway: str) -> tuple[str, str]:
@@ -399,23 +411,26 @@ def format_types(names: Mapping[RoadRules, str]) -> str:
 
     Roads whose directions differ have a unique speed, so that netconvert does not join them to
     others; `restrict_edges` gives them their real speed."""
-    rows = []
-    usual = {usual_rules(kind): kind for kind in ROADS}
-    for rule, name in {**usual, **names}.items():
-        lanes, _, priority, _ = ROADS[rule.kind]
-        # unique, faster than any road, and replaced later
-        speed = 50.0 + 0.01 * rule.number if rule.number is not None else rule.speeds[0]
-        row: dict[str, Any] = {
+    elements = []
+    usual_names = {usual_rules(kind): kind for kind in ROADS}
+    for rule, name in {**usual_names, **names}.items():
+        road_class = ROADS[rule.kind]
+        # both directions are alike unless there is a number
+        users, _ = rule.users
+        speed, _ = rule.speeds
+        if rule.number is not None:
+            speed = 50.0 + 0.01 * rule.number  # m/s: unique, faster than any road, replaced later
+        attributes: dict[str, Any] = {
             "id": f"highway.{name}",
-            "numLanes": lanes,
+            "numLanes": road_class.lanes,
             "speed": f"{speed:.3f}".rstrip("0"),
-            "priority": priority,
+            "priority": road_class.priority,
             "oneway": "false",
-            "width": 1.8 if rule.kind == "cycleway" else 3.25,
-            "allow": _format_users(rule.users[0]),
+            "width": 1.8 if rule.kind == "cycleway" else 3.25,  # a lane's (m)
+            "allow": _format_users(users),
         }
-        rows.append(nets.format_element("type", row))
-    return nets.format_xml("types", rows)
+        elements.append(nets.format_element("type", attributes))
+    return nets.format_xml("types", elements)
 
 
 def _format_users(users: Users) -> str:
@@ -427,19 +442,24 @@ def restrict_edges(edges: Iterable[Any], names: Mapping[RoadRules, str]) -> None
     """Give plain edges (XML elements) the users and the speed of their direction, in place.
 
     Only roads whose directions differ are changed. names: names of edge types by their rules."""
-    types = {f"highway.{name}": rule for rule, name in names.items() if rule.number is not None}
+    rules_by_type = {
+        f"highway.{name}": rule for rule, name in names.items() if rule.number is not None
+    }
     for edge in edges:
-        rule = types.get(edge.get("type", ""))
+        rule = rules_by_type.get(edge.get("type", ""))
         if rule is None:
             continue
-        # 1, against the line of the road, for edges whose id begins with -; else 0
-        side = int(str(edge.get("id")).startswith("-"))
-        for lane in [edge, *edge.findall("lane")]:
-            if lane.get("speed") is not None:
-                lane.set("speed", f"{rule.speeds[side]:.3f}")
-            if lane.get("allow") and set(lane.get("allow").split()) - {"pedestrian"}:
-                lane.set("allow", _format_users(rule.users[side]))
-        edge.set("speed", f"{rule.speeds[side]:.3f}")
+        # edges whose id begins with - run against the line of the road
+        is_against = str(edge.get("id")).startswith("-")
+        users = rule.users[1 if is_against else 0]
+        speed = f"{rule.speeds[1 if is_against else 0]:.3f}"
+        for element in [edge, *edge.findall("lane")]:
+            if element.get("speed") is not None:
+                element.set("speed", speed)
+            # footways stay as they are
+            if element.get("allow") and set(element.get("allow").split()) - {"pedestrian"}:
+                element.set("allow", _format_users(users))
+        edge.set("speed", speed)
 
 
 def count_notes(notes: Iterable[str]) -> list[str]:
@@ -453,73 +473,76 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
     side: "forward" or "backward", as the line of the road runs; notes: kinds of rules that are
     not used are added to it."""
     kind = tags["highway"]
-    usual = usual_users(kind)
+    users_without_tags = usual_users(kind)
     if tags.get("motorroad") == "yes":
-        usual -= {"bicycle", "moped"}
-    allowed = {
-        user
-        for user, keys in _KEYS.items()
-        if _is_open(tags, user, keys, side, usual=user in usual, notes=notes)
-    }
-    if any(_is_tight(tags, key, limit) for key, limit in _SIZE_LIMITS.items()):
-        allowed -= _LONG
-        notes.append(SIZES)
-    elif any(_is_tight(tags, key, limit) for key, limit in _TRUCK_LIMITS.items()):
-        allowed -= {"truck"}
-        notes.append(SIZES)
-    if kind == "cycleway" and allowed == {"bicycle"}:
-        return frozenset(allowed)
-    return frozenset(allowed | {_ALWAYS})
+        users_without_tags -= {"bicycle", "moped"}
+    users = set[str]()
+    for user, keys in _KEYS.items():
+        is_usual = user in users_without_tags
+        if _is_open(tags, user, keys, side, usual=is_usual, notes=notes):
+            users.add(user)
+    if any(_is_limit_below(tags, key, limit) for key, limit in _SIZE_LIMITS.items()):
+        users -= _LONG
+        notes.append(SIZES_NOTE)
+    elif any(_is_limit_below(tags, key, limit) for key, limit in _TRUCK_LIMITS.items()):
+        users -= {"truck"}
+        notes.append(SIZES_NOTE)
+    if kind == "cycleway" and users == {"bicycle"}:
+        return frozenset(users)
+    return frozenset(users | {_ALWAYS})
 
 
 def _is_open(
     tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]
 ) -> bool:
-    # True if a user may drive in a direction. keys: access keys of the user, from the general to
-    # the particular; usual: True if roads of this class are open to the user; notes: added to.
-    opened = usual
+    # True if a user (SUMO's vehicle class) may drive in a direction. keys: access keys of the user,
+    # from the general to the particular; side: "forward" or "backward"; usual: True if roads of
+    # this class are open to the user; notes: notes on rules that are not understood are added
+    is_open = usual
     for key in keys:
         for name in (key, f"{key}:{side}"):
             if name in tags:
                 answer = _read_access(tags[name], user, notes)
                 if key == "access" and tags[name] == "designated":  # for an unknown user
-                    notes.append(UNREAD)
+                    notes.append(UNREAD_NOTE)
                 # nobody cycles on a motorway because of access=yes
                 is_too_general = key in _WHEELS.split() and answer and not usual
                 if answer is not None and not is_too_general:
-                    opened = answer
-    return opened
+                    is_open = answer
+    return is_open
 
 
 def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
-    """True if a value of access is open to a user (SUMO's class), None if not understood.
+    """True if a value of access is open to a user (SUMO's class), None if it is not understood.
 
-    value: one or several words with semicolons between them; notes: added to."""
+    value: one or several words with semicolons between them; notes: notes on local traffic and on
+    values that are not understood are added."""
     values = {word.strip() for word in value.split(";")} - {""}
     known_values = _OPEN | _LOCAL | _CLOSED | _DELIVERS | _PUBLIC
     if not values or not values <= known_values or (values & _OPEN and values & _CLOSED):
-        notes.append(UNREAD)
+        notes.append(UNREAD_NOTE)
         return None
     if values & _OPEN:
         return True
     if values & _LOCAL:
-        notes.append(LOCAL)
+        notes.append(LOCAL_NOTE)
         return True
     if values & _DELIVERS and user in ("delivery", "truck"):
         return True
     return bool(values & _PUBLIC and user in ("bus", "taxi"))
 
 
-def _is_tight(tags: Tags, key: str, limit: float) -> bool:
-    # True if a tag of weight or size is at most `limit` (t or m); 7'6" has feet and inches.
+def _is_limit_below(tags: Tags, key: str, limit: float) -> bool:
+    # True if the value of a tag of weight or size is at most `limit` (t or m). The value is a
+    # number, its unit, and inches after feet, as in 7'6"
     match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
-    scale = {"kg": 0.001, "lbs": 0.000454, "st": 0.907, "'": 0.3048, "ft": 0.3048}.get(
-        match[2] or "", 1.0
-    )
-    inches = float(match[3]) if match[3] and match[2] in ("'", "ft") else 0.0
-    return float(match[1].replace(",", ".")) * scale + inches * INCH_M < limit + 1e-9
+    number, unit = match[1], match[2]
+    further_number = match[3]
+    scale = _SIZE_UNITS.get(unit or "", 1.0)
+    inches = float(further_number) if further_number and unit in ("'", "ft") else 0.0
+    return float(number.replace(",", ".")) * scale + inches * INCH_M < limit + 1e-9
 
 
 def _read_oneway(tags: Tags, notes: list[str]) -> str:
@@ -527,14 +550,15 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
 
     notes: kinds of rules that are not used are added to it."""
     value = tags.get("oneway", "")
+    # the tags of vehicles count unless oneway gives a direction
     for key in ("oneway:vehicle", "oneway:motor_vehicle", "oneway:motorcar"):
-        value = value if value in _FORWARD | _BACKWARD else tags.get(key, value)
-    ring = tags.get("junction") in ("roundabout", "circular")
-    implied = "yes" if ring or tags["highway"] == "motorway" else "no"
+        if value not in _FORWARD | _BACKWARD:
+            value = tags.get(key, value)
     if value in _HALF_THE_TIME:
-        notes.append(EITHER)
+        notes.append(EITHER_NOTE)
         return "no"
-    oneway = implied
+    is_ring = tags.get("junction") in ("roundabout", "circular")
+    oneway = "yes" if is_ring or tags["highway"] == "motorway" else "no"  # without a tag
     if value in _FORWARD:
         oneway = "yes"
     elif value in _BACKWARD:
@@ -542,10 +566,10 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
     elif value in _BOTH_WAYS:
         oneway = "no"
     if value and value not in _FORWARD | _BACKWARD | _BOTH_WAYS:
-        notes.append(DIRECTION)
+        notes.append(DIRECTION_NOTE)
     is_for_all = tags.get("oneway", "") in _FORWARD | _BACKWARD or "oneway:vehicle" in tags
     if value in _FORWARD | _BACKWARD and not is_for_all:
-        notes.append(CONTRAFLOW)  # of bicycles
+        notes.append(CONTRAFLOW_NOTE)  # of bicycles
     return oneway
 
 
@@ -553,39 +577,44 @@ def _close_one_way(tags: Tags, oneway: str, sides: list[Users], notes: list[str]
     """Close the direction against the tag oneway:USER to its users.
 
     sides: users along the line of the road, and against it, changed in place; oneway: direction of
-    the road; notes: added to."""
+    the road, "yes", "-1" (against the line) or "no"; notes: notes on what is not used are added."""
     known_values = _FORWARD | _BACKWARD | _BOTH_WAYS
     for user, keys in _KEYS.items():
         values = [tags[f"oneway:{key}"] for key in keys if f"oneway:{key}" in tags]
-        if values and values[-1] not in known_values:
-            notes.append(EITHER if values[-1] in _HALF_THE_TIME else DIRECTION)
-        if values and values[-1] in _FORWARD | _BACKWARD:
-            closed = 1 if values[-1] in _FORWARD else 0
-            sides[closed] -= {user}
-            if oneway == ("-1" if closed else "yes"):
-                notes.append(SOME_AGAINST)
+        if not values:
+            continue
+        value = values[-1]  # the most particular key counts
+        if value not in known_values:
+            notes.append(EITHER_NOTE if value in _HALF_THE_TIME else DIRECTION_NOTE)
+        if value in _FORWARD | _BACKWARD:
+            closed_side = 1 if value in _FORWARD else 0
+            sides[closed_side] -= {user}
+            # the road's traffic runs in the direction that is closed to this user
+            if oneway == ("-1" if value in _FORWARD else "yes"):
+                notes.append(SOME_AGAINST_NOTE)
 
 
 def _list_contraflow(tags: Tags) -> Users:
     """Users (SUMO's vehicle classes) who may drive a one-way street both ways, by its tags."""
-    exempt = {
+    exempt_keys = {  # access keys such as bicycle
         key.removeprefix("oneway:")
         for key in tags
         if key.startswith("oneway:") and tags[key] in _BOTH_WAYS
     }
-    if any(key.startswith("cycleway") and tags[key].startswith("opposite") for key in tags):
-        exempt.add("bicycle")
-    if any(key.startswith("busway") and tags[key].startswith("opposite") for key in tags):
-        exempt.add("bus")
-    return frozenset(user for user, keys in _KEYS.items() if exempt & set(keys))
+    for key, value in tags.items():
+        if key.startswith("cycleway") and value.startswith("opposite"):
+            exempt_keys.add("bicycle")
+        if key.startswith("busway") and value.startswith("opposite"):
+            exempt_keys.add("bus")
+    return frozenset(user for user, keys in _KEYS.items() if exempt_keys & set(keys))
 
 
 def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
     """Speed limit (m/s) of a direction, the usual one without a tag.
 
     side: "forward" or "backward"; notes: limits that are not used are added to it."""
-    usual = ROADS[tags["highway"]][1]
-    for key in (
+    usual_speed = ROADS[tags["highway"]].speed
+    for key in (  # the first with a speed counts
         f"maxspeed:{side}",
         "maxspeed",
         "maxspeed:type",
@@ -594,18 +623,20 @@ def _read_speed(tags: Tags, side: str, notes: list[str]) -> float:
         "zone:traffic",
     ):
         value = tags.get(key, "")
-        if not value or (key != "maxspeed" and not key.endswith(side) and ":" not in value):
-            continue  # of a source, only a country's rule tells a speed
+        states_limit = key == "maxspeed" or key.endswith(side)
+        # the other keys state sources of the limit: only a country's zone, as de:urban, has a speed
+        if not value or (not states_limit and ":" not in value):
+            continue
         if value in ("signals", "variable"):
-            notes.append(VARIABLE)
-            return usual
+            notes.append(VARIABLE_NOTE)
+            return usual_speed
         speed = parse_speed(value)
         if speed is not None:
             return speed
         if key.startswith("maxspeed"):
-            notes.append(UNREAD_SPEED)
-            return usual
-    return usual
+            notes.append(UNREAD_SPEED_NOTE)
+            return usual_speed
+    return usual_speed
 
 
 def parse_speed(value: str) -> float | None:
@@ -613,31 +644,33 @@ def parse_speed(value: str) -> float | None:
 
     value: numbers with or without unit, or names of a country's zones such as de:urban, with
     semicolons between them. Returns None if one is not understood or is no likely speed."""
-    speeds = [
-        _parse_one_speed(speed_text.strip().lower())
-        for speed_text in value.split(";")
-        if speed_text.strip()
-    ]
-    valid_speeds = [
-        speed for speed in speeds if speed is not None and MIN_SPEED_M_S < speed <= MAX_SPEED_M_S
-    ]
-    return min(valid_speeds) if valid_speeds and len(valid_speeds) == len(speeds) else None
+    speeds = []
+    for speed_text in value.split(";"):
+        if speed_text.strip():
+            speed = _parse_one_speed(speed_text.strip().lower())
+            if speed is None or not MIN_SPEED_M_S < speed <= MAX_SPEED_M_S:
+                return None
+            speeds.append(speed)
+    return min(speeds, default=None)
 
 
 def _parse_one_speed(text: str) -> float | None:
-    # Limit (m/s) of one number with its unit, or of one zone; None if it is not understood.
-    match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
-    if match is not None:
-        unit = UNITS_M_S.get(match[2])
-        return None if unit is None else float(match[1].replace(",", ".")) * unit
+    # limit (m/s) of one number with its unit, or of one zone; None if it is not understood
+    number_match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
+    if number_match is not None:
+        number, unit_name = number_match.groups()
+        unit = UNITS_M_S.get(unit_name)
+        return None if unit is None else float(number.replace(",", ".")) * unit
     zones = _speed_zones()
     if text in zones["everywhere"]:
         return float(zones["everywhere"][text]) * KMH_M_S
-    match = re.fullmatch(r"([a-z]{2})(?:-[a-z]+)?:(?:zone[:_]?)?([a-z_]+|\d+)(?:[:_]zone)?", text)
-    if match is None:
+    # such as de:urban, de-by:rural, de:zone:30 and de:30_zone
+    zone_match = re.fullmatch(
+        r"([a-z]{2})(?:-[a-z]+)?:(?:zone[:_]?)?([a-z_]+|\d+)(?:[:_]zone)?", text
+    )
+    if zone_match is None:
         return None
-    country = match[1]
-    zone = match[2]
+    country, zone = zone_match.groups()
     unit = MPH_M_S if country in zones["miles"] else KMH_M_S
     if zone.isdigit():
         return float(zone) * unit
@@ -656,57 +689,54 @@ def _list_unused(tags: Tags) -> list[str]:
     notes = []
     conditional = [key.removesuffix(":conditional") for key in tags if key.endswith(":conditional")]
     if any(_bears_on_traffic(key) for key in conditional):
-        notes.append(HOURS)
-    if any(_is_own_lane(key, value) for key, value in tags.items()):
-        notes.append(OWN_LANES)
+        notes.append(HOURS_NOTE)
+    if any(_has_reserved_lanes(key, value) for key, value in tags.items()):
+        notes.append(OWN_LANES_NOTE)
     if any(key.startswith(("turn:lanes", "change:lanes")) for key in tags):
-        notes.append(ARROWS)
+        notes.append(ARROWS_NOTE)
     if any(
         re.fullmatch(r"maxspeed:(lanes|hgv|bus|psv|goods|motorcycle|trailer|\w+:lanes).*", key)
         for key in tags
     ):
-        notes.append(SPEEDS)
+        notes.append(SPEEDS_NOTE)
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
-        notes.append(LANES)
+        notes.append(LANES_NOTE)
     counted = number_lanes(tags).get("lanes")
     total = tags.get("lanes", "")
     if re.fullmatch("[1-8]", total) and total != counted and "lanes:both_ways" not in tags:
-        notes.append(SUM)
+        notes.append(SUM_NOTE)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
-        notes.append(SINGLE)
+        notes.append(SINGLE_NOTE)
     if any(key in tags for key in ("width", "est_width", "width:carriageway", "width:lanes")):
-        notes.append(WIDTHS_UNUSED)
+        notes.append(WIDTHS_UNUSED_NOTE)
     if any(key.partition(":")[0] == "placement" for key in tags):
-        notes.append(PLACEMENT)
+        notes.append(PLACEMENT_NOTE)
     if re.search(r"[1-9]|up|down", tags.get("incline", "")):
-        notes.append(SLOPES)
+        notes.append(SLOPES_NOTE)
     if "lanes:both_ways" in tags:
-        notes.append(MIDDLE)
+        notes.append(MIDDLE_NOTE)
     if tags.get("bicycle_road") == "yes" or tags.get("cyclestreet") == "yes":
-        notes.append(CYCLE_ROAD)
+        notes.append(CYCLE_ROAD_NOTE)
     return notes
 
 
 def _bears_on_traffic(key: str) -> bool:
-    # True for the key of a rule of access, speed, direction, lanes or turns.
-    return key.partition(":")[0] in ACCESS_KEYS | {
-        "maxspeed",
-        "oneway",
-        "lanes",
-        "turn",
-        "restriction",
-        "hov",
-    }
+    # True for the key of a rule of access, speed, direction, lanes or turns
+    head = key.partition(":")[0]
+    other_heads = {"maxspeed", "oneway", "lanes", "turn", "restriction", "hov"}
+    return head in ACCESS_KEYS | other_heads
 
 
-def _is_own_lane(key: str, value: str) -> bool:
-    # True for a tag of lanes that only some users may take.
+def _has_reserved_lanes(key: str, value: str) -> bool:
+    # True for a tag of lanes that only some users may take, such as bus:lanes=|designated
     head, _, suffix = key.partition(":")
+    parts = suffix.split(":")
     if key.endswith(":conditional"):
         return False
-    if "lanes" in suffix.split(":") and head in ACCESS_KEYS | {"hov"}:
-        return set(value.split("|")) - {"", "yes"} != set()
-    if head == "lanes" and suffix.split(":")[0] in ("bus", "psv", "taxi", "hov"):
+    if "lanes" in parts and head in ACCESS_KEYS | {"hov"}:
+        lane_values = set(value.split("|"))
+        return lane_values - {"", "yes"} != set()
+    if head == "lanes" and parts[0] in ("bus", "psv", "taxi", "hov"):
         return True
     if head == "busway":
         return value not in _NO_BUS_LANES

@@ -67,19 +67,21 @@ def find_roads(
 
 
 def _select_roads(ways: Sequence[Way]) -> tuple[list[Way], list[str]]:
-    """Select the roads on the ground from ways, each once; return them and notes of the others."""
+    """Select the roads on the ground from ways, each once; return them and notes of the others.
+
+    Bridges over no other road stay."""
     notes = []
     roads = [way for way in ways if is_road(way.tags)]
-    surface_roads = [road for road in roads if not is_underground(road.tags)]
-    level_roads = [road for road in surface_roads if not is_off_ground(road.tags)]
-    ground_roads = [road for road in surface_roads if not _crosses_over(road, level_roads)]
-    if len(roads) > len(ground_roads):
-        off_ground = len(roads) - len(ground_roads)
-        notes.append(f"{off_ground} tunnels or bridges over a road were left out")
-    single_roads = _drop_doubles(ground_roads)
-    if len(ground_roads) > len(single_roads):
-        doubles = len(ground_roads) - len(single_roads)
-        notes.append(f"{doubles} roads that are in the map twice were left out")
+    roads_above_ground = [road for road in roads if not is_underground(road.tags)]
+    level_roads = [road for road in roads_above_ground if not is_off_ground(road.tags)]
+    usable_roads = [road for road in roads_above_ground if not _crosses_over(road, level_roads)]
+    unusable_count = len(roads) - len(usable_roads)
+    if unusable_count:
+        notes.append(f"{unusable_count} tunnels or bridges over a road were left out")
+    single_roads = _drop_doubles(usable_roads)
+    double_count = len(usable_roads) - len(single_roads)
+    if double_count:
+        notes.append(f"{double_count} roads that are in the map twice were left out")
     return single_roads, notes
 
 
@@ -93,6 +95,7 @@ def _drop_doubles(ways: Iterable[Way]) -> list[Way]:
     seen_steps: set[frozenset[str]] = set()
     single_roads: list[Way] = []
     for way in ways:
+        # pairs of neighbouring nodes, in either direction
         steps = {frozenset(step) for step in pairwise(way.nodes)}
         if not steps <= seen_steps:
             single_roads.append(way)

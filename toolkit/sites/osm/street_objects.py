@@ -34,8 +34,9 @@ def make_barriers(
     """Make the map's walls, fences and hedges within `window`, 0.5 m or more off `road`."""
     solids: list[Solid] = []
     for way in extract.ways:
-        draw, usual_height = _BARRIERS.get(way.tags.get("barrier", ""), (None, 0.0))
-        if draw is None:
+        # function that makes the solids along a line, and height (m) without a tag
+        make_solids, usual_height = _BARRIERS.get(way.tags.get("barrier", ""), (None, 0.0))
+        if make_solids is None:
             continue
         height = min(metres(way.tags.get("height")) or usual_height, MAX_BARRIER_M)
         line = shapely.LineString(way.line).intersection(window).difference(road.buffer(0.5))
@@ -44,7 +45,8 @@ def make_barriers(
         for stretch in shapely.get_parts(line):
             piece = stretch.simplify(0.05)
             if piece.geom_type == "LineString" and piece.length > 0.5:
-                solids += draw([(float(x), float(y)) for x, y in piece.coords], height)
+                corners = [(float(x), float(y)) for x, y in piece.coords]
+                solids += make_solids(corners, height)
     return solids
 
 
@@ -55,13 +57,14 @@ def make_trees(extract: Extract, window: shapely.Geometry, road: shapely.Geometr
     solids: list[Solid] = []
     for (x, y), tags in _list_trees(extract):
         foot = shapely.Point(x, y)
-        road_gap = road.distance(foot) - 0.1
+        max_radius = road.distance(foot) - 0.1  # 0.1 m between crown and road
         # m; a crown of unknown width is 4 m wide
         mapped_radius = (metres(tags.get("diameter_crown")) or 4.0) / 2
-        radius = min(mapped_radius, road_gap, MAX_CROWN_RADIUS_M)
+        radius = min(mapped_radius, max_radius, MAX_CROWN_RADIUS_M)
         if radius > MIN_CROWN_RADIUS_M and window.contains(foot):
+            # m; a tree of unknown height is 7 m high
             height = float(np.clip(metres(tags.get("height")) or 7.0, 2.0, 40.0))
-            underside = min(2.3, 0.4 * height)
+            underside = min(2.3, 0.4 * height)  # the crown's height above the ground
             solids += f.tree(float(x), float(y), height, radius, underside)
     return solids
 
@@ -92,21 +95,23 @@ def make_furniture(
             continue
         if tags.get("highway") == "street_lamp":
             lamps.append(xy)
-        solids += _make_thing(tags, float(xy[0]), float(xy[1]))
+        solids += _make_street_object(tags, float(xy[0]), float(xy[1]))
     return solids, np.array(lamps).reshape(-1, 2)
 
 
-def _make_thing(tags: Tags, x: float, y: float) -> list[Solid]:
-    """Make the solids of a thing of the street at (x, y), by its tags; none for other places."""
+def _make_street_object(tags: Tags, x: float, y: float) -> list[Solid]:
+    """Make the solids of a lamp, pole, sign, bollard, bin or bench at (x, y) by its tags.
+
+    The list is empty for other places."""
     if tags.get("highway") == "street_lamp":
         height = min(metres(tags.get("height")) or 6.0, MAX_LAMP_M)
-        return [f.post(x, y, height, 0.09)]
+        return [f.post(x, y, height, radius=0.09)]
     if tags.get("power") == "pole" or tags.get("man_made") in _POLES:
-        return [f.post(x, y, 8.0, 0.12)]
+        return [f.post(x, y, height=8.0, radius=0.12)]
     if "traffic_sign" in tags or tags.get("highway") in ("stop", "give_way"):
-        return list(f.sign(x, y, 0.0))
+        return list(f.sign(x, y, facing=0.0))
     if tags.get("barrier") == "bollard":
-        return [f.post(x, y, 0.9, 0.07)]
+        return [f.post(x, y, height=0.9, radius=0.07)]
     if tags.get("amenity") in _BINS:
         return [f.litter_bin(x, y)]
     if tags.get("amenity") == "bench":

@@ -19,13 +19,13 @@ def metres(text: str | None) -> float | None:
     Returns None if no length between 0 and `MAX_LENGTH_M` is in it."""
     lengths = []
     for length_text in (text or "").lower().replace(",", ".").split(";"):
-        feet_inches = _FEET.fullmatch(length_text.strip())
-        metric = _METRES.fullmatch(length_text.strip())
-        if feet_inches:
-            feet = float(feet_inches[1]) + float(feet_inches[2] or 0) / 12
-            lengths.append(round(FOOT_M * feet, 4))
-        elif metric:
-            lengths.append(float(metric[1]))
+        imperial_match = _FEET.fullmatch(length_text.strip())
+        metric_match = _METRES.fullmatch(length_text.strip())
+        if imperial_match:
+            feet, inches = imperial_match[1], imperial_match[2] or 0
+            lengths.append(round(FOOT_M * (float(feet) + float(inches) / 12), 4))
+        elif metric_match:
+            lengths.append(float(metric_match[1]))
     return max((length for length in lengths if 0 < length < MAX_LENGTH_M), default=None)
 
 
@@ -36,8 +36,8 @@ def is_underground(tags: Tags) -> bool:
     if tags.get("indoor", "no") not in ("no", "area"):
         return True
     layer = _read_layer(tags)
-    is_sunk = layer is not None and layer < 0 and "tunnel" in tags
-    return is_sunk or tags.get("tunnel", "no") not in ("no", "building_passage")
+    is_below = layer is not None and layer < 0 and "tunnel" in tags
+    return is_below or tags.get("tunnel", "no") not in ("no", "building_passage")
 
 
 def is_bridge(tags: Tags) -> bool:

@@ -41,7 +41,7 @@ def crosses_road(bridge: Way, road: Way) -> bool:
     crossing = shapely.LineString(bridge.line).intersection(shapely.LineString(road.line))
     nodes = zip(bridge.nodes, bridge.line, strict=True)
     shared_points = [xy for node, xy in nodes if node in road.nodes]
-    junctions = (
-        shapely.MultiPoint(shared_points).buffer(0.5) if shared_points else shapely.Polygon()
-    )
+    junctions: shapely.Geometry = shapely.Polygon()  # empty
+    if shared_points:
+        junctions = shapely.MultiPoint(shared_points).buffer(0.5)  # within 0.5 m of a node of both
     return not crossing.difference(junctions).is_empty
