@@ -42,7 +42,7 @@ def choose_at_drawings(
     rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
     sets = choice.sets[rows]
     results = []
-    for drawing in judge.alone:
+    for drawing in judge.drawing_judges:
         judgements, draws = drawing.judge_cases(sets)
         mean_aps = drawing.evaluator.mean_ap(sets, np.arange(drawing.frames)).tolist()
         options = [
