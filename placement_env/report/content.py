@@ -336,14 +336,16 @@ class Plan(Displayed):
         return share if isinstance(share, float) else LINK_SHARE
 
     def format_drawn_ap(self, ap: float, drawn: DrawnErrors) -> str:
-        """AP over draws of errors, with as many decimals as the objects of a draw support.
+        """Format an AP over draws of errors, with as many decimals as a draw's objects support.
 
         A draw has only some of the frames, so its number of objects is estimated from all frames.
 
-        ap: AP to format, such as `drawn.mean`."""
-        judged = self.chosen.counted if self.chosen else None
-        objects = judged.vehicles * drawn.frames // judged.frames if judged and judged.frames else 0
-        return format_share(ap, objects)
+        ap: AP to format, such as `drawn.mean`; drawn: results over the draws."""
+        judgement = self.chosen.counted if self.chosen else None
+        draw_objects = 0
+        if judgement and judgement.frames:
+            draw_objects = judgement.vehicles * drawn.frames // judgement.frames
+        return format_share(ap, draw_objects)
 
     def _card(self) -> Card:
         tables = {"sensors": self._list_sensors, "considered": self._list_options}
@@ -423,7 +425,9 @@ def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
     """Return a value with all its texts changed, and keys of mappings too.
 
     Mappings, tuples, lists and dataclasses are entered and built again; any other value comes back
-    as it is."""
+    as it is.
+
+    change: function that returns the new text for a text."""
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):
@@ -450,7 +454,10 @@ def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
     # the longest names first, so that none is taken for a part of another; "-" belongs to names
     longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
     words = re.compile(rf"(?<![\w-])(?:{longest_first})(?!\w)")
-    renamed: Plan = replace_texts(
-        plan, lambda text: names.get(text) or words.sub(lambda word: names[word[0]], text)
-    )
+
+    def replace_names(text: str) -> str:
+        # a text that is nothing but a name needs no search
+        return names.get(text) or words.sub(lambda word: names[word.group()], text)
+
+    renamed: Plan = replace_texts(plan, replace_names)
     return renamed

@@ -74,7 +74,7 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
     if obstacles or not buildable_names:
         raise Refusal(obstacles or excluded, pool)
     objectives = [
-        Objective.from_view(preparation, *view, AP_ONLY)
+        Objective.from_view(preparation, view.candidates, view.visibility, AP_ONLY)
         for preparation, view in zip(preparations, views, strict=True)
     ]
     return PreparedSearch(run, preparations, views, objectives, excluded)
@@ -112,7 +112,7 @@ def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
     if not question.cases.plain:
         entrant_lists += [
             keep_entrants(
-                Objective.from_view(preparation.plain, *view, AP_ONLY),
+                Objective.from_view(preparation.plain, view.candidates, view.visibility, AP_ONLY),
                 effort,
                 run.memo,
                 depends_on=preparation.traffic.digest(),

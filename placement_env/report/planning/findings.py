@@ -81,8 +81,13 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
         # typical error of the predicted AP; not finite if it is unknown
         spread = float(objective.scored_by.spread(choice.sets[[choice.chosen]])[0])
         if math.isfinite(spread):
-            figures = choice.option.predicted, judged.vehicles, judged.frames, spread
-            predicted_figure = StageFigure("by the prediction", *figures)
+            predicted_figure = StageFigure(
+                "by the prediction",
+                ap=choice.option.predicted,
+                objects=judged.vehicles,
+                frames=judged.frames,
+                spread=spread,
+            )
             check_agreement(choice.option.sensors, predicted_figure, final_figure)
 
 

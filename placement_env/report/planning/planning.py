@@ -86,9 +86,9 @@ def _answer(question: Question) -> content.Planned:
     candidates = objective.candidates
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     return content.Planned(
-        build_plan(findings, final.judge, ground),
-        mounted.mounted_site(question.site, candidates, choice.members),
-        candidates,
-        ground,
-        pick_moments(final.judge.detected, choice.members, seed=question.run.seed),
+        plan=build_plan(findings, final.judge, ground),
+        site=mounted.mounted_site(question.site, candidates, choice.members),
+        candidates=candidates,
+        ground=ground,
+        moments=pick_moments(final.judge.detected, choice.members, seed=question.run.seed),
     )
