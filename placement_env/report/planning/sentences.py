@@ -316,7 +316,7 @@ def _describe_objects(question: Question) -> str:
 def _list_scoring_limits(question: Question) -> list[str]:
     """List in sentences which IoU thresholds and classes the figures are for.
 
-    Nothing is said about a single threshold, and about classes if all of them count."""
+    Empty for a single threshold if all classes count."""
     ious = question.cases.ious
     lines = []
     if len(ious) > 1:
@@ -413,7 +413,7 @@ def _describe_errors(question: Question) -> str:
 
 
 def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tuple[str, ...]:
-    """List questions that the plan cannot answer, as clauses that follow "it is not known".
+    """List questions that the plan cannot answer.
 
     final: result of the chosen set on the final traffic; levels: its results by level of traffic;
     levels with too few objects are named."""

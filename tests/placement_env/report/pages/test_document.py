@@ -24,7 +24,8 @@ from placement_env.report.pages.document import (
     build_table,
 )
 from placement_env.report.pages.report import build_document
-from placement_env.report.pages.scene import Layer, Scene
+from placement_env.report.pages.scene import Scene
+from placement_env.report.pages.scene_layer import Layer
 from placement_env.report.pages.typesetting import to_html, to_pdf
 from toolkit.viewing.pages import POLICY, script_data
 

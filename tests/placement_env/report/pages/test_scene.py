@@ -15,13 +15,13 @@ from placement_env.report.pages.scene import (
     GROUND_MARGIN_M,
     MAX_DRAWN_POINTS,
     NO_RETURN_M,
-    Layer,
     build_scene,
     drape,
     ground_mesh,
     seen_cells,
     view_edges,
 )
+from placement_env.report.pages.scene_layer import Layer
 from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sites.site import Relief, Site, Solid
