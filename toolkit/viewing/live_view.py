@@ -61,7 +61,7 @@ class LiveView:
         self.server = server
         self.samples = samples
         self.drawing = drawing
-        self.said = ""
+        self.status_text = ""
         self._lock = Lock()
         self.colouring: Colouring = COLOURINGS[0]
         self._drawn: DrawnSample | None = None
@@ -116,14 +116,14 @@ class LiveView:
                 if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
                     parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
                 self._drawn = drawn
-                self.said = ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
+                self.status_text = ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
             except (ValueError, OSError) as error:
                 self._drawn = None
-                self.said = f"sample {number} cannot be shown: {error}"
+                self.status_text = f"sample {number} cannot be shown: {error}"
             self._redraw()
             letters = (
                 f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter
-                for letter in self.said
+                for letter in self.status_text
             )
             # Markdown that shows names of any characters literally
             self._line.content = "".join(letters)
