@@ -234,7 +234,7 @@ def test_names_of_poles_keep_clear_of_each_other_and_of_sensors(axes):
     for k, (x, y, width) in enumerate(boxes):
         for u, v, _ in boxes[:k]:
             assert abs(x - u) >= width - 1e-6 or abs(y - v) >= 7.5 - 1e-6
-        assert np.abs([100 - x - width / 2, 90 - y - 3.75]).max() > sensor_marks.DISC / 2
+        assert np.abs([100 - x - width / 2, 90 - y - 3.75]).max() > sensor_marks.DISC_POINTS / 2
 
 
 def test_objects_are_filled_by_class(axes):
