@@ -52,6 +52,7 @@ def by_group(
         group_of: Function that returns the index of the group of each box.
         seed: Seed of the bootstrap."""
     truth_groups = group_of(scored.truths)
+    # `hits`: index of the object that each detection hits, negative without one
     # axes: IoU threshold, detection; -1 is no group
     detection_groups = np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
     is_hit = scored.hits >= 0
@@ -84,7 +85,9 @@ def _tally_classes(
 def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge the middle of the area and the quarters around it, named by the compass.
 
-    The middle is a circle of `CENTRE_SHARE` of the area's shorter side. seed: for the bootstrap."""
+    The middle is a circle whose radius is `CENTRE_SHARE` of the area's shorter side.
+
+    scored: objects and detections of one set; seed: for the bootstrap."""
     xmin, ymin, xmax, ymax = site.area
     middle = np.array([xmin + xmax, ymin + ymax]) / 2
     radius = CENTRE_SHARE * min(xmax - xmin, ymax - ymin)
@@ -189,7 +192,8 @@ def by_class(
     members: indices of the set's candidates; labels: names of the classes to return."""
     detected = judge.detected
     site = judge.detected.renders.site
-    frame_labels = []  # class of each road user of a frame, and whether it is covered
+    # class of each road user, and whether it is covered; an array for each frame
+    frame_labels = []
     frame_seen = []
     for k in range(judge.frames):
         all_objects = detected.renders.objects(k)

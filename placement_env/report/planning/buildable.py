@@ -32,11 +32,11 @@ def narrow_question(question: Question, run: Run) -> Question:
     comes back as the same question.
 
     run: run of the search traffic; some of its frames are looked at."""
-    narrowed_poses = narrow_pool(question.search_setting, run)
-    if narrowed_poses is None:
+    kept_candidates = narrow_pool(question.search_setting, run)  # indices, None for all
+    if kept_candidates is None:
         return question
     pool = question.setting.pool
-    names = tuple(pool.sensors[c].name for c in narrowed_poses)  # c: index of a candidate
+    names = tuple(pool.sensors[c].name for c in kept_candidates)
     stock = replace(question.stock, only=names)
     return replace(question, setting=replace(question.setting, candidates=stock))
 

@@ -108,20 +108,22 @@ def choose_set(
 
 
 def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | None:
-    """Return the row of the cheapest set whose AP reaches the requirement, None without one.
+    """Return the row of the cheapest set whose AP reaches the requirement, None if none does.
 
     A first look at all sets on `FIRST_LOOK_FRAMES` frames excludes those whose expected AP is more
     than `FIRST_LOOK_ERROR_AP` below the requirement. The others are judged in the order of their
     prices, at one price by expected AP, until one reaches it and fits its links. Judged sets are
     replaced in `options`.
 
-    min_ap: required AP over all cases; run: gives the seed and reports progress."""
+    options: entrants with their judge; min_ap: required AP over all cases; run: gives the seed and
+    reports progress."""
     entrants = options.entrants
     judge = options.judge
-    order = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK_FRAMES]
-    report = run.stage("frames of the first look", len(order))
-    first_look = judge.evaluator.evaluate(entrants.sets, order, report)
-    blocks = len(np.unique(order // BLOCK_FRAMES))
+    look_frames = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK_FRAMES]
+    report = run.stage("frames of the first look", len(look_frames))
+    first_look = judge.evaluator.evaluate(entrants.sets, look_frames, report)
+    blocks = len(np.unique(look_frames // BLOCK_FRAMES))
+    # AP on few frames are noisy, so they are moved towards their predictions
     shrunk = shrink(first_look.ap, first_look.resamples, entrants.predicted, blocks)
     expected_aps = shrunk.figure
     prices = np.array([option.price for option in options.options])
@@ -130,8 +132,9 @@ def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | Non
     for step, i in enumerate(rows, 1):
         if expected_aps[i] >= min_ap - FIRST_LOOK_ERROR_AP:
             options.judge_rows([i])
-            counted = options.options[i].counted
-            if counted is not None and counted.ap >= min_ap and options.options[i].fits_links:
+            option = options.options[i]
+            judgement = option.counted
+            if judgement is not None and judgement.ap >= min_ap and option.fits_links:
                 return i
         if report is not None:
             report(step)

@@ -81,6 +81,7 @@ class ChosenSet:
         whole_set = self.rows(np.ones((1, len(self.members)), np.bool_))
         _, planned_draws = judge.judge_drawn(whole_set, intact)  # axes: the one set, resample
         blocks = count_blocks(self.judge.frames)
+        # several thresholds together are one entry, for their mean
         thresholds = sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious)
         shared_names = ("codec", "memo", "processes", "classes")
         shared = {name: getattr(planned, name) for name in shared_names}
@@ -91,12 +92,20 @@ class ChosenSet:
             report = self.stage("fusion schemes")
             frames = range(scheme_judge.frames)
             outcomes = scheme_judge.detected.outcomes([self.members], frames, report)[self.members]
+            # mean over frames and sensors
             kbit = float(np.mean([outcome.bits.mean() for outcome in outcomes])) / 1000
             for iou in thresholds:
                 judgements, draws = scheme_judge.judge_drawn(whole_set, replace(intact, iou=iou))
                 is_planned_iou = iou == intact.threshold
                 as_good = is_planned_iou and is_as_good(draws[0], planned_draws[0], blocks)
-                figures.append(content.SchemeFigures(scheme, iou, judgements[0], kbit, as_good))
+                row = content.SchemeFigures(
+                    scheme=scheme,
+                    iou=iou,
+                    judged=judgements[0],
+                    kbit_per_sensor=kbit,
+                    as_good=as_good,
+                )
+                figures.append(row)
         return tuple(figures)
 
     def worth(self) -> tuple[content.SensorWorth, ...]:

@@ -129,7 +129,12 @@ class Judge:
             DetectorEvaluator(detected, self.cases.ious, self.seed) for detected in self.profiles
         )
         drawing_evaluators = tuple(drawing.evaluator for drawing in self.drawings)
-        return CasesEvaluator(profile_evaluators, self.cases, self.levels, drawing_evaluators)
+        return CasesEvaluator(
+            profiles=profile_evaluators,
+            cases=self.cases,
+            levels=self.levels,
+            drawings=drawing_evaluators,
+        )
 
     @property
     def drawing_judges(self) -> "tuple[Judge, ...]":
@@ -155,9 +160,10 @@ class Judge:
     ) -> list[Judgement]:
         """Judge sets over cases, and return one result for each set.
 
-        cases: conditions to reduce over, None for `intact`; progress: called with the number of
-        frames done."""
-        return self.judge_drawn(sets, cases or self.intact, progress)[0]
+        sets: a row of booleans over all candidates for each set; cases: conditions to reduce over,
+        None for `intact`; progress: called with the number of frames done."""
+        judgements, _ = self.judge_drawn(sets, cases or self.intact, progress)
+        return judgements
 
     def judge_drawn(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
@@ -345,8 +351,9 @@ class Judge:
 
         outcomes: in all frames; frames: indices of the frames to use; ious: thresholds to average
         over."""
-        # every block of consecutive frames is drawn as a whole
-        draws = intervals.draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
+        # resamples draw whole blocks of consecutive frames
+        block_of_frame = frames // BLOCK_FRAMES
+        draws = intervals.draws_of_blocks(block_of_frame, seed=self.seed)
         return _measure_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
 
     def _tally(
