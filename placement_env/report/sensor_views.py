@@ -121,10 +121,12 @@ def _mark_points(axes: "Axes", sensor: Sensor, moment: SceneMoment, index: int) 
     cloud = moment.clouds[index]
     if not len(cloud):
         return
+    # unit directions of rays and points in the sensor's frame
     rays = sensor.model.rays().reshape(-1, 3)
     directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    local = transform(invert(sensor.pose), cloud.astype(np.float64))
-    point_directions = local / np.linalg.norm(local, axis=1, keepdims=True)
+    sensor_points = transform(invert(sensor.pose), cloud.astype(np.float64))
+    distances = np.linalg.norm(sensor_points, axis=1, keepdims=True)
+    point_directions = sensor_points / distances
     # distance to the nearest ray, and the number of its pixel, row by row
     off_ray, pixel = cKDTree(directions).query(point_directions)
     is_on_ray = off_ray <= MAX_OFF_RAY

@@ -150,6 +150,7 @@ class LiveView:
                     self._add_sensor(name)
             style = replace(self.style, colourings=(self.colouring,))
             self.shown = add_sample(self.server.scene, self._drawn, style)
+        # nodes above the points of one sensor in one colouring
         for number in range(len(self.style.sensors)):
             for colouring in self.style.colourings:
                 group = self.groups[f"/sensors/{number}/{colouring}"]

@@ -93,10 +93,12 @@ def _serve_guarded(
     def guard(connection: Handle, request: Handle) -> Handle:
         # answers a request itself, with an error, or lets viser answer
         path_token, _, page_path = request.path.removeprefix("/").partition("/")
+        # a comparison whose duration does not depend on where the tokens differ
         if not token or not secrets.compare_digest(path_token.encode(), token.encode()):
             return connection.respond(403, "open the whole address that coview prints\n")
         opens_socket = "Upgrade" in request.headers
-        if opens_socket and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
+        origin = request.headers.get("Origin", "")
+        if opens_socket and not _LOCAL.fullmatch(origin):  # not a page of this machine
             return connection.respond(403, "open the viewer in a browser of this machine\n")
         request.path = f"/{page_path}"
         # uncompressed, so that a script can be inserted into the page
@@ -104,7 +106,7 @@ def _serve_guarded(
         answer = process_request(connection, request)
         if answer is not None and answer.headers.get("Content-Type", "").startswith("text/html"):
             answer.body = _insert_script(answer.body.decode(), "prompt.js").encode()
-            del answer.headers["Content-Length"]
+            del answer.headers["Content-Length"]  # setting it would add a second one
             answer.headers["Content-Length"] = str(len(answer.body))
         return answer
 

@@ -46,8 +46,8 @@ def keep_buildable(
 ) -> list[BuildableView]:
     """Return the candidates that may be built at every drawing, and what they see at each.
 
-    They have the same order at every drawing, so that one index means one candidate; between
-    drawings candidates are matched by name.
+    A drawing fills in at random what no map knows of the site. Candidates have the same order at
+    every drawing, so that one index means one candidate; they are matched by name.
 
     Args:
         preparations: Traffic at each drawing.

@@ -32,6 +32,7 @@ class JudgedOptions:
         options: Option of each entrant; a judged one is replaced by one with figures."""
 
     def __init__(self, objective: Objective, entrants: Entrants, judge: Judge) -> None:
+        """Make an option of each entrant, with figures of the objective only; none is judged."""
         self.objective = objective
         self.entrants = entrants
         self.judge = judge
@@ -40,9 +41,10 @@ class JudgedOptions:
         mounts = objective.candidates.mounts
         for i, is_member in enumerate(entrants.sets):
             score = objective.score(np.flatnonzero(is_member))
-            mount_indices = objective.candidates.mount[list(score.subset)]
+            members = score.subset  # indices of the set's candidates
+            mount_indices = objective.candidates.mount[list(members)]
             option = PlanOption(
-                sensors=tuple(name_sensor(objective.names[c]) for c in score.subset),
+                sensors=tuple(name_sensor(objective.names[c]) for c in members),
                 price=score.price,
                 kbit_per_sensor=score.kbit_per_sensor,
                 kbit=score.kbit,

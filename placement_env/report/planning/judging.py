@@ -111,6 +111,7 @@ class Judge:
         """Number of objects to find in each frame, by class, which is an index into `LABELS`."""
         counts_by_class = {}
         for label in self.detected.classes.labels:
+            # `Detected.to_find` marks the objects of a class that count in frame k
             frame_counts = [self.detected.to_find(k, label).sum() for k in range(self.frames)]
             counts_by_class[label] = np.array(frame_counts, np.int64)
         return counts_by_class
@@ -172,7 +173,7 @@ class Judge:
 
         The AP of resamples have the axes set and resample. A resample has the same frames for all
         sets, so that they can be compared draw by draw. Figures are means over the drawings of the
-        site.
+        site; a drawing fills in at random what no map knows.
 
         Args:
             sets: A row of booleans over all candidates for each set.
@@ -221,7 +222,7 @@ class Judge:
         return [SetJudgement(*judgements) for judgements in rows], draws
 
     def by_level(self, members: tuple[int, ...]) -> list[Judgement | None]:
-        """Judge one intact set at each level of traffic, at the first error profile.
+        """Judge one set without failures at each level of traffic, at the first error profile.
 
         Thin traffic comes first. A level without objects has None; undivided traffic has no levels.
 
@@ -260,7 +261,7 @@ class Judge:
         return replace(self, profiles=profiles, cases=self.intact, levels=(), drawings=())
 
     def by_class(self, members: tuple[int, ...]) -> tuple[ClassAP, ...]:
-        """Judge one intact set for each class that counts, at the first error profile.
+        """Judge one set without failures for each class that counts, at the first error profile.
 
         members: indices of the set's candidates."""
         classes = self.detected.classes

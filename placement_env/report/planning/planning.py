@@ -28,11 +28,13 @@ def plan(question: Question) -> content.Planned:
 
     The plan comes with the site and its chosen sensors, the candidates, and the ground and frames
     for pictures. A refused plan has no sensors, ground and frames. The same question has the same
-    plan, byte for byte, whatever the cache and the processes. Raises
-    ValueError and OSError for damaged inputs, ImportError without SUMO."""
+    plan, byte for byte, whatever the cache and the processes.
+
+    Raises ValueError and OSError for damaged inputs, ImportError without SUMO."""
     try:
         _check_question(question)
-        return _answer(narrow_question(question, question.part("search")))
+        searchable_question = narrow_question(question, question.part("search"))
+        return _answer(searchable_question)
     except Refusal as refusal:
         return refuse(question, refusal)
 

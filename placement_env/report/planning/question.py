@@ -68,7 +68,7 @@ class Stock:
         pool = choose_candidates(
             site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out
         )
-        if self.only:
+        if self.only:  # names of the candidates to use, empty for all
             names = set(self.only)
             pool = pool.select(np.flatnonzero([sensor.name in names for sensor in pool.sensors]))
         pole_price = None if self.catalogue is None else self.catalogue.pole_price

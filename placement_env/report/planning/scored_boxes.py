@@ -85,6 +85,7 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
     # outcomes count objects from 0 in every frame; `first_truth` moves them to rows of all frames
     first_truth = np.cumsum([0, *object_counts])[frame]
     iou_rows = [detected.ious.index(iou) for iou in judge.cases.ious]
+    # axes: IoU threshold of the cases, detection; negative without an object
     truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)[iou_rows]
     return ScoredBoxes(
         truths=np.concatenate([frame_objects.boxes for frame_objects in objects]),

@@ -83,18 +83,18 @@ def build_verdict(
             "cheapest set that cannot be told from the best" if rule == "as good" else "best set"
         )
         sentence = f"The {answer_text} found within the budget has {result}."
-        return Verdict(None, f"{links_before}{sentence}")
+        return Verdict(met=None, sentence=f"{links_before}{sentence}")
     if judgement.ap >= min_ap:
         certainty = "the interval reaches below it, so more traffic may say otherwise"
         if judgement.low >= min_ap:
             certainty = "the whole interval lies above it"
         sentence = f"The requirement of AP {min_ap:g} is met: {result}; {certainty}."
-        return Verdict(True, f"{links_before}{sentence}")
+        return Verdict(met=True, sentence=f"{links_before}{sentence}")
     reasons = explain_shortfall(question, compared, judgement, excluded)
     if narrow_links:
         reasons = (narrow_links, *reasons)
     sentence = f"The requirement of AP {min_ap:g} is not met: the best set found has {result}."
-    return Verdict(False, sentence, reasons)
+    return Verdict(met=False, sentence=sentence, reasons=reasons)
 
 
 def explain_shortfall(

@@ -80,6 +80,7 @@ def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces
     winner_ap = math.inf  # expected AP of the last race's winner
     for step, size in enumerate(different_sizes, 1):
         size_rows = np.flatnonzero(sizes == size)
+        # `min_expected`: expected AP from which a set is near the best of all races
         if races.close_sets and winner_ap < races.min_expected:
             best = size_rows[int(entrants.predicted[size_rows].argmax())]
             races.winners.append(int(best))
@@ -139,7 +140,7 @@ def find_finalists(
 
     Rank 0 is the winner. Sets that nearly tie with it (`LIKELY_TIE_AP`) follow by mean AP over
     IoU thresholds, highest first, then other sets by rank. The mean AP is on the frames of the
-    first rung, which all sets share.
+    race's first round, in which all sets took part.
 
     Args:
         race: The finished race.
@@ -150,8 +151,9 @@ def find_finalists(
     tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
     mean_aps = np.empty(0)
     if len(tied):
-        first_rung_frames = order[: race.frames.min()]
-        mean_aps = evaluator.mean_ap(ranked[tied], first_rung_frames)
+        # `race.frames` has the number of frames on which each set raced
+        first_round_frames = order[: race.frames.min()]
+        mean_aps = evaluator.mean_ap(ranked[tied], first_round_frames)
     tied_by_mean = tied[np.argsort(-mean_aps, kind="stable")]
     # each rank once, at its first place
     ranks = list(dict.fromkeys([0, *tied_by_mean.tolist(), *range(len(ranked))]))
