@@ -360,7 +360,9 @@ class Plan(Displayed):
         return table
 
     def _list_options(self) -> Table:
-        # columns by name, a row for each compared set; figures of sets not judged are None
+        """Return a table of the compared sets: columns by name, a row for each set.
+
+        AP, interval and recall of sets that are not judged are None."""
         table: dict[str, list[Any]] = {}
         for name in ("poles", "price", "kbit", "predicted"):
             table[name] = [getattr(option, name) for option in self.considered]

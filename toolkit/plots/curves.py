@@ -88,7 +88,7 @@ def draw_density_cdf(
 def _place_ticks(max_points: int) -> list[float]:
     """Return the ticks of an axis that is linear up to `MAX_LINEAR_POINTS`, logarithmic beyond.
 
-    max_points: largest value; little more than it has a tick."""
+    max_points: largest value; ticks go up to a twentieth above it."""
     linear_ticks = [float(tick) for tick in range(0, int(MAX_LINEAR_POINTS), 20)]
     round_numbers = [1.0 * step * 10**power for power in range(2, 7) for step in (1, 2, 5)]
     log_ticks = [

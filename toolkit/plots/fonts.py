@@ -148,10 +148,13 @@ def _cover_letters(missing: frozenset[str]) -> FontChoice:
 def _make_rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
     """Return the key by which fonts are compared; the best font has the greatest key.
 
-    unset: code points that no chosen font has. The key compares the number of these letters that a
-    font has, then the preference of its family, then regular before other styles, then names."""
+    unset: code points that no chosen font has."""
 
     def rank(font: Path) -> tuple[int, int, int, str]:
+        """Sort key of a font, greatest for the best, by its file.
+
+        It compares the number of letters of `unset` that the font has, then the preference of its
+        family, then regular before other styles, then names of files."""
         letter_count = len(unset & list_letters(font))
         if not letter_count:
             return 0, 0, 0, ""

@@ -75,7 +75,7 @@ def _overlaps_any(box: _MapBox, obstacles: Sequence[_MapBox]) -> bool:
 
 
 def _share_area(first: _MapBox, second: _MapBox) -> bool:
-    # False for boxes that only touch
+    """Return True if two boxes overlap, False if they only touch."""
     return bool(
         first.left < second.right
         and second.left < first.right

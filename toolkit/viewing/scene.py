@@ -91,7 +91,10 @@ def _serve_guarded(
     sees the path without the token. A socket must come from a page of this machine."""
 
     def guard(connection: Handle, request: Handle) -> Handle:
-        # answers a request itself, with an error, or lets viser answer
+        """Answer a request with an error, or let viser's `process_request` answer it.
+
+        A request needs the secret `token` in its path; viser gets the path without it. Pages get
+        our script. connection, request: of websockets; the request is changed in place."""
         path_token, _, page_path = request.path.removeprefix("/").partition("/")
         # a comparison whose duration does not depend on where the tokens differ
         if not token or not secrets.compare_digest(path_token.encode(), token.encode()):

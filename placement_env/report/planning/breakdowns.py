@@ -77,7 +77,10 @@ def _tally_classes(
     is_counted: Bool[np.ndarray, " n"],
     iou_index: int,
 ) -> list[Tally]:
-    # tally of each counted class; the masks mark the objects and detections of the group
+    """Tally the objects and detections of a group, in a tally for each class that counts.
+
+    is_truth, is_counted: True for the objects and detections of the group; iou_index: row of
+    `ScoredBoxes.hits`, which has the hits at one IoU threshold."""
     labels = scored.classes.labels
     return [scored.tally(label, is_truth, is_counted, iou_index) for label in labels]
 

@@ -340,7 +340,9 @@ class Judge:
         frames: Int64[np.ndarray, " _"],
         ious: Sequence[float],
     ) -> list[_Figures]:
-        # figures of each set in the same frames, from its outcomes in all frames
+        """Return the figures of each set in some frames (indices), as means over thresholds.
+
+        set_outcomes: outcomes of each set in all frames."""
         return [self._measure(outcomes, frames, ious) for outcomes in set_outcomes]
 
     def _measure(
