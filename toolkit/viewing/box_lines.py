@@ -20,7 +20,7 @@ def box_edges(boxes: BoxRows) -> Segments:
 
 
 def headings(boxes: BoxRows) -> Segments:
-    """Line on the roof of each box, from its middle to its front."""
+    """Line on the roof of each box, from its middle to its front, as start and end (m)."""
     # columns of a box: x, y, z of the centre, length (3), width (4), height (5), yaw (6)
     length = boxes[:, 3:4]
     height = boxes[:, 5:6]

@@ -28,7 +28,9 @@ class _Lift:
     origin: Float64[np.ndarray, "3"]
 
     def points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Return points (m, world) in the drawing."""
+        """Return points (m, world) counted from the drawing's origin.
+
+        If ground was found (`Stand.ground`), they are levelled by it."""
         # ground is known relative to the middle of the area, not to the origin
         middle = np.array([*self.stand.middle, 0.0])
         centred = points - middle
@@ -37,7 +39,10 @@ class _Lift:
         return centred + (middle - self.origin)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
-        """Return boxes (m, rad, world) in the drawing."""
+        """Return boxes (m, rad, world) counted from the drawing's origin.
+
+        If ground was found (`Stand.ground`), they are levelled by it. Columns are x, y, z, length,
+        width, height and yaw."""
         # as in `points`; only x, y and z of a box are shifted, not its sizes and yaw
         middle = np.array([*self.stand.middle, 0.0])
         centred = boxes - np.array([*middle, 0, 0, 0, 0])
@@ -95,7 +100,8 @@ class Drawing:
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
         """Origin (m, world) for a recording that begins with this frame.
 
-        It is the middle of the sensors, at the height of their ground if that is not levelled."""
+        It is the middle of the sensors, at the height of their ground, a low percentile of the
+        points' heights. If the ground is levelled, it has the height 0 already."""
         heights = sample.points()[:, 2]
         ground_height = 0.0
         if self.place.level == "none" and len(heights):

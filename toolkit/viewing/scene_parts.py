@@ -17,7 +17,8 @@ def add_mesh(
 ) -> None:
     """Add a mesh of one colour, without shadows and seen from both sides, if it has triangles.
 
-    name: path of its node; colour: #rrggbb; opacity: 0 to 1, None for opaque."""
+    api: scene of viser; name: path of its node; colour: #rrggbb; opacity: 0 to 1, None for
+    opaque."""
     if not len(mesh.triangles):
         return
     api.add_mesh_simple(
