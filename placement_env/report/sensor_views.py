@@ -95,7 +95,7 @@ def _starts_right(sensor: Sensor) -> bool:
     The middle row decides; y of the body frame points left."""
     rays = sensor.model.rays()  # axes: row, column, (x, y, z)
     middle_row = rays[rays.shape[0] // 2] @ sensor.model.body_SE3_sensor[:3, :3].T
-    _, left, _ = middle_row.T  # y of each column's ray
+    left = middle_row[:, 1]  # y of each column's ray
     quarter = max(len(left) // 4, 1)
     return bool(left[:quarter].sum() < left[-quarter:].sum())
 
@@ -115,8 +115,8 @@ def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray,
 def _mark_points(axes: "Axes", sensor: Sensor, moment: SceneMoment, index: int) -> None:
     """Draw points on vehicles at the pixels whose rays are nearest to them.
 
-    Points on detected vehicles are green, points on missed ones red; vehicles that do not count
-    have none. axes: with a unit for each pixel; index: number of the sensor's cloud in the
+    Points on detected vehicles are green, points on missed ones red; points on vehicles that do not
+    count are left out. axes: with a unit for each pixel; index: number of the sensor's cloud in the
     moment."""
     cloud = moment.clouds[index]
     if not len(cloud):

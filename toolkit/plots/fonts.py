@@ -44,7 +44,8 @@ SHAPED_SCRIPTS = (  # scripts whose letters are joined or reordered, as Unicode 
     "TIBETAN",
     "MONGOLIAN",
 )
-STYLE_WORDS = ("bold", "italic", "oblique", "light", "thin", "black")  # of fonts not regular
+# words in the names of fonts whose style is not regular
+STYLE_WORDS = ("bold", "italic", "oblique", "light", "thin", "black")
 
 
 class FontChoice(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 from toolkit.arrays import UInt8
 from toolkit.plots.palette import sensor_colour
 from toolkit.viewing.drawn import DrawnCloud, DrawnSample, find_newest
+from toolkit.viewing.scene import rgb
 
 Colouring = Literal["sensor", "height", "intensity", "age"]
 COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
@@ -75,8 +76,9 @@ def _find_values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.n
     colouring: not "sensor"; newest: time of the newest point of all clouds of the frame (s)."""
     if colouring == "age":
         return None if cloud.time is None else newest - cloud.time
-    _, _, heights = cloud.points.T
-    return heights if colouring == "height" else cloud.intensity
+    if colouring == "height":
+        return cloud.points[:, 2]  # z
+    return cloud.intensity
 
 
 def shades(
@@ -90,8 +92,7 @@ def shades(
     from matplotlib import colormaps
 
     if colouring == "sensor":
-        red, green, blue = bytes.fromhex(sensor_colour(index)[1:])
-        return _repeat_colour((red, green, blue), len(cloud.points))
+        return _repeat_colour(rgb(sensor_colour(index)), len(cloud.points))
     values = _find_values(cloud, colouring, newest)
     if values is None:
         return _repeat_colour(UNKNOWN_SHADE, len(cloud.points))

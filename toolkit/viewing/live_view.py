@@ -208,7 +208,7 @@ def view_live(
     errors of reading the first frame."""
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
-    token = secrets.token_urlsafe(16)  # of 16 random bytes
+    token = secrets.token_urlsafe(16)  # 16 random bytes as text
     with scene.viser_server(port, token) as server:
         LiveView(server, samples, drawing)
         ready(f"http://127.0.0.1:{server.get_port()}/{token}/")

@@ -139,9 +139,9 @@ def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
             "zorder": 5.5,
             "bbox": {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4},
         }
-        x, y, _ = tag.place
+        xy = tag.place[:2]
         axes.annotate(
-            tag.text, xy=(x, y), xytext=(0, 7), textcoords="offset points", ha="center", **look
+            tag.text, xy=xy, xytext=(0, 7), textcoords="offset points", ha="center", **look
         )
 
 
@@ -154,7 +154,7 @@ def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, sensor_order: list[st
     look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}
     for cloud in sample.clouds:
         colour = sensor_colour(sensor_order.index(cloud.name))
-        x, y, _ = cloud.place
+        x, y = cloud.place[:2]
         axes.plot(x, y, "s", color=colour, **look)
     mark: PlotStyle = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
     entries: list[Entry] = []

@@ -22,7 +22,7 @@ from placement_env.report.pages.installation_sections import (
 from placement_env.report.pages.method_section import method_section
 from placement_env.report.pages.others_section import others_section
 from placement_env.report.pages.printable_names import drop_unset, settle_names, use_pole_names
-from placement_env.report.pages.scene import build_scene
+from placement_env.report.pages.scene import build_plan_scene
 from placement_env.report.pages.schemes_section import schemes_section
 from placement_env.report.pages.sensors_sections import (
     failures_section,
@@ -104,7 +104,7 @@ def write_report(planned: content.Planned, out: Path) -> None:
     ground = planned.ground
     document = build_document(plan, site, ground, planned.moments)
     document = drop_unset(add_note(document, note))
-    scene = None if plan.chosen is None else build_scene(plan, site, ground, planned.moments)
+    scene = None if plan.chosen is None else build_plan_scene(plan, site, ground, planned.moments)
     with writing_together(out) as folder:
         (folder / "report.html").write_text(to_html(document, scene), encoding="utf-8")
         (folder / "report.pdf").write_bytes(to_pdf(document))

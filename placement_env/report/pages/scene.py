@@ -59,11 +59,11 @@ BOX_LAYERS = (
     ),
     Layer("False alarms", "/false", OUTCOME["false alarm"].colour, "dotted boxes under a mast"),
 )
-BOX_WIDTHS_PX = (1.5, 3.0, 3.0, 3.0)  # of the lines of each of `BOX_LAYERS`
+BOX_WIDTHS_PX = (1.5, 3.0, 3.0, 3.0)  # width of lines in each of `BOX_LAYERS`
 
 
 @dataclass(frozen=True)
-class Scene:
+class PlanScene:
     """A page of HTML with the scene.
 
     Attributes:
@@ -76,9 +76,9 @@ class Scene:
     frames: tuple[tuple[str, ...], ...]
 
 
-def build_scene(
+def build_plan_scene(
     plan: Plan, site: Site, ground: GroundGrid | None, moments: Sequence[SceneMoment]
-) -> Scene:
+) -> PlanScene:
     """Build the scene of a plan: site, sensors, visible ground, and the frames of `moments`.
 
     site: site with the chosen sensors; ground: ground that they see, None to draw none; moments:
@@ -103,7 +103,7 @@ def build_scene(
         nodes = [f"/sensors/{index}/points {frame}" for index in range(len(plan.sensors))]
         nodes += [f"{layer.node}/{frame}" for layer in BOX_LAYERS]
         frame_nodes.append(tuple(nodes))
-    return Scene(html, layers=(*sensor_layers, *BOX_LAYERS), frames=tuple(frame_nodes))
+    return PlanScene(html, layers=(*sensor_layers, *BOX_LAYERS), frames=tuple(frame_nodes))
 
 
 def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
@@ -193,7 +193,7 @@ def _add_clouds(api: "SceneApi", moments: Sequence[SceneMoment], sensor_count: i
 
     sensor_count: number of first clouds of each frame to add."""
     cloud_count = sum(len(moment.clouds) for moment in moments)
-    max_points = MAX_DRAWN_POINTS // max(cloud_count, 1)  # of one cloud
+    max_points = MAX_DRAWN_POINTS // max(cloud_count, 1)  # in one cloud
     for frame, moment in enumerate(moments):
         for index, points in enumerate(moment.clouds[:sensor_count]):
             name = f"/sensors/{index}/points {frame}"

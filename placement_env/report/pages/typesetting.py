@@ -16,7 +16,7 @@ from shutil import copyfile
 
 from placement_env.report.pages.document import Document, PageDrawing, TableBlock
 from placement_env.report.pages.printable_names import PAPER_FONT, list_texts
-from placement_env.report.pages.scene import Scene
+from placement_env.report.pages.scene import PlanScene
 from toolkit.plots.fonts import choose_fonts, own_font
 from toolkit.viewing.pages import render_page
 
@@ -32,7 +32,7 @@ MAX_WORD_LETTERS = 24  # longer words are broken up
 WORD_PIECE_LETTERS = 12  # letters of a broken word's pieces
 
 
-def to_html(document: Document, scene: Scene | None) -> str:
+def to_html(document: Document, scene: PlanScene | None) -> str:
     """Return the report as one page of HTML, which needs no other file.
 
     scene: the junction in 3D, None for a page without it."""
@@ -108,7 +108,7 @@ def _lay_out(block: TableBlock) -> dict[str, object]:
     rows = [_break_words(map(attrgetter("text"), row)) for row in block.rows]
     # letters that a column may take for whole texts: its share of a line
     max_text = max(MAX_WORD_LETTERS, LINE_LETTERS // len(block.columns))
-    widths = []  # of each column, in letters
+    widths = []  # width of each column in letters
     for texts in zip(headings, *rows, strict=True):
         # words end at spaces, and at the zero-width spaces of `_break_words`
         words = [word for text in texts for word in re.split(r"[\s\u200b]", text)]

@@ -108,16 +108,14 @@ def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...
     They are sorted by price, then by AP, both ascending."""
     judged_options = []
     figures = []  # columns to minimise, so AP is negative
+    prices_and_aps = []
     for option in options:
         judgement = option.counted
         if judgement is not None:
             judged_options.append(option)
             figures.append((-judgement.ap, option.kbit_per_sensor, option.price))
+            prices_and_aps.append((option.price, judgement.ap))
     # an empty list becomes a table of no rows and three columns
-    front = find_front(np.array(figures).reshape(-1, 3))
-
-    def rank(i: int) -> tuple[float, float]:
-        negative_ap, _, price = figures[i]
-        return price, -negative_ap
-
-    return tuple(judged_options[i] for i in sorted(front, key=rank))
+    front = find_front(np.array(figures).reshape(-1, 3)).tolist()
+    front.sort(key=lambda i: prices_and_aps[i])
+    return tuple(judged_options[i] for i in front)

@@ -268,10 +268,9 @@ class Judge:
         all_frames = np.arange(self.frames)
         class_aps = []
         # axes: IoU threshold, class
-        tallies = self._tally(self.outcomes(members), all_frames, self.cases.ious)
+        tallies = _tally_outcomes(self, self.outcomes(members), all_frames, self.cases.ious)
         for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True)):
-            # axes: IoU threshold, class; this class is the only one
-            tallies_of_class = [[class_tallies[k]] for class_tallies in tallies]
+            tallies_of_class = [[class_tallies[k]] for class_tallies in tallies]  # one class
             judgement = judge_tallies(tallies_of_class, Classes((name,)), self.seed)
             ious = self.cases.class_ious(classes, name)
             class_aps.append(ClassAP(label=name, weight=weight, iou=ious, judged=judgement))
@@ -340,9 +339,7 @@ class Judge:
         frames: Int64[np.ndarray, " _"],
         ious: Sequence[float],
     ) -> list[_Figures]:
-        """Return the figures of each set in some frames (indices), as means over thresholds.
-
-        set_outcomes: outcomes of each set in all frames."""
+        """Return the figures of each set in some frames, from its outcomes in all frames."""
         return [self._measure(outcomes, frames, ious) for outcomes in set_outcomes]
 
     def _measure(
@@ -354,28 +351,35 @@ class Judge:
 
         outcomes: in all frames; frames: indices of the frames to use; ious: thresholds to average
         over."""
-        # resamples draw whole blocks of consecutive frames
-        block_of_frame = frames // BLOCK_FRAMES
+        block_of_frame = frames // BLOCK_FRAMES  # resamples draw whole blocks
         draws = intervals.draws_of_blocks(block_of_frame, seed=self.seed)
-        return _measure_tallies(self._tally(outcomes, frames, ious), self.detected.classes, draws)
+        tallies = _tally_outcomes(self, outcomes, frames, ious)
+        return _measure_tallies(tallies, self.detected.classes, draws)
 
-    def _tally(
-        self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]
-    ) -> list[list[Tally]]:
-        """Tally the outcomes of one set in some frames; axes of the lists: IoU threshold, class.
 
-        outcomes: in all frames; frames: indices of the frames to tally; ious: thresholds, which the
-        detector must be matched at."""
-        frame_outcomes = [outcomes[k] for k in frames.tolist()]
-        tallies = []
-        for iou in ious:
-            iou_index = self.detected.ious.index(iou)
-            class_tallies = []
-            for label, object_counts in self.to_find.items():
-                class_outcomes = [outcome.of_class(label) for outcome in frame_outcomes]
-                class_tallies.append(Tally.of(class_outcomes, object_counts[frames], iou_index))
-            tallies.append(class_tallies)
-        return tallies
+def _tally_outcomes(
+    judge: Judge,
+    outcomes: Sequence[Outcome],
+    frames: Int64[np.ndarray, " _"],
+    ious: Sequence[float],
+) -> list[list[Tally]]:
+    """Tally the outcomes of one set in some frames; axes of the lists: IoU threshold, class.
+
+    Args:
+        judge: Gives the classes that count and their objects.
+        outcomes: Outcomes of the set in all frames.
+        frames: Indices of the frames to tally.
+        ious: Thresholds, which the judge's detector must be matched at."""
+    frame_outcomes = [outcomes[k] for k in frames.tolist()]
+    tallies = []
+    for iou in ious:
+        iou_index = judge.detected.ious.index(iou)
+        class_tallies = []
+        for label, object_counts in judge.to_find.items():
+            class_outcomes = [outcome.of_class(label) for outcome in frame_outcomes]
+            class_tallies.append(Tally.of(class_outcomes, object_counts[frames], iou_index))
+        tallies.append(class_tallies)
+    return tallies
 
 
 def one_stage(run: Run, name: str, frames: int) -> Callable[[str], Report | None]:

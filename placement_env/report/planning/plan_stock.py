@@ -296,9 +296,8 @@ def _read_mounted(
         sensor = read_sensor(row.numbers("position", 3), row, model)
         sensors.append(sensor)
         pole_indices.append(pole_index)
-        _, _, z = sensor.position
-        _, _, foot_z = poles[pole_index].position
-        heights.append(z - foot_z)
+        foot = poles[pole_index].position
+        heights.append(sensor.position[2] - foot[2])  # z of both
     if not sensors:
         raise ValueError("stock.sensors must hold one sensor or more, or be null")
     headings, tilts = aims(sensors)
