@@ -96,7 +96,7 @@ def _serve_guarded(
         A request needs the secret `token` in its path; viser gets the path without it. Pages get
         our script. connection, request: of websockets; the request is changed in place."""
         path_token, _, page_path = request.path.removeprefix("/").partition("/")
-        # a comparison whose duration says nothing about the token
+        # a comparison whose duration does not depend on the token
         if not token or not secrets.compare_digest(path_token.encode(), token.encode()):
             return connection.respond(403, "open the whole address that coview prints\n")
         opens_socket = "Upgrade" in request.headers

@@ -68,7 +68,7 @@ def _ap_of_pair(pair: tuple[str, content.Judgement]) -> float:
 
 
 def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportBlock, ...]:
-    """Return chart and table of one breakdown of the AP, none without rows.
+    """Return chart and table of one breakdown of the AP, nothing without rows.
 
     name: noun for a part, such as "zone" or "distance"."""
     if not rows:
