@@ -166,7 +166,7 @@ def svg_text(figure: "Figure", title: str = "") -> str:
     text = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', text)
     text = re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}-", text)
     if title:
-        tag, _, rest = text.partition(">")  # the opening tag <svg ...>
+        tag, rest = text.split(">", 1)  # the opening tag <svg ...> comes first
         title_text = escape(plain(title), quote=False)
         text = f'{tag} role="img">\n <title>{title_text}</title>{rest}'
     return text

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARGIN_M = 10.0  # around the area
+MAP_MARGIN_M = 10.0  # around the area
 MAX_MAP_INCHES = 10.0  # longer side of the map
 # inches around the map, and of a row of the legend
 LEFT = 0.62
@@ -145,11 +145,11 @@ def extent(
 
     holds: x and y (m) of these places, None without."""
     # the area is xmin, ymin, xmax, ymax
-    low = site.area[:2] - MARGIN_M
-    high = site.area[2:] + MARGIN_M
+    low = site.area[:2] - MAP_MARGIN_M
+    high = site.area[2:] + MAP_MARGIN_M
     if holds is not None and len(holds):
-        low = np.minimum(low, holds.min(axis=0) - MARGIN_M / 2)
-        high = np.maximum(high, holds.max(axis=0) + MARGIN_M / 2)
+        low = np.minimum(low, holds.min(axis=0) - MAP_MARGIN_M / 2)
+        high = np.maximum(high, holds.max(axis=0) + MAP_MARGIN_M / 2)
     return low, high
 
 

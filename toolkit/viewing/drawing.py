@@ -69,9 +69,10 @@ class _Lift:
         kind: name of the class; rows: boxes (world) and scores, which are ignored for missed
         labels."""
         tags = []
-        boxes = self.boxes(rows.boxes).tolist()
-        for box, score in zip(boxes, rows.scores, strict=True):
-            x, y, z, _length, _width, height, _yaw = box
+        boxes = self.boxes(rows.boxes)
+        centres = boxes[:, :3].tolist()
+        heights = boxes[:, 5].tolist()
+        for (x, y, z), height, score in zip(centres, heights, rows.scores, strict=True):
             text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
             if outcome == "false alarm":
                 text += " false"

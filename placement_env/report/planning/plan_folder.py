@@ -183,7 +183,7 @@ def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
     poles = {mount.name: mount for mount in stock.mounts}
     for row, sensor in zip(plan.nodes("sensors", MAX_STOCK_SENSORS), site.sensors, strict=True):
         name = row.choice("pole", poles)
-        dx, dy, _ = sensor.position - poles[name].position
+        dx, dy = (sensor.position - poles[name].position)[:2]
         distance = float(np.hypot(dx, dy))
         if distance > MAX_POLE_GAP_M:
             raise ValueError(

@@ -90,18 +90,19 @@ def _format_mounted(candidates: Candidates) -> list[Json]:
 
     The indices are for the lists of poles and models of the same stock; positions are x, y, z (m)
     in the site's frame."""
-    rows = []
-    for sensor, factors in zip(candidates.sensors, candidates.factors.tolist(), strict=True):
-        mount, _height, _heading, _tilt, model = factors  # all indices
-        row = {
+    poles = candidates.mount.tolist()
+    # columns of factors: indices of mount, height, heading, tilt and model
+    models = candidates.factors[:, 4].tolist()
+    return [
+        {
             "name": sensor.name,
-            "pole": mount,
+            "pole": pole,
             "model": model,
             "position": sensor.position.tolist(),
             **format_attitude(sensor),
         }
-        rows.append(row)
-    return rows
+        for sensor, pole, model in zip(candidates.sensors, poles, models, strict=True)
+    ]
 
 
 def _format_catalogue(catalogue: SensorCatalogue) -> Json:

@@ -88,10 +88,10 @@ def test_maps_point_north_and_have_a_scale():
         assert map_sheet.scale_length(float(metres)) == length
     assert np.ravel(map_sheet.extent(SITE)).tolist() == [
         *(
-            -20 - map_sheet.MARGIN_M,
-            -10 - map_sheet.MARGIN_M,
-            20 + map_sheet.MARGIN_M,
-            10 + map_sheet.MARGIN_M,
+            -20 - map_sheet.MAP_MARGIN_M,
+            -10 - map_sheet.MAP_MARGIN_M,
+            20 + map_sheet.MAP_MARGIN_M,
+            10 + map_sheet.MAP_MARGIN_M,
         )
     ]
     assert np.ravel(map_sheet.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [
