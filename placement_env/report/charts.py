@@ -24,6 +24,7 @@ ROW_INCHES = 0.27  # height of a row
 HEAD_INCHES = 0.7  # above the rows
 FOOT_INCHES = 0.55  # below the rows
 MAX_NAME_LETTERS = 44  # longer names of rows are shortened
+LETTER_INCHES = 0.066  # width of a letter of a row's name, roughly
 INTERVAL_NOTE = f"lines: {content.CONFIDENCE:.0%} intervals"
 FRONT_INCHES = 4.3  # height of the front chart
 MAX_FIGURE_SENSORS = 14  # with more, the cells of the table of pairs hold no figures
@@ -78,7 +79,7 @@ def interval_bars(
             axes.plot(
                 interval, [row, row], "|-", color=INK, linewidth=1.4, markersize=7, zorder=3.1
             )
-            _write_beside(axes, row, labels[row] if labels else ap_label(judgement))
+            _write_right(axes, row, labels[row] if labels else ap_label(judgement))
         if hatched and judgements[0]:
             axes.axvline(judgements[0].ap, color=INK, linewidth=0.9, dashes=(4, 2), zorder=1.5)
         return canvas.svg_text(figure, alt or title)
@@ -99,6 +100,7 @@ def draw_history(result: Result, out: str | Path) -> None:
 
 def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
     """Draw the AP of the fusion schemes at each IoU as SVG, with the kbit per sensor they send."""
+    # name and result of each bar
     rows = [
         (f"{figures.scheme}, IoU {iou_text(figures.iou)}", figures.judged) for figures in schemes
     ]
@@ -113,6 +115,7 @@ def scheme_chart(schemes: Sequence[content.SchemeFigures]) -> str:
 
 def failure_chart(intact: content.Judgement, failures: Sequence[content.FailureCase]) -> str:
     """Draw the AP that remains after each failure, below the intact set's, as SVG."""
+    # name and result of each bar
     rows: list[tuple[str, content.Judgement | None]] = [("all work", intact)]
     rows += [(f"without {set_label(case.failed)}", case.judged) for case in failures]
     return interval_bars(
@@ -156,7 +159,7 @@ def link_chart(links: Sequence[PoleLoad]) -> str:
                     zorder=3.2,
                 )
             state = f"{link.share:.0%}: {'fits' if link.fits else 'TOO MUCH'}"
-            _write_beside(
+            _write_right(
                 axes, row, f"{link.mbit_s:.3g} of {link.capacity_mbit_s:.3g} Mbit/s, {state}"
             )
         axes.set(xlim=(low, high), xlabel="Mbit/s")
@@ -272,7 +275,7 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
             for label, sensor_worth in zip(labels, worth, strict=True)
         ]
         side = ROW_INCHES * max(len(names), 2)
-        label_inches = 0.25 + 0.066 * max(map(len, names), default=0)
+        label_inches = 0.25 + LETTER_INCHES * max(map(len, names), default=0)
         height = 0.85 + side + 0.55
         figure = canvas.blank_figure(canvas.CHART_INCHES, height)
         heading = f"Shapley value in AP, and interaction of pairs; N = {len(names)} sensors"
@@ -306,16 +309,20 @@ def worth_chart(worth: Sequence[content.SensorWorth]) -> str:
 
 
 def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Sequence[str]) -> None:
-    # a square of cells, one for each pair, coloured by interaction; names: short labels
+    """Draw a square of cells, one for each pair of sensors, coloured by their interaction (AP).
+
+    names: short labels of the sensors."""
     if not worth:
         return
-    pairs = np.full((len(worth), len(worth)), np.nan)
+    # NaN on the diagonal, because a sensor does not interact with itself
+    interactions = np.full((len(worth), len(worth)), np.nan)
     for row, first in enumerate(worth):
         for column, second in enumerate(worth):
-            pairs[row, column] = first.synergy.get(second.sensor, np.nan)
-    max_interaction = float(np.abs(np.nan_to_num(pairs)).max()) or 1.0  # 0 has no colour scale
+            interactions[row, column] = first.synergy.get(second.sensor, np.nan)
+    # 0 has no colour scale
+    max_interaction = float(np.abs(np.nan_to_num(interactions)).max()) or 1.0
     axes.imshow(
-        pairs,
+        interactions,
         cmap="PuOr_r",
         vmin=-max_interaction,
         vmax=max_interaction,
@@ -327,9 +334,10 @@ def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Seque
     axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
     axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
     axes.tick_params(length=0)
-    figures = pairs if len(worth) <= MAX_FIGURE_SENSORS else pairs[:0]
-    for (row, column), value in np.ndenumerate(figures):
+    written = interactions if len(worth) <= MAX_FIGURE_SENSORS else interactions[:0]
+    for (row, column), value in np.ndenumerate(written):
         if np.isfinite(value):
+            # white on dark cells
             colour = "white" if abs(value) > 0.6 * max_interaction else INK
             axes.text(
                 column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=colour
@@ -342,32 +350,34 @@ def row_axes(
     """Return a figure and its axes, with a row for each name from the top, row 0 first.
 
     names: labels left of the rows, shortened; right: inches kept free right of the rows."""
-    names = [canvas.shorten(name, MAX_NAME_LETTERS) for name in names]
-    rows = max(len(names), 1)
-    left = 0.35 + 0.066 * max(map(len, names), default=0)
+    labels = [canvas.shorten(name, MAX_NAME_LETTERS) for name in names]
+    rows = max(len(labels), 1)
+    left = 0.35 + LETTER_INCHES * max(map(len, labels), default=0)
     height = HEAD_INCHES + FOOT_INCHES + ROW_INCHES * rows
     figure = canvas.blank_figure(canvas.CHART_INCHES, height)
     width = (canvas.CHART_INCHES - left - right) / canvas.CHART_INCHES
+    # left, bottom, width and height as shares of the figure
     axes = figure.add_axes(
         (left / canvas.CHART_INCHES, FOOT_INCHES / height, width, ROW_INCHES * rows / height)
     )
     axes.set(ylim=(rows - 0.5, -0.5))
-    axes.set_yticks(range(len(names)), [""] * len(names))  # names follow as literal labels
-    axes.set_yticklabels(names)
+    axes.set_yticks(range(len(labels)), [""] * len(labels))  # names follow as literal labels
+    axes.set_yticklabels(labels)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x")
     canvas.draw_heading(figure, title, subtitle)
     return figure, axes
 
 
-def _write_beside(axes: "Axes", row: int, text: str) -> None:
-    # right of the axes, at the height of the row
+def _write_right(axes: "Axes", row: int, text: str) -> None:
+    """Write a text right of the axes, at the height of a row."""
+    # the x of the text is a share of the axes, the y is in data
     placement: PlotStyle = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (8, 0),
         "textcoords": "offset points",
     }
-    axes.annotate(text, (1, row), **placement, va="center", fontsize=7.5, annotation_clip=False)
+    axes.annotate(text, xy=(1, row), **placement, va="center", fontsize=7.5, annotation_clip=False)
 
 
 def ap_label(judged: content.Judgement) -> str:
@@ -379,16 +389,16 @@ def describe_sample(judgements: Sequence[content.Judgement | None]) -> str:
     """Describe the largest number of vehicles and frames behind figures, for a subtitle.
 
     judgements: results in the chart, None for those without vehicles."""
-    judged_sets = [judgement for judgement in judgements if judgement is not None]
-    if not judged_sets:
+    known_judgements = [judgement for judgement in judgements if judgement is not None]
+    if not known_judgements:
         return "no vehicles were judged"
-    vehicles = max(judgement.vehicles for judgement in judged_sets)
-    frames = max(judgement.frames for judgement in judged_sets)
-    samples = {(judgement.vehicles, judgement.frames) for judgement in judged_sets}
-    up_to = "up to " if len(samples) > 1 else ""
+    vehicles = max(judgement.vehicles for judgement in known_judgements)
+    frames = max(judgement.frames for judgement in known_judgements)
+    sizes = {(judgement.vehicles, judgement.frames) for judgement in known_judgements}
+    up_to = "up to " if len(sizes) > 1 else ""
+    kind = known_judgements[0].kind
     return (
-        f"judged by the detector, N = {up_to}{vehicles} {judged_sets[0].kind}s in {frames} frames; "
-        f"{INTERVAL_NOTE}"
+        f"judged by the detector, N = {up_to}{vehicles} {kind}s in {frames} frames; {INTERVAL_NOTE}"
     )
 
 

@@ -336,14 +336,16 @@ class Plan(Displayed):
         return share if isinstance(share, float) else LINK_SHARE
 
     def format_drawn_ap(self, ap: float, drawn: DrawnErrors) -> str:
-        """AP over draws of errors, with as many decimals as the objects of a draw support.
+        """Format an AP over draws of errors, with as many decimals as a draw's objects support.
 
         A draw has only some of the frames, so its number of objects is estimated from all frames.
 
-        ap: AP to format, such as `drawn.mean`."""
-        judged = self.chosen.counted if self.chosen else None
-        objects = judged.vehicles * drawn.frames // judged.frames if judged and judged.frames else 0
-        return format_share(ap, objects)
+        ap: AP to format, such as `drawn.mean`; drawn: results over the draws."""
+        judgement = self.chosen.counted if self.chosen else None
+        draw_objects = 0
+        if judgement and judgement.frames:
+            draw_objects = judgement.vehicles * drawn.frames // judgement.frames
+        return format_share(ap, draw_objects)
 
     def _card(self) -> Card:
         tables = {"sensors": self._list_sensors, "considered": self._list_options}
@@ -358,7 +360,9 @@ class Plan(Displayed):
         return table
 
     def _list_options(self) -> Table:
-        # columns by name, a row for each compared set; figures of sets not judged are None
+        """Return a table of the compared sets: columns by name, a row for each set.
+
+        AP, interval and recall of sets that are not judged are None."""
         table: dict[str, list[Any]] = {}
         for name in ("poles", "price", "kbit", "predicted"):
             table[name] = [getattr(option, name) for option in self.considered]
@@ -423,7 +427,9 @@ def replace_texts(value: Any, change: Callable[[str], str]) -> Any:
     """Return a value with all its texts changed, and keys of mappings too.
 
     Mappings, tuples, lists and dataclasses are entered and built again; any other value comes back
-    as it is."""
+    as it is.
+
+    change: function that returns the new text for a text."""
     if isinstance(value, str):
         return change(value)
     if isinstance(value, Mapping):
@@ -450,7 +456,10 @@ def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
     # the longest names first, so that none is taken for a part of another; "-" belongs to names
     longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
     words = re.compile(rf"(?<![\w-])(?:{longest_first})(?!\w)")
-    renamed: Plan = replace_texts(
-        plan, lambda text: names.get(text) or words.sub(lambda word: names[word[0]], text)
-    )
+
+    def replace_names(text: str) -> str:
+        # a text that is nothing but a name needs no search
+        return names.get(text) or words.sub(lambda word: names[word.group()], text)
+
+    renamed: Plan = replace_texts(plan, replace_names)
     return renamed

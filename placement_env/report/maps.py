@@ -29,9 +29,8 @@ HEADING_SHARE = 0.05  # length of a heading's stroke, as a share of the map's ex
 def draw_planned(planned: Planned, out: str | Path) -> None:
     """Write the plan view of a plan as a picture, in the format of the path's suffix."""
     with canvas.house_style():
-        canvas.write_figure(
-            _plan_sheet(planned.site, planned.site.sensors, planned.ground).figure, out
-        )
+        sheet = _draw_plan_sheet(planned.site, planned.site.sensors, planned.ground)
+        canvas.write_figure(sheet.figure, out)
 
 
 def draw_pool(candidates: Candidates, out: str | Path) -> None:
@@ -39,24 +38,30 @@ def draw_pool(candidates: Candidates, out: str | Path) -> None:
 
     out: path, whose suffix gives the format."""
     x, y, _ = np.array([mount.position for mount in candidates.mounts]).reshape(-1, 3).T
-    # factors: mount, height, heading, tilt, model; pairs of mount and heading that occur
+    # columns of factors: mount, height, heading, tilt, model; pairs of mount and heading that occur
     mount_headings = np.unique(candidates.factors[:, [0, 2]], axis=0)
-    headings = candidates.axes.headings[mount_headings[:, 1]]
-    stroke = HEADING_SHARE * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
+    mount_indices, heading_indices = mount_headings.T
+    headings = candidates.axes.headings[heading_indices]  # rad, counter-clockwise from +x
+    width = float(np.ptp(x))
+    depth = float(np.ptp(y))
+    stroke_length = HEADING_SHARE * max(width, depth, 1.0)
     with canvas.house_style():
-        height = float(np.clip(5.0 * np.ptp(y) / max(np.ptp(x), 1.0), 1.0, 6.0)) + 1.0
+        # inches: as high as the proportions of the mounts ask for, and 1 for the title
+        height = float(np.clip(5.0 * depth / max(width, 1.0), 1.0, 6.0)) + 1.0
         figure = canvas.blank_figure(6.0, height, constrained=True)
         axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
         axes.set_title(f"{len(candidates)} candidate sensors on {len(x)} mounts")
-        strokes = np.stack([stroke * np.cos(headings), stroke * np.sin(headings)])
-        feet = np.stack([x, y])[:, mount_headings[:, 0]]
+        strokes = np.stack([stroke_length * np.cos(headings), stroke_length * np.sin(headings)])
+        feet = np.stack([x, y])[:, mount_indices]
+        # axes: x or y, start or end, stroke
         axes.plot(*np.stack([feet, feet + strokes], axis=1), color=palette.BAR, linewidth=0.8)
         pole_marks.draw_poles(axes, np.stack([x, y], axis=1))
-        for mount in candidates.mounts if len(x) <= MAX_LABELLED_POLES else ():
+        labelled_mounts = candidates.mounts if len(x) <= MAX_LABELLED_POLES else ()
+        for mount in labelled_mounts:
             axes.annotate(
                 mount.name,
-                tuple(mount.position[:2]),
-                (4, 4),
+                xy=tuple(mount.position[:2]),
+                xytext=(4, 4),
                 textcoords="offset points",
                 fontsize=7,
             )
@@ -77,25 +82,26 @@ def plan_view(
 
     Raises ValueError for an unknown pole, and for a ground of other sensors."""
     with canvas.house_style():
-        sheet = _plan_sheet(site, sensors, ground, poles, poles_unused)
+        sheet = _draw_plan_sheet(site, sensors, ground, used_poles=poles, unused_poles=poles_unused)
         return canvas.svg_text(sheet.figure, "Plan view of the chosen sensors")
 
 
-def _plan_sheet(
+def _draw_plan_sheet(
     site: Site,
     sensors: Sequence[Sensor],
     ground: GroundGrid | None,
-    poles: Sequence[str] = (),
-    poles_unused: Sequence[str] = (),
+    *,
+    used_poles: Sequence[str] = (),
+    unused_poles: Sequence[str] = (),
 ) -> map_sheet.MapSheet:
-    # the arguments are those of `plan_view`
-    used_places = _places(site, poles)
-    unused_places = _places(site, poles_unused)
+    # draws what `plan_view` describes, with the same arguments
+    used_places = _pole_places(site, used_poles)
+    unused_places = _pole_places(site, unused_poles)
     entries = pole_marks.pole_entries(used=len(used_places), unused=len(unused_places))
     legend = [*ground_map.ground_entries(site), *entries, *sensor_marks.sensor_entries(sensors)]
     subtitle = "coloured: fields of view up to 25 m, cut off at buildings"
     if ground is not None:
-        _check(ground, sensors)
+        _check_sensors(ground, sensors)
         subtitle = "coloured: ground that each sensor sees, by casting rays at the empty site"
     places = sensor_marks.sensor_places(sensors)
     title = canvas.shorten(f"{site.name}: where the sensors stand", 70)
@@ -120,7 +126,7 @@ def _plan_sheet(
     pole_marks.draw_poles(sheet.axes, used_places, carries_sensor=True)
     if len(unused_places) <= MAX_LABELLED_POLES:
         pole_marks.name_poles(
-            sheet.axes, unused_places, poles_unused, sheet.points_per_metre, keep_off=places
+            sheet.axes, unused_places, unused_poles, sheet.points_per_metre, keep_off=places
         )
     sensor_marks.draw_sensors(sheet.axes, sensors, sheet.points_per_metre)
     return sheet
@@ -132,17 +138,18 @@ def coverage_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> s
     The legend has the share of open ground of each number.
 
     Raises ValueError for a ground of other sensors."""
-    views = np.minimum(ground.views, 3)  # index into `names` and the colours
-    has_open_ground = ground.open_ground.any()
+    views = np.minimum(ground.views, 3)  # number of sensors; index into `names` and the colours
+    open_views = views[ground.open_ground]
     names = ("no sensor", "1 sensor", "2 sensors", "3 or more")
     legend = []
     for count, (colour, name) in enumerate(zip(palette.VIEW_COLOURS, names, strict=True)):
-        share = float((views[ground.open_ground] == count).mean()) if has_open_ground else 0.0
+        share = float((open_views == count).mean()) if len(open_views) else 0.0
         legend.append((colour, f"{name} ({share:.0%})"))
-    cells = _Cells(_colours(palette.VIEW_COLOURS)[views], ground.open_ground, legend)
+    colours = _rgba_colours(palette.VIEW_COLOURS)[views]
+    cells = _Cells(colours, shown=ground.open_ground, legend=legend)
     title = "how many sensors see the ground"
     alt = "Map of how many sensors see each place"
-    return _cell_map(site, ground, sensors, cells, title, alt)
+    return _draw_cell_map(site, ground, sensors, cells, title=title, alt=alt)
 
 
 def density_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
@@ -151,18 +158,19 @@ def density_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> st
     Density is averaged over squares of `SMOOTHING_SIDE_M`.
 
     Raises ValueError for a ground of other sensors."""
-    density = smooth(ground.density.sum(axis=0, dtype=np.float64), ground.open_ground, ground.cell)
     from matplotlib.colors import to_hex
 
+    cell_density = ground.density.sum(axis=0, dtype=np.float64)  # over the sensors
+    density = smooth(cell_density, ground.open_ground, ground.cell)
     # lowest density (points per m²) of each colour
     colours = palette.point_colours(np.array([0.0, 1, 2, 5, 10, 20, 50, 100]))
-    names = ["under 1", *palette.point_names()[1:]]
+    names = ["under 1", *palette.point_names()[1:]]  # the first name is for 0 points
     legend = [(to_hex(colour), f"{name} /m²") for colour, name in zip(colours, names, strict=True)]
-    cells = _Cells(palette.point_colours(density), ground.open_ground, legend)
+    cells = _Cells(palette.point_colours(density), shown=ground.open_ground, legend=legend)
     title = "points on the ground in a frame"
     alt = "Map of the density of points on the ground"
     note = f"; mean over {SMOOTHING_SIDE_M:g} x {SMOOTHING_SIDE_M:g} m"
-    return _cell_map(site, ground, sensors, cells, title, alt, note)
+    return _draw_cell_map(site, ground, sensors, cells, title=title, alt=alt, note=note)
 
 
 def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
@@ -172,15 +180,16 @@ def blind_map(site: Site, ground: GroundGrid, sensors: Sequence[Sensor]) -> str:
 
     Raises ValueError for a ground of other sensors."""
     is_blind = ground.open_ground & (ground.views == 0)
+    # index into `palette.BLIND`: lanes, footways, elsewhere
     kinds = np.where(ground.lanes, 0, np.where(ground.footways, 1, 2))
     legend = []
     for kind, (name, colour) in enumerate(palette.BLIND.items()):
         area = float((is_blind & (kinds == kind)).sum()) * ground.cell**2
         legend.append((colour, f"{name}, unseen ({area:.0f} m²)"))
-    cells = _Cells(_colours(tuple(palette.BLIND.values()))[kinds], is_blind, legend)
-    return _cell_map(
-        site, ground, sensors, cells, "ground that no sensor sees", "Map of blind spots"
-    )
+    colours = _rgba_colours(tuple(palette.BLIND.values()))[kinds]
+    cells = _Cells(colours, shown=is_blind, legend=legend)
+    title = "ground that no sensor sees"
+    return _draw_cell_map(site, ground, sensors, cells, title=title, alt="Map of blind spots")
 
 
 class _Cells(NamedTuple):
@@ -194,20 +203,23 @@ class _Cells(NamedTuple):
     legend: Sequence[tuple[str, str]]
 
 
-def _cell_map(
+def _draw_cell_map(
     site: Site,
     ground: GroundGrid,
     sensors: Sequence[Sensor],
     cells: _Cells,
+    *,
     title: str,
     alt: str,
     note: str = "",
 ) -> str:
-    # SVG text of a map; title: after the site's name; alt: for screen readers; note: ends the
-    # subtitle
+    """Draw a map of coloured cells with streets and sensors, as SVG.
+
+    title: follows the site's name; alt: text for screen readers; note: end of the subtitle. Raises
+    ValueError for a ground of other sensors."""
     from matplotlib.patches import Patch
 
-    _check(ground, sensors)
+    _check_sensors(ground, sensors)
     count = f"{len(sensors)} sensor{'s' * (len(sensors) != 1)}"
     subtitle = f"N = {count}; rays cast at the empty site, cells of {ground.cell:g} m{note}"
     patches = [
@@ -265,38 +277,43 @@ def smooth(
 
     values: figure of each cell; counted: True for cells that take part; cell: side of a cell (m).
     """
-    reach = max(0, round((SMOOTHING_SIDE_M / cell - 1) / 2))
+    reach = max(0, round((SMOOTHING_SIDE_M / cell - 1) / 2))  # cells from the middle to a side
+    side = 2 * reach + 1
 
-    def box_sums(grid: np.ndarray) -> np.ndarray:
+    def sum_squares(grid: np.ndarray) -> np.ndarray:
         # sum over the square around each cell, from four corners of the sums over all cells before
-        sums = np.pad(grid.astype(np.float64), reach)
-        sums = np.pad(sums.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        side = 2 * reach + 1
+        padded = np.pad(grid.astype(np.float64), reach)
+        sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
 
-    count = box_sums(counted)
-    return np.where(count > 0.5, box_sums(np.where(counted, values, 0)) / np.maximum(count, 1), 0.0)
+    counts = sum_squares(counted)
+    totals = sum_squares(np.where(counted, values, 0))
+    return np.where(counts > 0.5, totals / np.maximum(counts, 1), 0.0)  # counts are whole
 
 
-def _places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
-    # x and y (m) of the feet of mounts, in the order of their names
+def _pole_places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]:
+    """Return x and y (m) of the feet of poles, in the order of their names.
+
+    Raises ValueError for a name that no pole has."""
     mounts = {mount.name: mount.position[:2] for mount in site.mounts}
-    missing = [name for name in names if name not in mounts]
-    if missing:
+    missing_names = [name for name in names if name not in mounts]
+    if missing_names:
         raise ValueError(
-            f"site {site.name!r} has no pole {missing[0]!r}: name some of its {len(mounts)} mounts"
+            f"site {site.name!r} has no pole {missing_names[0]!r}: name some of its {len(mounts)} "
+            "mounts"
         )
     return np.array([mounts[name] for name in names], np.float64).reshape(-1, 2)
 
 
-def _check(ground: GroundGrid, sensors: Sequence[Sensor]) -> None:
+def _check_sensors(ground: GroundGrid, sensors: Sequence[Sensor]) -> None:
     if len(ground.seen) != len(sensors):
         raise ValueError(
             f"the ground has {len(ground.seen)} sensors, got {len(sensors)}: pass the same sensors"
         )
 
 
-def _colours(names: Sequence[str]) -> Float64[np.ndarray, "n 4"]:
+def _rgba_colours(names: Sequence[str]) -> Float64[np.ndarray, "n 4"]:
+    # red, green, blue and alpha from 0 to 1; names: such as #rrggbb
     from matplotlib.colors import to_rgba_array
 
     return np.asarray(to_rgba_array(list(names)), np.float64)

@@ -33,12 +33,13 @@ def draw_sensor_views(
 ) -> list[str]:
     """Draw what each sensor sees at the empty site, and its points on vehicles, as SVG texts.
 
-    There is one picture for each of the first `MAX_VIEWS` sensors. The vehicles are those of the
-    first moment: points on detected vehicles are green, points on others that count red.
+    There is one picture for each of the first `MAX_VIEWS` sensors. The vehicles are from the first
+    moment: points on detected vehicles are green, points on others that count red.
 
     site: site without vehicles; sensors: the sensors of the moments' clouds, in order; moments:
     frames of traffic, empty for pictures without vehicles."""
     drawn_sensors = sensors[:MAX_VIEWS]
+    # distances that each sensor measures at the site without objects
     backgrounds = Renderer(site, (), drawn_sensors).background
     moment = moments[0] if moments else None
     return [
@@ -53,7 +54,10 @@ def _draw_view(
     moment: SceneMoment | None,
     index: int,
 ) -> str:
-    # background: distances (m) at the empty site; index: number of the cloud in the moment
+    """Draw the distances that a sensor measures at the empty site, and its points on vehicles.
+
+    background: distances (m) at the empty site; moment: frame with vehicles, None to draw none;
+    index: number of the sensor's cloud in the moment. Returns SVG text."""
     rows, columns = background.shape
     height = max(VIEW_INCHES * rows / columns, MIN_VIEW_INCHES)
     with canvas.house_style():
@@ -89,10 +93,11 @@ def _starts_right(sensor: Sensor) -> bool:
     """Return True if the first columns of the image show the sensor's right, as lidars' do.
 
     The middle row decides; y of the body frame points left."""
-    rays = sensor.model.rays()
-    middle = rays[rays.shape[0] // 2] @ sensor.model.body_SE3_sensor[:3, :3].T
-    quarter = max(len(middle) // 4, 1)
-    return bool(middle[:quarter, 1].sum() < middle[-quarter:, 1].sum())
+    rays = sensor.model.rays()  # axes: row, column, (x, y, z)
+    middle_row = rays[rays.shape[0] // 2] @ sensor.model.body_SE3_sensor[:3, :3].T
+    left = middle_row[:, 1]  # y of each column's ray
+    quarter = max(len(left) // 4, 1)
+    return bool(left[:quarter].sum() < left[-quarter:].sum())
 
 
 def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
@@ -103,24 +108,32 @@ def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray,
     measured = np.asarray(background, np.float64)
     has_return = np.isfinite(measured) & (measured > 0)
     distance = np.clip(np.where(has_return, measured, NEAR_M), NEAR_M, FAR_M)
-    log_distance = np.log(distance / NEAR_M) / np.log(FAR_M / NEAR_M)
-    return np.where(has_return, 0.92 - 0.75 * log_distance, 1.0)
+    log_share = np.log(distance / NEAR_M) / np.log(FAR_M / NEAR_M)  # 0 at NEAR_M, 1 at FAR_M
+    return np.where(has_return, 0.92 - 0.75 * log_share, 1.0)
 
 
 def _mark_points(axes: "Axes", sensor: Sensor, moment: SceneMoment, index: int) -> None:
-    # draws the points on vehicles at the pixels whose rays are nearest to them
+    """Draw points on vehicles at the pixels whose rays are nearest to them.
+
+    Points on detected vehicles are green, points on missed ones red; points on vehicles that do not
+    count are left out. axes: with a unit for each pixel; index: number of the sensor's cloud in the
+    moment."""
     cloud = moment.clouds[index]
     if not len(cloud):
         return
+    # unit directions of rays and points in the sensor's frame
     rays = sensor.model.rays().reshape(-1, 3)
     directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    local = transform(invert(sensor.pose), cloud.astype(np.float64))
-    point_directions = local / np.linalg.norm(local, axis=1, keepdims=True)
+    sensor_points = transform(invert(sensor.pose), cloud.astype(np.float64))
+    distances = np.linalg.norm(sensor_points, axis=1, keepdims=True)
+    point_directions = sensor_points / distances
+    # distance to the nearest ray, and the number of its pixel, row by row
     off_ray, pixel = cKDTree(directions).query(point_directions)
-    columns = sensor.model.shape[1]
+    is_on_ray = off_ray <= MAX_OFF_RAY
+    _, columns = sensor.model.shape
     is_missed = ~moment.truth_hit & ~moment.truth_ignored
     colours = ((moment.truth_hit, OUTCOME["hit"].colour), (is_missed, OUTCOME["missed"].colour))
     for is_drawn, colour in colours:
         is_inside = points_in_boxes(cloud, moment.truth.boxes[is_drawn]).any(axis=1)
-        row, column = np.divmod(pixel[is_inside & (off_ray <= MAX_OFF_RAY)], columns)
+        row, column = np.divmod(pixel[is_inside & is_on_ray], columns)
         axes.plot(column, row, "s", markersize=1.6, markeredgewidth=0, color=colour)

@@ -61,10 +61,10 @@ def installed(monkeypatch):
 
     def install(*files: Path) -> None:
         monkeypatch.setattr(fonts, "list_system_fonts", lambda: files)
-        fonts._choose.cache_clear()
+        fonts._cover_letters.cache_clear()
 
     yield install
-    fonts._choose.cache_clear()
+    fonts._cover_letters.cache_clear()
 
 
 def draw(name: str):

@@ -41,9 +41,11 @@ def add_legend(
 
     owner: axes or figure to which the legend belongs; handles: artists that it explains; labels:
     their names, which may begin with "_"; look: other arguments of matplotlib's `legend`."""
-    legend = owner.legend(handles, [str(k) for k in range(len(labels))], **look)
+    # `legend` would drop labels that begin with "_", so it gets numbers, which are replaced
+    numbers = [str(k) for k in range(len(labels))]
+    legend = owner.legend(handles, numbers, **look)
     for text, label in zip(legend.get_texts(), labels, strict=True):
-        text.set_text(label)  # the call above would drop names that begin with "_"
+        text.set_text(label)
 
 
 @contextmanager
@@ -82,12 +84,14 @@ def write_figure(figure: "Figure", out: Path | str) -> None:
     Raises ValueError for another suffix."""
     check_picture(out)
     set_letters(figure)
-    drawn = BytesIO()
     if Path(out).suffix.lower() == ".svg":
-        drawn.write(f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode())
+        content = f'<?xml version="1.0" encoding="utf-8"?>\n{svg_text(figure)}\n'.encode()
     else:
-        figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
-    write_bytes(out, drawn.getvalue())
+        buffer = BytesIO()
+        # without the version of matplotlib, which would change the bytes
+        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+        content = buffer.getvalue()
+    write_bytes(out, content)
 
 
 def render_pixels(figure: "Figure") -> Shaped[np.ndarray, "height width 3"]:
@@ -95,7 +99,7 @@ def render_pixels(figure: "Figure") -> Shaped[np.ndarray, "height width 3"]:
     set_letters(figure)
     canvas: Any = figure.canvas
     canvas.draw()
-    return np.array(canvas.buffer_rgba())[..., :3]
+    return np.array(canvas.buffer_rgba())[..., :3]  # without alpha
 
 
 def set_letters(figure: "Figure") -> None:
@@ -149,23 +153,22 @@ def svg_text(figure: "Figure", title: str = "") -> str:
     title: title for screen readers, "" without one. Ids begin with a digest of the figure, so that
     several pictures can share a page."""
     set_letters(figure)
-    drawn = BytesIO()
-    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    figure.savefig(drawn, format="svg", dpi=DPI, metadata=nothing)
-    text = drawn.getvalue().decode()
+    buffer = BytesIO()
+    no_metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))  # None leaves an entry out
+    figure.savefig(buffer, format="svg", dpi=DPI, metadata=no_metadata)
+    text = buffer.getvalue().decode()
     # drop comments, metadata, and everything before the element
     text = re.sub(r"<!--.*?-->\s*", "", text[text.index("<svg") :], flags=re.DOTALL).strip()
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r' d="([^"]*)"', _short_path, text)
-    mark = "p" + sha256(text.encode()).hexdigest()[:8]
-    text = re.sub(r'\bid="([^"]+)"', rf'id="{mark}-\1"', text)
-    text = re.sub(r'(url\(#|href="#)', rf"\g<1>{mark}-", text)
+    text = re.sub(r' d="([^"]*)"', _shorten_path, text)
+    # begin ids, and references to them, with the digest; an id must begin with a letter
+    prefix = "p" + sha256(text.encode()).hexdigest()[:8]
+    text = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', text)
+    text = re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}-", text)
     if title:
-        head = text.index(">") + 1
-        text = (
-            f'{text[: head - 1]} role="img">\n '
-            f"<title>{escape(plain(title), quote=False)}</title>{text[head:]}"
-        )
+        tag, rest = text.split(">", 1)  # the opening tag <svg ...> comes first
+        title_text = escape(plain(title), quote=False)
+        text = f'{tag} role="img">\n <title>{title_text}</title>{rest}'
     return text
 
 
@@ -189,7 +192,9 @@ def pad_limits(values: Sequence[float]) -> tuple[float, float]:
 
     They are 0 and 1 if no value is above 0."""
     greatest = max(0.0, *values) if len(values) else 0.0
-    return 0.0, 1.1 * float(greatest) if greatest > 0 else 1.0
+    if greatest <= 0:
+        return 0.0, 1.0
+    return 0.0, 1.1 * float(greatest)
 
 
 def plain(text: str) -> str:
@@ -201,21 +206,23 @@ def shorten(text: str, max_letters: int) -> str:
     """Shorten a text to at most `max_letters` letters, with "…" in its middle.
 
     Unprintable characters become spaces."""
-    text = plain(text)
-    if len(text) <= max_letters:
-        return text
-    head = max_letters // 2
-    return f"{text[:head]}…{text[len(text) - (max_letters - head - 1) :]}"
+    printable = plain(text)
+    if len(printable) <= max_letters:
+        return printable
+    head_letters = max_letters // 2
+    tail_letters = max_letters - head_letters - 1  # one letter for "…"
+    return f"{printable[:head_letters]}…{printable[len(printable) - tail_letters :]}"
 
 
-def _short_path(attribute: re.Match[str]) -> str:
+def _shorten_path(attribute: re.Match[str]) -> str:
     """Shorten an SVG path: coordinates to a hundredth of a point, no spaces around letters.
 
     attribute: match of ` d="..."`, whose first group is the path. Returns the whole attribute."""
-    rounded = re.sub(
-        r"-?\d+\.\d+",
-        lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."),
-        attribute[1],
-    )
-    short = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
-    return f' d="{short}"'
+    path = attribute.group(1)
+
+    def round_number(number: re.Match[str]) -> str:
+        return f"{float(number.group()):.2f}".rstrip("0").rstrip(".")
+
+    rounded = re.sub(r"-?\d+\.\d+", round_number, path)
+    shortened = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
+    return f' d="{shortened}"'

@@ -23,22 +23,29 @@ PREFERRED = (
     "droid sans fallback",
 )
 UNSET = "?"  # in place of a letter that no font has
-SHAPED = (  # scripts whose letters are joined or reordered, as Unicode names them
-    *(
-        "ARABIC",
-        "HEBREW",
-        "SYRIAC",
-        "THAANA",
-        "NKO",
-        "DEVANAGARI",
-        "BENGALI",
-        "GURMUKHI",
-        "GUJARATI",
-        "ORIYA",
-        "TAMIL",
-    ),
-    *("TELUGU", "KANNADA", "MALAYALAM", "SINHALA", "KHMER", "MYANMAR", "TIBETAN", "MONGOLIAN"),
+SHAPED_SCRIPTS = (  # scripts whose letters are joined or reordered, as Unicode names them
+    "ARABIC",
+    "HEBREW",
+    "SYRIAC",
+    "THAANA",
+    "NKO",
+    "DEVANAGARI",
+    "BENGALI",
+    "GURMUKHI",
+    "GUJARATI",
+    "ORIYA",
+    "TAMIL",
+    "TELUGU",
+    "KANNADA",
+    "MALAYALAM",
+    "SINHALA",
+    "KHMER",
+    "MYANMAR",
+    "TIBETAN",
+    "MONGOLIAN",
 )
+# words in the names of fonts whose style is not regular
+STYLE_WORDS = ("bold", "italic", "oblique", "light", "thin", "black")
 
 
 class FontChoice(NamedTuple):
@@ -69,12 +76,13 @@ def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> F
     texts joins and orders letters as their script requires; otherwise letters of scripts that need
     it count as unset."""
     letters = {letter for text in texts for letter in text if _is_drawn(letter)}
-    missing = frozenset(letter for letter in letters if ord(letter) not in list_letters(base))
+    base_letters = list_letters(base)
+    missing = frozenset(letter for letter in letters if ord(letter) not in base_letters)
     if not shaping:
         misordered = frozenset(letter for letter in letters if _needs_shaping(letter))
-        choice = _choose(missing - misordered)
+        choice = _cover_letters(missing - misordered)
         return choice._replace(unset=choice.unset | misordered)
-    return _choose(missing)
+    return _cover_letters(missing)
 
 
 def name_letters(letters: Iterable[str]) -> str:
@@ -86,7 +94,8 @@ def name_letters(letters: Iterable[str]) -> str:
 def list_letters(font: Path) -> frozenset[int]:
     """Code points that a font can draw, by its file.
 
-    Empty for a file that is not an outline font, and for a font that draws boxes."""
+    Empty for a file that is not an outline font, and for a font that draws a box in place of every
+    letter."""
     from matplotlib.ft2font import FT2Font
 
     try:
@@ -95,8 +104,9 @@ def list_letters(font: Path) -> frozenset[int]:
     except (RuntimeError, OSError, ValueError, UnicodeError):
         return frozenset()
     is_outline = bool(face.scalable)
-    is_box = any(word in f"{face.family_name} {font.name}".lower() for word in PLACEHOLDERS)
-    return letters if is_outline and not is_box else frozenset()
+    names = f"{face.family_name} {font.name}".lower()
+    draws_boxes = any(word in names for word in PLACEHOLDERS)
+    return letters if is_outline and not draws_boxes else frozenset()
 
 
 def list_system_fonts() -> tuple[Path, ...]:
@@ -114,22 +124,20 @@ def family_name(font: Path) -> str:
 
 
 @cache
-def _choose(missing: frozenset[str]) -> FontChoice:
-    # Fonts for missing letters: DejaVu Sans and, if it lacks some, fonts of the computer. Again and
-    # again, the font with the most letters that are still unset is taken.
+def _cover_letters(missing: frozenset[str]) -> FontChoice:
+    """Choose fonts for missing letters from DejaVu Sans and, if it lacks some, the computer's.
+
+    Again and again, the font with the most letters that are still unset is taken."""
     unset = {ord(letter) for letter in missing}
     files: list[Path] = []
-    house_fonts = [own_font("DejaVuSans")] if unset else []
-    candidates = [
-        *house_fonts,
-        *(
-            list_system_fonts()
-            if unset - list_letters(house_fonts[0] if house_fonts else Path())
-            else ()
-        ),
-    ]
+    candidates: list[Path] = []
+    if unset:
+        house_font = own_font("DejaVuSans")
+        candidates.append(house_font)
+        if unset - list_letters(house_font):
+            candidates += list_system_fonts()
     while unset:
-        best = max(candidates, key=_rank(unset), default=None)
+        best = max(candidates, key=_make_rank(unset), default=None)
         if best is None or not unset & list_letters(best):
             break
         files.append(best)
@@ -138,25 +146,27 @@ def _choose(missing: frozenset[str]) -> FontChoice:
     return FontChoice(tuple(files), families, frozenset(map(chr, unset)))
 
 
-def _rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
+def _make_rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:
     """Return the key by which fonts are compared; the best font has the greatest key.
 
-    unset: code points that no chosen font has. The key compares the number of these letters that a
-    font has, then the preference of its family, then regular before other styles, then names."""
+    unset: code points that no chosen font has."""
 
     def rank(font: Path) -> tuple[int, int, int, str]:
-        shared = len(unset & list_letters(font))
-        if not shared:
+        """Sort key of a font, greatest for the best, by its file.
+
+        It compares the number of letters of `unset` that the font has, then the preference of its
+        family, then regular before other styles, then names of files."""
+        letter_count = len(unset & list_letters(font))
+        if not letter_count:
             return 0, 0, 0, ""
-        name = family_name(font).lower()
-        preference = next(
-            (-k for k, word in enumerate(PREFERRED) if name.startswith(word)), -len(PREFERRED)
-        )
-        styled = any(
-            word in font.stem.lower()
-            for word in ("bold", "italic", "oblique", "light", "thin", "black")
-        )
-        return shared, preference, -int(styled), font.name
+        family = family_name(font).lower()
+        preference = -len(PREFERRED)  # 0 for the best family, then -1 and so on
+        for k, beginning in enumerate(PREFERRED):
+            if family.startswith(beginning):
+                preference = -k
+                break
+        is_styled = any(word in font.stem.lower() for word in STYLE_WORDS)
+        return letter_count, preference, -int(is_styled), font.name
 
     return rank
 
@@ -165,25 +175,27 @@ def _is_drawn(letter: str) -> bool:
     """Return False for spaces, control characters, and selectors that only change other letters."""
     # U+FE00 and U+E0100 begin the blocks of variation selectors
     is_selector = "\ufe00" <= letter <= "\ufe0f" or "\U000e0100" <= letter <= "\U000e01ef"
-    return not (
-        letter.isspace() or is_selector or unicodedata.category(letter) in ("Cc", "Cf", "Cs")
-    )
+    # control characters, format characters and surrogates
+    is_control = unicodedata.category(letter) in ("Cc", "Cf", "Cs")
+    return not (letter.isspace() or is_selector or is_control)
 
 
 def _needs_shaping(letter: str) -> bool:
     # True if letters of the script are joined or reordered when they are set.
-    return unicodedata.name(letter, "").startswith(SHAPED)
+    return unicodedata.name(letter, "").startswith(SHAPED_SCRIPTS)
 
 
 def replace_letters(text: str, letters: frozenset[str]) -> str:
-    """Replace letters of a text by `UNSET`, one for each run of them."""
-    letters_shown: list[str] = []
+    """Replace letters of a text by `UNSET`, one for each run of them.
+
+    letters: letters that no font can set."""
+    new_letters: list[str] = []
     for letter in text:
         if letter not in letters:
-            letters_shown.append(letter)
-        elif not letters_shown or letters_shown[-1] != UNSET:
-            letters_shown.append(UNSET)
-    return "".join(letters_shown)
+            new_letters.append(letter)
+        elif not new_letters or new_letters[-1] != UNSET:
+            new_letters.append(UNSET)
+    return "".join(new_letters)
 
 
 def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
@@ -191,16 +203,17 @@ def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict
 
     unset: these letters; noun: word before the number, which is the name's place among all names,
     from 1. A replacement that is in use is not taken again."""
-    numbers: dict[str, str] = {}
+    replacements: dict[str, str] = {}
     names_in_use = set(names)
-    for k, name in enumerate(names, start=1):
+    for place, name in enumerate(names, start=1):
         if not unset & set(name):
             continue
-        while f"{noun} {k}" in names_in_use:
-            k += len(names)  # beyond the numbers of all other names
-        numbers[name] = f"{noun} {k}"
-        names_in_use.add(numbers[name])
-    return numbers
+        number = place
+        while f"{noun} {number}" in names_in_use:
+            number += len(names)  # beyond the numbers of all other names
+        replacements[name] = f"{noun} {number}"
+        names_in_use.add(replacements[name])
+    return replacements
 
 
 def spell_name(name: str, unset: frozenset[str]) -> str:

@@ -29,18 +29,19 @@ def draw_ground(axes: "Axes", site: Site) -> None:
         fill_polygons(
             axes, [shapely.Polygon(polygon) for polygon in getattr(site, kind)], colour, order=1.0
         )
-    by_kind: dict[str, list[shapely.Polygon]] = {kind: [] for kind in ("other", *SOLID)}
+    shapes_by_kind: dict[str, list[shapely.Polygon]] = {kind: [] for kind in ("other", *SOLID)}
     for solid in site.solids:
-        by_kind[solid.kind if solid.kind in SOLID else "other"].append(
-            shapely.Polygon(solid.footprint)
-        )
-    for rank, (kind, shapes) in enumerate(by_kind.items()):
+        kind = solid.kind if solid.kind in SOLID else "other"
+        shapes_by_kind[kind].append(shapely.Polygon(solid.footprint))
+    for rank, (kind, shapes) in enumerate(shapes_by_kind.items()):
+        # kinds are sorted by height, so later ones are drawn above
         fill_polygons(axes, shapes, SOLID.get(kind, palette.OTHER_SOLID), order=1.5 + 0.01 * rank)
-    drawn = shapely.union_all([shapely.Polygon(solid.footprint) for solid in _drawn_solids(site)])
-    hatched: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
-    for part in shapely.get_parts(drawn):
+    hatched_solids = _list_hatched_solids(site)
+    hatched = shapely.union_all([shapely.Polygon(solid.footprint) for solid in hatched_solids])
+    hatching: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
+    for part in shapely.get_parts(hatched):
         outline = shapely.get_coordinates(part.exterior)
-        axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatched)
+        axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatching)
 
 
 def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
@@ -83,15 +84,13 @@ def draw_streets(axes: "Axes", site: Site, low: _Place, high: _Place) -> None:
         )
 
 
-def _drawn_solids(site: Site) -> list[Solid]:
-    """Solids that maps hatch: solids that coview drew, unless the whole site is drawn.
+def _list_hatched_solids(site: Site) -> list[Solid]:
+    """List the solids that coview drew at random, none if the whole site is drawn.
 
     Trunks are left out, as they are below the crowns."""
-    return [
-        s
-        for s in site.solids
-        if s.origin == "drawn" and s.kind != "trunk" and site.road_origin != "drawn"
-    ]
+    if site.road_origin == "drawn":
+        return []
+    return [solid for solid in site.solids if solid.origin == "drawn" and solid.kind != "trunk"]
 
 
 def fill_polygons(
@@ -111,23 +110,22 @@ def fill_polygons(
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
-    parts = [
-        part
-        for part in shapely.get_parts(shapely.union_all(list(shapes)))
-        if part.geom_type == "Polygon"
-    ]
-    turned = [shapely.geometry.polygon.orient(part) for part in parts]
+    merged_parts = shapely.get_parts(shapely.union_all(list(shapes)))
+    polygons = [part for part in merged_parts if part.geom_type == "Polygon"]
     # exteriors run counter-clockwise and holes clockwise, so that matplotlib leaves holes empty
-    rings = [ring for part in turned for ring in (part.exterior, *part.interiors)]
+    oriented = [shapely.geometry.polygon.orient(polygon) for polygon in polygons]
+    rings = [ring for polygon in oriented for ring in (polygon.exterior, *polygon.interiors)]
     if not rings:
         return
-    outline = Outline.make_compound_path(
-        *(Outline(shapely.get_coordinates(ring), closed=True) for ring in rings)
+    outlines = [Outline(shapely.get_coordinates(ring), closed=True) for ring in rings]
+    patch = PathPatch(
+        Outline.make_compound_path(*outlines),
+        facecolor=to_rgba(colour, alpha),
+        edgecolor=colour,
+        linewidth=edge,
+        zorder=order,
     )
-    filled = to_rgba(colour, alpha)
-    axes.add_patch(
-        PathPatch(outline, facecolor=filled, edgecolor=colour, linewidth=edge, zorder=order)
-    )
+    axes.add_patch(patch)
 
 
 def ground_entries(site: Site) -> list[Entry]:
@@ -135,26 +133,26 @@ def ground_entries(site: Site) -> list[Entry]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    kinds = {solid.kind for solid in site.solids}
-    present_kinds: tuple[tuple[str, str, object], ...] = (
-        *(("lane", GROUND["lanes"], site.lanes), ("footway", GROUND["footways"], site.footways)),
-        *((kind, SOLID[kind], kind in kinds) for kind in ("building", "pond")),
-        ("trees, hedges", SOLID["tree"], kinds & {"tree", "hedge"}),
+    solid_kinds = {solid.kind for solid in site.solids}
+    # name, colour, and whether the site has any
+    grounds = (
+        ("lane", GROUND["lanes"], bool(site.lanes)),
+        ("footway", GROUND["footways"], bool(site.footways)),
+        ("building", SOLID["building"], "building" in solid_kinds),
+        ("pond", SOLID["pond"], "pond" in solid_kinds),
+        ("trees, hedges", SOLID["tree"], bool(solid_kinds & {"tree", "hedge"})),
     )
+    area_line = Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2))
+    entries: list[Entry] = [(area_line, "detection area")]
     edge: PlotStyle = {"edgecolor": "#b0b0b0", "linewidth": 0.5}
-    entries = [
-        (Patch(facecolor=colour, **edge), name)
-        for name, colour, is_drawn in present_kinds
-        if is_drawn
-    ]
-    if _drawn_solids(site):
-        drawn: PlotStyle = {
+    for name, colour, is_present in grounds:
+        if is_present:
+            entries.append((Patch(facecolor=colour, **edge), name))
+    if _list_hatched_solids(site):
+        hatching: PlotStyle = {
             "hatch": palette.DRAWN_HATCH,
             "edgecolor": palette.DRAWN_INK,
             "linewidth": 0.5,
         }
-        entries.append((Patch(facecolor="white", **drawn), "drawn, in no map"))
-    return [
-        (Line2D([], [], color=INK, linewidth=1.1, dashes=(8, 2, 2, 2)), "detection area"),
-        *entries,
-    ]
+        entries.append((Patch(facecolor="white", **hatching), "drawn, in no map"))
+    return entries

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-AROUND = 10.0  # m around the area
-MOST_INCHES = 10.0  # longer side of the map
+MAP_MARGIN_M = 10.0  # around the area
+MAX_MAP_INCHES = 10.0  # longer side of the map
 # inches around the map, and of a row of the legend
 LEFT = 0.62
 RIGHT = 0.2
@@ -49,7 +49,7 @@ def map_sheet(
     *,
     holds: Float[np.ndarray, "n 2"] | None = None,
     legend: Sequence[Entry] = (),
-    inches: float = MOST_INCHES,
+    inches: float = MAX_MAP_INCHES,
 ) -> MapSheet:
     """Draw the site from above under its title, without sensors.
 
@@ -94,9 +94,9 @@ def _count_columns(legend: Sequence[Entry], inner: float) -> int:
     """Number of columns of a legend in the strip below a map, at least 1.
 
     inner: width of the strip (inches), which scale bar and arrow share with the legend."""
+    max_letters = max((len(label) for _, label in legend), default=1)
     # estimated inches of a letter, and of a mark with the gaps around it
-    longest = max((len(label) for _, label in legend), default=1)
-    column_inches = 0.058 * longest + 0.58
+    column_inches = 0.058 * max_letters + 0.58
     return max(1, min(len(legend), int((inner - SCALE_WIDTH) / column_inches)))
 
 
@@ -104,14 +104,15 @@ def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
     """Draw a scale bar of two halves, with labels below.
 
     axes: axes in inches; length: length of the bar (m); scale: inches per metre."""
+    # shares of the bar at which its halves begin, and their colours
     for start, colour in ((0.0, INK), (0.5, "white")):
         left = start * length * scale
         right = (start + 0.5) * length * scale
-        bar = [left, right, right, left]
-        axes.fill(bar, [-0.2, -0.2, -0.12, -0.12], facecolor=colour, edgecolor=INK, linewidth=0.8)
-    for share, label in ((0.0, "0"), (1.0, f"{length:g} m")):
-        alignment = "center" if share else "left"
-        axes.text(share * length * scale, -0.25, label, ha=alignment, va="top", fontsize=8)
+        x = [left, right, right, left]
+        y = [-0.2, -0.2, -0.12, -0.12]
+        axes.fill(x, y, facecolor=colour, edgecolor=INK, linewidth=0.8)
+    axes.text(0.0, -0.25, "0", ha="left", va="top", fontsize=8)
+    axes.text(length * scale, -0.25, f"{length:g} m", ha="center", va="top", fontsize=8)
 
 
 def _draw_legend(axes: "Axes", legend: Sequence[Entry], columns: int) -> None:
@@ -140,18 +141,20 @@ def extent(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower left and upper right corners (x and y, m) of a map, with a margin.
 
-    The map includes the site's area and, with half the margin, the places that it must hold."""
-    low, high = site.area[:2] - AROUND, site.area[2:] + AROUND
+    The map includes the site's area and, with half the margin, the places that it must hold.
+
+    holds: x and y (m) of these places, None without."""
+    # the area is xmin, ymin, xmax, ymax
+    low = site.area[:2] - MAP_MARGIN_M
+    high = site.area[2:] + MAP_MARGIN_M
     if holds is not None and len(holds):
-        low, high = (
-            np.minimum(low, holds.min(axis=0) - AROUND / 2),
-            np.maximum(high, holds.max(axis=0) + AROUND / 2),
-        )
+        low = np.minimum(low, holds.min(axis=0) - MAP_MARGIN_M / 2)
+        high = np.maximum(high, holds.max(axis=0) + MAP_MARGIN_M / 2)
     return low, high
 
 
 def scale_length(metres: float) -> float:
     """Largest round length (m) up to a given one: 1, 2 or 5 times a power of ten."""
-    # 1e-9 lets a round length itself pass in spite of rounding
     power = 10.0 ** floor(log10(metres))
-    return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= metres * (1 + 1e-9))
+    max_length = metres * (1 + 1e-9)  # lets a round length itself pass in spite of rounding
+    return next(round(step * power, 9) for step in (5, 2, 1) if step * power <= max_length)

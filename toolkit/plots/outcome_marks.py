@@ -37,16 +37,16 @@ def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcom
         "linewidth": style.width,
         "zorder": style.order,
     }
-    for corners, yaw in zip(footprints(boxes), boxes[:, 6], strict=True):
+    yaws = boxes[:, 6]
+    for corners, yaw in zip(footprints(boxes), yaws, strict=True):
         centre = corners.mean(axis=0)
-        # in the direction of the yaw, nine tenths of the distance to a corner
-        nose = (
-            centre
-            + np.array([np.cos(yaw), np.sin(yaw)]) * np.linalg.norm(corners[0] - centre) * 0.9
-        )
-        axes.plot(*np.vstack([corners, corners[:1]]).T, **line)
+        direction = np.array([np.cos(yaw), np.sin(yaw)])
+        # nine tenths of the distance to a corner
+        front = centre + direction * np.linalg.norm(corners[0] - centre) * 0.9
+        closed_outline = np.vstack([corners, corners[:1]])
+        axes.plot(*closed_outline.T, **line)
         axes.plot(
-            *np.vstack([centre, nose]).T, color=style.colour, linewidth=0.8, zorder=style.order
+            *np.vstack([centre, front]).T, color=style.colour, linewidth=0.8, zorder=style.order
         )
     if style.marker and len(boxes):
         mark: PlotStyle = {
@@ -61,11 +61,10 @@ def draw_outcome(axes: "Axes", boxes: Shaped[np.ndarray, "n 7"], outcome: Outcom
 
 def text_colour(background: str) -> str:
     """Black or white (#rrggbb), whichever is more legible on a background (#rrggbb)."""
-    # relative luminance, with a gamma of 2.2; dark text from about a fifth on
     red, green, blue = (int(background[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return (
-        INK if 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.22 else PAPER_WHITE
-    )
+    # relative luminance, with a gamma of 2.2; dark text from about a fifth on
+    luminance = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2
+    return INK if luminance > 0.22 else PAPER_WHITE
 
 
 def outcome_entry(outcome: Outcome, label: str) -> Entry:
@@ -78,6 +77,5 @@ def outcome_entry(outcome: Outcome, label: str) -> Entry:
         "markersize": 0.8 * style.size,
         "markeredgecolor": "white",
     }
-    return Line2D(
-        [], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark
-    ), label
+    line = Line2D([], [], color=style.colour, linestyle=style.line, linewidth=style.width, **mark)
+    return line, label

@@ -66,11 +66,10 @@ def point_scale() -> "tuple[ListedColormap, BoundaryNorm]":
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
-    steps = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
-    # 1e9: the last step is open
-    return ListedColormap(["#ededed", *map(tuple, steps)]), BoundaryNorm(
-        [0, *POINT_STEPS, 1e9], len(POINT_STEPS) + 1
-    )
+    step_colours = colormaps["viridis_r"](np.linspace(0.0, 1.0, len(POINT_STEPS)))
+    colour_map = ListedColormap(["#ededed", *map(tuple, step_colours)])
+    bounds = [0, *POINT_STEPS, 1e9]  # 1e9: the last step is open
+    return colour_map, BoundaryNorm(bounds, ncolors=len(POINT_STEPS) + 1)
 
 
 def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"]:
@@ -81,7 +80,8 @@ def point_colours(points: Float[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n 4"
 
 def point_names() -> list[str]:
     """Names of the steps of `point_scale`, such as "0", "2–4" and "100+"."""
-    ends = [
-        f"{low}–{high - 1}" if high - low > 1 else f"{low}" for low, high in pairwise(POINT_STEPS)
-    ]
-    return ["0", *ends, f"{POINT_STEPS[-1]}+"]
+    names = ["0"]
+    for low, next_low in pairwise(POINT_STEPS):
+        high = next_low - 1
+        names.append(f"{low}" if low == high else f"{low}–{high}")
+    return [*names, f"{POINT_STEPS[-1]}+"]

@@ -45,10 +45,10 @@ class FrameOutcome(NamedTuple):
 
 def draw_site(site: Site, out: Path | str) -> None:
     """Draw the site with its poles and sensors, as PNG or SVG by the suffix."""
-    poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
-    counts = ((len(site.sensors), "sensor"), (len(poles), "pole"))
+    poles = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)  # x and y (m)
     title = f"Site {shorten(site.name, 60)}"
-    counted = ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counts)
+    counts = ((len(site.sensors), "sensor"), (len(poles), "pole"))
+    subtitle = ", ".join(f"{count} {noun}{'s' * (count != 1)}" for count, noun in counts)
     legend = [
         *ground_entries(site),
         *pole_entries(unused=len(poles)),
@@ -56,7 +56,7 @@ def draw_site(site: Site, out: Path | str) -> None:
     ]
     holds = np.concatenate([poles, sensor_places(site.sensors)])
     with house_style():
-        sheet = map_sheet(site, title, counted, holds=holds, legend=legend)
+        sheet = map_sheet(site, title, subtitle, holds=holds, legend=legend)
         draw_wedges(sheet.axes, site.sensors, site.solids)
         draw_poles(sheet.axes, poles)
         draw_sensors(sheet.axes, site.sensors, sheet.points_per_metre)
@@ -113,7 +113,8 @@ def _sort_outlines(
 ) -> dict[Outcome, np.ndarray]:
     """Boxes to outline by outcome, or all detections if no outcome is known.
 
-    Raises ValueError for an outcome of other truths or detections."""
+    Boxes have the columns x, y, z, length, width, height (m) and yaw (rad). Raises ValueError for
+    an outcome of other truths or detections."""
     if outcome is None:
         return {"detection": detections.boxes} if len(detections) else {}
     if len(outcome.truth_hit) != len(truth) or len(outcome.detection_hit) != len(detections):
@@ -137,7 +138,7 @@ def _class_entries(truth: Objects) -> list[Entry]:
 
     look: PlotStyle = {"edgecolor": INK, "linewidth": 0.5}
     entries: list[Entry] = []
-    counts = np.bincount(truth.labels, minlength=len(LABELS))
+    counts = np.bincount(truth.labels, minlength=len(LABELS))  # objects of each class
     for name, count in zip(LABELS, counts, strict=True):
         if count:
             entries.append((Patch(facecolor=CLASS[name], **look), f"{name} ({count})"))
@@ -153,9 +154,12 @@ def _outline_entries(
     without one. "not scored" has no entry if it has no boxes."""
     entries = []
     for kind, boxes in outlines.items():
-        if len(boxes) or kind != "not scored":
-            rule = f", IoU ≥ {outcome.iou:g}" if outcome is not None and kind == "hit" else ""
-            entries.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
+        if kind == "not scored" and not len(boxes):
+            continue
+        rule = ""
+        if kind == "hit" and outcome is not None:
+            rule = f", IoU ≥ {outcome.iou:g}"
+        entries.append(outcome_entry(kind, f"{kind}{rule} ({len(boxes)})"))
     return entries
 
 

@@ -19,16 +19,17 @@ from toolkit.sites.site import Solid
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-VIEW_RANGE = 25.0  # m; fields of view are drawn this far
-DISC = 15.0  # diameter of a sensor's disc in points
-SHORT = 3  # letters of a name that fit into the disc
-TALL = 2.0  # m; buildings above this height cut off fields of view
-MapPlaces = Float64[np.ndarray, "_ 2"]
+VIEW_RANGE_M = 25.0  # fields of view are drawn this far
+DISC_POINTS = 15.0  # diameter of a sensor's disc
+MAX_DISC_LETTERS = 3  # letters of a name that fit into the disc
+MIN_HIDING_M = 2.0  # buildings above this height cut off fields of view
+MIN_VIEW_RAYS = 24  # rays of a field of view; wide ones have one for each degree
+MapPlaces = Float64[np.ndarray, "_ 2"]  # x and y
 
 
 def sensor_labels(names: Sequence[str]) -> list[str]:
     """Labels on the discs of sensors: their names if all are short, else numbers from 1."""
-    if all(len(name) <= SHORT for name in names):
+    if all(len(name) <= MAX_DISC_LETTERS for name in names):
         return list(names)
     return [str(number + 1) for number in range(len(names))]
 
@@ -42,13 +43,16 @@ def draw_sensors(axes: "Axes", sensors: Sequence[Sensor], points_per_metre: floa
         return
     places = np.array([sensor.position[:2] for sensor in sensors])
     headings = np.array([sensor_heading(sensor) for sensor in sensors])
-    discs = spread_discs(places * points_per_metre, headings, DISC + 1) / points_per_metre
-    ahead = discs + DISC / points_per_metre * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    # centres of discs, and ends of headings, x and y (m)
+    disc_gap = DISC_POINTS + 1
+    discs = spread_discs(places * points_per_metre, headings, disc_gap) / points_per_metre
+    directions = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    heading_ends = discs + DISC_POINTS / points_per_metre * directions
     for index, label in enumerate(sensor_labels([sensor.name for sensor in sensors])):
         colour = sensor_colour(index)
         disc = discs[index]
         axes.plot(
-            *np.stack([disc, ahead[index]]).T,
+            *np.stack([disc, heading_ends[index]]).T,
             color=INK,
             linewidth=2.2,
             zorder=6,
@@ -57,63 +61,58 @@ def draw_sensors(axes: "Axes", sensors: Sequence[Sensor], points_per_metre: floa
         if (disc != places[index]).any():
             axes.plot(*np.stack([places[index], disc]).T, color=INK, linewidth=0.8, zorder=6)
             axes.plot(*places[index], "o", color=INK, markersize=3, zorder=6)
-        axes.plot(*disc, "o", markersize=DISC + 3, color=PAPER_WHITE, zorder=6.5)
+        axes.plot(*disc, "o", markersize=DISC_POINTS + 3, color=PAPER_WHITE, zorder=6.5)
         look: PlotStyle = {
             "markerfacecolor": colour,
             "markeredgecolor": INK,
             "markeredgewidth": 0.9,
         }
-        axes.plot(*disc, "o", markersize=DISC, zorder=7, **look)
+        axes.plot(*disc, "o", markersize=DISC_POINTS, zorder=7, **look)
         font: PlotStyle = {"fontsize": 7.5, "fontweight": "bold", "color": text_colour(colour)}
         axes.text(disc[0], disc[1], label, ha="center", va="center_baseline", zorder=8, **font)
 
 
 def draw_wedges(axes: "Axes", sensors: Sequence[Sensor], solids: Sequence[Solid] = ()) -> None:
-    """Draw fields of view from above up to `VIEW_RANGE`, cut off at tall buildings.
+    """Draw fields of view from above up to `VIEW_RANGE_M`, cut off at tall buildings.
 
-    solids: solids of the site; only buildings higher than `TALL` count."""
-    tall = [
-        shapely.Polygon(s.footprint)
-        for s in solids
-        if s.kind == "building" and s.top - s.base > TALL
+    solids: solids of the site; only buildings higher than `MIN_HIDING_M` count."""
+    tall_buildings = [
+        shapely.Polygon(solid.footprint)
+        for solid in solids
+        if solid.kind == "building" and solid.top - solid.base > MIN_HIDING_M
     ]
     for index, sensor in enumerate(sensors):
-        x, y = wedge(sensor, tall).T
-        axes.fill(x, y, color=sensor_colour(index), alpha=0.09, linewidth=0, zorder=2.2)
-        axes.plot(
-            np.r_[x, x[:1]],
-            np.r_[y, y[:1]],
-            color=sensor_colour(index),
-            linewidth=0.9,
-            alpha=0.9,
-            zorder=2.3,
-        )
+        colour = sensor_colour(index)
+        outline = wedge(sensor, tall_buildings)
+        axes.fill(*outline.T, color=colour, alpha=0.09, linewidth=0, zorder=2.2)
+        closed_outline = np.concatenate([outline, outline[:1]])
+        axes.plot(*closed_outline.T, color=colour, linewidth=0.9, alpha=0.9, zorder=2.3)
 
 
 def wedge(sensor: Sensor, buildings: Sequence[shapely.Polygon]) -> Float64[np.ndarray, "k 2"]:
-    """Outline (x, y in m) of a sensor's field of view from above, up to `VIEW_RANGE`.
+    """Outline (x, y in m) of a sensor's field of view from above, up to `VIEW_RANGE_M`.
 
     buildings: footprints (m). Each ray ends at the first building that the sensor is not in. The
     outline begins at the sensor unless the view is all around."""
     start = sensor.position[:2]
-    view = sensor.model.horizontal_fov
-    reach = VIEW_RANGE
-    foot = shapely.Point(start)
-    blocking = shapely.union_all(
-        [b for b in buildings if b.distance(foot) > 0 and b.distance(foot) < reach]
-    )
-    shapely.prepare(blocking)
-    # rays about 1° apart, at least 24
-    angles = sensor_heading(sensor) + np.linspace(
-        -view / 2, view / 2, max(24, int(np.rad2deg(view)) + 1)
-    )
-    rim = start + reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    if not blocking.is_empty:
-        rays = shapely.linestrings(np.stack([np.broadcast_to(start, rim.shape), rim], axis=1))
+    place = shapely.Point(start)
+    near_buildings = [
+        building for building in buildings if 0 < building.distance(place) < VIEW_RANGE_M
+    ]
+    obstacles = shapely.union_all(near_buildings)
+    shapely.prepare(obstacles)
+    fov = sensor.model.horizontal_fov  # rad
+    ray_count = max(MIN_VIEW_RAYS, int(np.rad2deg(fov)) + 1)
+    angles = sensor_heading(sensor) + np.linspace(-fov / 2, fov / 2, ray_count)
+    ends = start + VIEW_RANGE_M * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if not obstacles.is_empty:
+        rays = shapely.linestrings(np.stack([np.broadcast_to(start, ends.shape), ends], axis=1))
         # distance to the first building along each ray, NaN if the ray meets no building
-        free = shapely.distance(foot, shapely.intersection(rays, blocking))
-        rim = start + (rim - start) * (np.where(np.isnan(free), reach, free) / reach)[:, None]
-    return rim if view > 2 * np.pi - 1e-6 else np.vstack([start, rim])
+        free_length = shapely.distance(place, shapely.intersection(rays, obstacles))
+        length = np.where(np.isnan(free_length), VIEW_RANGE_M, free_length)
+        ends = start + (ends - start) * (length / VIEW_RANGE_M)[:, None]
+    is_all_around = fov > 2 * np.pi - 1e-6
+    return ends if is_all_around else np.vstack([start, ends])
 
 
 def sensor_heading(sensor: Sensor) -> float:
@@ -129,18 +128,19 @@ def spread_discs(places: MapPlaces, headings: Float64[np.ndarray, " n"], gap: fl
     places: wanted centres; headings: preferred direction of a shift (rad, from +x); gap: smallest
     distance of two centres, in the unit of the places. Earlier discs keep their places."""
     discs = places.copy()
+    # directions of a shift in the order in which they are tried, from the heading
     turns = np.deg2rad([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
     for k in range(1, len(places)):
+        angles = headings[k] + turns
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         # rings of growing radius around the place; ring 0 is the place itself
         for ring in range(4 * len(places)):
-            angles = headings[k] + turns
-            around = places[k] + ring * 0.55 * gap * np.stack(
-                [np.cos(angles), np.sin(angles)], axis=1
-            )
+            spots = places[k] + ring * 0.55 * gap * directions
             # distance from each of the 12 spots to the nearest earlier disc; 1e-9 allows rounding
-            apart = np.linalg.norm(around[:, None] - discs[None, :k], axis=2).min(axis=1)
-            if (apart >= gap * (1 - 1e-9)).any():
-                discs[k] = around[int(np.argmax(apart >= gap * (1 - 1e-9)))]
+            clearance = np.linalg.norm(spots[:, None] - discs[None, :k], axis=2).min(axis=1)
+            is_free = clearance >= gap * (1 - 1e-9)
+            if is_free.any():
+                discs[k] = spots[int(np.argmax(is_free))]  # the first free one
                 break
     return discs
 
@@ -149,16 +149,11 @@ def sensor_entries(sensors: Sequence[Sensor]) -> list[Entry]:
     """Legend entries of sensors whose disc holds a number instead of the name."""
     from matplotlib.lines import Line2D
 
+    mark: PlotStyle = {"marker": "o", "markersize": 8, "markeredgecolor": INK, "linestyle": "none"}
     names = [sensor.name for sensor in sensors]
-    entries = list[Entry]()
+    entries: list[Entry] = []
     for index, (name, label) in enumerate(zip(names, sensor_labels(names), strict=True)):
         if name != label:
-            mark: PlotStyle = {
-                "marker": "o",
-                "markersize": 8,
-                "markeredgecolor": INK,
-                "linestyle": "none",
-            }
             line = Line2D([], [], color=sensor_colour(index), **mark)
             entries.append((line, f"{label}  {shorten(name, 34)}"))
     return entries

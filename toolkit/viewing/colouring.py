@@ -9,6 +9,7 @@ import numpy as np
 from toolkit.arrays import UInt8
 from toolkit.plots.palette import sensor_colour
 from toolkit.viewing.drawn import DrawnCloud, DrawnSample, find_newest
+from toolkit.viewing.scene import rgb
 
 Colouring = Literal["sensor", "height", "intensity", "age"]
 COLOURINGS: tuple[Colouring, ...] = ("sensor", "height", "intensity", "age")
@@ -23,13 +24,12 @@ def list_colourings(samples: Sequence[DrawnSample]) -> tuple[Colouring, ...]:
 
     Intensity and age need a cloud with intensities or times."""
     clouds = [cloud for sample in samples for cloud in sample.clouds]
-    timed = any(cloud.time is not None for cloud in clouds)
-    bright = any(cloud.intensity is not None for cloud in clouds)
-    return tuple(
-        colouring
-        for colouring in COLOURINGS
-        if {"intensity": bright, "age": timed}.get(colouring, True)
-    )
+    impossible: set[Colouring] = set()
+    if all(cloud.time is None for cloud in clouds):
+        impossible.add("age")
+    if all(cloud.intensity is None for cloud in clouds):
+        impossible.add("intensity")
+    return tuple(colouring for colouring in COLOURINGS if colouring not in impossible)
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,17 @@ class Scales:
 
         A range without values stays 0 to 1."""
         spans = {}
-        newest = find_newest(sample)
-        for colouring in COLOURINGS[1:]:
-            columns = [_values(cloud, colouring, newest) for cloud in sample.clouds]
-            values = np.concatenate(
-                [np.zeros(0), *(column for column in columns if column is not None)]
-            )
-            values = values[np.isfinite(values)]
-            if len(values):
-                spans[colouring] = tuple(np.percentile(values, _SPREAD).tolist())
+        newest_time = find_newest(sample)
+        for colouring in COLOURINGS[1:]:  # all but "sensor", which has no range
+            cloud_values = [np.zeros(0)]
+            for cloud in sample.clouds:
+                values = _find_values(cloud, colouring, newest_time)
+                if values is not None:
+                    cloud_values.append(values)
+            all_values = np.concatenate(cloud_values)
+            finite_values = all_values[np.isfinite(all_values)]
+            if len(finite_values):
+                spans[colouring] = tuple(np.percentile(finite_values, _SPREAD).tolist())
         return Scales(**spans)
 
     def describe(self, colouring: Colouring) -> str:
@@ -68,12 +70,15 @@ class Scales:
         return f"{colouring}, {low:.3g} to {high:.3g}{unit}"
 
 
-def _values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
-    # Value of each point by which it is coloured, None if the set lacks it; newest: time of the
-    # newest point of all clouds of the frame (s).
+def _find_values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
+    """Value of each point by which it is coloured, None if the data set lacks it.
+
+    colouring: not "sensor"; newest: time of the newest point of all clouds of the frame (s)."""
     if colouring == "age":
         return None if cloud.time is None else newest - cloud.time
-    return cloud.points[:, 2] if colouring == "height" else cloud.intensity
+    if colouring == "height":
+        return cloud.points[:, 2]  # z
+    return cloud.intensity
 
 
 def shades(
@@ -86,16 +91,21 @@ def shades(
     attribute are grey."""
     from matplotlib import colormaps
 
-    values = None if colouring == "sensor" else _values(cloud, colouring, newest)
+    if colouring == "sensor":
+        return _repeat_colour(rgb(sensor_colour(index)), len(cloud.points))
+    values = _find_values(cloud, colouring, newest)
     if values is None:
-        colour = (
-            tuple(bytes.fromhex(sensor_colour(index)[1:]))
-            if colouring == "sensor"
-            else UNKNOWN_SHADE
-        )
-        return np.tile(np.array(colour, np.uint8), (len(cloud.points), 1))
+        return _repeat_colour(UNKNOWN_SHADE, len(cloud.points))
     low, high = getattr(scales, colouring)
+    # 1e-9: no division by 0 for a range of no width
     share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
     # without its bright end, which is hardly seen on white
     viridis = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))
-    return np.round(255 * viridis[:, :3]).astype(np.uint8)[(share * (_STEPS - 1)).astype(np.int64)]
+    step_colours = np.round(255 * viridis[:, :3]).astype(np.uint8)  # without opacity
+    steps = (share * (_STEPS - 1)).astype(np.int64)
+    return step_colours[steps]
+
+
+def _repeat_colour(colour: tuple[int, int, int], count: int) -> UInt8[np.ndarray, "n 3"]:
+    # one row for each point
+    return np.tile(np.array(colour, np.uint8), (count, 1))

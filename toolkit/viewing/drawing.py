@@ -28,27 +28,40 @@ class _Lift:
     origin: Float64[np.ndarray, "3"]
 
     def points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """Return points (m, world) in the drawing."""
+        """Return points (m, world) counted from the drawing's origin.
+
+        If ground was found (`Stand.ground`), they are levelled by it."""
         # ground is known relative to the middle of the area, not to the origin
         middle = np.array([*self.stand.middle, 0.0])
-        near = points - middle
-        if self.stand.ground is not None and len(near):
-            near = self.stand.ground.points(near)
-        return near + (middle - self.origin)
+        centred = points - middle
+        if self.stand.ground is not None and len(centred):
+            centred = self.stand.ground.points(centred)
+        return centred + (middle - self.origin)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
-        """Return boxes (m, rad, world) in the drawing."""
+        """Return boxes (m, rad, world) counted from the drawing's origin.
+
+        If ground was found (`Stand.ground`), they are levelled by it. Columns are x, y, z, length,
+        width, height and yaw."""
+        # as in `points`; only x, y and z of a box are shifted, not its sizes and yaw
         middle = np.array([*self.stand.middle, 0.0])
-        near = boxes - np.array([*middle, 0, 0, 0, 0])
-        if self.stand.ground is not None and len(near):
-            near = self.stand.ground.boxes(near)
-        return near + np.array([*(middle - self.origin), 0, 0, 0, 0])
+        centred = boxes - np.array([*middle, 0, 0, 0, 0])
+        if self.stand.ground is not None and len(centred):
+            centred = self.stand.ground.boxes(centred)
+        return centred + np.array([*(middle - self.origin), 0, 0, 0, 0])
 
     def cloud(self, cloud: SensorCloud) -> DrawnCloud:
         """Return the points and the position of a sensor in the drawing."""
         points = self.points(cloud.in_world()).astype(np.float32)
-        position = self.points(cloud.world_SE3_sensor[None, :3, 3])[0]
-        return DrawnCloud(cloud.name, points, position, cloud.time, cloud.intensity)
+        world_position = cloud.world_SE3_sensor[:3, 3]
+        position = self.points(world_position[None])[0]  # as the only one of its array
+        return DrawnCloud(
+            name=cloud.name,
+            points=points,
+            place=position,
+            time=cloud.time,
+            intensity=cloud.intensity,
+        )
 
     def tags(self, outcome: Outcome, kind: str, rows: Detections) -> list[Tag]:
         """Return a tag for each box of one outcome and class, above the middle of its roof.
@@ -56,12 +69,14 @@ class _Lift:
         kind: name of the class; rows: boxes (world) and scores, which are ignored for missed
         labels."""
         tags = []
-        boxes = self.boxes(rows.boxes).tolist()
-        for (x, y, z, _, _, height, _), score in zip(boxes, rows.scores, strict=True):
+        boxes = self.boxes(rows.boxes)
+        centres = boxes[:, :3].tolist()
+        heights = boxes[:, 5].tolist()
+        for (x, y, z), height, score in zip(centres, heights, rows.scores, strict=True):
             text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
             if outcome == "false alarm":
                 text += " false"
-            tags.append(Tag(kind, outcome, text, (x, y, z + height / 2)))
+            tags.append(Tag(kind, outcome, text, place=(x, y, z + height / 2)))
         return tags
 
 
@@ -86,11 +101,13 @@ class Drawing:
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
         """Origin (m, world) for a recording that begins with this frame.
 
-        It is the middle of the sensors, at the height of their ground if that is not levelled."""
-        points = sample.points()
-        keeps_heights = self.place.level == "none" and len(points) > 0
-        low = np.round(np.percentile(points[:, 2], GROUND_PERCENTILE)) if keeps_heights else 0.0
-        return np.array([*self.place.find_middle(sample), low], np.float64)
+        It is the middle of the sensors, at the height of their ground, a low percentile of the
+        points' heights. If the ground is levelled, it has the height 0 already."""
+        heights = sample.points()[:, 2]
+        ground_height = 0.0
+        if self.place.level == "none" and len(heights):
+            ground_height = np.round(np.percentile(heights, GROUND_PERCENTILE))
+        return np.array([*self.place.find_middle(sample), ground_height], np.float64)
 
     def draw(self, sample: Frame, origin: Float64[np.ndarray, "3"]) -> DrawnSample:
         """Return clouds, boxes, outcomes and tags of a frame, counted from an origin.
@@ -103,43 +120,48 @@ class Drawing:
         truth = sort_kinds(lift.boxes(frame.objects.boxes), frame.objects.labels)
         if len(frame.others.boxes):
             truth[OTHERS] = lift.boxes(frame.others.boxes)
-        rows = detected.detections
-        by_outcome = {} if self.detector is None else sort_outcomes(detected)
+        detections = detected.detections
+        # boxes in the world, by part of the scene (such as "hits") and name of the class
+        world_outcomes = {} if self.detector is None else sort_outcomes(detected)
         outcomes: dict[Marked, dict[str, np.ndarray]] = {}
         tags: list[Tag] = []
-        for name, by_kind in by_outcome.items():
-            outcomes[name] = {}
-            for kind, kind_rows in by_kind.items():
-                outcomes[name][kind] = lift.boxes(kind_rows.boxes)
-                tags += lift.tags(MARKED[name], kind, kind_rows)
-        if not any(by_outcome.values()):
-            for label in set(rows.labels):
-                tags += lift.tags("detection", LABELS[label], rows[rows.labels == label])
+        for part, rows_by_kind in world_outcomes.items():
+            outcomes[part] = {}
+            for kind, kind_rows in rows_by_kind.items():
+                outcomes[part][kind] = lift.boxes(kind_rows.boxes)
+                tags += lift.tags(MARKED[part], kind, kind_rows)
+        if not any(world_outcomes.values()):
+            for label in set(detections.labels):
+                class_rows = detections[detections.labels == label]
+                tags += lift.tags("detection", LABELS[label], class_rows)
         return DrawnSample(
-            frame.name,
-            frame.time,
-            tuple(lift.cloud(cloud) for cloud in frame.clouds),
-            truth,
-            sort_kinds(lift.boxes(rows.boxes), rows.labels),
+            name=frame.name,
+            time=frame.time,
+            clouds=tuple(lift.cloud(cloud) for cloud in frame.clouds),
+            truth=truth,
+            detections=sort_kinds(lift.boxes(detections.boxes), detections.labels),
             warning=detected.stand.warning,
             outcomes=outcomes,
             tags=tuple(tags),
         )
 
     def _detect(self, sample: Frame) -> FrameDetections:
-        """Frame and detections, restricted to the sensors, classes and scores that are drawn."""
+        """Frame and detections, restricted to the sensors, classes and scores that are drawn.
+
+        Without a detector there are no detections."""
         if self.sensors is not None:
             sample = sample.seen_by(self.sensors)
         detector = self.detector or (lambda points: Detections.empty())
         (detected,) = detect_frames([sample], detector, self.place)
-        detections = detected.detections[detected.detections.scores >= self.least_score]
+        is_sure = detected.detections.scores >= self.least_score
+        detections = detected.detections[is_sure]
         if self.classes is None:
             return replace(detected, detections=detections)
-        labels = [label_index(label) for label in self.classes]
+        labels = [label_index(name) for name in self.classes]
         frame = detected.frame.of(np.isin(detected.frame.objects.labels, labels))
         return replace(
             detected,
-            frame=replace(frame, others=OtherObjects()),
+            frame=replace(frame, others=OtherObjects()),  # objects of classes other than ours
             detections=detections[np.isin(detections.labels, labels)],
         )
 
@@ -149,10 +171,11 @@ class Drawing:
         """Draw frames in order, all from the origin of the first.
 
         progress: called with the number of frames done."""
-        drawn: list[DrawnSample] = []
+        drawn_samples: list[DrawnSample] = []
         origin: np.ndarray | None = None
         for sample in samples:
-            origin = self.origin(sample) if origin is None else origin
-            drawn.append(self.draw(sample, origin))
-            progress(len(drawn))
-        return drawn
+            if origin is None:
+                origin = self.origin(sample)
+            drawn_samples.append(self.draw(sample, origin))
+            progress(len(drawn_samples))
+        return drawn_samples

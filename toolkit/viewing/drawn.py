@@ -9,7 +9,7 @@ from toolkit.arrays import Float32, Float64
 from toolkit.display import describe_count
 from toolkit.objects import LABELS
 from toolkit.plots.line_style import Outcome
-from toolkit.viewing.outcomes import MARKED, Marked
+from toolkit.viewing.outcomes import Marked
 from toolkit.viewing.scene_parts import thin_evenly
 
 BoxesByKind = dict[str, Float64[np.ndarray, "_ 7"]]
@@ -74,23 +74,27 @@ class DrawnSample:
 
     def describe(self) -> str:
         """Describe the frame in one line: numbers of points, labels, detections and outcomes."""
-        labelled, detected = (
-            sum(map(len, boxes.values())) for boxes in (self.truth, self.detections)
-        )
-        of_labels = of_detections = ""
-        if self.outcomes:
-            hits, missed, false, ignored = (
-                sum(map(len, self.outcomes[name].values())) for name in MARKED
-            )
-            # labels of classes that are not ours, and uncounted labels, are neither hit nor missed
-            of_labels = f" ({hits} hit, {missed} missed, {labelled - hits - missed} not counted)"
-            alarms = describe_count(false, "false alarm")
-            of_detections = f" ({describe_count(hits, 'hit')}, {alarms}, {ignored} ignored)"
         points = sum(len(cloud.points) for cloud in self.clouds)
+        labelled = _count_boxes(self.truth)
+        detected = _count_boxes(self.detections)
+        label_note = ""
+        detection_note = ""
+        if self.outcomes:
+            hits = _count_boxes(self.outcomes["hits"])
+            missed = _count_boxes(self.outcomes["missed"])
+            alarms = describe_count(_count_boxes(self.outcomes["false alarms"]), "false alarm")
+            ignored = _count_boxes(self.outcomes["ignored"])
+            # labels of classes that are not ours, and uncounted labels, are neither hit nor missed
+            label_note = f" ({hits} hit, {missed} missed, {labelled - hits - missed} not counted)"
+            detection_note = f" ({describe_count(hits, 'hit')}, {alarms}, {ignored} ignored)"
         return (
-            f"{self.name}: {points} points, {labelled} labelled{of_labels}, {detected} "
-            f"detected{of_detections}"
+            f"{self.name}: {points} points, {labelled} labelled{label_note}, {detected} "
+            f"detected{detection_note}"
         )
+
+
+def _count_boxes(boxes_by_kind: BoxesByKind) -> int:
+    return sum(map(len, boxes_by_kind.values()))
 
 
 def sort_kinds(boxes: np.ndarray, labels: np.ndarray) -> BoxesByKind:
@@ -103,10 +107,12 @@ def limit_points(cloud: DrawnCloud, max_points: int) -> DrawnCloud:
     if len(cloud.points) <= max_points:
         return cloud
     rows = thin_evenly(np.arange(len(cloud.points)), max_points)
-    time, intensity = (
-        None if column is None else column[rows] for column in (cloud.time, cloud.intensity)
+    return replace(
+        cloud,
+        points=cloud.points[rows],
+        time=None if cloud.time is None else cloud.time[rows],
+        intensity=None if cloud.intensity is None else cloud.intensity[rows],
     )
-    return replace(cloud, points=cloud.points[rows], time=time, intensity=intensity)
 
 
 def find_newest(sample: DrawnSample) -> float:

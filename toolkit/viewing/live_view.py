@@ -12,7 +12,7 @@ from toolkit.viewing import scene
 from toolkit.viewing.colouring import COLOURINGS, Colouring, Scales
 from toolkit.viewing.drawing import Drawing
 from toolkit.viewing.drawn import BOX_KINDS, DrawnSample
-from toolkit.viewing.outcomes import MARKED, Marked
+from toolkit.viewing.outcomes import Marked
 from toolkit.viewing.recording_page import TAGS_NAME
 from toolkit.viewing.recording_scene import (
     BOXES,
@@ -32,8 +32,14 @@ from toolkit.viewing.recording_scene import (
 if TYPE_CHECKING:
     from viser import ViserServer
 
-_LOOKS = "green", "red with a cross", "violet with a mark", "grey, dotted"
-SHOWN_AS: dict[Marked, str] = dict(zip(MARKED, _LOOKS, strict=True))
+# looks of outcomes in words
+SHOWN_AS: dict[Marked, str] = {
+    "hits": "green",
+    "missed": "red with a cross",
+    "false alarms": "violet with a mark",
+    "ignored": "grey, dotted",
+}
+MARKDOWN_SIGNS = r"\`*_{}[]()#+-.!|<>~&"
 LIVE_POINTS = 400_000  # in one cloud
 PORT = 8080  # unless it is taken
 
@@ -61,7 +67,7 @@ class LiveView:
         self.server = server
         self.samples = samples
         self.drawing = drawing
-        self.said = ""
+        self.status_text = ""
         self._lock = Lock()
         self.colouring: Colouring = COLOURINGS[0]
         self._drawn: DrawnSample | None = None
@@ -115,18 +121,15 @@ class LiveView:
                 parts = [drawn.describe()]
                 if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
                     parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
+                if drawn.warning:
+                    parts.append(drawn.warning)
                 self._drawn = drawn
-                self.said = ". ".join([*parts, *([drawn.warning] if drawn.warning else [])])
+                self.status_text = ". ".join(parts)
             except (ValueError, OSError) as error:
                 self._drawn = None
-                self.said = f"sample {number} cannot be shown: {error}"
+                self.status_text = f"sample {number} cannot be shown: {error}"
             self._redraw()
-            letters = (
-                f"\\{letter}" if letter in r"\`*_{}[]()#+-.!|<>~&" else letter
-                for letter in self.said
-            )
-            # Markdown that shows names of any characters literally
-            self._line.content = "".join(letters)
+            self._line.content = _escape_markdown(self.status_text)
 
     def colour_by(self, colouring: Colouring) -> None:
         """Colour the points of the shown frame, and of later ones, by another attribute."""
@@ -135,7 +138,9 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        # Replace the nodes of the previous frame by nodes of `_drawn`, with the current colouring.
+        """Replace the nodes of the previous frame by nodes of `_drawn`, in the current colouring.
+
+        Without a drawn frame none are added. New sensors get nodes and switches first."""
         for handle in self.shown:
             handle.remove()
         self.shown = []
@@ -145,9 +150,11 @@ class LiveView:
                     self._add_sensor(name)
             style = replace(self.style, colourings=(self.colouring,))
             self.shown = add_sample(self.server.scene, self._drawn, style)
+        # nodes above the points of one sensor in one colouring
         for number in range(len(self.style.sensors)):
             for colouring in self.style.colourings:
-                self.groups[f"/sensors/{number}/{colouring}"].visible = colouring == self.colouring
+                group = self.groups[f"/sensors/{number}/{colouring}"]
+                group.visible = colouring == self.colouring
 
     def _add_sensor(self, name: str) -> None:
         """Add nodes and a switch for a sensor that earlier frames did not have."""
@@ -158,8 +165,11 @@ class LiveView:
         self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
 
     def _add_slider(self) -> None:
-        # Add a slider of frames, and a button for the next frame, after the last the first.
-        slider: scene.Handle = self.server.gui.add_slider("Frame", 0, len(self.samples) - 1, 1, 0)
+        """Add a slider of frames, and a button for the next frame, after the last the first."""
+        last = len(self.samples) - 1
+        slider: scene.Handle = self.server.gui.add_slider(
+            "Frame", min=0, max=last, step=1, initial_value=0
+        )
         self.switches["frame"] = slider
         slider.on_update(lambda _: self.show(int(slider.value)))
 
@@ -169,9 +179,11 @@ class LiveView:
         self.server.gui.add_button("Next frame").on_click(go_on)
 
     def _add_switch(self, folder: scene.Handle, name: str, nodes: list[str]) -> None:
-        # Add a checkbox that shows or hides nodes (paths), registered under its name.
+        """Add a checkbox that shows or hides nodes, and register it under its name.
+
+        folder: part of the page for the checkbox; nodes: paths of nodes in the scene."""
         with folder:
-            switch = self.server.gui.add_checkbox(name, True)
+            switch = self.server.gui.add_checkbox(name, initial_value=True)
         self.switches[name] = switch
 
         def apply(_: scene.Handle) -> None:
@@ -179,6 +191,11 @@ class LiveView:
                 self.groups[node].visible = bool(switch.value)
 
         switch.on_update(apply)
+
+
+def _escape_markdown(text: str) -> str:
+    # Markdown that shows any characters literally
+    return "".join(f"\\{letter}" if letter in MARKDOWN_SIGNS else letter for letter in text)
 
 
 def view_live(
@@ -191,7 +208,7 @@ def view_live(
     errors of reading the first frame."""
     if not 1 <= port < 2**16:
         raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {PORT}")
-    token = secrets.token_urlsafe(16)
+    token = secrets.token_urlsafe(16)  # 16 random bytes as text
     with scene.viser_server(port, token) as server:
         LiveView(server, samples, drawing)
         ready(f"http://127.0.0.1:{server.get_port()}/{token}/")

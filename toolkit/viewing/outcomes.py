@@ -32,28 +32,30 @@ def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detection
     are left out. Every detection is a hit, a false alarm or ignored: beyond the area or the
     complete labels, or on an object that does not count. The second label of an object is a false
     alarm."""
-    by_outcome: dict[Marked, dict[str, Detections]] = {name: {} for name in MARKED}
     if not len(detected.frame.objects):
         return {}
     truth = select_truth(detected.frame, detected.stand.corners)
     detections = detected.detections
-    outside = ~truth.inside(detected.detections)
+    is_outside = ~truth.inside(detected.detections)
     match_class = partial(
-        matches, detections, truth.objects, counted=truth.counted, outside=outside
+        matches, detections, truth.objects, counted=truth.counted, outside=is_outside
     )
-    second = second_labels(detections, truth.objects, counted=truth.counted, outside=outside)
+    is_second = second_labels(detections, truth.objects, counted=truth.counted, outside=is_outside)
+    boxes_by_part: dict[Marked, dict[str, Detections]] = {part: {} for part in MARKED}
     for label, name in enumerate(LABELS):
-        # one threshold gives one match
-        (what,) = match_class([TRUE_IOU[label]], label=label)
-        of_class = detections.labels == label
-        false = (~what.ignored & (what.truth < 0)) | (second & of_class)
-        missed = truth.objects[what.scored & ~what.hit]
-        rows: dict[Marked, Detections] = {
-            "hits": detections[~what.ignored & (what.truth >= 0)],
-            "missed": Detections(missed.boxes, np.full(len(missed), np.nan), missed.labels),
-            "false alarms": detections[false],
-            "ignored": detections[what.ignored & of_class & ~second],
+        # one threshold gives one match; its `truth` is negative for a detection without an object
+        (match,) = match_class([TRUE_IOU[label]], label=label)
+        is_of_class = detections.labels == label
+        is_false = (~match.ignored & (match.truth < 0)) | (is_second & is_of_class)
+        missed = truth.objects[match.scored & ~match.hit]
+        no_scores = np.full(len(missed), np.nan)
+        class_boxes: dict[Marked, Detections] = {
+            "hits": detections[~match.ignored & (match.truth >= 0)],
+            "missed": Detections(missed.boxes, no_scores, missed.labels),
+            "false alarms": detections[is_false],
+            "ignored": detections[match.ignored & is_of_class & ~is_second],
         }
-        for outcome, so_far in by_outcome.items():
-            so_far |= {name: rows[outcome]} if len(rows[outcome]) else {}
-    return by_outcome
+        for part, boxes in class_boxes.items():
+            if len(boxes):
+                boxes_by_part[part][name] = boxes
+    return boxes_by_part

@@ -87,28 +87,29 @@ def page_content(
     sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
     max_cloud_points = max(max_points // max(len(sizes), 1), 1)
     style = SceneStyle(
-        list_sensors(samples),
-        list_colourings(samples),
-        Scales.of(samples[0]),
-        max_cloud_points,
-        "float16",
+        sensors=list_sensors(samples),
+        colourings=list_colourings(samples),
+        scales=Scales.of(samples[0]),
+        max_points=max_cloud_points,
+        precision="float16",
     )
     area = find_view_area(samples[0])
-    nodes: list[tuple[str, ...]] = []
+    frame_nodes: list[tuple[str, ...]] = []
     with scene.viser_server() as server:
         add_grid(server.scene, area)
         add_groups(server.scene, style)
         for frame, sample in enumerate(samples):
             handles = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
-            nodes.append(tuple(handle.name for handle in handles))
-        scene.set_view(server, *scene.overview(area))
+            frame_nodes.append(tuple(handle.name for handle in handles))
+        position, look_at = scene.overview(area)
+        scene.set_view(server, position, look_at)
         html = scene.scene_html(server)
     return PageContent(
         title=title,
         html=html,
         switches=tuple(_list_switches(samples, style)),
         colourings=tuple(_list_colour_switches(style)),
-        frames=tuple(nodes),
+        frames=tuple(frame_nodes),
         names=tuple(sample.describe() for sample in samples),
         points=sum(sizes),
         drawn=sum(min(size, max_cloud_points) for size in sizes),
@@ -123,12 +124,14 @@ def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Sw
     for k, name in enumerate(style.sensors):
         switches.append(Switch(name, f"/sensors/{k}", sensor_colour(k)))
     has_outcomes = any(sample.outcomes for sample in samples)
-    all_scored = all(sample.outcomes for sample in samples)
+    all_have_outcomes = all(sample.outcomes for sample in samples)
     for group, colour in BOXES.items():
-        if group != "detections" or not all_scored:
+        if group != "detections" or not all_have_outcomes:
             switches.append(Switch(group, f"/{group}", colour))
-    for marked, outcome in MARKED.items() if has_outcomes else ():
-        switches.append(Switch(marked, f"/{OUTCOME_NODES[marked]}", OUTCOME[outcome].colour))
+    if has_outcomes:
+        # `MARKED` gives the style of each part of the scene that holds one outcome
+        for part, outcome in MARKED.items():
+            switches.append(Switch(part, f"/{OUTCOME_NODES[part]}", OUTCOME[outcome].colour))
     if any(sample.tags for sample in samples):
         switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
     present_kinds = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}

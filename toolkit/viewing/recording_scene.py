@@ -85,27 +85,26 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     """Add the empty nodes above all others (sensors, groups and kinds of boxes).
 
     Returns a handle for each, with which its part of the scene is shown or hidden."""
-    groups = (*_LINES, TAGS)
-    names = ["/sensors", *(f"/{group}" for group in groups)]
-    names += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
-    handles = [api.add_frame(name, show_axes=False) for name in names]
-    return handles + [
-        handle for number in range(len(style.sensors)) for handle in add_sensor(api, style, number)
-    ]
+    groups = (*_LINES, TAGS)  # names of nodes such as "truth", "hits" and "tags"
+    nodes = ["/sensors", *(f"/{group}" for group in groups)]
+    nodes += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
+    handles = [api.add_frame(node, show_axes=False) for node in nodes]
+    for number in range(len(style.sensors)):
+        handles += add_sensor(api, style, number)
+    return handles
 
 
 def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Handle]:
     """Add the empty nodes above all nodes of one sensor, and return their handles.
 
     number: index of the sensor in the style. Only the first colouring is visible."""
-    nodes = {f"/sensors/{number}": True, f"/sensors/{number}/place": True}
-    nodes |= {
-        f"/sensors/{number}/{colouring}": colouring == style.colourings[0]
-        for colouring in style.colourings
-    }
-    return [
-        api.add_frame(node, show_axes=False, visible=visible) for node, visible in nodes.items()
-    ]
+    node = f"/sensors/{number}"
+    handles = [api.add_frame(path, show_axes=False) for path in (node, f"{node}/place")]
+    for colouring in style.colourings:
+        is_first = colouring == style.colourings[0]
+        handle = api.add_frame(f"{node}/{colouring}", show_axes=False, visible=is_first)
+        handles.append(handle)
+    return handles
 
 
 def add_sample(
@@ -115,19 +114,21 @@ def add_sample(
 
     frame: number of the frame, the last part of its nodes' names; visible: whether the nodes are
     seen at first. Returns the handles of all its nodes."""
-    newest = drawn.find_newest(sample)
+    newest_time = drawn.find_newest(sample)
     handles: list[scene.Handle] = []
-    for cloud in sample.clouds:
-        number = style.sensors.index(cloud.name)
-        handles.append(_add_place(api, cloud, f"/sensors/{number}/place/{frame}", number, visible))
-        points = drawn.limit_points(cloud, style.max_points)
-        for colouring in style.colourings if len(points.points) else ():
-            colours = shades(points, colouring, style.scales, index=number, newest=newest)
-            node = f"/sensors/{number}/{colouring}/{frame}"
+    for sample_cloud in sample.clouds:
+        number = style.sensors.index(sample_cloud.name)
+        place_node = f"/sensors/{number}/place/{frame}"
+        handles.append(_add_place(api, sample_cloud, place_node, number=number, visible=visible))
+        cloud = drawn.limit_points(sample_cloud, style.max_points)
+        if not len(cloud.points):
+            continue
+        for colouring in style.colourings:
+            colours = shades(cloud, colouring, style.scales, index=number, newest=newest_time)
             handle = scene_parts.add_points(
                 api,
-                node,
-                points.points,
+                f"/sensors/{number}/{colouring}/{frame}",
+                cloud.points,
                 colours,
                 size=SHOWN_POINT_SIZE,
                 visible=visible,
@@ -138,44 +139,46 @@ def add_sample(
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
         look = scene.Look(position=tag.place, anchor="bottom-center", visible=visible)
         handles.append(api.add_label(node, tag.text, **look))
-    return handles + _add_boxes(api, sample, frame, visible)
+    return handles + _add_boxes(api, sample, frame=frame, visible=visible)
 
 
 def _add_place(
-    api: "SceneApi", cloud: drawn.DrawnCloud, node: str, number: int, visible: bool
+    api: "SceneApi", cloud: drawn.DrawnCloud, node: str, *, number: int, visible: bool
 ) -> scene.Handle:
     """Add the housing and the name of a sensor, and return the handle of the node above both.
 
     node: path of that node; number: index of the sensor, which gives its colour."""
     x, y, z = cloud.place.tolist()
     handle = api.add_frame(node, show_axes=False, visible=visible)
-    housing = box((0.4, 0.4, 0.4), (x, y, z))
+    housing = box(size=(0.4, 0.4, 0.4), centre=(x, y, z))  # m
     scene_parts.add_mesh(api, f"{node}/housing", housing, sensor_colour(number))
     api.add_label(f"{node}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
     return handle
 
 
 def _add_boxes(
-    api: "SceneApi", sample: DrawnSample, frame: int, visible: bool
+    api: "SceneApi", sample: DrawnSample, *, frame: int, visible: bool
 ) -> list[scene.Handle]:
     """Add labelled boxes, and outcomes or, if unknown, detections; return the handles.
 
-    frame: number of the frame, the last part of the nodes' names."""
+    frame: number of the frame, the last part of the nodes' names; visible: whether the nodes are
+    seen at first."""
+    # name of the node above, colour, and boxes by the name of their class
     groups = [("truth", BOXES["truth"], sample.truth)]
     if not sample.outcomes:
         groups.append(("detections", BOXES["detections"], sample.detections))
     for name, boxes_by_kind in sample.outcomes.items():
         groups.append((OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes_by_kind))
     handles = []
-    for group, colour, by_kind in groups:
-        width, make_lines = _LINES[group]
-        for kind, boxes in by_kind.items():
+    for group, colour, boxes_by_kind in groups:
+        width_px, make_lines = _LINES[group]
+        for kind, boxes in boxes_by_kind.items():
             segments = np.concatenate(make_lines(boxes))
             node = f"/{group}/{kind}/{frame}"
             handle = scene_parts.add_lines(
-                api, node, segments, colour, width=width, visible=visible
+                api, node, segments, colour, width=width_px, visible=visible
             )
-            if handle is not None:
+            if handle is not None:  # None without segments
                 handles.append(handle)
     return handles
 
@@ -184,7 +187,8 @@ def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
     """Paths of the nodes above all boxes and tags of one kind.
 
     kind: one of `BOX_KINDS`; outcomes: whether to include the nodes of outcomes."""
-    return [f"/{group}/{kind}" for group in ((*_LINES, TAGS) if outcomes else (*BOXES, TAGS))]
+    groups = _LINES if outcomes else BOXES
+    return [f"/{group}/{kind}" for group in (*groups, TAGS)]
 
 
 def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.Handle:
@@ -193,9 +197,9 @@ def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.
     colours = scene.Look(cell_color=scene.rgb(_GRID_COLOUR), section_color=scene.rgb(_GRID_COLOUR))
     sizes = scene.Look(width=xmax - xmin, height=ymax - ymin, cell_size=10.0, section_size=10.0)
     middle = ((xmin + xmax) / 2, (ymin + ymax) / 2, -0.02)  # 2 cm below points on the ground
-    far = 10.0 * max(xmax - xmin, ymax - ymin)
+    fade_distance = 10.0 * max(xmax - xmin, ymax - ymin)
     return api.add_grid(
-        GRID_NODE, plane="xy", position=middle, fade_distance=far, **sizes, **colours
+        GRID_NODE, plane="xy", position=middle, fade_distance=fade_distance, **sizes, **colours
     )
 
 
@@ -204,19 +208,21 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
 
     Returns xmin, ymin, xmax, ymax (m), extended to multiples of 10 m; each side is at least 20
     m."""
+    # arrays of places that the area must hold; rows are x, y (m)
     places = [np.zeros((0, 2))]
     for cloud in sample.clouds:
         if len(cloud.points):
             xy = cloud.points[:, :2].astype(np.float64)
             places.append(np.percentile(xy, _VIEW_PERCENTILES, axis=0))
-    if len(places) > 1:
+    has_points = len(places) > 1
+    if has_points:
         places += [cloud.place[None, :2] for cloud in sample.clouds]
     else:
-        boxes = (*sample.truth.values(), *sample.detections.values())
-        places += [rows[:, :2] for rows in boxes]
-    points = np.concatenate(places)
-    low = points.min(axis=0) if len(points) else np.zeros(2)
-    high = points.max(axis=0) if len(points) else np.zeros(2)
+        kinds = (*sample.truth.values(), *sample.detections.values())
+        places += [boxes[:, :2] for boxes in kinds]
+    all_places = np.concatenate(places)
+    low = all_places.min(axis=0) if len(all_places) else np.zeros(2)
+    high = all_places.max(axis=0) if len(all_places) else np.zeros(2)
     margin = np.maximum(_MIN_AREA_M - (high - low), 0.0) / 2
     xmin, ymin = (10 * np.floor((low - margin) / 10)).tolist()
     xmax, ymax = (10 * np.ceil((high + margin) / 10)).tolist()

@@ -91,17 +91,25 @@ def _serve_guarded(
     sees the path without the token. A socket must come from a page of this machine."""
 
     def guard(connection: Handle, request: Handle) -> Handle:
+        """Answer a request with an error, or let viser's `process_request` answer it.
+
+        A request needs the secret `token` in its path; viser gets the path without it. Pages get
+        our script. connection, request: of websockets; the request is changed in place."""
         path_token, _, page_path = request.path.removeprefix("/").partition("/")
+        # a comparison whose duration does not depend on the token
         if not token or not secrets.compare_digest(path_token.encode(), token.encode()):
             return connection.respond(403, "open the whole address that coview prints\n")
-        if "Upgrade" in request.headers and not _LOCAL.fullmatch(request.headers.get("Origin", "")):
+        opens_socket = "Upgrade" in request.headers
+        origin = request.headers.get("Origin", "")
+        if opens_socket and not _LOCAL.fullmatch(origin):  # not a page of this machine
             return connection.respond(403, "open the viewer in a browser of this machine\n")
         request.path = f"/{page_path}"
-        request.headers.pop("Accept-Encoding", None)  # a page that comes plain can be added to
+        # uncompressed, so that a script can be inserted into the page
+        request.headers.pop("Accept-Encoding", None)
         answer = process_request(connection, request)
         if answer is not None and answer.headers.get("Content-Type", "").startswith("text/html"):
-            answer.body = _with_head(answer.body.decode(), "prompt.js").encode()
-            del answer.headers["Content-Length"]
+            answer.body = _insert_script(answer.body.decode(), "prompt.js").encode()
+            del answer.headers["Content-Length"]  # setting it would add a second one
             answer.headers["Content-Length"] = str(len(answer.body))
         return answer
 
@@ -114,10 +122,11 @@ def set_view(
     """Set the camera with which the scene opens.
 
     position: x, y, z of the camera (m); look_at: x, y, z of the point at which it looks (m)."""
-    server.initial_camera.position = np.array(position)
-    server.initial_camera.look_at = np.array(look_at)
-    server.initial_camera.fov = VERTICAL_FOV
-    server.initial_camera.near = 0.5
+    camera = server.initial_camera
+    camera.position = np.array(position)
+    camera.look_at = np.array(look_at)
+    camera.fov = VERTICAL_FOV
+    camera.near = 0.5  # m; nothing nearer to the camera is drawn
 
 
 def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tuple[Spot, Spot]:
@@ -128,7 +137,9 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
     x = (xmin + xmax) / 2
     y = (ymin + ymax) / 2
     size = max(xmax - xmin, ymax - ymin)
-    return (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size), (x, y, height)
+    # a little west of the middle, well south of it and above it
+    position = (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size)
+    return position, (x, y, height)
 
 
 def scene_html(server: "ViserServer") -> str:
@@ -137,14 +148,14 @@ def scene_html(server: "ViserServer") -> str:
     It reports when it is ready, and switches nodes by messages."""
     # the last node: the page is ready when the viewer has it, see control.js
     server.scene.add_frame("/end", show_axes=False)
-    return _with_head(server.get_scene_serializer().as_html(), "control.js")
+    return _insert_script(server.get_scene_serializer().as_html(), "control.js")
 
 
-def _with_head(html: str, script: str) -> str:
+def _insert_script(html: str, script_name: str) -> str:
     """Insert a script into the viewer's page, and hide its notes on software rendering.
 
-    html: the page; script: name of a file of this folder."""
+    html: the page; script_name: name of a file of this folder."""
     head_end = html.index("</head>")
-    ours = (FOLDER / script).read_text(encoding="utf-8")
+    script = (FOLDER / script_name).read_text(encoding="utf-8")
     style = "<style>.mantine-Notification-root{display:none!important}</style>"
-    return f"{html[:head_end]}{style}<script>\n{ours}</script>{html[head_end:]}"
+    return f"{html[:head_end]}{style}<script>\n{script}</script>{html[head_end:]}"

@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64, Shaped, UInt8
 from toolkit.mesh import Mesh
-from toolkit.viewing.scene import Look, rgb
+from toolkit.viewing.scene import rgb
 
 if TYPE_CHECKING:
     from viser import LineSegmentsHandle, PointCloudHandle, SceneApi
@@ -17,14 +17,21 @@ def add_mesh(
 ) -> None:
     """Add a mesh of one colour, without shadows and seen from both sides, if it has triangles.
 
-    name: path of its node; colour: #rrggbb; opacity: 0 to 1, None for opaque."""
-    if len(mesh.triangles):
-        parts = (mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
-        shadows = ("cast", "receive")
-        plain: Look = {f"{kind}_shadow": False for kind in shadows} | {"side": "double"}
-        api.add_mesh_simple(
-            name, *parts, color=rgb(colour), opacity=opacity, flat_shading=True, **plain
-        )
+    api: scene of viser; name: path of its node; colour: #rrggbb; opacity: 0 to 1, None for
+    opaque."""
+    if not len(mesh.triangles):
+        return
+    api.add_mesh_simple(
+        name,
+        vertices=mesh.vertices.astype(np.float32),
+        faces=mesh.triangles.astype(np.uint32),
+        color=rgb(colour),
+        opacity=opacity,
+        flat_shading=True,
+        cast_shadow=False,
+        receive_shadow=False,
+        side="double",
+    )
 
 
 def add_lines(
@@ -44,8 +51,8 @@ def add_lines(
         return None
     return api.add_line_segments(
         name,
-        segments.astype(np.float32),
-        rgb(colour),
+        points=segments.astype(np.float32),
+        colors=rgb(colour),
         thickness=width,
         thickness_units="screen",
         visible=visible,
@@ -69,8 +76,8 @@ def add_points(
     as large, in steps of 3 cm beyond 32 m."""
     return api.add_point_cloud(
         name,
-        points,
-        colour,
+        points=points,
+        colors=colour,
         point_size=size,
         point_shading="flat",
         precision=precision,

@@ -45,21 +45,25 @@ def write_still(
     title: first line above the map, the frame's name when empty; colouring: colouring of points;
     sensors: names in the order of their colours, the frame's when empty; half: half the width and
     height (m) of a map around the origin; None for the area with most points."""
-    order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
+    sensor_order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
     scales = Scales.of(sample)
     subtitle = f"{sample.describe()}; points by {scales.describe(colouring)}"
+    if half is None:
+        area = find_view_area(sample)
+    else:
+        half_width, half_height = half
+        area = (-half_width, -half_height, half_width, half_height)
     with house_style():
-        figure, axes = _make_sheet(
-            find_view_area(sample) if half is None else (-half[0], -half[1], *half)
-        )
-        _draw_clouds(axes, sample, order, colouring, scales)
+        figure, axes = _make_sheet(area)
+        _draw_clouds(axes, sample, sensor_order, colouring, scales)
         entries = [*_draw_labels(axes, sample), *_draw_outcomes(axes, sample)]
         _draw_tags(axes, sample.tags)
-        entries += _draw_sensors(axes, sample, order)
+        entries += _draw_sensors(axes, sample, sensor_order)
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
         axes.set_title(shorten(subtitle, 180), fontsize=7.5)
         if entries:
-            figure.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=4)
+            handles, labels = zip(*entries, strict=True)
+            figure.legend(handles, labels, loc="outside lower center", ncols=4)
         write_figure(figure, out)
 
 
@@ -69,6 +73,7 @@ def _make_sheet(area: tuple[float, float, float, float]) -> tuple["Figure", "Axe
     width = xmax - xmin
     height = ymax - ymin
     scale = _INCHES / max(width, height)  # inches per metre
+    # inches, with room for labels, titles and legend
     figure = blank_figure(width * scale + 1.2, height * scale + 2.0, constrained=True)
     axes = figure.add_subplot()
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xlabel="x (m)", ylabel="y (m)")
@@ -79,16 +84,21 @@ def _make_sheet(area: tuple[float, float, float, float]) -> tuple["Figure", "Axe
 
 
 def _draw_clouds(
-    axes: "Axes", sample: drawn.DrawnSample, order: list[str], colouring: Colouring, scales: Scales
+    axes: "Axes",
+    sample: drawn.DrawnSample,
+    sensor_order: list[str],
+    colouring: Colouring,
+    scales: Scales,
 ) -> None:
-    """Draw the points of all sensors.
+    """Draw the points of all sensors, at most `STILL_POINTS` of each.
 
-    order: names of sensors in the order of their colours; scales: ranges of the colours."""
-    newest = drawn.find_newest(sample)
+    sensor_order: names of sensors in the order of their colours; scales: ranges of the colours."""
+    newest_time = drawn.find_newest(sample)
     for sample_cloud in sample.clouds:
         cloud = drawn.limit_points(sample_cloud, STILL_POINTS)
-        index = order.index(cloud.name)
-        colours = shades(cloud, colouring, scales, index=index, newest=newest) / 255.0
+        index = sensor_order.index(cloud.name)
+        # red, green and blue from 0 to 1
+        colours = shades(cloud, colouring, scales, index=index, newest=newest_time) / 255.0
         x, y, _ = cloud.points.T
         axes.scatter(x, y, s=_POINT_AREA, c=colours, linewidths=0, rasterized=True, zorder=3)
 
@@ -97,23 +107,23 @@ def _draw_labels(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
     """Draw labelled boxes as outlines, and return a legend entry, or none without boxes."""
     from matplotlib.patches import Patch
 
-    labels = _join_kinds(sample.truth)
-    for corners in footprints(labels):
+    boxes = _join_kinds(sample.truth)
+    for corners in footprints(boxes):
         axes.fill(*corners.T, facecolor="none", edgecolor=FAINT, linewidth=1.0, zorder=3.6)
-    if not len(labels):
+    if not len(boxes):
         return []
-    return [(Patch(facecolor="none", edgecolor=FAINT), f"labelled ({len(labels)})")]
+    return [(Patch(facecolor="none", edgecolor=FAINT), f"labelled ({len(boxes)})")]
 
 
 def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
     """Draw boxes by outcome, or all detections if outcomes are unknown; return legend entries."""
-    rows: dict[Outcome, np.ndarray] = {
-        MARKED[name]: _join_kinds(boxes) for name, boxes in sample.outcomes.items()
+    boxes_by_outcome: dict[Outcome, np.ndarray] = {
+        MARKED[part]: _join_kinds(boxes_by_kind) for part, boxes_by_kind in sample.outcomes.items()
     }
-    if not rows and sample.detections:
-        rows = {"detection": _join_kinds(sample.detections)}
+    if not boxes_by_outcome and sample.detections:
+        boxes_by_outcome = {"detection": _join_kinds(sample.detections)}
     entries = []
-    for outcome, boxes in rows.items():
+    for outcome, boxes in boxes_by_outcome.items():
         draw_outcome(axes, boxes, outcome)
         entries.append(outcome_entry(outcome, f"{outcome} ({len(boxes)})"))
     return entries
@@ -127,25 +137,28 @@ def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
             "fontsize": 6.5,
             "clip_on": True,
             "zorder": 5.5,
+            "bbox": {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4},
         }
-        look["bbox"] = {"facecolor": PAPER_WHITE, "edgecolor": "none", "alpha": 0.7, "pad": 0.4}
-        place = tag.place[:2]
-        axes.annotate(tag.text, place, (0, 7), textcoords="offset points", ha="center", **look)
+        xy = tag.place[:2]
+        axes.annotate(
+            tag.text, xy=xy, xytext=(0, 7), textcoords="offset points", ha="center", **look
+        )
 
 
-def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, order: list[str]) -> list[Entry]:
+def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, sensor_order: list[str]) -> list[Entry]:
     """Draw sensors as squares, and return their legend entries.
 
-    order: names of sensors in the order of their colours; all of them have an entry."""
+    sensor_order: names of sensors in the order of their colours; all of them have an entry."""
     from matplotlib.lines import Line2D
 
+    look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}
     for cloud in sample.clouds:
-        colour = sensor_colour(order.index(cloud.name))
-        look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}
-        axes.plot(*cloud.place[:2], "s", color=colour, **look)
+        colour = sensor_colour(sensor_order.index(cloud.name))
+        x, y = cloud.place[:2]
+        axes.plot(x, y, "s", color=colour, **look)
     mark: PlotStyle = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
     entries: list[Entry] = []
-    for k, name in enumerate(order):
+    for k, name in enumerate(sensor_order):
         entries.append((Line2D([], [], color=sensor_colour(k), **mark), shorten(name, 30)))
     return entries
 
@@ -177,11 +190,18 @@ def draw_boxes(rows: Objects | Detections, out: str | Path) -> None:
     """Draw labelled or detected boxes from above, without points.
 
     out: picture to write, PNG or SVG by its ending."""
-    kinds = drawn.sort_kinds(rows.boxes, rows.labels)
-    truth, detections = ({}, kinds) if isinstance(rows, Detections) else (kinds, {})
-    write_still(drawn.DrawnSample("boxes", np.nan, (), truth, detections), out)
+    boxes_by_kind = drawn.sort_kinds(rows.boxes, rows.labels)
+    is_detected = isinstance(rows, Detections)
+    sample = drawn.DrawnSample(
+        name="boxes",
+        time=np.nan,
+        clouds=(),
+        truth={} if is_detected else boxes_by_kind,
+        detections=boxes_by_kind if is_detected else {},
+    )
+    write_still(sample, out)
 
 
-def _join_kinds(boxes: drawn.BoxesByKind) -> np.ndarray:
+def _join_kinds(boxes_by_kind: drawn.BoxesByKind) -> np.ndarray:
     """Join the boxes of all kinds into one (n, 7) array."""
-    return np.concatenate([np.zeros((0, 7)), *boxes.values()])
+    return np.concatenate([np.zeros((0, 7)), *boxes_by_kind.values()])

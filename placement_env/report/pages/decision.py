@@ -67,46 +67,55 @@ def decision_section(plan: content.Plan, site: Site, ground: GroundGrid | None) 
         if not plan.verdict.reasons:
             return build_content(plan.verdict.sentence)
         return build_content(plan.verdict.sentence, Bullets(plan.verdict.reasons))
+    # lines of the summary in their order, None for a line that is left out
     facts = [_describe_requirement(plan)]
     facts += _describe_classes(plan)
-    facts += [_describe_blind(plan), _describe_failure(plan), _describe_links(plan)]
+    facts += [_describe_blind_lanes(plan), _describe_failure(plan), _describe_links(plan)]
     facts += _describe_confidence(plan, chosen_option)
-    facts += [_describe_drawn(plan), _describe_price(plan), _describe_next(plan, chosen_option)]
+    facts += [
+        _describe_drawn_things(plan),
+        _describe_other_costs(plan),
+        _describe_next_steps(plan, chosen_option),
+    ]
     return build_content(
         _describe_build(plan, chosen_option),
         Facts(tuple(filter(None, facts))),
         _draw_plan_view(plan, chosen_option, site, ground),
-        Paragraph(_explain(plan)),
+        Paragraph(_explain_figures(plan)),
     )
 
 
 def _draw_plan_view(
     plan: content.Plan, chosen_option: content.PlanOption, site: Site, ground: GroundGrid | None
 ) -> PageDrawing:
+    """Draw the map of the sensors and their poles, with its caption and text for screen readers.
+
+    site: site with the chosen sensors; ground: ground that they see, None if unknown."""
     # only poles that the site has can be drawn
-    mounts = {mount.name for mount in site.mounts}
-    poles = [name for name in _poles(plan) if name in mounts]
-    free_poles = [name for name in plan.poles_unused if name in mounts]
+    site_poles = {mount.name for mount in site.mounts}
+    poles = [name for name in _list_poles(plan) if name in site_poles]
+    free_poles = [name for name in plan.poles_unused if name in site_poles]
     stay = "stays" if len(plan.poles_unused) == 1 else "stay"
     caption = (
         f"{describe_count(len(plan.sensors), 'sensor')} on "
-        f"{describe_count(len(_poles(plan)), 'pole')}; "
+        f"{describe_count(len(_list_poles(plan)), 'pole')}; "
         f"{describe_count(len(plan.poles_unused), 'pole')} that could carry one {stay} free."
     )
     alt = (
         f"The site from above with the sensors {join_names(chosen_option.sensors)}, their poles, "
         "and the ground each sees"
     )
-    return PageDrawing(plan_view(site, site.sensors, poles, free_poles, ground), caption, alt)
+    svg = plan_view(site, site.sensors, poles=poles, poles_unused=free_poles, ground=ground)
+    return PageDrawing(svg, caption, alt)
 
 
-def _poles(plan: content.Plan) -> list[str]:
-    # poles in use, in the order of their first sensors
+def _list_poles(plan: content.Plan) -> list[str]:
+    """List the poles in use, in the order of their first sensors."""
     return list(dict.fromkeys(sensor.pole for sensor in plan.sensors))
 
 
 def count_sensors(count: int, model: str) -> str:
-    """Write a number of sensors of a model. Kinds have a plural; names of products do not.
+    """Write a number of sensors of a model. Kinds of sensors have a plural; products do not.
 
     >>> count_sensors(2, "depth-camera"), count_sensors(2, "Ouster OS1")
     ('2 depth cameras', '2 × Ouster OS1')
@@ -117,19 +126,22 @@ def count_sensors(count: int, model: str) -> str:
 
 
 def _describe_build(plan: content.Plan, option: content.PlanOption) -> str:
-    # the conclusion of the page: models, poles, price and limits
-    models = Counter(sensor.model for sensor in plan.sensors)
-    counted_models = join_names([count_sensors(count, model) for model, count in models.items()])
-    poles = _poles(plan)
-    on_poles = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
+    """Return the conclusion of the page: models to build, poles, price and limits.
+
+    Links that are too narrow are named first. option: the chosen set."""
+    model_counts = Counter(sensor.model for sensor in plan.sensors)
+    models_text = join_names([count_sensors(count, name) for name, count in model_counts.items()])
+    poles = _list_poles(plan)
+    poles_text = f"on {'pole' if len(poles) == 1 else 'poles'} {join_names(poles)}"
     if len(poles) < len(plan.sensors):
-        on_poles = f"on {describe_count(len(poles), 'pole')}: {join_names(poles)}"
+        poles_text = f"on {describe_count(len(poles), 'pole')}: {join_names(poles)}"
     cost = describe_money(option.price, plan.currency)
     if not plan.currency:
+        # "The price is" comes before it, so "price" must not be repeated
         cost = cost.replace("the price", "that", 1)
     limits = _describe_limits(plan)
     more_money = _compare_with_best(plan, option)
-    answer = f"Build {counted_models} {on_poles}. The price is {cost}.{limits}{more_money}"
+    answer = f"Build {models_text} {poles_text}. The price is {cost}.{limits}{more_money}"
     narrow_links = describe_narrow_links(plan.links, plan.link_share)
     if narrow_links:
         return f"{narrow_links} With wider links: {answer[0].lower()}{answer[1:]}"
@@ -148,9 +160,9 @@ def _describe_limits(plan: content.Plan) -> str:
     if isinstance(max_sensors, int):
         limits.append(f"at most {describe_count(max_sensors, 'sensor')}")
     text = f" Allowed were {' and '.join(limits)}." if limits else ""
-    keep = plan.question.get("keep")
-    if isinstance(keep, list) and keep:
-        text += f" {join_names(keep)} had to carry a sensor, as asked."
+    kept_poles = plan.question.get("keep")
+    if isinstance(kept_poles, list) and kept_poles:
+        text += f" {join_names(kept_poles)} had to carry a sensor, as asked."
     return text
 
 
@@ -170,41 +182,40 @@ def _compare_with_best(plan: content.Plan, option: content.PlanOption) -> str:
 
 
 def _describe_requirement(plan: content.Plan) -> Fact | None:
-    # verdict on the required AP, None without a requirement
+    """Return the verdict on the required AP, an alarm if it is not met; None without one."""
     if plan.verdict.met is None:
         return None
-    return Fact(
-        "Asked for",
-        " ".join((plan.verdict.sentence, *plan.verdict.reasons)),
-        alarm=not plan.verdict.met,
-    )
+    text = " ".join((plan.verdict.sentence, *plan.verdict.reasons))
+    return Fact("Asked for", text, alarm=not plan.verdict.met)
 
 
 def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
     """Describe what is found of each class that counts, and name other classes in an alarm.
 
     Empty if no class was judged."""
-    lines = [f"{_count_found(row)}." for row in plan.class_ap if row.weight]
-    if not lines:
+    # a class that does not count has the weight 0
+    counted_texts = [f"{_describe_hits(row)}." for row in plan.class_ap if row.weight]
+    if not counted_texts:
         return ()
-    lines.append("A road user counts once in every frame in which it is in the area.")
-    judged = {row.label for row in plan.class_ap}
-    uncounted = [_count_found(row) for row in plan.class_ap if not row.weight]
-    unknown_rows = [row for row in plan.by_class if row.objects and row.label not in judged]
-    unknown_classes = [f"{row.objects:,} {PLURALS[row.label]}" for row in unknown_rows]
-    facts = [Fact("Finds", " ".join(lines))]
-    sentences = []
-    if uncounted:
-        sentences.append(f"Also found, but not counted in the choice: {'. '.join(uncounted)}.")
-    if unknown_classes:
-        names = join_names(unknown_classes)
-        sentences.append(f"The detector does not know {names} that crossed the area.")
-    if sentences:
-        facts.append(Fact("Does not count", " ".join(sentences), alarm=True))
+    counted_texts.append("A road user counts once in every frame in which it is in the area.")
+    facts = [Fact("Finds", " ".join(counted_texts))]
+    alarms = []
+    uncounted_texts = [_describe_hits(row) for row in plan.class_ap if not row.weight]
+    if uncounted_texts:
+        uncounted = ". ".join(uncounted_texts)
+        alarms.append(f"Also found, but not counted in the choice: {uncounted}.")
+    judged_labels = {row.label for row in plan.class_ap}
+    unknown_rows = [row for row in plan.by_class if row.objects and row.label not in judged_labels]
+    unknown_texts = [f"{row.objects:,} {PLURALS[row.label]}" for row in unknown_rows]
+    if unknown_texts:
+        names = join_names(unknown_texts)
+        alarms.append(f"The detector does not know {names} that crossed the area.")
+    if alarms:
+        facts.append(Fact("Does not count", " ".join(alarms), alarm=True))
     return tuple(facts)
 
 
-def _count_found(row: content.ClassAP) -> str:
+def _describe_hits(row: content.ClassAP) -> str:
     """Describe in numbers the hits, misses and false reports of one class.
 
     They are computed back from recall and precision, so they are rounded."""
@@ -214,46 +225,57 @@ def _count_found(row: content.ClassAP) -> str:
         f"{hits:,} of {judgement.vehicles:,} {PLURALS[row.label]}; {judgement.vehicles - hits:,} "
         "are missed"
     )
-    if judgement.precision:
+    if judgement.precision:  # neither None nor 0
         false_reports = round(hits / judgement.precision - hits)
         reports_are = "report is" if false_reports == 1 else "reports are"
         text += f", and {false_reports or 'no'} {reports_are} false"
     return text
 
 
-def _describe_blind(plan: content.Plan) -> Fact | None:
-    # lanes that no sensor sees, with the streets that have most
+def _describe_blind_lanes(plan: content.Plan) -> Fact | None:
+    """Describe the lanes that no sensor sees, with the streets that have most of them.
+
+    None if the visible ground is unknown."""
     if plan.ground is None:
         return None
-    streets = list(plan.blind_streets.items())
+    streets = list(plan.blind_streets.items())  # name and area (m²), the largest first
     street_texts = [f"{name} ({area:,.0f} m²)" for name, area in streets[:MAX_STREETS]]
     other_area = sum(area for _, area in streets[MAX_STREETS:])
-    if other_area >= 0.5:
+    if other_area >= 0.5:  # less would be written as 0 m²
         street_texts.append(f"elsewhere ({other_area:,.0f} m²)")
     share = percent(plan.ground.blind_lanes)
-    lanes = f"{share[0].upper()}{share[1:]} of the lanes is out of every sensor's sight"
-    lanes = f"{lanes}: {join_names(street_texts)}." if street_texts else f"{lanes}."
-    return Fact("Blind", f"{lanes} Of all open ground, {percent(plan.ground.blind)} is unseen.")
+    lanes_text = f"{share[0].upper()}{share[1:]} of the lanes is out of every sensor's sight"
+    if street_texts:
+        lanes_text += f": {join_names(street_texts)}"
+    blind_share = percent(plan.ground.blind)
+    return Fact("Blind", f"{lanes_text}. Of all open ground, {blind_share} is unseen.")
 
 
 def _describe_failure(plan: content.Plan) -> Fact:
-    # the failure of one sensor that leaves the lowest recall
+    """Describe the failure of one sensor that leaves the lowest recall.
+
+    A set of one sensor gets an alarm."""
     single_failures = [case for case in plan.failures if len(case.failed) == 1]
     if not single_failures:
         return Fact(
             "One failure", "There is no second sensor: if it fails, nothing is found.", alarm=True
         )
     worst = min(single_failures, key=lambda case: case.judged.recall)
-    still_found = (
-        f"{round(worst.judged.recall * worst.judged.vehicles):,} of {worst.judged.vehicles:,}"
+    hits = round(worst.judged.recall * worst.judged.vehicles)
+    different_recalls = {case.judged.recall for case in single_failures}
+    condition = f"if {worst.failed[0]} fails"
+    if len(different_recalls) == 1:
+        condition = "whichever sensor fails"
+    return Fact(
+        "One failure",
+        f"At worst, {condition}, {hits:,} of {worst.judged.vehicles:,} are still found.",
     )
-    recalls = {case.judged.recall for case in single_failures}
-    case = "whichever sensor fails" if len(recalls) == 1 else f"if {worst.failed[0]} fails"
-    return Fact("One failure", f"At worst, {case}, {still_found} are still found.")
 
 
 def _describe_links(plan: content.Plan) -> Fact | None:
-    # the fullest link, an alarm if any is too narrow; None if nothing is sent
+    """Describe the fullest link of all poles, in an alarm if any is too narrow.
+
+    None if nothing is sent."""
     if not plan.links:
         return None
     narrow_poles = [link.pole for link in plan.links if not link.fits]
@@ -276,7 +298,7 @@ def _describe_links(plan: content.Plan) -> Fact | None:
 
 
 def _describe_cheaper_scheme(plan: content.Plan) -> str:
-    """Name the scheme that sends the least among those as good as the plan's scheme.
+    """Name the fusion scheme that sends the least among the schemes as good as the planned one.
 
     "" if no such scheme sends less than the planned one; otherwise the text begins with a space."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
@@ -285,52 +307,55 @@ def _describe_cheaper_scheme(plan: content.Plan) -> str:
     cheapest = min(good_rows, key=lambda row: row.kbit_per_sensor, default=planned)
     if planned is None or cheapest is None or cheapest.kbit_per_sensor >= planned.kbit_per_sensor:
         return ""
-    kbit_texts = " instead of ".join(
-        number_text(row.kbit_per_sensor, 1) for row in (cheapest, planned)
-    )
-    ap_text = f"AP {cheapest.judged.format_ap()} instead of {planned.judged.format_ap()}"
-    alternative = f" {SENDS[cheapest.scheme]} would do as well: {ap_text}"
+    ap_text = f"{cheapest.judged.format_ap()} instead of {planned.judged.format_ap()}"
+    cheapest_kbit = number_text(cheapest.kbit_per_sensor, 1)
+    planned_kbit = number_text(planned.kbit_per_sensor, 1)
     return (
-        f"{alternative}, for {kbit_texts} kbit per sensor and frame (--scheme {cheapest.scheme})."
+        f" {SENDS[cheapest.scheme]} would do as well: AP {ap_text}, for {cheapest_kbit} instead of "
+        f"{planned_kbit} kbit per sensor and frame (--scheme {cheapest.scheme})."
     )
 
 
 def _describe_confidence(plan: content.Plan, option: content.PlanOption) -> tuple[Fact, ...]:
-    # AP with its interval and certainty, then AP over draws of the sensors' errors
+    """Describe the AP with its interval and certainty, then the AP over draws of sensor errors.
+
+    option: the chosen set. Without draws of errors there is one fact."""
     judgement = option.counted
     if judgement is None:
         return (Fact("How sure", "The detector did not judge this set.", alarm=True),)
     interval = f"{content.CONFIDENCE:.0%} interval {interval_text(judgement)}"
-    lines = [
-        f"AP {judgement.format_ap()}, {'no interval' if math.isnan(judgement.low) else interval}, "
-        f"from {describe_count(judgement.frames, 'frame')} of simulated traffic; nothing was "
+    if math.isnan(judgement.low):
+        interval = "no interval"
+    sentences = [
+        f"AP {judgement.format_ap()}, {interval}, from "
+        f"{describe_count(judgement.frames, 'frame')} of simulated traffic; nothing was "
         "measured on the street.",
-        _say_frames(plan, judgement),
+        _describe_needed_frames(plan, judgement),
     ]
     if plan.confidence is not None:
-        lines.append(
+        sentences.append(
             f"{describe_sureness(plan.confidence)} sure that no other set that was compared, of "
             f"as many sensors, is better by more than {AP_TOLERANCE:g}."
         )
-    lines.append("A recording from the site would test the detector itself.")
+    sentences.append("A recording from the site would test the detector itself.")
     draw_texts = [
         f"Mounted anew {len(draws.aps)} times with errors of profile {draws.profile}, the sensors "
         f"reach AP {plan.format_drawn_ap(draws.mean, draws)} on average; one time in ten it falls "
         f"below {plan.format_drawn_ap(draws.tenth, draws)}."
         for draws in plan.by_draw
     ]
-    how_sure = Fact("How sure", " ".join(filter(None, lines)))
+    certainty = Fact("How sure", " ".join(filter(None, sentences)))  # without empty ones
     if not draw_texts:
-        return (how_sure,)
-    return how_sure, Fact("Mounting", " ".join(draw_texts))
+        return (certainty,)
+    return certainty, Fact("Mounting", " ".join(draw_texts))
 
 
-def _say_frames(plan: content.Plan, judgement: content.Judgement) -> str:
+def _describe_needed_frames(plan: content.Plan, judgement: content.Judgement) -> str:
     """Describe how many frames would narrow the interval to the requested or the usual width.
 
     "" if the interval is narrow enough. judgement: result with the interval."""
-    asked_width = plan.question.get("width")
-    width = asked_width if isinstance(asked_width, float) else DEFAULT_WIDTH_AP
+    question_width = plan.question.get("width")
+    width = question_width if isinstance(question_width, float) else DEFAULT_WIDTH_AP
     interval_width = judgement.high - judgement.low
     if math.isnan(interval_width):
         return f"An interval needs {MIN_BLOCKS * BLOCK_FRAMES} --frames or more."
@@ -340,9 +365,11 @@ def _say_frames(plan: content.Plan, judgement: content.Judgement) -> str:
     return f"Some {frames:,} frames would narrow it to {width:g} (--width {width:g})."
 
 
-def _describe_drawn(plan: content.Plan) -> Fact | None:
-    # the most common things at the site that are in no map, None without any
-    drawn_counts = plan.origins.get("drawn", {})
+def _describe_drawn_things(plan: content.Plan) -> Fact | None:
+    """Describe in an alarm the most common things at the site that are in no map.
+
+    They were drawn at random. None without any."""
+    drawn_counts = plan.origins.get("drawn", {})  # number of things by their kind
     if not drawn_counts:
         return None
     common_kinds = sorted(drawn_counts, key=lambda kind: -drawn_counts[kind])[:MAX_DRAWN_KINDS]
@@ -360,54 +387,65 @@ def _describe_drawn(plan: content.Plan) -> Fact | None:
 def _describe_drawings(plan: content.Plan) -> str:
     """Describe in how many drawings of the unknown things each pole would be in the answer.
 
-    For one drawing, the text names the option that draws more."""
+    If the site was drawn only once, the text names the option that draws more."""
     if not plan.by_drawing:
         return "With --drawings 3 the plan says which poles depend on them."
-    count = len(plan.by_drawing)
+    drawing_count = len(plan.by_drawing)
     judgements = [drawing.judged for drawing in plan.by_drawing]
     lowest = min(judgements, key=lambda judgement: judgement.ap)
     highest = max(judgements, key=lambda judgement: judgement.ap)
-    pole_counts = []
-    for pole in _poles(plan):
-        drawings = sum(pole in drawing.poles for drawing in plan.by_drawing)
-        pole_counts.append(f"{pole} in {drawings}")
+    pole_texts = []
+    for pole in _list_poles(plan):
+        # number of drawings at which the answer uses this pole
+        use_count = sum(pole in drawing.poles for drawing in plan.by_drawing)
+        pole_texts.append(f"{pole} in {use_count}")
     return (
-        f"Planned for each of {count} drawings alone, the answer would use "
-        f"{join_names(pole_counts)}. This set has AP {lowest.format_ap()} to "
+        f"Planned for each of {drawing_count} drawings alone, the answer would use "
+        f"{join_names(pole_texts)}. This set has AP {lowest.format_ap()} to "
         f"{highest.format_ap()} at them."
     )
 
 
-def _describe_price(plan: content.Plan) -> Fact:
-    # running costs by the catalogue's rates, and the costs that no rate covers
-    sold = "" if plan.currency else " Sensors cost nothing here, because no catalogue was given."
-    rated = {item.item.split(" ")[0] for item in plan.running}  # names of items begin with a rate
-    missing = join_names([name for name in NOT_PRICED if name not in rated])
-    running = ""
+def _describe_other_costs(plan: content.Plan) -> Fact:
+    """Describe the costs outside the price: amounts of the catalogue's rates, and unknown costs."""
+    sensor_note = ""
+    if not plan.currency:
+        sensor_note = " Sensors cost nothing here, because no catalogue was given."
+    # names of items begin with their rate, such as "power"
+    rate_names = {item.item.split(" ")[0] for item in plan.running}
+    unknown_costs = join_names([name for name in NOT_PRICED if name not in rate_names])
+    rates_text = ""
     if plan.running:
         total = price_text(sum(item.price for item in plan.running), plan.currency)
         items = join_names([item.item for item in plan.running])
-        running = f"Beside it, {total}: {items}. Not known: "
-    text = f"{running}{missing}.{sold}"
+        rates_text = f"Beside it, {total}: {items}. Not known: "
+    text = f"{rates_text}{unknown_costs}.{sensor_note}"
     return Fact("Not in the price", f"{text[0].upper()}{text[1:]}")
 
 
-def _describe_next(plan: content.Plan, option: content.PlanOption) -> Fact:
-    first = plan.order[0].sensor if plan.order else option.sensors[0]
-    counted = {class_ap.label for class_ap in plan.class_ap if class_ap.weight}
-    has_uncounted = any(row.objects for row in plan.by_class if row.label not in counted)
-    plan_again = (
-        "Plan again with --classes for all road users that matter. " if has_uncounted else ""
-    )
+def _describe_next_steps(plan: content.Plan, option: content.PlanOption) -> Fact:
+    """Describe what to do next, first on site.
+
+    If road users of classes that do not count were there, planning again comes first.
+
+    option: the chosen set, whose first sensor is mounted first if no order of building is known."""
+    first_sensor = plan.order[0].sensor if plan.order else option.sensors[0]
+    counted_labels = {class_ap.label for class_ap in plan.class_ap if class_ap.weight}
+    has_uncounted = any(row.objects for row in plan.by_class if row.label not in counted_labels)
+    plan_again = ""
+    if has_uncounted:
+        plan_again = "Plan again with --classes for all road users that matter. "
     return Fact(
         "Next",
-        f"{plan_again}Check the poles, their heights and the view from each on site. Mount {first} "
-        "first, record a day, and hold the detector against it with coview evaluate. To move "
-        "sensors by hand, run: coview live FOLDER, with the folder of this report.",
+        f"{plan_again}Check the poles, their heights and the view from each on site. Mount "
+        f"{first_sensor} first, record a day, and hold the detector against it with coview "
+        "evaluate. To move sensors by hand, run: coview live FOLDER, with the folder of this "
+        "report.",
     )
 
 
-def _explain(plan: content.Plan) -> str:
+def _explain_figures(plan: content.Plan) -> str:
+    """Explain AP, IoU and kbit."""
     return (
         "AP (average precision) rates from 0 to 1 how well road users are found: 1 means that "
         "every one is found and nothing else is reported. IoU (intersection over union) is the "

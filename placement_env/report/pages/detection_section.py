@@ -68,7 +68,9 @@ def _ap_of_pair(pair: tuple[str, content.Judgement]) -> float:
 
 
 def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportBlock, ...]:
-    # chart and table of one breakdown, none without rows; name: "zone", "distance" and so on
+    """Return chart and table of one breakdown of the AP, nothing without rows.
+
+    name: noun for a part, such as "zone" or "distance"."""
     if not rows:
         return ()
     judgements = [(row.name, row.judged) for row in rows if row.judged is not None]
@@ -106,35 +108,42 @@ def _breakdown(name: str, rows: Sequence[content.BreakdownRow]) -> tuple[ReportB
 
 
 def _coverage(plan: content.Plan) -> tuple[ReportBlock, ...]:
-    # share of road users of each class that are covered, and the class covered least
+    """Return a sentence on the class covered least, and a table with the coverage of all classes.
+
+    A class's coverage is the share of its road users with enough points on them."""
     if not plan.by_class:
         return ()
-    covered_rows = [
-        (row, row.share) for row in plan.by_class if row.share is not None and row.objects
-    ]
+    shares = [row.share for row in plan.by_class if row.share is not None and row.objects]
     text = "No road user of any class crossed the site."
-    if covered_rows:
-        lowest_row, share = min(covered_rows, key=lambda pair: pair[1])
+    if shares:
+        lowest_share = min(shares)
+        lowest_row = next(row for row in plan.by_class if row.share == lowest_share and row.objects)
         text = (
-            f"The class covered least is {lowest_row.label}: {percent(share)} of "
+            f"The class covered least is {lowest_row.label}: {percent(lowest_share)} of "
             f"{describe_count(lowest_row.objects, 'road user')} had at least "
             f"{describe_count(lowest_row.least_points, 'point')} on them. These are shares of "
             "coverage, not AP."
         )
-    count_columns = Column("road users", digits=0), Column("points required", digits=0)
+    columns = (
+        *text_columns("Class"),
+        Column("road users", digits=0),
+        Column("points required", digits=0),
+        Column("covered", "%"),
+    )
     rows = [(row.label, row.objects, row.least_points, row.share) for row in plan.by_class]
-    columns = (*text_columns("Class"), *count_columns, Column("covered", "%"))
     return Paragraph(text), *build_table("Coverage by class of road user (not AP)", columns, rows)
 
 
 def _class_ap(plan: content.Plan) -> tuple[ReportBlock, ...]:
-    # AP of each class; one class is no comparison, so it has no table
+    """Return a sentence on the class with the lowest AP, and a table with the AP of all classes.
+
+    One class is no comparison, so nothing comes back for it."""
     if len(plan.class_ap) < 2:
         return ()
-    low = min(plan.class_ap, key=lambda row: row.judged.ap)
+    worst = min(plan.class_ap, key=lambda row: row.judged.ap)
     text = (
-        f"The class detected worst is {low.label}: {ap_text(low.judged)} at IoU "
-        f"{iou_text(low.iou)}."
+        f"The class detected worst is {worst.label}: {ap_text(worst.judged)} at IoU "
+        f"{iou_text(worst.iou)}."
     )
     columns = (*text_columns("Class"), Column("IoU"), Column("weight"), *JUDGED_COLUMNS)
     rows = [

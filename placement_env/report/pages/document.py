@@ -46,7 +46,7 @@ class Column:
 
         Shares become percent if that is the column's unit.
 
-        value: finished cell, text, or number; None, NaN and infinity are undefined."""
+        value: finished cell, text, or number; None, NaN and infinity are undefined numbers."""
         if isinstance(value, Cell):
             return value
         if isinstance(value, str):
@@ -174,5 +174,5 @@ def build_table(
 def _format_row(
     columns: Sequence[Column], row: Sequence[Cell | str | float | None]
 ) -> tuple[Cell, ...]:
-    # one value for each column
+    # row: one value for each column
     return tuple(column.cell(value) for column, value in zip(columns, row, strict=True))

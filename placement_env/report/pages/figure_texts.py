@@ -22,19 +22,23 @@ def percent(share: float | None) -> str:
         return UNDEFINED_MARK
     if 0 < share < 0.01:
         return "under 1%"
-    return "over 99%" if 0.99 < share < 1 else f"{100 * share:.0f}%"
+    if 0.99 < share < 1:
+        return "over 99%"
+    return f"{100 * share:.0f}%"
 
 
 def price_text(price: float, currency: str) -> str:
-    """Format a price, whole or with two decimals.
+    """Format a price with its currency, whole or with two decimals.
 
-    currency: "" for units of one ordinary pole."""
-    text = f"{price:,.{0 if price == round(price) else 2}f}"
+    currency: "" for units of one ordinary pole, which have no zeros at the end."""
+    digits = 0 if price == round(price) else 2
+    text = f"{price:,.{digits}f}"
     if currency:
         return f"{text} {currency}"
     if "." in text:
         text = text.rstrip("0").rstrip(".")
-    return f"{text} unit{'s' * (price != 1)}"
+    unit = "unit" if price == 1 else "units"
+    return f"{text} {unit}"
 
 
 def ap_text(judged: content.Judgement) -> str:

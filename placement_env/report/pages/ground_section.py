@@ -77,15 +77,18 @@ def ground_section(plan: content.Plan, site: Site, ground: GroundGrid | None) ->
 def _describe_density(ground: GroundGrid) -> str:
     """Describe the density of points on the lanes, of all sensors in a frame.
 
-    It has the share of lanes with too few points, and the median of the others."""
+    The sentence states the share of lanes with too few points, and the median of the others."""
     is_lane = ground.lanes & ground.open_ground
     if not is_lane.any():
         return "No lane lies in the area; the density is that of all open ground."
-    density = ground.density.sum(0, dtype=np.float64)[is_lane]
-    dense = density[density >= SPARSE_POINTS_M2]
-    typical = float(np.median(dense)) if len(dense) else None
+    # points per m² of each cell of the lanes, over all sensors
+    density = ground.density.sum(axis=0, dtype=np.float64)[is_lane]
+    is_sparse = density < SPARSE_POINTS_M2
+    sparse_share = percent(float(is_sparse.mean()))
+    other_cells = density[density >= SPARSE_POINTS_M2]
+    median = float(np.median(other_cells)) if len(other_cells) else None
     return (
-        f"{percent(float((density < SPARSE_POINTS_M2).mean()))} of the lanes' ground gets "
+        f"{sparse_share} of the lanes' ground gets "
         f"fewer than {SPARSE_POINTS_M2:g} point per m² in a frame, too few to tell what is "
-        f"there; the other lanes get {number_text(typical, 0)} per m² in the middle case."
+        f"there; the other lanes get {number_text(median, 0)} per m² in the middle case."
     )

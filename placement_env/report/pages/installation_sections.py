@@ -101,7 +101,7 @@ def materials_section(plan: content.Plan) -> Content:
 
 
 def _item_rows(items: Sequence[MaterialItem]) -> list[tuple[str, int, float, float]]:
-    # name, count, price of one, price of all
+    # columns: name, number, price of one, price of all
     return [(item.item, item.count, item.unit_price, item.price) for item in items]
 
 
@@ -170,19 +170,17 @@ def views_section(
         " Its points on vehicles of one moment are green where all sensors together find the "
         "vehicle, else red."
     )
-    views = [
-        PageDrawing(
-            svg,
-            f"{sensor.name}: the empty site, lighter where nearer.{marks_note if moments else ''}",
-            f"Distances that sensor {sensor.name} measures at the empty site",
-        )
-        for sensor, svg in zip(site.sensors, pictures, strict=False)
-    ]
-    count = len(pictures)
-    sensors = len(plan.sensors)
-    which_sensors = (
-        "Each sensor" if count == sensors else f"Each of the first {count} of {sensors} sensors"
-    )
+    if not moments:
+        marks_note = ""
+    views = []
+    # further sensors have no picture
+    for sensor, svg in zip(site.sensors, pictures, strict=False):
+        caption = f"{sensor.name}: the empty site, lighter where nearer.{marks_note}"
+        alt = f"Distances that sensor {sensor.name} measures at the empty site"
+        views.append(PageDrawing(svg, caption, alt))
+    drawn_sensors = "Each sensor"
+    if len(pictures) != len(plan.sensors):
+        drawn_sensors = f"Each of the first {len(pictures)} of {len(plan.sensors)} sensors"
     return build_content(
-        f"{which_sensors} looks at the junction from its pole as drawn here.", *views
+        f"{drawn_sensors} looks at the junction from its pole as drawn here.", *views
     )

@@ -83,10 +83,12 @@ def method_section(plan: content.Plan) -> Content:
     return build_content(conclusion, *blocks, *settings, *origin)
 
 
-def _flatten(provenance: Mapping[str, object], before: str = "") -> Iterator[tuple[str, str]]:
-    # names and texts of all values; before: names of the mappings that hold this one
+def _flatten(provenance: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each value, also of values in mappings inside.
+
+    prefix: names of the mappings that hold this one, which names of values begin with."""
     for name, value in provenance.items():
         if isinstance(value, Mapping) and value:
-            yield from _flatten(value, f"{before}{name}: ")
+            yield from _flatten(value, f"{prefix}{name}: ")
         else:
-            yield f"{before}{name}".replace("_", " "), value_text(value)
+            yield f"{prefix}{name}".replace("_", " "), value_text(value)

@@ -31,7 +31,7 @@ def others_section(plan: content.Plan, chosen_option: content.PlanOption) -> Con
     All figures are from the comparison, on the same traffic.
 
     chosen_option: the chosen set with its figures from the final traffic."""
-    compared_option = _when_compared(plan, chosen_option)
+    compared_option = _find_compared(plan, chosen_option)
     close_options = plan.near_optimal
     front_options = [
         option
@@ -87,10 +87,11 @@ def others_section(plan: content.Plan, chosen_option: content.PlanOption) -> Con
     return build_content(conclusion, *_explain_traffic(plan, chosen_option), drawing, *sets)
 
 
-def _when_compared(plan: content.Plan, chosen_option: content.PlanOption) -> content.PlanOption:
+def _find_compared(plan: content.Plan, chosen_option: content.PlanOption) -> content.PlanOption:
     """Return the chosen set with its figures from the comparison.
 
-    Without such figures the option itself comes back, with those from the final traffic."""
+    If the plan lacks them, the option itself comes back, with its figures from the final
+    traffic."""
     for option in (*plan.front, *plan.considered):
         if option.sensors == chosen_option.sensors:
             return option
@@ -100,27 +101,31 @@ def _when_compared(plan: content.Plan, chosen_option: content.PlanOption) -> con
 def _explain_traffic(plan: content.Plan, option: content.PlanOption) -> tuple[Paragraph, ...]:
     """Explain why the chosen set has another AP in this section; empty if it has the same.
 
+    A paragraph names the cases of the AP, unless it is for the intact set in all traffic, and
+    another the traffic of the comparison.
+
     option: the chosen set with its figures from the final traffic."""
-    compared = _when_compared(plan, option).counted
-    if compared is None or option.counted is None:
+    compared = _find_compared(plan, option).counted
+    final = option.counted
+    if compared is None or final is None:
         return ()
-    case_text = _cases_text(option)
+    case_text = _describe_cases(option)
     texts = []
     if case_text:
         texts.append(
             f"The AP of each set in this section is that {case_text}, as the question asks."
         )
-    if compared != option.counted:
+    if compared != final:
         texts.append(
             "The AP of each set in this section is from the traffic on which the sets were "
             f"compared. There the chosen set has {ap_figure(compared)}; its "
-            f"{ap_figure(option.counted)} in the rest of the report is from other traffic, which "
+            f"{ap_figure(final)} in the rest of the report is from other traffic, which "
             "had no say in the choice and is therefore the figure to trust."
         )
     return tuple(map(Paragraph, texts))
 
 
-def _cases_text(option: content.PlanOption) -> str:
+def _describe_cases(option: content.PlanOption) -> str:
     """Describe the cases of the compared AP, "" for the intact set in all traffic."""
     failure_text = "" if option.left is None else "after the failures"
     level_text = "" if option.over_levels is None else "over the levels of traffic"
@@ -134,12 +139,18 @@ def _option_table(
     chosen_option: content.PlanOption,
     options: Sequence[content.PlanOption],
 ) -> tuple[TableBlock, ...]:
-    # a row for each option with its figures from the comparison, the chosen one marked
+    """Return a table with a row for each option, with its figures from the comparison.
+
+    Args:
+        caption: Sentence above the table.
+        plan: Plan with the currency and the name of the searches' estimate.
+        chosen_option: The chosen set, whose row is marked.
+        options: Sets to list."""
     by_coverage = plan.provenance.get("search_fidelity") == "coverage"
-    predicted = Column("coverage" if by_coverage else "predicted AP", digits=3)
+    predicted_title = "coverage" if by_coverage else "predicted AP"
     columns = (
         *text_columns("Sensors"),
-        predicted,
+        Column(predicted_title, digits=3),
         *JUDGED_COLUMNS,
         Column("per sensor", "kbit"),
         price_column("price", plan.currency),
@@ -148,6 +159,6 @@ def _option_table(
     for option in options:
         mark = " (chosen)" if option.sensors == chosen_option.sensors else ""
         names = join_names(option.sensors) + mark
-        judged = judgement_cells(option.counted)
-        rows.append((names, option.predicted, *judged, option.kbit_per_sensor, option.price))
+        judged_cells = judgement_cells(option.counted)
+        rows.append((names, option.predicted, *judged_cells, option.kbit_per_sensor, option.price))
     return build_table(caption, columns, rows)

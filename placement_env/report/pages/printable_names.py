@@ -95,14 +95,14 @@ def drop_unset(document: Document) -> Document:
         f"No font here can set {codes}: {UNSET} stands for them. Install one that can, such as "
         "Noto Sans."
     )
-    first_section = replace(first_section, blocks=(*first_section.blocks, note))
-    sections = (first_section, *document.sections[1:])
-    logo = document.logo  # data, in which no letter may be replaced
+    noted_section = replace(first_section, blocks=(*first_section.blocks, note))
+    sections = (noted_section, *document.sections[1:])
+    # the logo is data, in which no letter may be replaced, so it is put back afterwards
+    without_logo = replace(document, sections=sections, logo="")
     printable = content.replace_texts(
-        replace(document, sections=sections, logo=""),
-        lambda text: replace_letters(text, unset_letters),
+        without_logo, lambda text: replace_letters(text, unset_letters)
     )
-    return replace(printable, logo=logo)
+    return replace(printable, logo=document.logo)
 
 
 def use_pole_names(plan: content.Plan) -> content.Plan:
@@ -112,12 +112,13 @@ def use_pole_names(plan: content.Plan) -> content.Plan:
     sensors on the same poles are marked "(other aim)"."""
     chosen_names = {sensor.name for sensor in plan.sensors}
     used_poles = {sensor.pole for sensor in plan.sensors}
-    poles: dict[str, str] = {}
+    pole_of_sensor: dict[str, str] = {}
     for option in plan.considered:
-        poles |= zip(option.sensors, option.poles, strict=False)
-    names = {}
-    for name, pole in poles.items():
-        (short,) = name_by_poles([name], [pole])
-        if name not in chosen_names and short != name:
-            names[name] = f"{short} (other aim)" if pole in used_poles else short
-    return content.rename(plan, names)
+        pole_of_sensor |= zip(option.sensors, option.poles, strict=False)
+    new_names = {}
+    for name, pole in pole_of_sensor.items():
+        (short_name,) = name_by_poles([name], [pole])
+        if name in chosen_names or short_name == name:
+            continue
+        new_names[name] = f"{short_name} (other aim)" if pole in used_poles else short_name
+    return content.rename(plan, new_names)

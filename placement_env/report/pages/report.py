@@ -22,7 +22,7 @@ from placement_env.report.pages.installation_sections import (
 from placement_env.report.pages.method_section import method_section
 from placement_env.report.pages.others_section import others_section
 from placement_env.report.pages.printable_names import drop_unset, settle_names, use_pole_names
-from placement_env.report.pages.scene import build_scene
+from placement_env.report.pages.scene import build_plan_scene
 from placement_env.report.pages.schemes_section import schemes_section
 from placement_env.report.pages.sensors_sections import (
     failures_section,
@@ -86,8 +86,8 @@ def add_note(document: Document, note: str) -> Document:
     if not note:
         return document
     first_section = document.sections[0]
-    first_section = replace(first_section, blocks=(*first_section.blocks, Paragraph(note)))
-    return replace(document, sections=(first_section, *document.sections[1:]))
+    noted_section = replace(first_section, blocks=(*first_section.blocks, Paragraph(note)))
+    return replace(document, sections=(noted_section, *document.sections[1:]))
 
 
 def write_report(planned: content.Planned, out: Path) -> None:
@@ -97,12 +97,14 @@ def write_report(planned: content.Planned, out: Path) -> None:
     packages of `coview[report]`, OSError if the folder cannot be written."""
     # all mounts that candidates had, so that maps show those without a sensor too
     mounts = planned.candidates.mounts if planned.candidates else planned.site.mounts
+    # names with letters that no font can set become numbers; the note explains the numbers
     plan, site, note = settle_names(
         use_pole_names(planned.plan), replace(planned.site, mounts=mounts)
     )
     ground = planned.ground
-    document = drop_unset(add_note(build_document(plan, site, ground, planned.moments), note))
-    scene = None if plan.chosen is None else build_scene(plan, site, ground, planned.moments)
+    document = build_document(plan, site, ground, planned.moments)
+    document = drop_unset(add_note(document, note))
+    scene = None if plan.chosen is None else build_plan_scene(plan, site, ground, planned.moments)
     with writing_together(out) as folder:
         (folder / "report.html").write_text(to_html(document, scene), encoding="utf-8")
         (folder / "report.pdf").write_bytes(to_pdf(document))

@@ -74,8 +74,9 @@ def schemes_section(plan: content.Plan) -> Content:
 
 
 def _compare_schemes(plan: content.Plan, schemes: Sequence[content.SchemeFigures]) -> str:
-    # sentence on the scheme with the highest AP, the planned one, and what they send;
-    # schemes: figures at one IoU
+    """Compare in a sentence the scheme with the highest AP and the planned one, and their kbit.
+
+    schemes: figures of the schemes at one IoU."""
     best = max(schemes, key=lambda figures: figures.judged.ap)
     cheapest = min(schemes, key=lambda figures: figures.kbit_per_sensor)
     planned = next((figures for figures in schemes if figures.scheme == plan.scheme), best)

@@ -75,9 +75,10 @@ def worth_section(plan: content.Plan) -> Content:
 def _describe_pairs(plan: content.Plan) -> str:
     """Name the pair of sensors that complement each other best, and the most redundant pair.
 
-    A pair is named only if its synergy (AP) is above 0, or below 0. The text begins with a space,
-    to follow another sentence."""
-    synergies = {}
+    The first is named only if its synergy (AP that a pair adds beyond the sum of both) is above 0,
+    the second only if it is below 0. The text begins with a space, to follow another sentence; ""
+    without a pair."""
+    synergies = {}  # by the sorted names of a pair
     for sensor_worth in plan.worth:
         for other_name, value in sensor_worth.synergy.items():
             # both sensors of a pair state the same value, which is kept once

@@ -16,12 +16,13 @@ from shutil import copyfile
 
 from placement_env.report.pages.document import Document, PageDrawing, TableBlock
 from placement_env.report.pages.printable_names import PAPER_FONT, list_texts
-from placement_env.report.pages.scene import Scene
+from placement_env.report.pages.scene import PlanScene
 from toolkit.plots.fonts import choose_fonts, own_font
 from toolkit.viewing.pages import render_page
 
 _FOLDER = Path(__file__).parent
 LINE_PT = 487.0  # width of a page's text
+LINE_LETTERS = 110  # about as many letters fit into a line
 LETTER_WIDTH_SHARE = 0.5  # width of a letter as a share of the font size
 CELL_INSET_PT = 6.0  # space next to a cell's text
 MIN_FONT_PT = 6.0  # in tables
@@ -31,21 +32,26 @@ MAX_WORD_LETTERS = 24  # longer words are broken up
 WORD_PIECE_LETTERS = 12  # letters of a broken word's pieces
 
 
-def to_html(document: Document, scene: Scene | None) -> str:
+def to_html(document: Document, scene: PlanScene | None) -> str:
     """Return the report as one page of HTML, which needs no other file.
 
     scene: the junction in 3D, None for a page without it."""
+
+    def encode_picture(svg: str) -> str:
+        # as a picture, unlike as an element, SVG runs no script
+        return "data:image/svg+xml;base64," + b64encode(svg.encode()).decode()
+
+    # values that the page's script reads
+    script_values = {"html": scene.html, "frames": scene.frames} if scene else None
     return render_page(
         _FOLDER / "report.html.j2",
-        {"html": scene.html, "frames": scene.frames} if scene else None,
+        script_values,
         (_FOLDER / "report.js").read_text(encoding="utf-8"),
         document=document,
         style=(_FOLDER / "report.css").read_text(encoding="utf-8"),
         layers=scene.layers if scene else (),
         frames=scene.frames if scene else (),
-        picture=lambda svg: (
-            "data:image/svg+xml;base64," + b64encode(svg.encode()).decode()
-        ),  # runs no script
+        picture=encode_picture,
     )
 
 
@@ -100,22 +106,24 @@ def _lay_out(block: TableBlock) -> dict[str, object]:
     unless the smallest font is still too wide."""
     headings = _break_words([column.heading for column in block.columns])
     rows = [_break_words(map(attrgetter("text"), row)) for row in block.rows]
-    # letters that a column may take for whole texts: its share of a line of about 110 letters
-    max_text = max(MAX_WORD_LETTERS, 110 // len(block.columns))
-    letters = []
+    # letters that a column may take for whole texts: its share of a line
+    max_text = max(MAX_WORD_LETTERS, LINE_LETTERS // len(block.columns))
+    widths = []  # width of each column in letters
     for texts in zip(headings, *rows, strict=True):
+        # words end at spaces, and at the zero-width spaces of `_break_words`
         words = [word for text in texts for word in re.split(r"[\s\u200b]", text)]
         longest_word = max(map(_count_letters, words))
         longest_text = max(map(_count_letters, texts))
-        letters.append(max(longest_word, min(longest_text, max_text)))
-    size = (LINE_PT - CELL_INSET_PT * len(letters)) / (LETTER_WIDTH_SHARE * sum(letters))
-    max_size = DEFAULT_FONT_PT if len(letters) > 2 else LIST_FONT_PT
-    size = min(max(size, MIN_FONT_PT), max_size)
+        widths.append(max(longest_word, min(longest_text, max_text)))
+    # font size at which all columns fill the line
+    full_size = (LINE_PT - CELL_INSET_PT * len(widths)) / (LETTER_WIDTH_SHARE * sum(widths))
+    max_size = DEFAULT_FONT_PT if len(widths) > 2 else LIST_FONT_PT
+    size = min(max(full_size, MIN_FONT_PT), max_size)
     columns = [
         {
             "heading": headings[i],
             "number": column.number,
-            "width": letters[i] * LETTER_WIDTH_SHARE * size + CELL_INSET_PT,
+            "width": widths[i] * LETTER_WIDTH_SHARE * size + CELL_INSET_PT,
         }
         for i, column in enumerate(block.columns)
     ]
@@ -134,8 +142,8 @@ def _break_words(texts: Iterable[str]) -> list[str]:
     return [re.sub(rf"\S{{{MAX_WORD_LETTERS},}}", _break_up, text) for text in texts]
 
 
-def _break_up(word: re.Match[str]) -> str:
-    # zero-width spaces between pieces of the word
-    return "\u200b".join(
-        word[0][i : i + WORD_PIECE_LETTERS] for i in range(0, len(word[0]), WORD_PIECE_LETTERS)
-    )
+def _break_up(match: re.Match[str]) -> str:
+    # the matched word with zero-width spaces between its pieces
+    word = match.group()
+    starts = range(0, len(word), WORD_PIECE_LETTERS)
+    return "\u200b".join(word[start : start + WORD_PIECE_LETTERS] for start in starts)

@@ -92,11 +92,11 @@ def _judge_chosen(findings: Findings, chosen_set: ChosenSet) -> FinalFigures:
     members = choice.members
     judge = chosen_set.judge
     is_member = choice.sets[choice.chosen]
-    # one row, because the judge takes many sets at a time
+    # the judge takes many sets at a time; here it gets one row, and returns one
     judgements, draws = judge.judge_cases(is_member[None], chosen_set.stage)
     judgement = judgements[0]
     check_stages(findings, judgement.judged)
-    sensor_kbit = judge.kbit(members)
+    sensor_kbit = judge.kbit(members)  # axes: sensor, frame
     kbit = float(sensor_kbit.sum(axis=0).mean())
     option = replace(
         choice.option,
@@ -105,7 +105,7 @@ def _judge_chosen(findings: Findings, chosen_set: ChosenSet) -> FinalFigures:
         kbit_per_sensor=kbit / len(members),
         fits_links=findings.objective.fits_links(members, sensor_kbit),
     )
-    return FinalFigures(option, judgement, draws[0], sensor_kbit)
+    return FinalFigures(option, judgement, draws=draws[0], sensor_kbit=sensor_kbit)
 
 
 def _state_answer(

@@ -32,8 +32,9 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 def _row(
     name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]
 ) -> content.BreakdownRow:
-    # points: counts on the group's objects, whose mean the row states; None without objects
-    return content.BreakdownRow(name, judged, float(points.mean()) if len(points) else None)
+    # points: number of the set's points on each object of the group; no mean without objects
+    mean_points = float(points.mean()) if len(points) else None
+    return content.BreakdownRow(name, judged, mean_points)
 
 
 def by_group(
@@ -51,6 +52,7 @@ def by_group(
         group_of: Function that returns the index of the group of each box.
         seed: Seed of the bootstrap."""
     truth_groups = group_of(scored.truths)
+    # `hits`: index of the object that each detection hits, negative without one
     # axes: IoU threshold, detection; -1 is no group
     detection_groups = np.where(scored.hits == IGNORED, -1, group_of(scored.boxes))
     is_hit = scored.hits >= 0
@@ -75,7 +77,10 @@ def _tally_classes(
     is_counted: Bool[np.ndarray, " n"],
     iou_index: int,
 ) -> list[Tally]:
-    # tally of each counted class; the masks mark the objects and detections of the group
+    """Tally the objects and detections of a group, in a tally for each class that counts.
+
+    is_truth, is_counted: True for the objects and detections of the group; iou_index: row of
+    `ScoredBoxes.hits`, which has the hits at one IoU threshold."""
     labels = scored.classes.labels
     return [scored.tally(label, is_truth, is_counted, iou_index) for label in labels]
 
@@ -83,19 +88,21 @@ def _tally_classes(
 def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.BreakdownRow, ...]:
     """Judge the middle of the area and the quarters around it, named by the compass.
 
-    The middle is a circle of `CENTRE_SHARE` of the area's shorter side. seed: for the bootstrap."""
+    The middle is a circle whose radius is `CENTRE_SHARE` of the area's shorter side.
+
+    scored: objects and detections of one set; seed: for the bootstrap."""
     xmin, ymin, xmax, ymax = site.area
     middle = np.array([xmin + xmax, ymin + ymax]) / 2
     radius = CENTRE_SHARE * min(xmax - xmin, ymax - ymin)
-    # directions of quarters 1 to 4: x changes first, as in the sum of `group_of`
+    # directions x, y of quarters 1 to 4; the sign of x changes first, as in `group_of`
     quarters = [np.array([x, y]) for y in (1.0, -1.0) for x in (1.0, -1.0)]
     names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        # 0 in the middle circle, else 1 to 4
-        offset = boxes[:, :2] - middle
-        quarter = 1 + (offset[:, 0] < 0) + 2 * (offset[:, 1] < 0)
-        return np.where(np.hypot(*offset.T) <= radius, 0, quarter).astype(np.int64)
+        # 0 in the middle circle, else the quarter from 1 to 4, in the order of `quarters`
+        dx, dy = (boxes[:, :2] - middle).T
+        quarter = 1 + (dx < 0) + 2 * (dy < 0)
+        return np.where(np.hypot(dx, dy) <= radius, 0, quarter).astype(np.int64)
 
     return by_group(scored, names, group_of, seed)
 
@@ -106,15 +113,15 @@ def by_range(
     """Judge by horizontal distance to the nearest sensor of the set.
 
     Groups end at `RANGE_ENDS_M`; the last has no end. seed: for the bootstrap."""
-    positions = np.array([sensor.position[:2] for sensor in sensors])
-    edges = pairwise((0.0, *RANGE_ENDS_M))
-    names = [f"{start:g} to {end:g} m" for start, end in edges]
+    sensor_xy = np.array([sensor.position[:2] for sensor in sensors])
+    ranges = pairwise((0.0, *RANGE_ENDS_M))
+    names = [f"{start:g} to {end:g} m" for start, end in ranges]
     names.append(f"beyond {RANGE_ENDS_M[-1]:g} m")
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        # distances: box × sensor × (x, y), reduced to the nearest sensor
-        distances = np.linalg.norm(boxes[:, None, :2] - positions, axis=2).min(axis=1)
-        return np.searchsorted(RANGE_ENDS_M, distances).astype(np.int64)
+        offsets = boxes[:, None, :2] - sensor_xy  # axes: box, sensor, (x, y)
+        nearest = np.linalg.norm(offsets, axis=2).min(axis=1)
+        return np.searchsorted(RANGE_ENDS_M, nearest).astype(np.int64)
 
     return by_group(scored, names, group_of, seed)
 
@@ -135,11 +142,13 @@ def measure_blind_streets(site: Site, ground: GroundGrid) -> dict[str, float]:
 
     ground: grid of the ground with the number of sensors that see each cell."""
     rows, columns = np.nonzero(ground.open_ground & ground.lanes & (ground.views == 0))
-    boxes = np.zeros((len(rows), 7))  # cells as boxes of no size, as `locate` takes them
+    # `locate` takes boxes, so cells become boxes of no size; columns 0 and 1 are x and y (m)
+    boxes = np.zeros((len(rows), 7))
     boxes[:, 0] = ground.x[columns]
     boxes[:, 1] = ground.y[rows]
     streets = find_streets(site)
-    areas = np.bincount(streets.locate(boxes), minlength=len(streets.names)) * ground.cell**2
+    cell_counts = np.bincount(streets.locate(boxes), minlength=len(streets.names))
+    areas = cell_counts * ground.cell**2  # `cell` is the edge length of a cell (m)
     order = np.argsort(-areas, kind="stable")
     return {streets.names[k]: float(areas[k]) for k in order if areas[k]}
 
@@ -149,18 +158,26 @@ def by_level(
 ) -> tuple[content.BreakdownRow, ...]:
     """Judge one intact set at each level of traffic, thin traffic first.
 
-    Empty if traffic is undivided. scored: detections of the same set, for its mean points."""
+    Empty if traffic is undivided.
+
+    scored: objects of the same frames, for the mean number of the set's points on them; members:
+    indices of the set's candidates."""
     names = LEVEL_NAMES[judge.cases.levels]
+    judgements = judge.by_level(members)
     rows = []
-    for name, judgement, frames in zip(names, judge.by_level(members), judge.levels, strict=False):
+    # undivided traffic has a name but no frames of levels
+    for name, judgement, frames in zip(names, judgements, judge.levels, strict=False):
         points = scored.points[np.isin(scored.truth_frame, frames)]
         rows.append(_row(name, judgement, points))
     return tuple(rows)
 
 
 def by_errors(judge: judging.Judge, members: tuple[int, ...]) -> tuple[content.BreakdownRow, ...]:
-    """Judge each error profile, with failures and levels if they count; empty for one profile."""
+    """Judge each error profile, with failures and levels if they count; empty for one profile.
+
+    members: indices of the set's candidates."""
     judgements = judge.by_errors(members)
+    # a single profile has no judgement here
     return tuple(
         _row(name, judgements[name], count_set_points(detected, members))
         for name, detected in zip(judgements, judge.profiles, strict=False)
@@ -175,14 +192,15 @@ def by_class(
     All road users whose centre is in the detection area count, also of classes that do not count
     for AP; one that stays is counted in every frame. A class without road users has no share.
 
-    labels: names of the classes to return."""
+    members: indices of the set's candidates; labels: names of the classes to return."""
     detected = judge.detected
     site = judge.detected.renders.site
+    # class of each road user, and whether it is covered; an array for each frame
     frame_labels = []
     frame_seen = []
     for k in range(judge.frames):
-        objects = detected.renders.objects(k)
-        objects = objects[has_centre_inside(objects.boxes, site.area)]
+        all_objects = detected.renders.objects(k)
+        objects = all_objects[has_centre_inside(all_objects.boxes, site.area)]
         points = count_on_ground(fuse_clouds(detected, members, k), objects.boxes, site)
         frame_labels.append(objects.labels)
         frame_seen.append(points >= LEAST)

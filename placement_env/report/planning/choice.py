@@ -74,22 +74,31 @@ def choose(
 ) -> tuple[int, tuple[int, ...]]:
     """Return the index of the best judged option, and of all options as good as it.
 
-    The indices of options as good are sorted by thrift, cheap ones first, and include the best; the
-    best comes after an equally thrifty one. Options with too narrow links are left out, unless all
-    have them.
+    The indices of options as good are sorted by thrift, cheap ones first. They include the best,
+    which comes before an equally thrifty one. Options with too narrow links are left out, unless
+    all have them.
 
     Args:
         options: All options; at least one is judged.
         draws: Resampled AP of each judged option by its index, all on the same frames and with the
             same resamples, so that they can be compared draw by draw."""
-    judged = {i: counted for i in sorted(draws) if (counted := options[i].counted) is not None}
-    fitting = {i: counted for i, counted in judged.items() if options[i].fits_links}
-    judged = fitting or judged
-    highest_ap = max(judgement.ap for judgement in judged.values())
-    close = [i for i, judgement in judged.items() if judgement.ap >= highest_ap - NEAR_TIE_AP]
-    best = min(close, key=lambda i: (-(options[i].mean_ap or 0.0), *rank_thrift(options[i])))
-    blocks = intervals.count_blocks(judged[best].frames)
-    alike = [i for i in judged if i == best or intervals.is_as_good(draws[i], draws[best], blocks)]
+    judgements = {}  # results over all cases, by index of the option
+    for i in sorted(draws):
+        judgement = options[i].counted
+        if judgement is not None:
+            judgements[i] = judgement
+    fitting = {i: judgement for i, judgement in judgements.items() if options[i].fits_links}
+    eligible = fitting or judgements
+    highest_ap = max(judgement.ap for judgement in eligible.values())
+    min_ap = highest_ap - NEAR_TIE_AP
+    near_ties = [i for i, judgement in eligible.items() if judgement.ap >= min_ap]
+    best = min(near_ties, key=lambda i: (-(options[i].mean_ap or 0.0), *rank_thrift(options[i])))
+    blocks = intervals.count_blocks(eligible[best].frames)
+    alike = [best]
+    for i in eligible:
+        if i != best and intervals.is_as_good(draws[i], draws[best], blocks):
+            alike.append(i)
+    # `i != best` puts the best first among equally thrifty sets
     return best, tuple(sorted(alike, key=lambda i: (*rank_thrift(options[i]), i != best)))
 
 
@@ -97,12 +106,16 @@ def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...
     """Return the judged sets that no other beats in AP, kbit per sensor and price together.
 
     They are sorted by price, then by AP, both ascending."""
-    judged_options = [(option, option.counted) for option in options if option.counted is not None]
-    figures = [  # columns to minimise, so AP is negative
-        (-judgement.ap, option.kbit_per_sensor, option.price)
-        for option, judgement in judged_options
-    ]
+    judged_options = []
+    figures = []  # columns to minimise, so AP is negative
+    prices_and_aps = []
+    for option in options:
+        judgement = option.counted
+        if judgement is not None:
+            judged_options.append(option)
+            figures.append((-judgement.ap, option.kbit_per_sensor, option.price))
+            prices_and_aps.append((option.price, judgement.ap))
     # an empty list becomes a table of no rows and three columns
-    front = [judged_options[i] for i in find_front(np.array(figures).reshape(-1, 3))]
-    front.sort(key=lambda pair: (pair[0].price, pair[1].ap))
-    return tuple(option for option, _ in front)
+    front = find_front(np.array(figures).reshape(-1, 3)).tolist()
+    front.sort(key=lambda i: prices_and_aps[i])
+    return tuple(judged_options[i] for i in front)

@@ -39,22 +39,25 @@ def choose_at_drawings(
         min_ap: Required AP, None without a requirement."""
     if not judge.drawings:
         return ()
-    rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
-    sets = choice.sets[rows]
+    # rows among the entrants; below, n counts the judged sets only
+    judged_rows = [i for i, option in enumerate(choice.options) if option.judged is not None]
+    judged_sets = choice.sets[judged_rows]
     results = []
-    for drawing in judge.alone:
-        judgements, draws = drawing.judge_cases(sets)
-        mean_aps = drawing.evaluator.mean_ap(sets, np.arange(drawing.frames)).tolist()
+    for drawing in judge.drawing_judges:
+        judgements, draws = drawing.judge_cases(judged_sets)
+        all_frames = np.arange(drawing.frames)
+        mean_aps = drawing.evaluator.mean_ap(judged_sets, all_frames).tolist()
         options = [
             replace(choice.options[i], mean_ap=mean_aps[n], **judgements[n]._asdict())
-            for n, i in enumerate(rows)
+            for n, i in enumerate(judged_rows)
         ]
-        answer = choose(options, dict(enumerate(draws)))[1][0]  # cheapest set as good as the best
+        _, alike = choose(options, dict(enumerate(draws)))
+        answer = alike[0]  # cheapest set as good as the best
         if min_ap is not None:
-            reaching = [n for n, judged in enumerate(judgements) if judged.counted.ap >= min_ap]
-            answer = min(reaching, key=lambda n: rank_thrift(options[n]), default=answer)
-        judgement = judgements[rows.index(choice.chosen)].counted
-        results.append(DrawingResult(judgement, options[answer].poles))
+            met = [n for n, judgement in enumerate(judgements) if judgement.counted.ap >= min_ap]
+            answer = min(met, key=lambda n: rank_thrift(options[n]), default=answer)
+        chosen_result = judgements[judged_rows.index(choice.chosen)].counted
+        results.append(DrawingResult(judged=chosen_result, poles=options[answer].poles))
     return tuple(results)
 
 
@@ -105,30 +108,33 @@ def choose_set(
 
 
 def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | None:
-    """Return the row of the cheapest set whose AP reaches the requirement, None without one.
+    """Return the row of the cheapest set whose AP reaches the requirement, None if none does.
 
     A first look at all sets on `FIRST_LOOK_FRAMES` frames excludes those whose expected AP is more
     than `FIRST_LOOK_ERROR_AP` below the requirement. The others are judged in the order of their
     prices, at one price by expected AP, until one reaches it and fits its links. Judged sets are
     replaced in `options`.
 
-    min_ap: required AP over all cases; run: gives the seed and reports progress."""
+    options: entrants with their judge; min_ap: required AP over all cases; run: gives the seed and
+    reports progress."""
     entrants = options.entrants
     judge = options.judge
-    order = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK_FRAMES]
-    report = run.stage("frames of the first look", len(order))
-    first_look = judge.evaluator.evaluate(entrants.sets, order, report)
-    blocks = len(np.unique(order // BLOCK_FRAMES))
+    look_frames = race_order(judge.frames, seed=run.seed)[:FIRST_LOOK_FRAMES]
+    report = run.stage("frames of the first look", len(look_frames))
+    first_look = judge.evaluator.evaluate(entrants.sets, look_frames, report)
+    blocks = len(np.unique(look_frames // BLOCK_FRAMES))
+    # AP on few frames are noisy, so they are moved towards their predictions
     shrunk = shrink(first_look.ap, first_look.resamples, entrants.predicted, blocks)
     expected_aps = shrunk.figure
     prices = np.array([option.price for option in options.options])
-    rows = np.lexsort((-expected_aps, prices)).tolist()
+    rows = np.lexsort((-expected_aps, prices)).tolist()  # by price, which is the last key
     report = run.stage("sets judged by price", len(rows))
     for step, i in enumerate(rows, 1):
         if expected_aps[i] >= min_ap - FIRST_LOOK_ERROR_AP:
             options.judge_rows([i])
-            counted = options.options[i].counted
-            if counted is not None and counted.ap >= min_ap and options.options[i].fits_links:
+            option = options.options[i]
+            judgement = option.counted
+            if judgement is not None and judgement.ap >= min_ap and option.fits_links:
                 return i
         if report is not None:
             report(step)

@@ -79,8 +79,9 @@ class ChosenSet:
         intact = judge.intact
         ious = intact.ious
         whole_set = self.rows(np.ones((1, len(self.members)), np.bool_))
-        planned_draws = judge.judge_drawn(whole_set, intact)[1][0]  # AP of one set per resample
+        _, planned_draws = judge.judge_drawn(whole_set, intact)  # axes: the one set, resample
         blocks = count_blocks(self.judge.frames)
+        # several thresholds together are one entry, for their mean
         thresholds = sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious)
         shared_names = ("codec", "memo", "processes", "classes")
         shared = {name: getattr(planned, name) for name in shared_names}
@@ -91,11 +92,20 @@ class ChosenSet:
             report = self.stage("fusion schemes")
             frames = range(scheme_judge.frames)
             outcomes = scheme_judge.detected.outcomes([self.members], frames, report)[self.members]
+            # mean over frames and sensors
             kbit = float(np.mean([outcome.bits.mean() for outcome in outcomes])) / 1000
             for iou in thresholds:
                 judgements, draws = scheme_judge.judge_drawn(whole_set, replace(intact, iou=iou))
-                as_good = iou == intact.threshold and is_as_good(draws[0], planned_draws, blocks)
-                figures.append(content.SchemeFigures(scheme, iou, judgements[0], kbit, as_good))
+                is_planned_iou = iou == intact.threshold
+                as_good = is_planned_iou and is_as_good(draws[0], planned_draws[0], blocks)
+                row = content.SchemeFigures(
+                    scheme=scheme,
+                    iou=iou,
+                    judged=judgements[0],
+                    kbit_per_sensor=kbit,
+                    as_good=as_good,
+                )
+                figures.append(row)
         return tuple(figures)
 
     def worth(self) -> tuple[content.SensorWorth, ...]:
@@ -108,7 +118,8 @@ class ChosenSet:
             aps = self._aps(all_subsets(count), "subsets")
             worth = exact_worth(lambda _: aps, count)  # asks for all subsets, in this order
         else:
-            worth = estimate_worth(lambda sets: self._aps(sets, ""), count, rounds=64)
+            # twice as many rounds of random orders as usual
+            worth = estimate_worth(lambda sets: self._aps(sets, stage=""), count, rounds=64)
         sensor_worths = []
         for k, name in enumerate(self.names):
             synergy = dict(zip(self.names, worth.synergy[k].tolist(), strict=True))
@@ -123,10 +134,11 @@ class ChosenSet:
         sets of two have only single failures, and a single sensor none."""
         count = len(self.members)
         names = np.array(self.names)
+        whole_set = np.ones((1, count), np.bool_)
         cases: list[content.FailureCase] = []
-        for failing in range(1, min(3, count)):
-            # rows over the members; the first is the whole set
-            remaining = Cases(failing=failing).expand(np.ones((1, count), np.bool_))[0][1:]
+        for failing in range(1, min(3, count)):  # one or two failures
+            subsets, _ = Cases(failing=failing).expand(whole_set)
+            remaining = subsets[1:]  # the first is the whole set
             judgements = self._judge(remaining, "failures")
             failure_cases = [
                 content.FailureCase(tuple(names[~is_left].tolist()), judgement)
@@ -142,12 +154,14 @@ class ChosenSet:
         chosen by judged AP for small sets, else by predicted AP; the detector judges all steps."""
         built = np.zeros((1, len(self.members)), np.bool_)  # rows: nothing, then the set so far
         while not built[-1].all():
-            # one row for each sensor that may come next
-            options = built[-1] | np.eye(len(self.members), dtype=np.bool_)[~built[-1]]
-            best = int(np.argmax(self._aps(options, "order of building")))
-            built = np.concatenate([built, options[best : best + 1]])
-        added = np.diff(built, axis=0).argmax(axis=1)  # index of the sensor that each step adds
-        prices = self.objective.price(self.rows(built[1:])).tolist()
-        judgements = self._judge(built[1:], "order of building")
+            # one row for each sensor that may come next: the set so far and this sensor
+            next_sets = built[-1] | np.eye(len(self.members), dtype=np.bool_)[~built[-1]]
+            best = int(np.argmax(self._aps(next_sets, "order of building")))
+            built = np.concatenate([built, next_sets[best : best + 1]])
+        # each step differs from the row before in one sensor; its index among the members
+        added = np.diff(built, axis=0).argmax(axis=1)
+        steps = built[1:]
+        prices = self.objective.price(self.rows(steps)).tolist()
+        judgements = self._judge(steps, "order of building")
         names = [self.names[i] for i in added]
         return tuple(map(content.BuildStep, names, prices, judgements))

@@ -64,17 +64,19 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
         Objective.from_view(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
         for preparation in preparations
     ]
-    first = pool_objectives[0]
-    excluded = describe_exclusions(first, question.max_kbit, question.currency)
+    first_objective = pool_objectives[0]
+    # sentences on what excludes candidates
+    excluded = describe_exclusions(first_objective, question.max_kbit, question.currency)
     views = keep_buildable(preparations, pool_objectives, question.max_kbit)
     buildable_names = [sensor.name for sensor in views[0].candidates.sensors]
-    is_buildable = np.isin(first.names, buildable_names)
+    is_buildable = np.isin(first_objective.names, buildable_names)
     max_kbit = math.inf if question.max_kbit is None else question.max_kbit
-    obstacles = explain_kept(first, is_buildable, max_kbit, question.currency)
+    # sentences on what keeps sensors from the poles that must carry one
+    obstacles = explain_kept(first_objective, is_buildable, max_kbit, question.currency)
     if obstacles or not buildable_names:
         raise Refusal(obstacles or excluded, pool)
     objectives = [
-        Objective.from_view(preparation, *view, AP_ONLY)
+        Objective.from_view(preparation, view.candidates, view.visibility, AP_ONLY)
         for preparation, view in zip(preparations, views, strict=True)
     ]
     return PreparedSearch(run, preparations, views, objectives, excluded)
@@ -112,7 +114,7 @@ def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
     if not question.cases.plain:
         entrant_lists += [
             keep_entrants(
-                Objective.from_view(preparation.plain, *view, AP_ONLY),
+                Objective.from_view(preparation.plain, view.candidates, view.visibility, AP_ONLY),
                 effort,
                 run.memo,
                 depends_on=preparation.traffic.digest(),

@@ -37,9 +37,14 @@ def by_draw(
             aps.append(judge_draw(judge, detected, renders, members, seed))
             if report is not None:
                 report(seed)
-        mean = float(np.mean(aps))
-        tenth = float(np.quantile(aps, 0.1))
-        rows.append(content.DrawnErrors(renders.errors.name, tuple(aps), mean, tenth, frames))
+        row = content.DrawnErrors(
+            profile=renders.errors.name,
+            aps=tuple(aps),
+            mean=float(np.mean(aps)),
+            tenth=float(np.quantile(aps, 0.1)),
+            frames=frames,
+        )
+        rows.append(row)
     return tuple(rows)
 
 

@@ -71,18 +71,26 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
     question = findings.question
     objective = findings.objective
     final_figure = judging.state_figure("in the judgement", judged)
-    if (compared := choice.option.judged) is not None:
+    compared = choice.option.judged
+    if compared is not None:
         compared_figure = judging.state_figure("in the comparison", compared)
         check_agreement(choice.option.sensors, compared_figure, final_figure)
     is_predicted = (
         question.setting.detector is None and question.cases.noise_only and question.cases.plain
     )
+    # a `Doubting` estimate states its typical error
     if is_predicted and isinstance(objective.scored_by, Doubting):
-        # typical error of the predicted AP; not finite if it is unknown
-        spread = float(objective.scored_by.spread(choice.sets[[choice.chosen]])[0])
+        is_member = choice.sets[choice.chosen]
+        # the estimate takes many sets at a time; the error is not finite if it is unknown
+        spread = float(objective.scored_by.spread(is_member[None])[0])
         if math.isfinite(spread):
-            figures = choice.option.predicted, judged.vehicles, judged.frames, spread
-            predicted_figure = StageFigure("by the prediction", *figures)
+            predicted_figure = StageFigure(
+                "by the prediction",
+                ap=choice.option.predicted,
+                objects=judged.vehicles,
+                frames=judged.frames,
+                spread=spread,
+            )
             check_agreement(choice.option.sensors, predicted_figure, final_figure)
 
 

@@ -32,6 +32,7 @@ class JudgedOptions:
         options: Option of each entrant; a judged one is replaced by one with figures."""
 
     def __init__(self, objective: Objective, entrants: Entrants, judge: Judge) -> None:
+        """Make an option of each entrant, with figures of the objective only; none is judged."""
         self.objective = objective
         self.entrants = entrants
         self.judge = judge
@@ -40,9 +41,10 @@ class JudgedOptions:
         mounts = objective.candidates.mounts
         for i, is_member in enumerate(entrants.sets):
             score = objective.score(np.flatnonzero(is_member))
-            mount_indices = objective.candidates.mount[list(score.subset)]
+            members = score.subset  # indices of the set's candidates
+            mount_indices = objective.candidates.mount[list(members)]
             option = PlanOption(
-                sensors=tuple(name_sensor(objective.names[c]) for c in score.subset),
+                sensors=tuple(name_sensor(objective.names[c]) for c in members),
                 price=score.price,
                 kbit_per_sensor=score.kbit_per_sensor,
                 kbit=score.kbit,
@@ -57,7 +59,9 @@ class JudgedOptions:
     def judge_rows(self, rows: Sequence[int], run: Run = Run()) -> None:
         """Judge sets on all frames, unless they are judged already.
 
-        Changes `options` and `draws` at these rows. run: reports the frames done."""
+        Changes `options` and `draws` at these rows.
+
+        rows: indices of the sets among the entrants; run: reports the frames done."""
         new_rows = [i for i in rows if i not in self.draws]
         if not new_rows:
             return
@@ -72,7 +76,7 @@ class JudgedOptions:
                 self.options[i],
                 mean_ap=mean_aps[k],
                 fits_links=self.objective.fits_links(members, self.judge.kbit(members)),
-                **judged_sets[k]._asdict(),
+                **judged_sets[k]._asdict(),  # results by kind of case
             )
             self.draws[i] = draws[k]
 
@@ -84,11 +88,13 @@ class JudgedOptions:
 
         row: index of the set; ap: its AP in the race; frames: frames that it raced on."""
         option = self.options[row]
-        counted = option.judged
-        if counted is not None and self.judge.cases.plain and len(self.judge.profiles) == 1:
+        judgement = option.judged
+        has_one_case = self.judge.cases.plain and len(self.judge.profiles) == 1
+        if judgement is not None and has_one_case:
             objects = self.judge.evaluator.count_objects(frames)
-            raced = StageFigure("in the race", ap, objects, len(frames))
-            check_agreement(option.sensors, raced, state_figure("in the comparison", counted))
+            raced = StageFigure("in the race", ap=ap, objects=objects, frames=len(frames))
+            compared = state_figure("in the comparison", judgement)
+            check_agreement(option.sensors, raced, compared)
 
     def measure_sureness(
         self, row: int, size_rows: Int64[np.ndarray, " k"], race: Contest | None
@@ -96,28 +102,31 @@ class JudgedOptions:
         """Return the probability that no set of as many sensors is better than a judged one.
 
         Better means by more than `AP_TOLERANCE`. Judged sets count with all frames, the others with
-        the frames of their last rung. Returns None without a race, for a set that is not judged,
-        and with too few frames or objects.
+        the frames on which they raced last. Returns None without a race, for a set that is not
+        judged, and with too few frames or objects.
 
         Args:
             row: Index of the judged set among the entrants.
             size_rows: Indices of all sets of its size, ascending.
             race: Race of these sets, whose rows count within `size_rows`."""
-        counted = self.options[row].counted
-        if race is None or counted is None:
+        judgement = self.options[row].counted
+        if race is None or judgement is None:
             return None
-        if not intervals.is_comparable(counted.frames, counted.vehicles):
+        if not intervals.is_comparable(judgement.frames, judgement.vehicles):
             return None
         judged_rows = [i for i in size_rows.tolist() if i in self.draws]
-        judgements = [self.options[i].counted for i in judged_rows]
-        aps = np.array([judgement.ap for judgement in judgements if judgement])
+        results = [self.options[i].counted for i in judged_rows]
+        aps = np.array([result.ap for result in results if result])
         draws = np.stack([self.draws[i] for i in judged_rows])
         predicted = self.entrants.predicted[judged_rows]
-        blocks = intervals.count_blocks(counted.frames)
+        blocks = intervals.count_blocks(judgement.frames)
+        # noisy AP are moved towards their predictions; axes: judged set, resample
         likely_aps = shrink(aps, draws, predicted, blocks).resamples
-        gains = likely_aps - likely_aps[judged_rows.index(row)]  # axes: judged set, resample
+        gains = likely_aps - likely_aps[judged_rows.index(row)]
         is_better = gains > intervals.AP_TOLERANCE
-        # rows of the race: this set, then all judged ones, which the race's doubt leaves out
-        raced_rows = np.searchsorted(size_rows, [row, *judged_rows])
-        dropped_doubt = race.doubt(int(raced_rows[0]), raced_rows[1:].tolist())
-        return max(0.0, 1 - float(is_better.any(axis=0).mean()) - dropped_doubt)
+        judged_chance = float(is_better.any(axis=0).mean())
+        # rows of the race: this set, then all judged ones, which are left out of the probability
+        # that a set of the race is better
+        race_rows = np.searchsorted(size_rows, [row, *judged_rows]).tolist()
+        unjudged_chance = race.doubt(race_rows[0], judged=race_rows[1:])
+        return max(0.0, 1 - judged_chance - unjudged_chance)

@@ -24,11 +24,13 @@ def pick_moments(
         detected: Detector on the frames to pick from.
         members: Indices of the set's candidates.
         count: Number of frames, fewer if there are not as many.
-        points: Most points to keep of each sensor's cloud, drawn from the seed."""
+        points: Most points to keep of each sensor's cloud.
+        seed: Seed by which these points are drawn."""
     object_counts = np.array([detected.scored(k).sum() for k in range(detected.frames)], np.int64)
     count = min(count, detected.frames)
-    # sums over every run of `count` frames, by its first frame
-    first = int(np.convolve(object_counts, np.ones(count, np.int64), mode="valid").argmax())
+    # number of objects in every run of `count` frames, by its first frame
+    run_counts = np.convolve(object_counts, np.ones(count, np.int64), mode="valid")
+    first = int(run_counts.argmax())
     return tuple(
         build_scene_moment(detected, members, k, points, seed) for k in range(first, first + count)
     )
@@ -39,9 +41,16 @@ def build_scene_moment(
 ) -> content.SceneMoment:
     """Return frame k with its thinned clouds, objects and detections.
 
-    Hits are at the detector's threshold `iou`. points: most points of each cloud; seed: each cloud
-    is drawn from this number, the frame and the candidate."""
-    outcome = detected.outcomes([members], [k])[members][0]
+    Hits are at the detector's threshold `iou`.
+
+    Args:
+        detected: Detector on its frames.
+        members: Indices of the set's candidates.
+        k: Index of the frame.
+        points: Most points of each cloud.
+        seed: Each cloud is drawn from this number, the frame and the candidate."""
+    (outcome,) = detected.outcomes([members], [k])[members]  # one for each frame
+    # for each detection the index of the object that it hits
     truth = outcome.truth[detected.ious.index(detected.iou)]
     objects = detected.renders.objects(k)
     is_scored = detected.scored(k)
@@ -65,7 +74,9 @@ def thin(
 ) -> Float32[np.ndarray, "m 3"]:
     """Draw at most `points` points of a cloud without replacement; they keep their order.
 
-    A cloud without more points comes back unchanged."""
+    A cloud without more points comes back unchanged. cloud: x, y, z (m)."""
     if len(cloud) <= points:
         return cloud
-    return cloud[np.sort(np.random.default_rng(seed).choice(len(cloud), points, replace=False))]
+    rng = np.random.default_rng(seed)
+    kept_indices = rng.choice(len(cloud), points, replace=False)
+    return cloud[np.sort(kept_indices)]

@@ -21,8 +21,8 @@ def read_cases(question: JsonObject) -> Cases:
     Raises ValueError for a wrong member and for an unknown error profile.
 
     question: `question` of a plan.json."""
-    several = isinstance(question.value.get("iou"), list)
-    ious = tuple(question.numbers("iou")) if several else (question.number("iou"),)
+    has_several_ious = isinstance(question.value.get("iou"), list)
+    ious = tuple(question.numbers("iou")) if has_several_ious else (question.number("iou"),)
     errors = question.texts("errors")
     for name in errors:
         if name not in PROFILES:
@@ -55,30 +55,31 @@ def read_classes(question: JsonObject, cases: Cases) -> Classes:
     stated_ious = question.get("class_ious", list)
     with name_errors("question"):
         combine = question.choice("combine", ("mean", "worst"))
-        plain = Classes(tuple(names), tuple(weights), combine)  # type: ignore[arg-type]
-        if len(stated_ious) != len(plain.names):
+        # classes without thresholds that differ from the thresholds of the cases
+        classes = Classes(tuple(names), tuple(weights), combine)  # type: ignore[arg-type]
+        if len(stated_ious) != len(classes.names):
             raise ValueError(
-                f"class_ious must hold one for each of {', '.join(plain.names)}, got "
+                f"class_ious must hold one for each of {', '.join(classes.names)}, got "
                 f"{len(stated_ious)}"
             )
         ious = [
-            _find_class_iou(cases, plain, name, iou)
-            for name, iou in zip(plain.names, stated_ious, strict=True)
+            _find_class_iou(cases, classes, name, stated_iou)
+            for name, stated_iou in zip(classes.names, stated_ious, strict=True)
         ]
-        return replace(plain, ious=tuple(ious))
+        return replace(classes, ious=tuple(ious))
 
 
-def _find_class_iou(cases: Cases, plain: Classes, name: str, stated: object) -> float | None:
+def _find_class_iou(cases: Cases, classes: Classes, name: str, stated: object) -> float | None:
     """Return the IoU threshold of a class, None if the cases give it the same one.
 
     Args:
         cases: Cases of the question.
-        plain: The classes without thresholds of theirs.
+        classes: The classes without thresholds that differ from the thresholds of the cases.
         name: Name of the class.
         stated: JSON value for this class: a number, or the list of the question's thresholds.
 
     Raises ValueError for another value."""
-    usual = cases.class_ious(plain, name)
+    usual = cases.class_ious(classes, name)
     if stated == usual or stated == list(np.atleast_1d(usual)):
         return None
     if isinstance(stated, bool) or not isinstance(stated, int | float):

@@ -98,8 +98,8 @@ class PlanFolder:
         The stated figure stays only if scheme, codec, classes, cases and link share are the
         same."""
         names = ("fusion", "codec", "counted", "cases", "link_share")
-        same = all(getattr(setting, name) == getattr(self.setting, name) for name in names)
-        return replace(self, setting=setting, stated=self.stated if same else None)
+        is_same = all(getattr(setting, name) == getattr(self.setting, name) for name in names)
+        return replace(self, setting=setting, stated=self.stated if is_same else None)
 
 
 def is_plan_folder(where: object) -> bool:
@@ -124,7 +124,7 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
     with name_errors(path):
         plan = JsonObject(content)
         _check_version(plan)
-        if plan.value.get("chosen", ...) is None:
+        if plan.value.get("chosen", ...) is None:  # null; a missing member is an error later
             sentence = plan.node("verdict").get("sentence", str)
             raise ValueError(
                 f"the plan has no set of sensors to go on from ({sentence[:80]}): {PLAN_AGAIN}"
@@ -142,7 +142,8 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
 def found_nothing(path: Path) -> bool:
     """Return True if a plan.json holds a plan without a set, which may be overwritten.
 
-    False if the file is missing, damaged or no plan. path: the file."""
+    The verdict of such a plan is that the requirement is not met. False if the file is missing,
+    damaged or no plan. path: the file."""
     try:
         plan = JsonObject(read_json(path))
         return plan.node("verdict").value.get("met") is False
@@ -151,13 +152,16 @@ def found_nothing(path: Path) -> bool:
 
 
 def _check_version(plan: JsonObject) -> None:
-    # raises ValueError for every version except this coview's, with advice for each case
+    """Raise ValueError for every version except this coview's, with advice for each case.
+
+    plan: content of a plan.json, whose member `coview_plan` is the version of its format."""
     if "coview_plan" not in plan.value:
         raise ValueError(
             "it has no coview_plan, so it is of an earlier coview, without poles and prices, or "
             f"no plan: {PLAN_AGAIN}"
         )
     version = plan.get("coview_plan", int)
+    # only 20 characters of the version are quoted, however long the number is
     if version > PLAN_VERSION:
         raise ValueError(
             f"coview_plan is version {version!s:.20}, this coview reads up to {PLAN_VERSION}: "
@@ -170,11 +174,17 @@ def _check_version(plan: JsonObject) -> None:
 def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
     """Raise ValueError for a sensor whose pole is unknown or more than `MAX_POLE_GAP_M` away.
 
-    site: site with the chosen sensors, in the order of the plan; stock: candidates on all poles."""
+    The distance is horizontal.
+
+    Args:
+        plan: Content of a plan.json.
+        site: Site with the chosen sensors, in the order of the plan.
+        stock: Candidates on all poles."""
     poles = {mount.name: mount for mount in stock.mounts}
     for row, sensor in zip(plan.nodes("sensors", MAX_STOCK_SENSORS), site.sensors, strict=True):
         name = row.choice("pole", poles)
-        distance = float(np.hypot(*(sensor.position - poles[name].position)[:2]))
+        dx, dy = (sensor.position - poles[name].position)[:2]
+        distance = float(np.hypot(dx, dy))
         if distance > MAX_POLE_GAP_M:
             raise ValueError(
                 f"{sensor.name} hangs {distance:.6g} m from its pole {name}, more than "
@@ -183,14 +193,16 @@ def _check_poles(plan: JsonObject, site: Site, stock: Candidates) -> None:
 
 
 def _check_sensors(plan: JsonObject, site: Site) -> None:
-    # raises ValueError unless plan.json and site.json have the same sensors in the same order
-    names = [sensor.get("name", str) for sensor in plan.nodes("sensors", MAX_STOCK_SENSORS)]
-    mounted = [sensor.name for sensor in site.sensors]
-    if names != mounted:
-        plan_names = ", ".join(names)[:80]
-        site_names = ", ".join(mounted)[:80] or "none"
+    """Raise ValueError unless plan.json and site.json have the same sensors in the same order.
+
+    plan: content of the plan.json; site: site of the site.json, with the chosen sensors."""
+    plan_names = [sensor.get("name", str) for sensor in plan.nodes("sensors", MAX_STOCK_SENSORS)]
+    site_names = [sensor.name for sensor in site.sensors]
+    if plan_names != site_names:
+        plan_text = ", ".join(plan_names)[:80]
+        site_text = ", ".join(site_names)[:80] or "none"
         raise ValueError(
-            f"plan and site must have the same sensors, got {plan_names} here, {site_names} in "
+            f"plan and site must have the same sensors, got {plan_text} here, {site_text} in "
             f"{SITE}: take both from one plan"
         )
 
@@ -225,21 +237,25 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         raise ValueError(
             f"question.frames must be three whole numbers from 1 to {MAX_FRAMES}, got {frames}"
         )
+    search_frames = int(frames[0])
     # if search and comparison have as many frames, the number was given: the usual ones differ
+    given_frames = search_frames if frames[0] == frames[1] else None
     return PlanFolder(
-        folder,
-        setting,
-        int(frames[0]),
-        int(frames[0]) if frames[0] == frames[1] else None,
-        question.whole("seed", 0, MAX_SEED),
-        math.inf if sensors is None else sensors,
-        question.get("detector", str),
-        _read_stated(plan.node("chosen"), cases.names[0]),
+        path=folder,
+        setting=setting,
+        frames=search_frames,
+        given_frames=given_frames,
+        seed=question.whole("seed", 0, MAX_SEED),
+        sensors=math.inf if sensors is None else sensors,
+        detector=question.get("detector", str),
+        stated=_read_stated(plan.node("chosen"), cases.names[0]),
     )
 
 
 def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:
-    # reads the figure of the intact set; errors: name of the first error profile
+    """Read the AP of the intact set with its interval, whose ends are NaN if they are null.
+
+    chosen_set: `chosen` of a plan.json; errors: name of the first error profile."""
     judgement = chosen_set.node("judged")
     low = read_optional(judgement, "low", judgement.number)
     high = read_optional(judgement, "high", judgement.number)

@@ -1,7 +1,7 @@
 """Stock of a plan in plan.json, written and read: poles, sensor models and prices."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -24,6 +24,16 @@ MAX_KEEP_OUT_AREAS = 1000
 MAX_STOCK_POSES = 400_000
 MAX_PRICE = 1e15
 MAX_KBIT = 1e12
+MAX_YEARS = 1000  # over which yearly rates are added up
+
+
+class StockModel(NamedTuple):
+    """Sensor model of a stock, and whether plan.json gives it a price.
+
+    A model without a price has the price 0."""
+
+    priced_model: PricedModel
+    is_priced: bool
 
 
 def format_stock(question: Question, candidates: Candidates) -> Json:
@@ -36,8 +46,9 @@ def format_stock(question: Question, candidates: Candidates) -> Json:
     stock = question.stock
     axes = candidates.axes
     catalogue = stock.catalogue
-    names = [name_in_words(type(model).__name__) for model in axes.models]
-    if catalogue is not None:
+    if catalogue is None:
+        names = [name_in_words(type(model).__name__) for model in axes.models]
+    else:
         names = [catalogue.get_name(model) for model in axes.models]
     prices = axes.prices or (None,) * len(axes.models)
     models = [
@@ -58,6 +69,7 @@ def format_stock(question: Question, candidates: Candidates) -> Json:
 
 
 def _format_pole(mount: Mount) -> Json:
+    """Return a pole for plan.json: foot x, y, z and heights of sensors above it in metres."""
     x, y, z = mount.position.tolist()
     return {
         "name": mount.name,
@@ -74,21 +86,27 @@ def _format_pole(mount: Mount) -> Json:
 
 
 def _format_mounted(candidates: Candidates) -> list[Json]:
-    # factors: indices of the mount, height, heading, tilt and model, in this order
-    rows = zip(candidates.sensors, candidates.factors.tolist(), strict=True)
+    """Return the sensors for plan.json, each with the indices of its pole and model.
+
+    The indices are for the lists of poles and models of the same stock; positions are x, y, z (m)
+    in the site's frame."""
+    poles = candidates.mount.tolist()
+    # columns of factors: indices of mount, height, heading, tilt and model
+    models = candidates.factors[:, 4].tolist()
     return [
         {
             "name": sensor.name,
-            "pole": factors[0],
-            "model": factors[4],
+            "pole": pole,
+            "model": model,
             "position": sensor.position.tolist(),
             **format_attitude(sensor),
         }
-        for sensor, factors in rows
+        for sensor, pole, model in zip(candidates.sensors, poles, models, strict=True)
     ]
 
 
 def _format_catalogue(catalogue: SensorCatalogue) -> Json:
+    """Return a catalogue for plan.json without its models, which the stock lists."""
     return {
         "currency": catalogue.currency,
         "pole_price": catalogue.pole_price,
@@ -102,6 +120,7 @@ def read_optional(node: JsonObject, key: str, read: Callable[[str], Any]) -> Any
     """Read a member with `read`, or return None if it is null.
 
     A missing member is not None: `read`, a method of the node, gets its key and raises."""
+    # `...` as default makes a missing member differ from null
     return None if node.value.get(key, ...) is None else read(key)
 
 
@@ -116,7 +135,7 @@ def read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
         site: Site with the chosen sensors.
         head: Title, client, author and date of the catalogue."""
     poles = tuple(_read_pole(pole) for pole in stock.nodes("poles", MAX_STOCK_POLES))
-    models = [_read_priced(model) for model in stock.nodes("models", MAX_STOCK_MODELS)]
+    models = [_read_stock_model(model) for model in stock.nodes("models", MAX_STOCK_MODELS)]
     if not poles or not models:
         raise ValueError("stock must hold a pole and a model: the file is damaged")
     # one area too many is enough to refuse the file; thousands more are not parsed
@@ -124,6 +143,7 @@ def read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
     areas = tuple(_read_area(text, i) for i, text in enumerate(area_texts))
     if len(areas) > MAX_KEEP_OUT_AREAS:
         raise ValueError(f"stock.keep_out_wkt must hold at most {MAX_KEEP_OUT_AREAS} areas")
+    # null is allowed for both; `...` as default makes a missing member differ from null
     catalogue = None
     if stock.value.get("catalogue", ...) is not None:
         catalogue = _read_catalogue(stock.node("catalogue"), models, head)
@@ -135,6 +155,9 @@ def read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
 
 
 def _read_pole(pole: JsonObject) -> Mount:
+    """Read a pole of a plan.json; its members are as in `_format_pole`.
+
+    Raises ValueError for a wrong member."""
     name = pole.get("name", str)
     origin = pole.choice("origin", ORIGINS)
     position = np.array([pole.number(axis, -MAX_COORDINATE_M, MAX_COORDINATE_M) for axis in "xyz"])
@@ -144,27 +167,41 @@ def _read_pole(pole: JsonObject) -> Mount:
     capacity = pole.number("capacity_kbit", 0, MAX_KBIT)
     max_sensors = pole.whole("max_sensors", 1, MAX_STOCK_SENSORS)
     with name_errors(pole.path):
-        return Mount(name, position, min_height, max_height, price, capacity, max_sensors, origin)
+        return Mount(
+            name=name,
+            position=position,
+            min_height=min_height,
+            max_height=max_height,
+            price=price,
+            capacity=capacity,
+            max_sensors=max_sensors,
+            origin=origin,
+        )
 
 
-def _read_priced(row: JsonObject) -> tuple[PricedModel, bool]:
-    """Read a sensor model, and True if it has a price; a model without one gets 0."""
+def _read_stock_model(row: JsonObject) -> StockModel:
+    """Read a sensor model of a plan.json; one without a price gets 0."""
     price = read_optional(row, "price", lambda key: row.number(key, 0, MAX_PRICE))
     model = read_model(row.node("model"))
-    return PricedModel(row.get("name", str), model, price or 0.0), price is not None
+    priced_model = PricedModel(row.get("name", str), model, price or 0.0)
+    return StockModel(priced_model, is_priced=price is not None)
 
 
 def _read_area(text: str, number: int) -> shapely.Geometry:
-    # text: well-known text in the site's metres; number: index in the file, for error texts
-    where = f"stock.keep_out_wkt[{number}]"
+    """Read an area without sensors. Raises ValueError for damaged text or an unsound polygon.
+
+    text: well-known text in the site's metres; number: index in the file, for error texts."""
+    member = f"stock.keep_out_wkt[{number}]"
     try:
         area = shapely.from_wkt(text)
     except shapely.errors.ShapelyError:
         raise ValueError(
-            f"{where} must be a polygon as well-known text, got {text[:60]!r}"
+            f"{member} must be a polygon as well-known text, got {text[:60]!r}"
         ) from None
     if not _is_sound(area):
-        raise ValueError(f"{where} must be a sound polygon in the site's metres, got {text[:60]!r}")
+        raise ValueError(
+            f"{member} must be a sound polygon in the site's metres, got {text[:60]!r}"
+        )
     return area
 
 
@@ -174,34 +211,46 @@ def _is_sound(area: shapely.Geometry | None) -> bool:
         return False
     if not area.is_valid or area.is_empty or not np.isfinite(area.bounds).all():
         return False
-    return max(map(abs, area.bounds)) <= MAX_COORDINATE_M
+    return max(map(abs, area.bounds)) <= MAX_COORDINATE_M  # bounds: x and y, lowest and highest
 
 
 def _read_catalogue(
-    node: JsonObject, models: list[tuple[PricedModel, bool]], head: dict[str, str]
+    node: JsonObject, models: list[StockModel], head: dict[str, str]
 ) -> SensorCatalogue:
-    # models: each with True if it has a price; head: title, client, author, date
-    if not all(is_priced for _, is_priced in models):
+    """Read the catalogue of a stock; its models come from the stock's list.
+
+    Raises ValueError for a wrong member or a model without a price.
+
+    Args:
+        node: `catalogue` of the stock.
+        models: All models of the stock.
+        head: Title, client, author and date."""
+    if not all(stock_model.is_priced for stock_model in models):
         raise ValueError(
             "stock.models must all have a price where there is a catalogue: the file is damaged"
         )
     rates = node.node("rates")
     rates.check_keys(RATES)
     return SensorCatalogue(
-        tuple(model for model, _ in models),
-        node.get("currency", str),
-        read_optional(node, "pole_price", lambda key: node.number(key, 0, MAX_PRICE)),
-        node.get("digest", str),
-        {key: rates.number(key, 0, MAX_PRICE) for key in rates.value},
-        node.number("years", 0, 1000),
-        head,
+        models=tuple(stock_model.priced_model for stock_model in models),
+        currency=node.get("currency", str),
+        pole_price=read_optional(node, "pole_price", lambda key: node.number(key, 0, MAX_PRICE)),
+        digest=node.get("digest", str),
+        rates={key: rates.number(key, 0, MAX_PRICE) for key in rates.value},
+        years=node.number("years", 0, MAX_YEARS),
+        report=head,
     )
 
 
 def _read_pool(
-    stock: JsonObject, site: Site, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
+    stock: JsonObject, site: Site, poles: tuple[Mount, ...], models: list[StockModel]
 ) -> Candidates:
-    # candidates in all poses: poles times heights, headings, tilts and models
+    """Return candidates in all poses: poles times heights, headings, tilts and models.
+
+    Raises ValueError for a wrong member or too many poses.
+
+    stock: `stock` of a plan.json with heights, headings and tilts; poles, models: its members,
+    already read."""
     heights = stock.numbers("heights_m")
     tilts = stock.numbers("tilts_deg")
     headings = stock.whole("headings", 1, MAX_AIM_STEPS)
@@ -213,48 +262,65 @@ def _read_pool(
             f"stock must have at most {MAX_STOCK_POSES} poses, got {poses}: leave out poles"
         )
     # `pool` takes a list of models without prices, or a dictionary from model to price
-    models_offered: Any = [priced_model.model for priced_model, _ in models]
-    if all(is_priced for _, is_priced in models):
-        models_offered = {priced_model.model: priced_model.price for priced_model, _ in models}
-    radians = np.deg2rad(tilts).tolist()
+    models_offered: Any = [stock_model.priced_model.model for stock_model in models]
+    if all(stock_model.is_priced for stock_model in models):
+        priced_models = [stock_model.priced_model for stock_model in models]
+        models_offered = {priced.model: priced.price for priced in priced_models}
+    tilts_rad = np.deg2rad(tilts).tolist()
     with name_errors("stock"):
         return pool(
             site,
             heights=heights,
             headings=headings,
-            tilts=radians,
+            tilts=tilts_rad,
             models=models_offered,
             mounts=poles,
         )
 
 
 def _read_mounted(
-    stock: JsonObject, poles: tuple[Mount, ...], models: list[tuple[PricedModel, bool]]
+    stock: JsonObject, poles: tuple[Mount, ...], models: list[StockModel]
 ) -> Candidates:
-    # candidates in single poses, each on a known pole; factors: pole and model of each
+    """Return candidates in single poses, each on a pole of the stock.
+
+    Raises ValueError for a wrong member or no sensor.
+
+    stock: `stock` of a plan.json with a list of sensors; poles, models: its members, already
+    read."""
     sensors = []
-    factors = []
+    pole_indices = []
+    heights = []  # above the foot of the pole (m)
     for row in stock.nodes("sensors", MAX_STOCK_SENSORS):
-        pole = row.whole("pole", 0, len(poles) - 1)
-        model = row.whole("model", 0, len(models) - 1)
-        sensor = read_sensor(row.numbers("position", 3), row, models[model][0].model)
+        pole_index = row.whole("pole", 0, len(poles) - 1)
+        model_index = row.whole("model", 0, len(models) - 1)
+        model = models[model_index].priced_model.model
+        sensor = read_sensor(row.numbers("position", 3), row, model)
         sensors.append(sensor)
-        factors.append((pole, model))
+        pole_indices.append(pole_index)
+        foot = poles[pole_index].position
+        heights.append(sensor.position[2] - foot[2])  # z of both
     if not sensors:
         raise ValueError("stock.sensors must hold one sensor or more, or be null")
-    mount = np.array([pole for pole, _ in factors], np.int64)
     headings, tilts = aims(sensors)
-    heights = [
-        sensor.position[2] - poles[pole].position[2]
-        for sensor, pole in zip(sensors, mount.tolist(), strict=True)
-    ]
-    prices: tuple[float, ...] = ()
-    if all(is_priced for _, is_priced in models):
-        prices = tuple(priced_model.price for priced_model, _ in models)
-    sensor_models = tuple(priced_model.model for priced_model, _ in models)
-    axes = Axes(np.zeros(0), np.zeros(0), np.zeros(0), sensor_models, prices)
-    # pool without sensors, from which `from_poses` takes poles and prices
-    empty = Candidates((), poles, np.zeros((0, 5), np.int64), axes)
     poses = np.column_stack([heights, headings, tilts])
+    no_sensors = _offer_models(poles, models)
     with name_errors("stock"):
-        return Candidates.from_poses(sensors, mount, poses, empty)
+        return Candidates.from_poses(sensors, np.array(pole_indices, np.int64), poses, no_sensors)
+
+
+def _offer_models(poles: tuple[Mount, ...], models: list[StockModel]) -> Candidates:
+    """Return candidates without sensors, from which `from_poses` takes poles, models and prices.
+
+    They have no prices unless all models have one."""
+    prices: tuple[float, ...] = ()
+    if all(stock_model.is_priced for stock_model in models):
+        prices = tuple(stock_model.priced_model.price for stock_model in models)
+    axes = Axes(
+        heights=np.zeros(0),
+        headings=np.zeros(0),
+        tilts=np.zeros(0),
+        models=tuple(stock_model.priced_model.model for stock_model in models),
+        prices=prices,
+    )
+    no_factors = np.zeros((0, 5), np.int64)  # columns: mount, height, heading, tilt, model
+    return Candidates(sensors=(), mounts=poles, factors=no_factors, axes=axes)

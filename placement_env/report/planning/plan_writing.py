@@ -18,8 +18,9 @@ def write_plan(planned: content.Planned, out: Path) -> list[Path]:
 
     The folder is made if missing. A plan without sensors has no files for other tools
     (`EXCHANGE_FILES`). Files of `PLAN_FILES` that an earlier plan left there and this one lacks are
-    removed; other files stay. Raises
-    ImportError without the packages of `coview[report]`, OSError if the folder cannot be
+    removed; other files stay.
+
+    Raises ImportError without the packages of `coview[report]`, OSError if the folder cannot be
     written."""
     plan = planned.plan
     with writing_together(out) as folder:
@@ -27,16 +28,17 @@ def write_plan(planned: content.Planned, out: Path) -> list[Path]:
         write_report(planned, folder)
         if planned.ground is not None and planned.candidates is not None:
             mounts = planned.candidates.mounts
-            unused = [mount for mount in mounts if mount.name in plan.poles_unused]
+            unused_mounts = [mount for mount in mounts if mount.name in plan.poles_unused]
             write_exchange(
                 folder,
                 planned.site,
                 plan.sensors,
                 planned.ground,
-                unused=unused,
+                unused=unused_mounts,
                 currency=plan.currency,
             )
         names = sorted(path.name for path in folder.iterdir())
+    # files of an earlier plan
     for name in set(PLAN_FILES).difference(names):
         (out / name).unlink(missing_ok=True)
     return [out / name for name in names]

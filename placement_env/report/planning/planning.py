@@ -28,11 +28,13 @@ def plan(question: Question) -> content.Planned:
 
     The plan comes with the site and its chosen sensors, the candidates, and the ground and frames
     for pictures. A refused plan has no sensors, ground and frames. The same question has the same
-    plan, byte for byte, whatever the cache and the processes. Raises
-    ValueError and OSError for damaged inputs, ImportError without SUMO."""
+    plan, byte for byte, whatever the cache and the processes.
+
+    Raises ValueError and OSError for damaged inputs, ImportError without SUMO."""
     try:
         _check_question(question)
-        return _answer(narrow_question(question, question.part("search")))
+        searchable_question = narrow_question(question, question.part("search"))
+        return _answer(searchable_question)
     except Refusal as refusal:
         return refuse(question, refusal)
 
@@ -86,9 +88,9 @@ def _answer(question: Question) -> content.Planned:
     candidates = objective.candidates
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
     return content.Planned(
-        build_plan(findings, final.judge, ground),
-        mounted.mounted_site(question.site, candidates, choice.members),
-        candidates,
-        ground,
-        pick_moments(final.judge.detected, choice.members, seed=question.run.seed),
+        plan=build_plan(findings, final.judge, ground),
+        site=mounted.mounted_site(question.site, candidates, choice.members),
+        candidates=candidates,
+        ground=ground,
+        moments=pick_moments(final.judge.detected, choice.members, seed=question.run.seed),
     )

@@ -33,6 +33,8 @@ def prepare_judge(
 ) -> PreparedJudge:
     """Simulate one part of the traffic at each drawing of the site, and return the judge on it.
 
+    A drawing fills in at random what no map knows of the site; the first is the site itself.
+
     Args:
         question: The question.
         objectives: Objective of the searches for each drawing, which has the candidates.
@@ -68,16 +70,17 @@ def prepare_final_judge(
         if width is None or judge.absent or frames >= MAX_FINAL_FRAMES:
             return prepared
         stage = one_stage(run, "frames of the chosen set", frames)
-        judgements, _ = judge.judge_cases(is_member[None], stage)
+        judgements, _ = judge.judge_cases(is_member[None], stage)  # one row, for the only set
         judgement = judgements[0].counted
         interval_width = judgement.high - judgement.low
         if interval_width <= width:
             return prepared
-        needed = 2 * frames  # if there are too few frames for an interval
-        if not math.isnan(interval_width):
-            needed = frames_for_width(frames, interval_width, width)
-        needed = max(needed, frames + frames // 4 + BLOCK_FRAMES)  # so that few attempts are made
-        run = replace(run, frames=min(MAX_FINAL_FRAMES, needed))
+        if math.isnan(interval_width):  # too few frames for an interval
+            needed_frames = 2 * frames
+        else:
+            needed_frames = frames_for_width(frames, interval_width, width)
+        min_frames = frames + frames // 4 + BLOCK_FRAMES  # so that few attempts are made
+        run = replace(run, frames=min(MAX_FINAL_FRAMES, max(needed_frames, min_frames)))
 
 
 def check_objects(question: Question, judge: Judge) -> None:

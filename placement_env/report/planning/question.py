@@ -68,12 +68,13 @@ class Stock:
         pool = choose_candidates(
             site, self.candidates, catalogue=self.catalogue, keep_out=self.keep_out
         )
-        if self.only:
+        if self.only:  # names of the candidates to use, empty for all
             names = set(self.only)
             pool = pool.select(np.flatnonzero([sensor.name in names for sensor in pool.sensors]))
-        # without a price, poles keep theirs: 1 for an ordinary one
-        price = None if self.catalogue is None else self.catalogue.pole_price
-        return with_terms(pool, 1.0 if price is None else price, self.capacity_kbit)
+        pole_price = None if self.catalogue is None else self.catalogue.pole_price
+        if pole_price is None:
+            pole_price = 1.0  # poles keep their prices, in units of one ordinary pole
+        return with_terms(pool, pole_price, self.capacity_kbit)
 
     @property
     def currency(self) -> str:
@@ -208,13 +209,13 @@ class Question:
 
         Sets are scored by the surrogate, a quick prediction of the shipped detector's AP, or by
         coverage if no surrogate fits the question."""
-        cases = replace(self.cases, errors=("paper",))
-        plain = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
+        cases = replace(self.cases, errors=("paper",))  # profile with the models' noise only
+        setting = replace(self.setting, cases=cases, candidates=self.setting.pool, detector=None)
         try:
-            check_scorable(plain, "surrogate")
+            check_scorable(setting, "surrogate")
         except ValueError:
-            return replace(plain, fidelity="coverage")
-        return replace(plain, fidelity="surrogate")
+            return replace(setting, fidelity="coverage")
+        return replace(setting, fidelity="surrogate")
 
     @cached_property
     def at_drawings(self) -> "tuple[Question, ...]":

@@ -55,7 +55,9 @@ def refuse_traffic(
 
 def refuse(question: Question, refusal: Refusal) -> content.Planned:
     """Return a plan without sensors, whose verdict gives the reasons of a refusal."""
-    verdict = content.Verdict(False, "No set of sensors can be planned.", refusal.reasons)
+    verdict = content.Verdict(
+        met=False, sentence="No set of sensors can be planned.", reasons=refusal.reasons
+    )
     plan = content.Plan(
         question=question.as_dict(),
         site=question.site.name,
@@ -67,4 +69,5 @@ def refuse(question: Question, refusal: Refusal) -> content.Planned:
         chosen=None,
         head=question.stock.head,
     )
-    return content.Planned(plan, replace(question.site, sensors=()), refusal.candidates)
+    site = replace(question.site, sensors=())
+    return content.Planned(plan, site, candidates=refusal.candidates)

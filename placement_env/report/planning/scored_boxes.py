@@ -49,7 +49,7 @@ class ScoredBoxes:
     def tally(
         self,
         label: int,
-        truths: Bool[np.ndarray, " t"],
+        in_group: Bool[np.ndarray, " t"],
         is_counted: Bool[np.ndarray, " n"],
         iou_index: int,
     ) -> Tally:
@@ -57,17 +57,17 @@ class ScoredBoxes:
 
         Args:
             label: Class, an index into `LABELS`.
-            truths: True for the objects to tally, of any class.
+            in_group: True for the objects to tally, of any class.
             is_counted: True for the detections to tally, of any class.
             iou_index: Row of `hits`."""
-        is_truth = truths & (self.truth_label == label)
+        is_truth = in_group & (self.truth_label == label)
         is_detection = is_counted & (self.label == label)
-        count = np.bincount(self.truth_frame[is_truth], minlength=self.frames)
+        frame_truths = np.bincount(self.truth_frame[is_truth], minlength=self.frames)
         return Tally(
-            self.scores[is_detection],
-            self.hits[iou_index, is_detection] >= 0,
-            self.frame[is_detection],
-            count,
+            scores=self.scores[is_detection],
+            hit=self.hits[iou_index, is_detection] >= 0,
+            frame=self.frame[is_detection],
+            truths=frame_truths,
         )
 
 
@@ -85,6 +85,7 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
     # outcomes count objects from 0 in every frame; `first_truth` moves them to rows of all frames
     first_truth = np.cumsum([0, *object_counts])[frame]
     iou_rows = [detected.ious.index(iou) for iou in judge.cases.ious]
+    # axes: IoU threshold of the cases, detection; negative without an object
     truth = np.concatenate([outcome.truth for outcome in outcomes], axis=1)[iou_rows]
     return ScoredBoxes(
         truths=np.concatenate([frame_objects.boxes for frame_objects in objects]),

@@ -83,18 +83,18 @@ def build_verdict(
             "cheapest set that cannot be told from the best" if rule == "as good" else "best set"
         )
         sentence = f"The {answer_text} found within the budget has {result}."
-        return Verdict(None, f"{links_before}{sentence}")
+        return Verdict(met=None, sentence=f"{links_before}{sentence}")
     if judgement.ap >= min_ap:
         certainty = "the interval reaches below it, so more traffic may say otherwise"
         if judgement.low >= min_ap:
             certainty = "the whole interval lies above it"
         sentence = f"The requirement of AP {min_ap:g} is met: {result}; {certainty}."
-        return Verdict(True, f"{links_before}{sentence}")
+        return Verdict(met=True, sentence=f"{links_before}{sentence}")
     reasons = explain_shortfall(question, compared, judgement, excluded)
     if narrow_links:
         reasons = (narrow_links, *reasons)
     sentence = f"The requirement of AP {min_ap:g} is not met: the best set found has {result}."
-    return Verdict(False, sentence, reasons)
+    return Verdict(met=False, sentence=sentence, reasons=reasons)
 
 
 def explain_shortfall(
@@ -108,13 +108,13 @@ def explain_shortfall(
         final: Result of the same set in the final traffic.
         excluded: Sentences on what excludes candidates, which come last."""
     price = describe_money(best.price, question.currency)
-    before = ""
+    compared_ap = ""
     if best.counted:
-        before = f" and {best.counted.format_ap()} in the traffic it was chosen on"
+        compared_ap = f" and {best.counted.format_ap()} in the traffic it was chosen on"
     reasons = [
         f"The best set found, {describe_count(len(best.sensors), 'sensor')} for {price}, has AP "
         f"{final.format_ap()} ({final.describe_interval()}){describe_cases(question)} on "
-        f"{describe_count(final.vehicles, final.kind)} in the final traffic{before}; "
+        f"{describe_count(final.vehicles, final.kind)} in the final traffic{compared_ap}; "
         f"{question.min_ap:g} is required at IoU {iou_text(question.cases.threshold)}."
     ]
     if question.sensors is not None and len(best.sensors) >= question.sensors:
@@ -184,9 +184,10 @@ def explain_choice(
 
 
 def _describe_best(plan: Plan, chosen: Judgement, currency: str) -> list[str]:
-    """Return a sentence that compares the best set with the chosen one, none if it is not judged.
+    """Return a sentence that compares the best set with the chosen one; empty if it is not judged.
 
-    chosen: result of the chosen set in the comparison; currency: "" for ordinary poles."""
+    chosen: result of the chosen set in the comparison; currency: "" for prices in ordinary
+    poles."""
     best = plan.best
     if best is None or best.counted is None:
         return []
@@ -207,7 +208,8 @@ def _describe_near_sets(count: int) -> str:
 def _describe_other_schemes(plan: Plan) -> list[str]:
     """Return a sentence that compares the planned fusion scheme with the others.
 
-    It has their AP and kbit at the plan's IoU; none if the plan lacks figures of other schemes."""
+    It has their AP and kbit at the plan's IoU. The list is empty if the plan lacks figures of other
+    schemes."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
     planned = next((row for row in rows if row.scheme == plan.scheme), None)
     other_schemes = ", ".join(
@@ -228,19 +230,22 @@ def _describe_prediction(plan: Plan, chosen_option: PlanOption, fidelity: str) -
     """State the predicted AP of the chosen set, less the mean error on the judged sets.
 
     Nothing is deducted from coverage, which is no AP, with fewer than `MIN_OVERRATED_SETS` judged
-    sets, or if predictions do not overrate them on average."""
-    overrated_by = [
+    sets, or if predictions do not overrate them on average.
+
+    fidelity: name of the estimate that predicts, such as "coverage"."""
+    predicted = chosen_option.predicted
+    errors = [  # above 0 if the prediction was too high
         option.predicted - option.counted.ap
         for option in plan.considered
         if option.counted is not None
     ]
-    if fidelity == "coverage" or len(overrated_by) < MIN_OVERRATED_SETS:
-        return f"{chosen_option.predicted:.3f}"
-    mean = sum(overrated_by) / len(overrated_by)
-    if mean <= 0:
-        return f"{chosen_option.predicted:.3f}"
+    if fidelity == "coverage" or len(errors) < MIN_OVERRATED_SETS:
+        return f"{predicted:.3f}"
+    mean_error = sum(errors) / len(errors)
+    if mean_error <= 0:
+        return f"{predicted:.3f}"
     return (
-        f"{chosen_option.predicted - mean:.3f} ({mean:.3f} deducted, by which predictions "
+        f"{predicted - mean_error:.3f} ({mean_error:.3f} deducted, by which predictions "
         "overrate the judged sets)"
     )
 
@@ -309,7 +314,9 @@ def _describe_objects(question: Question) -> str:
 
 
 def _list_scoring_limits(question: Question) -> list[str]:
-    """List in sentences which IoU thresholds and classes the figures are for, if not the usual."""
+    """List in sentences which IoU thresholds and classes the figures are for.
+
+    Empty for a single threshold if all classes count."""
     ious = question.cases.ious
     lines = []
     if len(ious) > 1:
@@ -328,7 +335,7 @@ def _list_scoring_limits(question: Question) -> list[str]:
 
 
 def _list_stock_limits(question: Question) -> list[str]:
-    """List in sentences what prices leave out, and how many poses were left out of the search."""
+    """List in sentences what prices leave out, and how many poses the search was narrowed to."""
     stock = question.stock
     lines = []
     if stock.catalogue is None:
@@ -341,7 +348,7 @@ def _list_stock_limits(question: Question) -> list[str]:
             "The catalogue names no pole_price: the prices of poles are taken to be in "
             f"{question.currency or 'its unit'}."
         )
-    if stock.only:
+    if stock.only:  # names of the poses that were searched, empty for all
         lines.append(
             f"The poles offer more poses than can be searched: the {len(stock.only):,} that see "
             f"most in the first {LOOK_FRAMES} frames went on."
@@ -353,8 +360,8 @@ def describe_origins(site: Site) -> str:
     """List in a sentence the things of a site that are in no map but drawn at random."""
     if site.road_origin == "drawn":
         return "Everything at the site is drawn at random, the road too: there is no such place."
-    drawn_counts = count_things(site)["drawn"]
-    drawn_counts.pop("pole", None)
+    drawn_counts = count_things(site)["drawn"]  # number of drawn things by their kind
+    drawn_counts.pop("pole", None)  # poles are places to build at, not obstacles
     if not drawn_counts:
         return (
             "Nothing at the site is marked as drawn; files from before there were marks have none."
@@ -369,6 +376,7 @@ def describe_origins(site: Site) -> str:
 
 
 def _describe_codec(question: Question) -> str:
+    """Describe how kbit are counted, to follow the word "kbit"."""
     codec = scheme_codec(question.setting.fusion, question.setting.codec)
     if codec == PAPER:
         return (
@@ -382,6 +390,7 @@ def _describe_codec(question: Question) -> str:
 
 
 def _describe_errors(question: Question) -> str:
+    """Describe in sentences the sensor errors that count in comparison and judgement."""
     cases = question.cases
     if cases.noise_only:
         return "Poses are exact: no calibration error, no sway of poles, no clocks that differ."
@@ -406,8 +415,8 @@ def _describe_errors(question: Question) -> str:
 def list_unknowns(final: Judgement, levels: Sequence[BreakdownRow] = ()) -> tuple[str, ...]:
     """List questions that the plan cannot answer.
 
-    final: result of the chosen set on the final traffic; levels: its results by level of traffic,
-    and levels with too few objects are named."""
+    final: result of the chosen set on the final traffic; levels: its results by level of traffic;
+    levels with too few objects are named."""
     lines = [
         "How the detector does on real measurements of this place.",
         "Whether a set that no search looked at would do better: nothing is proven optimal.",

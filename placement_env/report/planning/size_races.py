@@ -73,13 +73,14 @@ def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces
         confidence: Confidence at which a race ends.
         run: Gives the seed and reports the sizes done."""
     entrants = options.entrants
-    races = SizeRaces({}, [], [])
+    races = SizeRaces(by_size={}, winners=[], close_sets=[])
     sizes = entrants.sets.sum(axis=1)
-    different_sizes = np.unique(sizes)[::-1]
+    different_sizes = np.unique(sizes)[::-1]  # the largest first
     report = run.stage("set sizes compared", len(different_sizes))
     winner_ap = math.inf  # expected AP of the last race's winner
     for step, size in enumerate(different_sizes, 1):
         size_rows = np.flatnonzero(sizes == size)
+        # `min_expected`: expected AP from which a set is near the best of all races
         if races.close_sets and winner_ap < races.min_expected:
             best = size_rows[int(entrants.predicted[size_rows].argmax())]
             races.winners.append(int(best))
@@ -102,7 +103,12 @@ def _race_size(
 
     The race, its winner and its finalists are also added to `races`, which changes.
 
-    size_rows: indices of these sets among all entrants, ascending."""
+    Args:
+        options: Entrants with their judge.
+        size_rows: Indices of the sets of this size among all entrants, ascending.
+        races: Races so far.
+        confidence: Confidence at which the race ends.
+        seed: Seed of the race and of the order of its frames."""
     sets = options.entrants.sets
     evaluator = options.judge.evaluator
     race = contest(
@@ -134,17 +140,21 @@ def find_finalists(
 
     Rank 0 is the winner. Sets that nearly tie with it (`LIKELY_TIE_AP`) follow by mean AP over
     IoU thresholds, highest first, then other sets by rank. The mean AP is on the frames of the
-    first rung, which all sets share.
+    race's first round, in which all sets took part.
 
     Args:
         race: The finished race.
         ranked: Its sets, best first.
         evaluator: Evaluator of the race.
         order: All frames in the order in which races use them."""
+    # `expected` is sorted like `ranked`, so the first is the winner itself
     tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
     mean_aps = np.empty(0)
     if len(tied):
-        mean_aps = evaluator.mean_ap(ranked[tied], order[: race.frames.min()])
-    by_mean = tied[np.argsort(-mean_aps, kind="stable")]
-    ranks = list(dict.fromkeys([0, *by_mean.tolist(), *range(len(ranked))]))
+        # `race.frames` has the number of frames on which each set raced
+        first_round_frames = order[: race.frames.min()]
+        mean_aps = evaluator.mean_ap(ranked[tied], first_round_frames)
+    tied_by_mean = tied[np.argsort(-mean_aps, kind="stable")]
+    # each rank once, at its first place
+    ranks = list(dict.fromkeys([0, *tied_by_mean.tolist(), *range(len(ranked))]))
     return np.array(ranks[:MAX_FINALISTS], np.int64)

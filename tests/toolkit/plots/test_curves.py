@@ -6,7 +6,7 @@ from matplotlib.image import imread
 
 from toolkit.plots.canvas import house_style, render_pixels
 from toolkit.plots.curves import (
-    FEW,
+    MAX_LINEAR_POINTS,
     curve_axes,
     draw_density_cdf,
     draw_pr_curves,
@@ -49,7 +49,7 @@ def test_density(tmp_path, counts):
 def test_few_points_take_half_of_the_axis():
     with house_style():
         _, axes = curve_axes("", 0)
-        axes.set_xscale("symlog", linthresh=FEW, linscale=1.5)
+        axes.set_xscale("symlog", linthresh=MAX_LINEAR_POINTS, linscale=1.5)
         axes.set_xlim(0, 2000)
         across = axes.transData.transform([(x, 0) for x in (0, 50, 100, 2000)])
         place = axes.transAxes.inverted().transform(across)[:, 0]

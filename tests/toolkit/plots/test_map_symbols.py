@@ -88,10 +88,10 @@ def test_maps_point_north_and_have_a_scale():
         assert map_sheet.scale_length(float(metres)) == length
     assert np.ravel(map_sheet.extent(SITE)).tolist() == [
         *(
-            -20 - map_sheet.AROUND,
-            -10 - map_sheet.AROUND,
-            20 + map_sheet.AROUND,
-            10 + map_sheet.AROUND,
+            -20 - map_sheet.MAP_MARGIN_M,
+            -10 - map_sheet.MAP_MARGIN_M,
+            20 + map_sheet.MAP_MARGIN_M,
+            10 + map_sheet.MAP_MARGIN_M,
         )
     ]
     assert np.ravel(map_sheet.extent(SITE, np.array([[50.0, 0], [0, -31]]))).tolist() == [
@@ -201,18 +201,18 @@ def test_a_field_of_view_ends_at_a_building_but_its_own_and_may_be_a_full_turn()
         sensor_marks.wedge(sensor(), []),
         sensor_marks.wedge(sensor(), [shapely.Polygon(TOWER)]),
     )
-    assert np.linalg.norm(free[1:], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE)
+    assert np.linalg.norm(free[1:], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE_M)
     assert free[0].tolist() == [0, 0]
     ahead = np.abs(np.arctan2(*free[1:].T[::-1])) < np.arctan2(5, 10)
     assert cut[1:][ahead][:, 0] == pytest.approx(10)
-    assert np.linalg.norm(cut[1:][~ahead], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE)
+    assert np.linalg.norm(cut[1:][~ahead], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE_M)
     assert shapely.Polygon(free).area == pytest.approx(
-        sensor_marks.VIEW_RANGE**2 * 1.0 / 2, rel=0.01
+        sensor_marks.VIEW_RANGE_M**2 * 1.0 / 2, rel=0.01
     )
     west = sensor_marks.wedge(sensor(at=(10.0, 0.0, 5.0), heading=np.pi), [shapely.Polygon(TOWER)])
     assert west[1:, 0].min() == pytest.approx(-15, abs=0.01)
     ring = sensor_marks.wedge(Sensor("l", SpinningLidar(), pose(1.0, 2.0, 3.0)), [])
-    assert np.linalg.norm(ring - [1, 2], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE)
+    assert np.linalg.norm(ring - [1, 2], axis=1) == pytest.approx(sensor_marks.VIEW_RANGE_M)
 
 
 KINDS = [("building", 6.0, True), ("building", 1.0, False), ("pond", 6.0, False)]
@@ -234,7 +234,7 @@ def test_names_of_poles_keep_clear_of_each_other_and_of_sensors(axes):
     for k, (x, y, width) in enumerate(boxes):
         for u, v, _ in boxes[:k]:
             assert abs(x - u) >= width - 1e-6 or abs(y - v) >= 7.5 - 1e-6
-        assert np.abs([100 - x - width / 2, 90 - y - 3.75]).max() > sensor_marks.DISC / 2
+        assert np.abs([100 - x - width / 2, 90 - y - 3.75]).max() > sensor_marks.DISC_POINTS / 2
 
 
 def test_objects_are_filled_by_class(axes):

@@ -42,21 +42,21 @@ FIRST = {
 
 
 def test_it_shows_samples_and_colourings_in_turn(view):
-    assert view.said == (
+    assert view.status_text == (
         "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 "
         "false alarms, 1 ignored)"
     )
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
     view.show(1)
-    assert view.said.startswith("second: 500 points")
+    assert view.status_text.startswith("second: 500 points")
     assert {"/sensors/1/place/0", "/sensors/1/sensor/0"} < shown(view)
     assert "/truth/pedestrian/0" not in shown(view)
     assert view.style.sensors == ("north", "south")
     view.show(0)
     assert shown(view) == FIRST
     view.show(2)
-    assert view.said == "sample 2 cannot be shown: labels.json is *damaged*"
+    assert view.status_text == "sample 2 cannot be shown: labels.json is *damaged*"
     assert view._line.content.endswith(r"labels\.json is \*damaged\*")
     assert shown(view) == set()
     view.show(0)
@@ -100,7 +100,9 @@ def test_switches_hide_and_the_slider_goes_to_a_frame(view):
     view.switches["north"].value = True
     wait_until(lambda: view.groups["/sensors/0"].visible)
     view.switches["frame"].value = 1
-    wait_until(lambda: view.said.startswith("second") and "/sensors/1/sensor/0" in shown(view))
+    wait_until(
+        lambda: view.status_text.startswith("second") and "/sensors/1/sensor/0" in shown(view)
+    )
     assert "south" in view.switches
 
 
@@ -122,7 +124,7 @@ def test_a_first_sample_that_is_damaged_is_an_error(recording):
 def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
     monkeypatch.setattr(live_view, "LIVE_POINTS", 300)
     view.show(0)
-    assert view.said.endswith("of larger clouds 300 points are drawn")
+    assert view.status_text.endswith("of larger clouds 300 points are drawn")
 
 
 def test_it_is_served_until_it_is_interrupted(recording, monkeypatch):

@@ -24,7 +24,8 @@ from placement_env.report.pages.document import (
     build_table,
 )
 from placement_env.report.pages.report import build_document
-from placement_env.report.pages.scene import Layer, Scene
+from placement_env.report.pages.scene import PlanScene
+from placement_env.report.pages.scene_layer import Layer
 from placement_env.report.pages.typesetting import to_html, to_pdf
 from toolkit.viewing.pages import POLICY, script_data
 
@@ -49,7 +50,7 @@ def test_headings_and_names_are_text_with_units():
 
 
 HOSTILE = "<script>alert('x')</script>\" onload=\"y"
-SCENE = Scene(
+SCENE = PlanScene(
     "<html></script><!--</html>",
     (Layer(HOSTILE, "/sensors/0", "#112233", HOSTILE),),
     (("/a 0",), ("/a 1",)),

@@ -17,7 +17,7 @@ NAMES = {"post00": "信号灯杆一", "post01": "Ώμος", "post02": "عمود"
 def planned(example, monkeypatch) -> Iterator[Planned]:
     """The example with other names of poles, on a computer without fonts of its own."""
     monkeypatch.setattr(fonts, "list_system_fonts", lambda: ())
-    fonts._choose.cache_clear()
+    fonts._cover_letters.cache_clear()
     plan = replace_texts(
         example.plan, lambda text: re.sub("|".join(NAMES), lambda found: NAMES[found[0]], text)
     )
@@ -28,7 +28,7 @@ def planned(example, monkeypatch) -> Iterator[Planned]:
         site=replace(example.site, mounts=(replace(mount, name=NAMES["post00"]), *others)),
         moments=(),
     )
-    fonts._choose.cache_clear()
+    fonts._cover_letters.cache_clear()
 
 
 def test_a_pole_whose_name_cannot_be_set_has_a_number(planned, tmp_path):

@@ -15,13 +15,13 @@ from placement_env.report.pages.scene import (
     GROUND_MARGIN_M,
     MAX_DRAWN_POINTS,
     NO_RETURN_M,
-    Layer,
-    build_scene,
+    build_plan_scene,
     drape,
     ground_mesh,
     seen_cells,
     view_edges,
 )
+from placement_env.report.pages.scene_layer import Layer
 from toolkit.plots.palette import OUTCOME, sensor_colour
 from toolkit.rendering.renderer import Renderer
 from toolkit.sites.site import Relief, Site, Solid
@@ -29,7 +29,7 @@ from toolkit.sites.site import Relief, Site, Solid
 
 @pytest.fixture(scope="module")
 def scene(example):
-    return build_scene(example.plan, example.site, example.ground, example.moments)
+    return build_plan_scene(example.plan, example.site, example.ground, example.moments)
 
 
 def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
@@ -52,7 +52,7 @@ def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
 
 
 def test_the_same_plan_has_the_same_scene_and_says_nothing(example, scene, capsys):
-    assert build_scene(example.plan, example.site, example.ground, example.moments) == scene
+    assert build_plan_scene(example.plan, example.site, example.ground, example.moments) == scene
     assert capsys.readouterr() == ("", "")
 
 
@@ -63,17 +63,17 @@ def test_ports_may_be_taken_and_sensors_be_none(example):
         with suppress(OSError):  # taken by someone else: as well
             taken.bind(("127.0.0.1", 8080))
             taken.listen()
-        made = build_scene(example.plan, example.site, None, ())
+        made = build_plan_scene(example.plan, example.site, None, ())
     assert made.frames == ()
     bare = replace(example.site, sensors=())
-    assert len(build_scene(example.plan, bare, None, ()).layers) == 8
+    assert len(build_plan_scene(example.plan, bare, None, ()).layers) == 8
 
 
 def test_clouds_are_thinned_to_what_a_page_can_hold(example, scene):
     rng = np.random.default_rng(0)
     heavy = tuple(rng.uniform(-20, 20, (60_000, 3)).astype(np.float32) for _ in range(4))
     moments = tuple(replace(moment, clouds=heavy) for moment in example.moments)
-    html = build_scene(example.plan, example.site, example.ground, moments).html
+    html = build_plan_scene(example.plan, example.site, example.ground, moments).html
     assert len(html) < len(scene.html) + MAX_DRAWN_POINTS * 6 * 4 / 3 + 1e5
 
 

@@ -285,17 +285,19 @@ def test_figures_over_drawings_of_a_site_are_means(street, rush):
     other = rush(Cases(), ())
     both = replace(street.judge, drawings=(other,))
     (judged,), (draws,) = both.judge_drawn(SETS[:1], both.cases)
-    alone = [each.judge_drawn(SETS[:1], each.cases) for each in both.alone]
+    alone = [each.judge_drawn(SETS[:1], each.cases) for each in both.drawing_judges]
     assert judged.ap == pytest.approx((0.75 + 0.625) / 2)
     assert draws == pytest.approx(np.mean([drawn[0] for _, drawn in alone], axis=0))
     assert (judged.vehicles, judged.frames) == (32, 8)
     raced = both.evaluator.evaluate(SETS, np.arange(8))
     assert raced.ap == pytest.approx(
-        [judged.ap, np.mean([each.judge(SETS)[1].ap for each in both.alone])], abs=1e-6
+        [judged.ap, np.mean([each.judge(SETS)[1].ap for each in both.drawing_judges])], abs=1e-6
     )
-    each_kbit = [each.evaluator.evaluate(SETS, np.arange(8)).kbit for each in both.alone]
+    each_kbit = [each.evaluator.evaluate(SETS, np.arange(8)).kbit for each in both.drawing_judges]
     assert raced.kbit == pytest.approx(np.mean(each_kbit, axis=0))
-    each_raced = [each.evaluator.evaluate(SETS, np.arange(8)).resamples for each in both.alone]
+    each_raced = [
+        each.evaluator.evaluate(SETS, np.arange(8)).resamples for each in both.drawing_judges
+    ]
     assert raced.resamples == pytest.approx(np.mean(each_raced, axis=0))
     assert both.evaluator.mean_ap(SETS[:1], np.arange(8)) == pytest.approx([judged.ap])
     options = tuple(PlanOption((name,), 1.0, 1.0, 1.0, 0.5, judged, poles=(name,)) for name in "ab")
