@@ -74,7 +74,7 @@ class FaceShifts(NamedTuple):
 
 
 class FaceMeasurements(NamedTuple):
-    """What the networks say of the faces of n boxes.
+    """Measurements of the faces of n boxes.
 
     Attributes:
         shifts: Shift of each face outwards (m), 0 without evidence.

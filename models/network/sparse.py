@@ -93,7 +93,7 @@ class LinearFeatures(nn.Module):
         self.config = features.config
         layers: Any = features.layers
         weight, bias = fold_norm(layers[0].linear, layers[0].norm)
-        from_reference, from_mean = weight.T.split(3)  # inputs x y z, outputs
+        from_reference, from_mean = torch.split(weight.T, 3)  # inputs x y z, outputs
         self.point_weight = nn.Parameter((from_reference + from_mean).contiguous())
         self.mean_weight = nn.Parameter(-from_mean.contiguous())
         self.bias = nn.Parameter(bias)
@@ -251,7 +251,8 @@ class ClassifiedCells(NamedTuple):
         outputs = F.linear(cell_features, weight[:, :, 0, 0], bias).float()
         maps = []
         for cell_values in torch.split(outputs, self.channels, 1):
-            by_anchor = cell_values.unflatten(1, (anchors, -1))
+            channels = cell_values.shape[1] // anchors
+            by_anchor = cell_values.view(len(cells), anchors, channels)
             maps.append(by_anchor[cell_of_place, places.anchor])
         residuals, *others = maps
         return AnchorOutputs(residuals, *(values[:, 0] for values in others))

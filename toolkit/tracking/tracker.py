@@ -223,7 +223,7 @@ def _start(detections: Detections, time: float, first_id: int) -> _State:
     """New tracks, one for each detection. first_id: number of the first one."""
     count = len(detections)
     boxes = detections.boxes
-    doubts = _doubts_of(detections)
+    doubts = _get_doubts(detections)
     weight = _weigh_sizes(doubts)
     votes = np.zeros((count, len(LABELS)))
     votes[np.arange(count), detections.labels] = detections.scores
@@ -253,7 +253,7 @@ def _start(detections: Detections, time: float, first_id: int) -> _State:
     )
 
 
-def _doubts_of(detections: Detections) -> Float64[np.ndarray, "n 5"]:
+def _get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
     """Doubts of the faces of detections, the usual ones if they have none."""
     if detections.doubts is not None:
         return detections.doubts
@@ -338,7 +338,7 @@ def _assign(
 def _correct(tracks: _State, detections: Detections, time: float) -> _State:
     """Tracks after a detection of each, in the same order."""
     boxes = detections.boxes
-    doubts = _doubts_of(detections)
+    doubts = _get_doubts(detections)
     # a detection that faces the other way is turned, and its faces with it
     residual = np.arctan2(np.sin(boxes[:, 6] - tracks.yaw), np.cos(boxes[:, 6] - tracks.yaw))
     is_turned = np.abs(residual) > np.pi / 2

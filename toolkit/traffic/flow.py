@@ -16,7 +16,7 @@ import numpy as np
 from toolkit.arrays import Rng
 from toolkit.runtime.reading import read_text
 
-KINDS = ("vehicle", "cyclist", "walker")
+ROAD_USER_KINDS = ("vehicle", "cyclist", "walker")
 # road users an hour that come in at a gate, lowest and highest draw by kind
 DRAWN_PER_HOUR = {"vehicle": (160.0, 320.0), "cyclist": (20.0, 80.0), "walker": (60.0, 160.0)}
 MAX_PER_HOUR = 3600.0  # at one gate, of one kind
@@ -38,7 +38,7 @@ class Movement(NamedTuple):
     """Road users of a kind that go from one gate to another.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `ROAD_USER_KINDS`.
         entry: name of the gate at which they come in.
         exit: name of the gate at which they leave.
         per_hour: mean number of them in an hour."""
@@ -61,8 +61,8 @@ class Flow:
     def __post_init__(self) -> None:
         listed = set()
         for movement in self.movements:
-            if movement.kind not in KINDS:
-                raise ValueError(f"a movement is of {', '.join(KINDS)}, got {movement.kind!r}")
+            if movement.kind not in ROAD_USER_KINDS:
+                raise ValueError(f"a movement is of {', '.join(ROAD_USER_KINDS)}, got {movement.kind!r}")
             if not 0 <= movement.per_hour <= MAX_PER_HOUR:
                 raise ValueError(
                     f"per_hour must be 0 to {MAX_PER_HOUR:g}, got {movement.per_hour:g} for "
@@ -80,7 +80,7 @@ class Flow:
 
         possible: by kind and entry, the exits that can be reached."""
         movements = []
-        for kind in KINDS:
+        for kind in ROAD_USER_KINDS:
             for entry, exits in possible.get(kind, {}).items():
                 per_hour = rng.uniform(*DRAWN_PER_HOUR[kind])
                 shares = rng.dirichlet(np.full(len(exits), 2.0))

@@ -14,7 +14,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
-from toolkit.traffic.flow import KINDS, Flow
+from toolkit.traffic.flow import ROAD_USER_KINDS, Flow
 from toolkit.traffic.gates import Gates, Passage
 from toolkit.traffic.road_lanes import Roads
 from toolkit.traffic.sumo import FINE_STEP_S, running
@@ -45,7 +45,7 @@ class Traveller(NamedTuple):
     exit: str
 
 
-class Way(NamedTuple):
+class Journey(NamedTuple):
     """Way of one road user.
 
     Attributes:
@@ -88,7 +88,7 @@ def simulate_ways(
     seconds: float,
     flow: Flow | None = None,
     progress: Callable[[int], None] | None = None,
-) -> list[Way]:
+) -> list[Journey]:
     """Ways of all road users within so many seconds, in the order in which they set out.
 
     Args:
@@ -185,8 +185,8 @@ class _Demand:
 
     def possible(self) -> dict[str, dict[str, list[str]]]:
         """Exits that each kind can reach, by kind and entry."""
-        possible: dict[str, dict[str, list[str]]] = {kind: {} for kind in KINDS}
-        for kind in KINDS:
+        possible: dict[str, dict[str, list[str]]] = {kind: {} for kind in ROAD_USER_KINDS}
+        for kind in ROAD_USER_KINDS:
             label = LABELS_OF_KIND[kind][0]
             for vehicle_class in sorted({self._supply.classes[row] for row in self._bodies[label]}):
                 for entry, leave in self._passages[vehicle_class]:
@@ -258,7 +258,7 @@ def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None
             course.yaws.append(float(yaw))
 
 
-def _make_ways(course: _Course, supply: Supply) -> list[Way]:
+def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
     """Way of an object of SUMO; a walker may have companions, with ways next to it."""
     rng = supply.rng
     traveller = course.traveller
@@ -269,7 +269,7 @@ def _make_ways(course: _Course, supply: Supply) -> list[Way]:
         length = float(supply.sizes[traveller.body, 0])
         poses = move_driver(points, course.yaws[0], length)
         poses[:, 2] += turn
-        return [Way(traveller, course.first, poses)]
+        return [Journey(traveller, course.first, poses)]
     walked = move_walker(points, course.yaws[0])
     ways = []
     left = rng.uniform(-MAX_STRIPE_SHIFT_M, MAX_STRIPE_SHIFT_M)  # of the walked course (m)
@@ -278,7 +278,7 @@ def _make_ways(course: _Course, supply: Supply) -> list[Way]:
         poses[:, 0] -= left * np.sin(walked[:, 2])
         poses[:, 1] += left * np.cos(walked[:, 2])
         poses[:, 2] += turn
-        ways.append(Way(traveller, course.first, poses))
+        ways.append(Journey(traveller, course.first, poses))
         if companions:  # the next one walks to the left of this one
             body = int(supply.several(np.flatnonzero(supply.labels == PEDESTRIAN), 1)[0])
             left += supply.sizes[[traveller.body, body], 1].mean() + rng.uniform(*COMPANION_GAP_M)
