@@ -315,6 +315,3 @@ def iou_text(iou: IoUs) -> str:
     if isinstance(iou, float | int):
         return f"{iou:g}"
     return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"
-
-
-USUAL_CASES = Cases()

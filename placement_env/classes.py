@@ -163,9 +163,6 @@ class Classes:
         return np.divide(sums, total, out=np.full(len(figures), np.nan), where=total > 0)
 
 
-VEHICLES = Classes()
-
-
 def join_names(names: Sequence[str]) -> str:
     """Names as text: "a", "a and b", "a, b and c"; "none" without any."""
     if len(names) < 2:

@@ -22,7 +22,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.cases import USUAL_CASES, iou_text
+from placement_env.cases import iou_text
+from placement_env.defaults import USUAL_CASES
 from placement_env.feasibility import FeasibleSets, Members
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation

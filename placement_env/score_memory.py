@@ -5,7 +5,8 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.protocol import ByClass, Estimate, Fidelity
 from placement_env.subsets import Sets
 from toolkit.arrays import Float64, Mask

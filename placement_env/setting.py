@@ -6,15 +6,16 @@ fidelity and costs. With a `toolkit.runtime.run.Run` it makes the scorer of sets
 import math
 from collections.abc import Callable, Iterable
 from copy import copy
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, cast, get_args
 
 from placement_env.candidates.candidates import Candidates, choose_candidates
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
 from placement_env.checks import check_choice
-from placement_env.classes import VEHICLES, Classes, find_classes
+from placement_env.classes import Classes, find_classes
+from placement_env.defaults import USUAL_CASES, VEHICLES
 from placement_env.links import LINK_SHARE, check_link_share
 from placement_env.protocol import Fidelity, FidelityName
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -43,9 +44,6 @@ class Weights:
                 f"weights must be finite and not negative, got comm {self.comm} and price "
                 f"{self.price}"
             )
-
-
-AP_ONLY = Weights()
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +88,7 @@ class Setting:
     surrogate: str | Path | None = None
     table: str | Path | None = None
     rendering: Rendering = "auto"
-    weights: Weights = field(default=AP_ONLY)
+    weights: Weights = Weights()
     most_price: float = math.inf
     keep: tuple[str, ...] = ()
     link_share: float = LINK_SHARE

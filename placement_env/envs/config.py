@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 
 from placement_env.checks import check_choice, check_range, check_whole
-from placement_env.classes import VEHICLES
+from placement_env.defaults import VEHICLES
 from placement_env.objective import Objective
 from placement_env.setting import Setting
 from toolkit.detection.scheme import Scheme

@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
-from placement_env.classes import VEHICLES
+from placement_env.defaults import VEHICLES
 from placement_env.envs.config import EnvConfig, build_config
 from placement_env.envs.scenario import STATIC, EpisodeSource, Options, find_area
 from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State

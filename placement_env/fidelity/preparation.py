@@ -12,7 +12,8 @@ import numpy as np
 from models.config import SHIPPED
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES, Cases
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import HitModel, find_hit_model, load_models, shipped_model

@@ -20,7 +20,8 @@ from placement_env.envs.env import AnyEnv, PlacementEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import Info
 from placement_env.objective import Objective, Score
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result
 from toolkit.sensors.sensor import Sensor

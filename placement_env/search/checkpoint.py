@@ -7,19 +7,15 @@ slow results (visibility, renders, detections) are in the cache.
 """
 
 import json
-import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.cache import code_digest, decode_arrays, encode_arrays, make_key, read_secret
-from toolkit.runtime.resumable import ShardFolder
-from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.cache import decode_arrays, encode_arrays, make_key, read_secret
 from toolkit.runtime.writing import write_bytes
 
 SAVE_INTERVAL_S = 10.0  # shortest time between two states of a stage
@@ -96,33 +92,3 @@ class Checkpoint:
         `state` is called only if it is saved."""
         if self.folder is not None and time.monotonic() - self._saved >= self.every:
             self.save(state())
-
-
-NOWHERE = Checkpoint(None)
-
-
-def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder:
-    """Folder of an unfinished search, with its question as JSON values.
-
-    The folder need not exist. The question takes a round through JSON, so that it equals what the
-    folder holds: tuples become lists, for example."""
-    return ShardFolder(folder, json.loads(json.dumps(replace_infinite(dict(question)))))
-
-
-@contextmanager
-def open_checkpoint(
-    folder: Path, question: Mapping[str, object], *, code: str = __name__, overwrite: bool = False
-) -> Iterator[Checkpoint]:
-    """Yield the checkpoint of a search in a separate folder, removed when the block ends normally.
-
-    question: everything that the answer depends on; code: name of the module of the search, whose
-    changed source makes old states void. Raises FileExistsError if the folder holds an unfinished
-    search with another question and may not be overwritten, or if another process is working in it.
-    """
-    shards = find_unfinished(folder, question)
-    with shards.lock():
-        shards.open(overwrite)
-        yield Checkpoint(folder, depends_on=make_key(shards.plan, code_digest(code)))
-        for path in folder.glob(f"*{STATE_SUFFIX}"):
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        shards.remove()

@@ -22,7 +22,8 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.objective import Objective, Score
 from placement_env.search import greedy
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights

@@ -10,7 +10,8 @@ from typing import Any, Literal
 from placement_env.fidelity.preparation import check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.protocol import FidelityName
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, find_unfinished, open_checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE, find_unfinished, open_checkpoint
 from placement_env.search.exact.cheapest import Demand
 from placement_env.search.methods import METHODS, check_search
 from placement_env.search.portfolio.curve import budget_curve

@@ -14,7 +14,8 @@ from placement_env.search.answer_summary import (
     report_result,
     state_errors,
 )
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.description import describe_by_errors, describe_mounted, describe_score
 from placement_env.search.early_answers import BetterReport, find_first_answer
 from placement_env.search.exclusions import (

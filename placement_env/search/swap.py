@@ -13,7 +13,8 @@ import numpy as np
 
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.greedy import grow
 from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result

@@ -16,7 +16,8 @@ from placement_env.analysis.intervals import MIN_SURE_OBJECTS, is_comparable, sh
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
 from placement_env.racing import Contest
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, Schedule, race_order
 from placement_env.search.portfolio.portfolio import (

@@ -30,7 +30,8 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate, Fidelity
 from placement_env.search import greedy, swap
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.exact import cheapest, cpsat, exhaustive
 from placement_env.search.progress import as_rows
 from placement_env.search.result import Result

@@ -22,7 +22,8 @@ from placement_env.analysis.intervals import (
     draws_of_blocks,
     figure_interval,
 )
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
+from placement_env.defaults import USUAL_CASES
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see

@@ -24,7 +24,8 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.racing import Contest, RaceRules, Resampled, race_until
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import (
     DEFAULT_NEIGHBOURS,
     Effort,

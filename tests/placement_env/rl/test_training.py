@@ -7,7 +7,8 @@ import torch
 
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.rl import training as learning
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.exact import exhaustive
 from placement_env.setting import Weights
 

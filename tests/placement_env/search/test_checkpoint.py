@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from placement_env.search import cmaes, greedy, swap
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, open_checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE, open_checkpoint
 from placement_env.search.portfolio.entrants import Effort, entrants
 from placement_env.search.progress import Limits, Progress
 from placement_env.setting import Weights
