@@ -121,8 +121,7 @@ class SB3VecEnv(VecEnv):
 
         The observation of an ended episode is the first of the next one; its last is in the info.
         """
-        step = self.vector.step(self._actions)
-        observations, rewards, terminated, truncated, info = step
+        observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         observations = self._rotate(observations)
         self._returns += rewards
         self._lengths += 1
@@ -139,7 +138,7 @@ class SB3VecEnv(VecEnv):
         if ended.any():
             self._begin_episodes(ended)
             first_observations, _ = self.vector.reset(options={"reset_mask": ended})
-            observations = self._rotate(first_observations)  # of running episodes the last ones
+            observations = self._rotate(first_observations)  # running episodes keep theirs
         return observations, rewards, ended, infos
 
     def _begin_episodes(self, is_new: np.ndarray) -> None:

@@ -84,7 +84,8 @@ def search(
         checkpoint=checkpoint,
     )
     if live is not None and result.sensors:
-        result = settle_by_rays(build_pose_scorer(preparation, objective.weights), start, result)
+        score_by_rays = build_pose_scorer(preparation, objective.weights)
+        result = settle_by_rays(score_by_rays, start, result)
     best = replace(result.best, subset=initial.best.subset)
     certificate = replace(result.certificate, value=best.reward)
     origin = objective.describe_origin(()) | {
@@ -96,15 +97,19 @@ def search(
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
-    """Better one of a result and its start, both scored by `score_poses`.
+    """Result with the moved sensors or with those of the start, whichever the exact score prefers.
 
-    score_poses: exact scorer, by rays; start: sensors before they were moved. A moved set that may
-    not be built by the exact score is worse."""
-    before, after = score_poses([start.sensors, result.sensors])
-    if after is None or (before is not None and before.reward >= after.reward):
-        result = replace(result, sensors=start.sensors)
-        after = before
-    return replace(result, best=after or result.best)
+    Args:
+        score_poses: Exact scorer, by rays; None is its score of a set that may not be built.
+        start: Sensors before they were moved.
+        result: Result with the moved sensors, scored in panoramas. Its score stays if neither set
+            may be built."""
+    start_score, moved_score = score_poses([start.sensors, result.sensors])
+    if moved_score is None or (
+        start_score is not None and start_score.reward >= moved_score.reward
+    ):
+        return replace(result, sensors=start.sensors, best=start_score or result.best)
+    return replace(result, best=moved_score)
 
 
 def improve(
@@ -126,7 +131,7 @@ def improve(
     mount or if the start may not be built, and ImportError without `cma`.
     """
     _check_start(start)
-    cma = _cma()
+    cma = _load_cma()
     has_limit = seconds is not None or evaluations is not None
     limits = Limits(seconds, evaluations if has_limit else DEFAULT_VECTORS)
     rng = np.random.default_rng(seed)
@@ -151,7 +156,13 @@ def improve(
     )
     history = limits.history(score.reward)
     return Result(
-        "CMA-ES", score, history, certificate, limits.count, limits.elapsed, sensors=climb.sensors
+        method="CMA-ES",
+        best=score,
+        history=history,
+        certificate=certificate,
+        evaluations=limits.count,
+        seconds=limits.elapsed,
+        sensors=climb.sensors,
     )
 
 
@@ -198,8 +209,10 @@ class _Climb:
         self._coding = coding
         self._limits = limits
         self._checkpoint = checkpoint
-        self._steps_costs: list[Float64[np.ndarray, " _"]] = []
-        self._saved = saved = checkpoint.load()
+        self._step_costs: list[Float64[np.ndarray, " _"]] = []  # costs of the vectors of each step
+        self._saved = saved = checkpoint.load()  # None when all saved steps are repeated
+        # costs of each saved step that is still to be repeated; the part after the last end is
+        # empty
         self._saved_costs = [] if saved is None else np.split(saved["costs"], saved["ends"])[:-1]
 
     @property
@@ -210,17 +223,19 @@ class _Climb:
     def step(self, strategy: Any) -> None:
         """Score the vectors that the strategy asks for, and keep the best.
 
-        strategy: a `cma.CMAEvolutionStrategy`."""
+        A step that the checkpoint holds takes its costs from there and scores nothing.
+
+        strategy: a `cma.CMAEvolutionStrategy`, which then gets the costs of its vectors."""
         # asked even if costs are saved: the strategy must draw the same random numbers
         vectors = strategy.ask()
         sets = [self._coding.decode(vector) for vector in vectors]
         if self._saved_costs:
             costs = self._saved_costs.pop(0).tolist()
-            scores: Sequence[Score | None] = [None] * len(costs)
+            scores: Sequence[Score | None] = [None] * len(costs)  # unknown, only the costs are kept
         else:
-            room = int(min(len(vectors), self._limits.evaluations - self._limits.count))
-            scores = self._score_poses(sets[:room])
-            self._limits.count += room
+            count = int(min(len(vectors), self._limits.evaluations - self._limits.count))
+            scores = self._score_poses(sets[:count])
+            self._limits.count += count
             costs = [INFEASIBLE_COST if score is None else -score.reward for score in scores]
         best_index = int(np.argmin(costs))
         if -costs[best_index] > self.reward:
@@ -229,13 +244,15 @@ class _Climb:
             self.vector = vectors[best_index]
             self.score = scores[best_index] or self.score
             self._limits.record(self.reward)
-        if len(costs) == len(vectors):
+        if len(costs) == len(vectors):  # fewer if the limit ended the step
             strategy.tell(vectors, costs)
-        self._steps_costs.append(np.array(costs))
-        self._save()
+        self._step_costs.append(np.array(costs))
+        self._save_or_resume()
 
-    def _save(self) -> None:
-        """Offer a state to the checkpoint, or resume limits and score after the last saved step."""
+    def _save_or_resume(self) -> None:
+        """Offer a state to the checkpoint, or resume limits and score after the last saved step.
+
+        While saved steps are still to be repeated, nothing happens."""
         if self._saved is None:
             self._checkpoint.offer(self._state)
         elif not self._saved_costs:  # back at the interruption
@@ -244,8 +261,9 @@ class _Climb:
             self._saved = None
 
     def _state(self) -> KeptState:
-        costs = np.concatenate([*self._steps_costs, np.zeros(0)])
-        ends = np.cumsum([len(step_costs) for step_costs in self._steps_costs]).tolist()
+        """Values for a checkpoint: the costs of all steps, and the index at which each step ends."""
+        costs = np.concatenate([*self._step_costs, np.zeros(0)])  # `zeros`: without any step
+        ends = np.cumsum([len(step_costs) for step_costs in self._step_costs]).tolist()
         return {
             "limits": self._limits.state(),
             "score": asdict(self.score),
@@ -280,8 +298,8 @@ def build_pose_scorer(
                 run=quiet_run,
             )
         objective = Objective.from_view(preparation, candidates, seen, weights)
-        owner = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
-        subsets = owner == np.arange(len(sets))[:, None]
+        set_of_sensor = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
+        subsets = set_of_sensor == np.arange(len(sets))[:, None]  # sets × candidates
         objective.scores(subsets)  # all sets in one batch; `score` below finds them kept
         rows = zip(subsets, objective.feasible(subsets), strict=True)
         return [
@@ -292,13 +310,15 @@ def build_pose_scorer(
 
 
 def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
-    """Any sensors as numbered candidates on the mounts with the nearest feet, seen from above.
+    """Candidates made from any sensors, each on the mount whose foot is nearest in the plane.
 
-    Their number precedes their name, because names of candidates must differ. pool: has the mounts.
-    """
-    feet = np.array([mount.position[:2] for mount in pool.mounts])
+    The index of a sensor precedes its name, because names of candidates must differ.
+
+    pool: candidates whose mounts are taken."""
+    feet = np.array([mount.position[:2] for mount in pool.mounts])  # x, y (m)
     spots = np.array([sensor.position[:2] for sensor in sensors])
-    mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
+    distances = np.linalg.norm(spots[:, None] - feet, axis=2)  # sensors × mounts
+    mount = distances.argmin(axis=1)
     numbered = [replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors)]
     return Candidates.from_poses(
         numbered, mount, np.array([angles(sensor) for sensor in sensors]), pool
@@ -306,7 +326,7 @@ def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
 
 
 def angles(sensor: Sensor) -> tuple[float, float, float]:
-    """Height above zero (m), heading and tilt below the horizon (rad) of a sensor."""
+    """Height above z = 0 (m), heading from +x and tilt below the horizon (rad) of a sensor."""
     (heading,), (tilt,) = aims([sensor])
     return float(sensor.position[2]), float(heading), float(tilt)
 
@@ -329,31 +349,33 @@ class Coding:
         self.heights = np.array([[mount.min_height, mount.max_height] for mount in start.mounts])
 
     def encode(self) -> Float64[np.ndarray, " n"]:
-        """Vector of the start, with values outside the ranges moved to their ends."""
-        foot_height = self.feet[self.start.mount][:, 2]
+        """Vector of the start: lift, turn and tilt of each sensor, clipped to 0 to 1.
+
+        Turns are 0, as they count from the headings of the start."""
+        foot_z = self.feet[self.start.mount][:, 2]
         low, high = self.heights[self.start.mount].T
         poses = np.array([angles(sensor) for sensor in self.start.sensors])
-        height = poses[:, 0]
-        tilt = poses[:, 2]
-        lift = (height - foot_height - low) / np.maximum(high - low, 1e-9)
-        columns = [
-            lift,
-            np.zeros(len(lift)),
-            (tilt - TILT_RANGE_RAD[0]) / (TILT_RANGE_RAD[1] - TILT_RANGE_RAD[0]),
-        ]
-        return np.clip(np.stack(columns, axis=1), 0.0, 1.0).ravel()
+        height, _, tilt_rad = poses.T
+        min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD
+        # 1e-9: no division by 0 for a mount with a single height
+        lift = (height - foot_z - low) / np.maximum(high - low, 1e-9)
+        turn = np.zeros(len(lift))
+        tilt = (tilt_rad - min_tilt_rad) / (max_tilt_rad - min_tilt_rad)
+        return np.clip(np.stack([lift, turn, tilt], axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
         """Sensors in the poses of a vector, in the order of the start."""
         sensors = []
-        rows = vector.reshape(len(self.start), -1)
+        rows = vector.reshape(len(self.start), -1)  # lift, turn and tilt of each sensor
+        min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD
         for n, sensor in enumerate(self.start.sensors):
             mount = self.start.mount[n]
             lift, turn, tilt = rows[n]
             low, high = self.heights[mount]
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
-            heading = float(angles(sensor)[1] + np.pi * turn)
-            tilt_rad = float(TILT_RANGE_RAD[0] + tilt * (TILT_RANGE_RAD[1] - TILT_RANGE_RAD[0]))
+            _, start_heading, _ = angles(sensor)
+            heading = float(start_heading + np.pi * turn)
+            tilt_rad = float(min_tilt_rad + tilt * (max_tilt_rad - min_tilt_rad))
             sensors.append(aim_sensor(sensor, position, heading, tilt_rad))
         return tuple(sensors)
 
@@ -363,7 +385,8 @@ class Coding:
         return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 
 
-def _cma() -> ModuleType:
+def _load_cma() -> ModuleType:
+    """Import the package `cma` without its warnings. Raises ImportError if it is missing."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warning about a missing plotting library

@@ -57,7 +57,7 @@ def search(
         )
     levels = build_levels(surrogate, above=False)
     progress = Progress(objective, budget, seconds, evaluations)
-    start, _ = greedy.grow(progress)
+    start = greedy.grow(progress).members
     remaining_s = max(0.1, min(DEFAULT_SOLVER_S, progress.limits.seconds - progress.limits.elapsed))
     programme = Programme.from_objective(objective, budget, levels)
     solution = solve(programme, SolverLimits(remaining_s, seed), start=start)
