@@ -45,7 +45,7 @@ class Checkpoint:
         self._part = part
         self.every = every
         self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"
-        self._saved = time.monotonic()  # time of the last state
+        self._saved_at = time.monotonic()  # time of the last state
 
     @cached_property
     def _key(self) -> bytes:
@@ -70,25 +70,29 @@ class Checkpoint:
         """Last saved state; None if no valid state exists. Its arrays may be changed."""
         if self.folder is None or not self._path.exists():
             return None
-        if not (arrays := decode_arrays(self._key, self._path.read_bytes())):
+        decoded = decode_arrays(self._key, self._path.read_bytes())
+        if not decoded:  # damaged, forged, or with another question or other code
             return None
         # the first array is JSON: names of the other arrays, and all other values
-        names, values = json.loads(arrays[0].tobytes())
-        return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
+        head, *arrays = decoded
+        names, values = json.loads(head.tobytes())
+        return values | {name: array.copy() for name, array in zip(names, arrays, strict=True)}
 
     def save(self, state: KeptState) -> None:
-        """Save a state in place of the last one. Raises OSError if it cannot be written."""
+        """Save a state in place of the last one, unless nothing is kept.
+
+        state: JSON values and arrays by name. Raises OSError if it cannot be written."""
         if self.folder is None:
             return
         arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
         values = {name: value for name, value in state.items() if name not in arrays}
         head = np.frombuffer(json.dumps([list(arrays), values]).encode(), np.uint8)
         write_bytes(self._path, encode_arrays(self._key, (head, *arrays.values())))
-        self._saved = time.monotonic()
+        self._saved_at = time.monotonic()
 
     def offer(self, state: Callable[[], KeptState]) -> None:
         """Save what `state` returns, unless one was saved in the last `every` seconds.
 
         `state` is called only if it is saved."""
-        if self.folder is not None and time.monotonic() - self._saved >= self.every:
+        if self.folder is not None and time.monotonic() - self._saved_at >= self.every:
             self.save(state())

@@ -28,14 +28,20 @@ def open_checkpoint(
 ) -> Iterator[Checkpoint]:
     """Yield the checkpoint of a search in a separate folder, removed when the block ends normally.
 
-    question: everything that the answer depends on; code: name of the module of the search, whose
-    changed source makes old states void. Raises FileExistsError if the folder holds an unfinished
-    search with another question and may not be overwritten, or if another process is working in it.
+    Args:
+        folder: Folder of the states, made if missing.
+        question: Everything that the answer depends on.
+        code: Name of the module of the search, whose changed source makes old states void.
+        overwrite: Whether an unfinished search with another question may be overwritten.
+
+    Raises FileExistsError if the folder holds an unfinished search with another question and may
+    not be overwritten, or if another process is working in it.
     """
-    shards = find_unfinished(folder, question)
-    with shards.lock():
-        shards.open(overwrite)
-        yield Checkpoint(folder, depends_on=make_key(shards.plan, code_digest(code)))
+    unfinished = find_unfinished(folder, question)
+    with unfinished.lock():
+        unfinished.open(overwrite)
+        yield Checkpoint(folder, depends_on=make_key(unfinished.plan, code_digest(code)))
+        # not reached if the block raises an error: then the search can resume
         for path in folder.glob(f"*{STATE_SUFFIX}"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
-        shards.remove()
+        unfinished.remove()

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -261,7 +261,7 @@ class _Climb:
             self._saved = None
 
     def _state(self) -> KeptState:
-        """Values for a checkpoint: the costs of all steps, and the index at which each step ends."""
+        """Values for a checkpoint: costs of all steps, and the index at which each step ends."""
         costs = np.concatenate([*self._step_costs, np.zeros(0)])  # `zeros`: without any step
         ends = np.cumsum([len(step_costs) for step_costs in self._step_costs]).tolist()
         return {
@@ -325,10 +325,24 @@ def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
     )
 
 
-def angles(sensor: Sensor) -> tuple[float, float, float]:
-    """Height above z = 0 (m), heading from +x and tilt below the horizon (rad) of a sensor."""
+class Angles(NamedTuple):
+    """Height and direction of a sensor.
+
+    Attributes:
+        height: Height above z = 0 (m).
+        heading: Heading from +x (rad).
+        tilt: Tilt below the horizon (rad).
+    """
+
+    height: float
+    heading: float
+    tilt: float
+
+
+def angles(sensor: Sensor) -> Angles:
+    """Height above z = 0, heading and tilt of a sensor."""
     (heading,), (tilt,) = aims([sensor])
-    return float(sensor.position[2]), float(heading), float(tilt)
+    return Angles(float(sensor.position[2]), float(heading), float(tilt))
 
 
 class Coding:
@@ -354,8 +368,9 @@ class Coding:
         Turns are 0, as they count from the headings of the start."""
         foot_z = self.feet[self.start.mount][:, 2]
         low, high = self.heights[self.start.mount].T
-        poses = np.array([angles(sensor) for sensor in self.start.sensors])
-        height, _, tilt_rad = poses.T
+        poses = [angles(sensor) for sensor in self.start.sensors]
+        height = np.array([pose.height for pose in poses])
+        tilt_rad = np.array([pose.tilt for pose in poses])
         min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD
         # 1e-9: no division by 0 for a mount with a single height
         lift = (height - foot_z - low) / np.maximum(high - low, 1e-9)
@@ -373,8 +388,7 @@ class Coding:
             lift, turn, tilt = rows[n]
             low, high = self.heights[mount]
             position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
-            _, start_heading, _ = angles(sensor)
-            heading = float(start_heading + np.pi * turn)
+            heading = float(angles(sensor).heading + np.pi * turn)
             tilt_rad = float(min_tilt_rad + tilt * (max_tilt_rad - min_tilt_rad))
             sensors.append(aim_sensor(sensor, position, heading, tilt_rad))
         return tuple(sensors)

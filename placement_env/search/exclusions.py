@@ -75,8 +75,9 @@ def describe_exclusions(
     frames = describe_share(objective.setting.link_share)
     if exceeds_link.any():
         closest = int(np.flatnonzero(exceeds_link)[np.argmin(loads[exceeds_link])])
+        excluded_count = int(exceeds_link.sum())
         reasons.append(
-            f"The links exclude {int(exceeds_link.sum())} of {count} candidates: the least that any "
+            f"The links exclude {excluded_count} of {count} candidates: the least that any "
             f"of these sends in {frames} is up to {loads[closest]:.1f} kbit, over a link of "
             f"{candidates.capacity[closest]:g} kbit."
         )

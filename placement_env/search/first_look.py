@@ -56,7 +56,7 @@ def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray
 
 
 def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
-    """Indices of the mounts of a pool that stay, ascending: about `MAX_POLES`, spread evenly.
+    """Indices of the mounts of a pool that stay, ascending: at most `MAX_POLES`, spread evenly.
 
     In each square of a grid only the mount nearest to the middle of the area stays; the squares
     grow until few enough mounts are left. Mounts that must carry a sensor always stay.

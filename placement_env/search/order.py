@@ -162,19 +162,23 @@ class SearchOrder:
         """True if a search with this question was interrupted and can resume.
 
         out: folder of the answer, next to which the state is kept."""
-        folder = find_unfinished(out.with_name(out.name + UNFINISHED_SUFFIX), self.question)
-        return folder.found == folder.plan
+        state_folder = out.with_name(out.name + UNFINISHED_SUFFIX)
+        unfinished = find_unfinished(state_folder, self.question)
+        return unfinished.found == unfinished.plan  # question in the folder, and this question
 
     @contextmanager
     def keeping(
         self, out: Path | None, *, overwrite: bool = False
     ) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
-        """Yield the order and the checkpoint of its answer's folder; the block must write the
-        answer.
+        """Yield the order, with a cache if it has none, and the checkpoint of its answer's folder.
 
-        out: folder of the answer, None to keep no state. Until the block ends normally, the state
-        of the search is kept next to that folder, in one with the suffix `UNFINISHED_SUFFIX`. The
-        same question resumes there. Raises FileExistsError if another search is unfinished and may
+        The block must search and write the answer. Until it ends normally, the state of the search
+        is kept next to the folder of the answer, in a folder with the suffix `UNFINISHED_SUFFIX`,
+        and the same question resumes there. The cache of an order without one is in that folder
+        too.
+
+        out: folder of the answer, None to keep no state; overwrite: whether the state of another
+        search may be overwritten. Raises FileExistsError if another search is unfinished and may
         not be overwritten.
         """
         if out is None:
@@ -185,6 +189,7 @@ class SearchOrder:
         with open_checkpoint(
             state_folder, self.question, code=code, overwrite=overwrite
         ) as checkpoint:
+            # detections of a detector without a digest cannot be told apart from others
             is_cacheable = self.setting.detector is None or hasattr(self.setting.detector, "digest")
             cache = self.run.cache or (checkpoint.place("cache") if is_cacheable else None)
             yield replace(self, run=replace(self.run, cache=cache)), checkpoint
