@@ -147,17 +147,24 @@ def search(
     check_whole("budget", budget, least=1)
     objective.setting.check_budget(budget)
     limits = Limits(seconds, evaluations)
-    schedule = Schedule.of(seconds, objective.run)
+    schedule = Schedule.from_processes(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
-    effort = Effort((budget,), schedule.searching(SEARCH_COUNT), evaluations, judging.neighbours)
+    effort = Effort(
+        sizes=(budget,),
+        seconds=schedule.search_seconds(SEARCH_COUNT),
+        evaluations=evaluations,
+        neighbours=judging.neighbours,
+    )
     entrants = _find_entrants(objective, effort, seed, checkpoint)
     limits.count = entrants.considered
     if not len(entrants.sets):
-        return _answer(objective, [], "no search found a set that may be built and pays", limits)
+        note = "no search found a set that may be built and pays"
+        return _build_result(objective, [], note, limits)
     race = contest(
         objective,
         entrants.sets,
-        schedule.limit(racing, 1 / 2, 1),  # half of the time left; the assessment gets the rest
+        # half of the time left; the assessment gets the rest
+        schedule.limit(racing, share=1 / 2, least=1),
         confidence=judging.confidence,
         seed=seed,
         most=MAX_SET_FRAMES if seconds is None else math.inf,
@@ -168,7 +175,7 @@ def search(
             f"by the {racing.name} none of the {len(entrants.sets)} compared sets is worth "
             "what it costs"
         )
-        return _answer(objective, [], note, limits)
+        return _build_result(objective, [], note, limits)
     members = np.flatnonzero(entrants.sets[race.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     note = (
@@ -176,7 +183,7 @@ def search(
         "out the others"
     )
     return replace(
-        _answer(objective, members, note, limits),
+        _build_result(objective, members, note, limits),
         assessment=_assess(objective, entrants, race, (final, schedule), judging),
     )
 
@@ -195,25 +202,26 @@ def _find_entrants(
     preparation = objective.preparation
     if preparation is None or objective.setting.cases.plain:
         return entrants
-    intact = Objective(
-        replace(preparation.plain.setting, candidates=objective.candidates), preparation.run
+    intact_setting = replace(preparation.plain.setting, candidates=objective.candidates)
+    intact_objective = Objective(intact_setting, preparation.run)
+    intact_entrants = keep_entrants(
+        intact_objective, effort, seed=seed, checkpoint=checkpoint.part("intact")
     )
-    intact_entrants = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
     return join_entrants([objective], [entrants, intact_entrants])
 
 
-def _answer(objective: Objective, members: list[int], note: str, limits: Limits) -> Result:
+def _build_result(objective: Objective, members: list[int], note: str, limits: Limits) -> Result:
     """Return the result for a set, without an assessment.
 
     members: indices of its candidates; note: explains why this set; limits: history so far."""
     best = objective.score(members)
     return Result(
-        "portfolio",
-        best,
-        limits.history(best.reward),
-        Certificate("none", best.reward, note=note),
-        limits.count,
-        limits.elapsed,
+        method="portfolio",
+        best=best,
+        history=limits.history(best.reward),
+        certificate=Certificate("none", best.reward, note=note),
+        evaluations=limits.count,
+        seconds=limits.elapsed,
         origin=objective.describe_origin(best.subset),
     )
 
@@ -259,13 +267,21 @@ def contest(
                 ahead, float(evaluated.ap[best] - cost[best]), len(frames[: evaluated.frames])
             )
         return Resampled(
-            evaluated.ap - cost, evaluated.resamples - cost[:, None], evaluated.frames, blocks
+            figure=evaluated.ap - cost,
+            resamples=evaluated.resamples - cost[:, None],
+            frames=evaluated.frames,
+            blocks=blocks,
         )
 
     order = race_order(evaluator.frames, seed=seed)[:frames]
     first_rung = min(FIRST_RUNG_FRAMES, evaluator.frames)
     rules = RaceRules(
-        confidence, AP_TOLERANCE, first_rung, RUNG_GROWTH, least=MIN_RACE_FRAMES, most=most
+        confidence=confidence,
+        tolerance=AP_TOLERANCE,
+        first=first_rung,
+        eta=RUNG_GROWTH,
+        least=MIN_RACE_FRAMES,
+        most=most,
     )
     race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
     close = np.flatnonzero(
@@ -286,8 +302,9 @@ def weigh_costs(
 ) -> Float64[np.ndarray, " n"]:
     """Costs of communication and building of each set, in AP.
 
-    kbit: total that each set sends per frame; the weight applies to its mean over the sensors."""
-    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
+    objective: gives weights and prices; sets: rows of booleans; kbit: total that each set sends per
+    frame; the weight applies to its mean over the sensors."""
+    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)  # the empty set counts as one sensor
     return np.asarray(
         objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets)
     )
@@ -305,7 +322,12 @@ def _assess(
     Contenders are the answers of the searches, judged if `Judging.contenders` asks for it. Raises
     ValueError if race and judgement of the winner exclude each other.
 
-    judge: evaluator of the third part, and the schedule with the time left."""
+    Args:
+        objective: Objective of the searches.
+        entrants: Sets that raced.
+        race: Finished race, the winner first.
+        judge: Evaluator of the third part of the traffic, and the schedule with the time left.
+        judging: Confidence that was asked for, and whether contenders are judged."""
     winner = int(race.ranking[0])
     final, schedule = judge
     rows = np.array([winner])
@@ -323,7 +345,12 @@ def _assess(
         members = tuple(np.flatnonzero(entrants.sets[row]).tolist())
         contenders.append(
             Contender(
-                entrants.searches[row], members, float(entrants.predicted[row]), ap, *interval
+                searches=entrants.searches[row],
+                subset=members,
+                predicted=float(entrants.predicted[row]),
+                ap=ap,
+                low=interval.low,
+                high=interval.high,
             )
         )
     answer = contenders[0]
@@ -333,7 +360,9 @@ def _assess(
     race_frames = int(race.frames[0])
     if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
         names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
-        judged_figure = StageFigure("in the judgement", answer.ap, objects, len(frames))
+        judged_figure = StageFigure(
+            stage="in the judgement", ap=answer.ap, objects=objects, frames=len(frames)
+        )
         _check_race(names, race, cost, judged_figure)
     confidence = math.nan
     if is_comparable(race_frames, objects):
@@ -366,12 +395,18 @@ def _assess(
 def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigure) -> None:
     """Raise ValueError if race and judgement of the winner exclude each other.
 
-    names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower."""
-    race_frames = int(race.frames[0])
+    names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower; judged:
+    AP of the winner in the judgement."""
+    race_frames = int(race.frames[0])  # of the winner
     # the race did not count its objects: as many per frame as in the judgement
     race_objects = round(judged.objects * race_frames / judged.frames)
-    race_ap = float(race.figures[0]) + cost
-    check_agreement(names, StageFigure("in the race", race_ap, race_objects, race_frames), judged)
+    race_figure = StageFigure(
+        stage="in the race",
+        ap=float(race.figures[0]) + cost,
+        objects=race_objects,
+        frames=race_frames,
+    )
+    check_agreement(names, race_figure, judged)
 
 
 def aps_at_profiles(
@@ -379,18 +414,20 @@ def aps_at_profiles(
 ) -> list[tuple[ProfileAP, ...]]:
     """AP of each set at each of several error profiles, with intervals; empty for one profile.
 
-    frames: frame numbers of the evaluator's traffic."""
+    The list has an entry for each set, with the profiles in their order.
+
+    final: evaluator of the sets; frames: frame numbers of the evaluator's traffic."""
     if len(final.profiles) == 1:
         return [()] * len(sets)
-    profiles = final.at_profiles(sets, frames)
+    figures = final.at_profiles(sets, frames)  # profiles × sets
     by_set = []
     for n in range(len(sets)):
-        figures = []
-        for row, name in enumerate(final.cases.names):
-            ap = float(profiles.ap[row, n])
-            interval = final.interval(ap, profiles.resamples[row, n], frames)
-            figures.append(ProfileAP(name, ap, *interval))
-        by_set.append(tuple(figures))
+        profile_aps = []
+        for k, name in enumerate(final.cases.names):
+            ap = float(figures.ap[k, n])
+            interval = final.interval(ap, figures.resamples[k, n], frames)
+            profile_aps.append(ProfileAP(name, ap, low=interval.low, high=interval.high))
+        by_set.append(tuple(profile_aps))
     return by_set
 
 
@@ -404,17 +441,18 @@ def _judge_in_time(
 
     report: called with the number of frames done, None for silence.
     """
-    frame_numbers = np.arange(final.frames)
     if schedule.seconds is None:
-        return final.evaluate(sets, frame_numbers, report), frame_numbers
+        all_frames = np.arange(final.frames)
+        return final.evaluate(sets, all_frames, report), all_frames
     order = race_order(final.frames)
-    frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
+    first_evaluated = schedule.limit(final).evaluate(sets[:1], order, report)
+    frames = order[: first_evaluated.frames]  # None: time sufficed for all
     judged_count = 1
     for row in sets[1:]:
-        if (
-            schedule.left <= 0
-            or schedule.limit(final).evaluate(row[None], frames).frames is not None
-        ):
+        if schedule.left <= 0:
+            break
+        evaluated = schedule.limit(final).evaluate(row[None], frames)
+        if evaluated.frames is not None:
             break
         judged_count += 1
     return final.evaluate(sets[:judged_count], frames), frames

@@ -31,7 +31,7 @@ def test_searches_go_on_where_the_checkpoint_left_them(street, monkeypatch, tmp_
 
     monkeypatch.setattr(curve, "keep_entrants", noted)
     effort = Effort((1,), neighbours=0)
-    assert len(list(curve._groups(street.objective, effort, (), 7, kept))) == 1
+    assert len(list(curve._search_budgets(street.objective, effort, (), 7, kept))) == 1
     assert asked == [{"others": {}, "seed": 7, "checkpoint": kept}]
 
 
