@@ -426,7 +426,7 @@ def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_aga
 
     monkeypatch.setattr(
         module_of_entrants,
-        "_searches",
+        "_list_searches",
         lambda objective, size, *_: [answer("a", (0,), 7), answer("b", (1,), 5)],
     )
     near = np.array([[0, 0, 1, 0]], bool)
