@@ -141,7 +141,7 @@ class Setting:
             candidates = source
         else:
             candidates = choose_candidates(self.place, "paper" if source is None else source)
-        candidates.find_mounts(self.keep)
+        candidates.find_mounts(self.keep)  # raises ValueError for an unknown pole
         return candidates
 
     @cached_property
@@ -157,7 +157,7 @@ class Setting:
     def check_budget(self, budget: int) -> None:
         """Raise ValueError if fewer sensors are allowed than poles that must carry one.
 
-        budget: greatest number of sensors."""
+        budget: largest number of sensors."""
         if self.keep and budget < len(self.keep):
             problem = (
                 f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed"
@@ -175,7 +175,7 @@ class Setting:
 
         fidelity, weights: None to keep them. Raises ValueError for an unknown pole to keep."""
         if self.keep:
-            candidates.find_mounts(self.keep)
+            candidates.find_mounts(self.keep)  # raises the error
         setting = copy(self)
         set_fields(
             setting,
@@ -183,13 +183,13 @@ class Setting:
             fidelity=self.fidelity if fidelity is None else fidelity,
             weights=self.weights if weights is None else weights,
         )
-        set_cached(setting, pool=candidates)
+        set_cached(setting, pool=candidates)  # or the copy would keep the pool of this setting
         return setting
 
     def with_costs(self, weights: Weights, most_price: float) -> "Setting":
         """Setting with the same candidates, other weights and another price limit."""
         setting = replace(self, weights=weights, most_price=most_price)
-        if "pool" in vars(self):
+        if "pool" in vars(self):  # candidates that were made already are not made again
             set_cached(setting, pool=self.pool)
         return setting
 
