@@ -93,8 +93,10 @@ class EnvConfig:
     @property
     def leaves_open(self) -> bool:
         """True if an episode draws its scheme, budget, failed candidates or traffic."""
-        is_drawn = self.traffics != 1 or len(self.schemes) > 1
-        return is_drawn or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
+        min_budget, max_budget = self.budgets
+        _, max_failures = self.failure_counts
+        draws_traffic_or_scheme = self.traffics != 1 or len(self.schemes) > 1
+        return draws_traffic_or_scheme or min_budget != max_budget or max_failures > 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,6 +162,11 @@ def build_config(
     """Configuration from another one and fields by name, also fields of `Setting`, `Run`, and
     `iou`.
 
+    Args:
+        kind: Class of the configuration.
+        config: Configuration whose other fields stay, None for the usual ones.
+        options: Fields by name; "iou" is the threshold of the setting's cases.
+
     Raises TypeError for an unknown name and for a configuration of another kind.
     """
     config = kind() if config is None else config
@@ -190,14 +197,12 @@ def build_config(
 
 
 def _describe_unknown(name: str, known: Collection[str], kind: type[EnvConfig]) -> str:
-    """Sentence on an unknown keyword, with the nearest known one."""
+    """Sentence on an unknown keyword, with the nearest known one, or all if none is similar."""
     suggestions = get_close_matches(name, sorted(known), n=1, cutoff=0.5)
-    guess = (
-        f"did you mean {suggestions[0]!r}?"
-        if suggestions
-        else f"take one of {', '.join(sorted(known))}"
-    )
-    return f"{kind.__name__} has no {name!r}: {guess}"
+    remedy = f"take one of {', '.join(sorted(known))}"
+    if suggestions:
+        remedy = f"did you mean {suggestions[0]!r}?"
+    return f"{kind.__name__} has no {name!r}: {remedy}"
 
 
 def _bounds(number: int | Sequence[int]) -> tuple[int, int]:
