@@ -75,6 +75,7 @@ class Cases:
     """Score the worst error profile, or the mean over profiles."""
 
     def __post_init__(self) -> None:
+        """Read thresholds and profiles, and raise ValueError if a field does not fit."""
         ious = _read_thresholds(self.iou)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
         profiles = [find_profile(profile) for profile in errors]
@@ -91,6 +92,7 @@ class Cases:
         for name in ("failures", "levels_by", "errors_by"):
             check_choice(name, getattr(self, name), get_args(Combine))
         digests = {profile.digest for profile in self.profiles}
+        # at least one profile, and no name or content twice
         if not len(self.profiles) == len(set(self.names)) == len(digests) > 0:
             names = ", ".join(self.names) or "none"
             raise ValueError(f"error profiles must be different ones, got {names}: name each once")

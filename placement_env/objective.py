@@ -133,6 +133,16 @@ class Objective(FeasibleSets):
         visibility: Visibility | None = None,
         stride: int = 1,
     ) -> None:
+        """Prepare the traffic and the fidelity of a setting; candidates are rendered for both.
+
+        Args:
+            setting: Setting; or a site or its name, for the usual setting there.
+            run: Seed, number of frames, cache and progress.
+            visibility: Points of the candidates on the objects, for a setting with a custom
+                fidelity; None if unknown. A fidelity given by name brings its visibility.
+            stride: Step between the frames of the run that count.
+
+        Raises ValueError if the fidelity cannot score the setting."""
         setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run = run
         self.visibility = visibility

@@ -194,6 +194,7 @@ class RaceRules:
     most: float = math.inf
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the fields do not fit."""
         if (
             min(self.first, self.eta - 1) < 1
             or not 0 < self.confidence < 1
@@ -364,7 +365,7 @@ def _find_running(
 def _doubt(
     rungs: Sequence[Rung], winner: int, tolerance: float, judged_rows: Iterable[int] = ()
 ) -> float:
-    """Chance that some set beats the winner by more than the tolerance, from 0 up.
+    """Bound on the chance that some set beats the winner by more than the tolerance.
 
     On each rung that the winner reached it is the share of resamples in which any set beats it; the
     shares are added, so the sum may exceed 1. Each set counts on the last rung that both it and the

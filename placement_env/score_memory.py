@@ -45,13 +45,15 @@ class ScoreMemory:
     """
 
     def __init__(self, fidelity: Fidelity, candidates: int) -> None:
+        """Begin with the empty set. candidates: number of candidates, the length of a row."""
         self.classes: Classes = getattr(fidelity, "classes", VEHICLES)
         self._fidelity = fidelity
         # key of a set: its row of booleans in bits, eight to a byte; -(-a // b) rounds up
         self._empty_set = bytes(-(-candidates // 8))
         class_count = len(self.classes.names) if isinstance(fidelity, ByClass) else 1
+        # figures of a set: AP, recall, kbit and, if there are several classes, the AP of each
         self._width = 3 if class_count == 1 else 3 + class_count
-        # AP, recall, kbit and, if there are several classes, the AP of each, by a set's key
+        # figures of each set by its key
         self._rows: dict[bytes, tuple[float, ...]] = self._list_empty_set()
 
     def __getstate__(self) -> dict[str, object]:

@@ -94,6 +94,7 @@ class Setting:
     link_share: float = LINK_SHARE
 
     def __post_init__(self) -> None:
+        """Check the fields, and replace names of site, scheme, codec and classes by objects."""
         if isinstance(self.fidelity, str):
             check_choice("fidelity", self.fidelity, get_args(FidelityName))
         if not isinstance(self.weights, Weights):

@@ -51,6 +51,7 @@ class EnvConfig:
     traffics: int | None = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError if a field does not fit."""
         check_whole("traffics", 1 if self.traffics is None else self.traffics, least=1)
         if self.traffics != 1 and self.setting.fidelity == "table":
             raise ValueError(
@@ -111,6 +112,7 @@ class SubsetConfig(EnvConfig):
     objective: Objective | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError if a field does not fit, or differs from the objective's."""
         super().__post_init__()
         check_whole("slots", 1 if self.slots is None else self.slots, least=1)
         if self.objective is None:
@@ -147,6 +149,7 @@ class PoseConfig(EnvConfig):
     moves: int = 20
 
     def __post_init__(self) -> None:
+        """Raise ValueError if a field does not fit."""
         if self.setting.fidelity == "table":
             raise ValueError(
                 "a table knows no poses but the site's own: take fidelity surrogate, coverage or "

@@ -188,6 +188,13 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         vector_reward: bool = False,
         **options: object,
     ) -> None:
+        """Build the task.
+
+        Args:
+            config: Configuration of the task, None for the usual one.
+            render_mode: "rgb_array" for pictures, "ansi" for text, None for neither.
+            vector_reward: Whether rewards are vectors (`find_reward_space`).
+            options: Fields of the configuration by name."""
         self.task = self.task_type.build(1, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.observation_space = self.task.observation_space
@@ -283,6 +290,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"reset_mask must be {self.num_envs} truth values, got {mask.dtype} {mask.shape}"
             )
         rows = np.flatnonzero(mask)
+        # a seed for each row, None to go on with its generator
         seeds = [None] * self.num_envs if seed is None else seed
         seeds = [seeds + i for i in range(self.num_envs)] if isinstance(seeds, int) else seeds
         if len(seeds) != self.num_envs:
@@ -290,7 +298,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"there must be a seed for each of {self.num_envs} environments, got {len(seeds)}"
             )
         if not mask.all():
-            self.task.running()
+            self.task.running()  # raises ResetNeeded, as the other rows need an episode
         for row in rows.tolist():
             if seeds[row] is not None:
                 self._generators[row] = seeding.np_random(seeds[row])[0]

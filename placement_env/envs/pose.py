@@ -36,7 +36,7 @@ class PoseRig:
 
     @staticmethod
     def from_candidates(candidates: Candidates) -> "PoseRig":
-        """Rig of sensors in their present poses."""
+        """Rig of sensors in the poses of the candidates."""
         sensor_poses = poses(candidates)
         z = sensor_poses.position[:, 2]
         height = z - _feet_z(candidates)
@@ -74,7 +74,7 @@ class PoseRig:
         for row, sensor in enumerate(start.sensors):
             x, y = sensor.position[:2]
             position = np.array([x, y, sensor_z[row]])
-            heading, tilt = self.aim[row, 1:].tolist()
+            heading, tilt = self.aim[row, 1:].tolist()  # rad
             sensors.append(aim_sensor(sensor, position, heading, tilt))
         return Candidates.from_poses(sensors, start.mount, self.aim, start)
 
@@ -94,6 +94,7 @@ class _PoseScenarios(EpisodeSource):
     """
 
     def __init__(self, config: PoseConfig) -> None:
+        """Raise ValueError if a site has too few mounts for the budget, or no surrogate."""
         super().__init__(config)
         _, self.slots = config.budgets  # the largest budget
         self.moves = config.moves

@@ -69,6 +69,9 @@ class Scenario:
     """
 
     def __init__(self, objective: Objective, slots: int) -> None:
+        """Compute the features of the candidates, which fill the first of the slots.
+
+        Raises ValueError for fewer slots than candidates."""
         self.objective = objective
         self.slots = slots
         self.width = len(objective.candidates)
@@ -330,6 +333,9 @@ class Scenarios(EpisodeSource):
     """Scenarios to choose among candidates, each made when first drawn; all are checked before."""
 
     def __init__(self, config: SubsetConfig) -> None:
+        """Find slots for all sites of a configuration.
+
+        Raises ValueError if slots or budget do not fit, or a site cannot be scored."""
         objective = self._objective = config.objective
         super().__init__(config, None if objective is None else objective.candidates)
         self.factored = isinstance(config, SelectConfig) and config.actions == "factored"

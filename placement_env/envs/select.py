@@ -18,10 +18,13 @@ class _SelectTask(Task):
     scenarios_type = Scenarios
 
     def __init__(self, n: int, scenarios: Scenarios) -> None:
+        """Build n episodes. Flat actions are slots; factored ones have a value of each factor."""
         self.flat = not scenarios.factored
         self.stop = scenarios.slots  # the flat action that stops
-        # values of each factor: mounts, heights, headings, tilts, models; one mount more stops
-        self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
+        # number of values of each factor: mounts, heights, headings, tilts, models; one mount more
+        # stops
+        mount_count, *other_counts = scenarios.shape
+        self.factors = (mount_count + 1, *other_counts)
         super().__init__(n, scenarios)
         self.action_space = (
             Discrete(self.stop + 1) if self.flat else MultiDiscrete(list(self.factors))

@@ -38,8 +38,6 @@ Rows = slice | Int64[np.ndarray, " m"]
 class State:
     """State of n episodes, a row each, written only by its methods.
 
-    max_steps: largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the budget.
-
     Attributes:
         n: Number of episodes.
         slots: Number of slots for candidates.
@@ -64,6 +62,10 @@ class State:
     def __init__(
         self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False
     ) -> None:
+        """Make room for n episodes, none of which has started.
+
+        max_steps: largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the
+        budget; fixed: whether sensors are moved, so that none may join."""
         check_whole("num_envs", n, least=1)
         self.n = n
         self.slots = slots
@@ -73,6 +75,7 @@ class State:
         self.ready = False
         self.groups: list[tuple[Scenario, Rows]] = []
         self._weights = np.zeros((2, n))  # of kbit per sensor and of price, in the reward
+        # last global features: two weights, and the scheme
         self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)  # names
         self.gain = np.zeros(n)

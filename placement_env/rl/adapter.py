@@ -57,7 +57,7 @@ def vectorize(
 
     Raises ValueError for `augment` with any other environment than coview's.
     """
-    # neither wrapped nor inherited from
+    # one of ours itself: a wrapper or subclass may have other rules
     is_native = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)
     if is_native and isinstance(first, PlacementEnv):
         return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)
@@ -80,13 +80,17 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
+        """Adapt a vector environment.
+
+        augment: whether agents see each episode's junction rotated and mirrored at random."""
         self.vector = vector
         self._augment = augment
         super().__init__(
             vector.num_envs, vector.single_observation_space, vector.single_action_space
         )
-        self._returns = np.zeros(self.num_envs)
-        self._lengths = np.zeros(self.num_envs, np.int64)
+        self._returns = np.zeros(self.num_envs)  # sum of the rewards of each running episode
+        self._lengths = np.zeros(self.num_envs, np.int64)  # steps of each running episode
+        # matrix that turns and mirrors the plane in each episode; used with `augment` only
         self._rotations = np.zeros((self.num_envs, 2, 2), np.float32)
 
     def reset(self) -> np.ndarray:

@@ -152,8 +152,10 @@ def kbit_per_frame(
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
     """Table of a budget curve as text of a CSV file, with one line per set.
 
-    `money` is empty if the curve is over numbers of sensors. If there are several error profiles,
-    `CURVE_COLUMNS` are followed by AP, low and high of each."""
+    Columns are `CURVE_COLUMNS`; if there are several error profiles, AP, low and high of each
+    follow. `money` is empty if the curve is over numbers of sensors.
+
+    points: one for each line; currency: unit of prices, "" for prices of one ordinary pole."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     header = list(CURVE_COLUMNS)
@@ -161,7 +163,7 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
         header += [safe_cell(f"{figure}_{profile.name}") for figure in ("ap", "low", "high")]
     writer.writerow(header)
     for n, point in enumerate(points):
-        row: list[object] = [
+        row: list[object] = [  # in the order of `CURVE_COLUMNS`
             point.sensors,
             "" if math.isinf(point.money) else f"{point.money:.10g}",
             f"{point.price:.10g}",

@@ -67,9 +67,11 @@ def report_result(objective: Objective, result: Result) -> tuple[Summary, list[s
     lines += [f"  {line}" for line in mounted]
     prefix = ""
     if assessment is not None:
+        # `curse`: by how much the search overrates the AP
         figures = asdict(assessment) | {"curse": assessment.curse}
         for row, contender in zip(figures["contenders"], assessment.contenders, strict=True):
-            row |= {"sensors": list_names(objective, contender.subset), "curse": contender.curse}
+            row["sensors"] = list_names(objective, contender.subset)
+            row["curse"] = contender.curse
         summary["assessment"] = figures
         lines += describe_assessment(assessment)
         prefix = "estimate of the search: "

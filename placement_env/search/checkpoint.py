@@ -40,12 +40,12 @@ class Checkpoint:
         part: str = "search",
         every: float = SAVE_INTERVAL_S,
     ) -> None:
-        self.folder = folder
-        self._depends_on = depends_on
-        self._part = part
-        self.every = every
-        self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"
-        self._saved_at = time.monotonic()  # time of the last state
+        self.folder = folder  # None to keep nothing
+        self._depends_on = depends_on  # digest of question and code
+        self._part = part  # name of the stage
+        self.every = every  # seconds between two states
+        self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"  # not used without a folder
+        self._saved_at = time.monotonic()  # of the last state, or of the start
 
     @cached_property
     def _key(self) -> bytes:

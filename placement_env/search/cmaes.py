@@ -196,6 +196,16 @@ class _Climb:
         limits: Limits,
         checkpoint: Checkpoint,
     ) -> None:
+        """Score the sensors at the start, which counts as the first scored set.
+
+        Args:
+            score_poses: Scorer of sets of sensors in any poses.
+            coding: Conversion between sensors and vectors.
+            sensors: Sensors at the start.
+            limits: Limits and history, changed in place.
+            checkpoint: Checkpoint that may hold an interrupted climb.
+
+        Raises ValueError if the sensors may not be built."""
         (score,) = score_poses([sensors])
         if score is None:
             raise ValueError("the sensors to start from may not be built: choose a feasible set")
@@ -210,10 +220,11 @@ class _Climb:
         self._limits = limits
         self._checkpoint = checkpoint
         self._step_costs: list[Float64[np.ndarray, " _"]] = []  # costs of the vectors of each step
-        self._saved = saved = checkpoint.load()  # None when all saved steps are repeated
-        # costs of each saved step that is still to be repeated; the part after the last end is
-        # empty
-        self._saved_costs = [] if saved is None else np.split(saved["costs"], saved["ends"])[:-1]
+        self._saved = checkpoint.load()  # None when all saved steps are repeated
+        self._saved_costs: list[np.ndarray] = []  # of each saved step that is to be repeated
+        if self._saved is not None:
+            costs, ends = self._saved["costs"], self._saved["ends"]
+            self._saved_costs = np.split(costs, ends)[:-1]  # nothing is after the last end
 
     @property
     def continues(self) -> bool:
@@ -285,7 +296,8 @@ def build_pose_scorer(
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # the sensors of all sets become the candidates; each set has a run of them
+        # score of each set of sensors, None for one that may not be built. The sensors of all sets
+        # become the candidates of one objective, set after set
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:
@@ -318,11 +330,10 @@ def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
     feet = np.array([mount.position[:2] for mount in pool.mounts])  # x, y (m)
     spots = np.array([sensor.position[:2] for sensor in sensors])
     distances = np.linalg.norm(spots[:, None] - feet, axis=2)  # sensors × mounts
-    mount = distances.argmin(axis=1)
+    mount = distances.argmin(axis=1)  # index of the mount of each sensor
     numbered = [replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors)]
-    return Candidates.from_poses(
-        numbered, mount, np.array([angles(sensor) for sensor in sensors]), pool
-    )
+    heights_and_angles = np.array([angles(sensor) for sensor in sensors])
+    return Candidates.from_poses(numbered, mount, heights_and_angles, pool)
 
 
 class Angles(NamedTuple):
@@ -384,10 +395,11 @@ class Coding:
         rows = vector.reshape(len(self.start), -1)  # lift, turn and tilt of each sensor
         min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD
         for n, sensor in enumerate(self.start.sensors):
-            mount = self.start.mount[n]
+            mount = self.start.mount[n]  # index
             lift, turn, tilt = rows[n]
             low, high = self.heights[mount]
-            position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
+            height = low + lift * (high - low)  # above the foot
+            position = self.feet[mount] + [0.0, 0.0, height]
             heading = float(angles(sensor).heading + np.pi * turn)
             tilt_rad = float(min_tilt_rad + tilt * (max_tilt_rad - min_tilt_rad))
             sensors.append(aim_sensor(sensor, position, heading, tilt_rad))

@@ -40,6 +40,7 @@ def describe_sensors(
         ]
     else:
         directions = [
+            # the remainder after rounding, so that 359.99 becomes 0.0
             f"bearing {round(bearing_deg(site, heading), 1) % 360:.1f}"
             for heading in headings.tolist()
         ]

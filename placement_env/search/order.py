@@ -66,6 +66,7 @@ class SearchOrder:
     tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError or ImportError if the fields do not fit together."""
         setting = self.setting
         if not 0 < self.confidence < 1:
             raise ValueError(

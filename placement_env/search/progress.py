@@ -30,13 +30,15 @@ class Limits:
         rows: Number of scored sets, seconds and reward at each improvement."""
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
+        """Begin now. None for no limit; raises ValueError for a limit of 0 or less."""
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
             if limit is not None and not limit > 0:
                 raise ValueError(f"{name} must be above 0, got {limit}: leave it out for no limit")
         self.started = time.monotonic()
         self.seconds = np.inf if seconds is None else float(seconds)
         self.evaluations = np.inf if evaluations is None else int(evaluations)
-        self.count = 0
+        self.count = 0  # sets scored so far
+        # number of scored sets, seconds and reward at each improvement
         self.rows: list[tuple[int, float, float]] = []
 
     @property
@@ -100,6 +102,7 @@ class Progress:
         self.size = len(objective.candidates)
         self.limits = Limits(seconds, evaluations)
         self.best = np.zeros(self.size, bool)
+        # the empty set is no answer if poles must carry a sensor
         self.reward = -np.inf if len(objective.kept) else 0.0
         self._block = 1  # sets to score next, adapted so that they take about `PACE_S`
 

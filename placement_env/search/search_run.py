@@ -118,7 +118,7 @@ def _build_objective(order: SearchOrder, stride: int) -> Objective:
 
 
 def _build_judging(order: SearchOrder) -> Judging:
-    """Race and assessment of a portfolio, on no more frames than the order has."""
+    """Settings of a portfolio's race and assessment, on no more frames than the order has."""
     frames = order.run.frames_or(DEFAULT_FRAMES)
     return Judging(
         by=order.judge,
@@ -137,9 +137,10 @@ def _search_curve(
     limits: Summary,
     checkpoint: Checkpoint,
 ) -> Answer:
-    """Search a budget curve and report its points.
+    """Answer with the points of a budget curve: over amounts if the price is limited.
 
-    limits: seed, seconds and evaluations, as arguments of the search."""
+    Otherwise the points are for numbers of sensors. limits: seed, seconds and evaluations, as
+    arguments of the search."""
     max_price = objective.most_price
     amounts = () if math.isinf(max_price) else list_amounts(objective, order.budget, max_price)
     points = budget_curve(
@@ -197,7 +198,8 @@ def _verify(
 ) -> _Verification:
     """Score the answer of a search and its neighbours by another fidelity, and keep the best.
 
-    Moved sensors have no neighbours. fidelity: its name; objective: objective of the search."""
+    Neighbours differ in one sensor; sensors that the search moved have none. fidelity: name of the
+    other fidelity; objective: objective of the search."""
     verifier = Objective(order.setting.with_fidelity(fidelity), order.run)
     score, set_count = verify_best(objective, verifier, result)
     names = list_names(objective, score.subset)
@@ -211,4 +213,4 @@ def _verify(
     lines += [f"  {line}" for line in mounted]
     lines.append(describe_score(score))
     lines += describe_by_errors(by_errors)
-    return _Verification(score.subset, summary, lines)
+    return _Verification(members=score.subset, summary=summary, lines=lines)

@@ -155,7 +155,7 @@ def _climb_to_optimum(
 
     save_state: called before each change; a search that resumes there repeats the change.
     """
-    places = climb.places
+    places = climb.places  # index of a candidate or `EMPTY_PLACE` each, changed in place
     while climb.waiting:
         save_state()
         position = climb.waiting.pop(0)
@@ -163,14 +163,15 @@ def _climb_to_optimum(
         options = np.flatnonzero(progress.objective.allowed(members))
         members_row = as_rows([members], progress.size)
         subsets = np.vstack([members_row, add_each(members, options, progress.size)])
+        # False if a pole that must carry a sensor has none
         keeps_required = progress.objective.keeps(subsets)
-        # candidate at the place in each row of `subsets`
-        options = np.r_[EMPTY_PLACE, options][keeps_required]
+        # what the place holds in each of these sets
+        fillings = np.r_[EMPTY_PLACE, options][keeps_required]
         rewards = progress.rewards(subsets[keeps_required])
         best = int(rewards.argmax()) if len(rewards) else 0
         if len(rewards) and rewards[best] > climb.reward:
             climb.reward = float(rewards[best])
-            places[position] = int(options[best])
+            places[position] = int(fillings[best])
             climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != position]
         if not np.isfinite(rewards).all():  # -inf beyond the limits
             return False

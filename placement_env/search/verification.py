@@ -55,7 +55,8 @@ def rank_accurately(
     is_feasible = fast.feasible(sets)
     sets = sets[is_feasible] if is_feasible[0] else sets[:1]
     if isinstance(accurate.scored_by, ByFrames):
-        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:MAX_RACED_SETS]]
+        by_fast_reward = np.argsort(-fast.scores(sets).reward, kind="stable")
+        sets = sets[by_fast_reward[:MAX_RACED_SETS]]
         sets = sets[accurate.race(sets, keep=best).winners]
     fast_rewards = fast.scores(sets).reward
     best_rows = find_best(fast_rewards, best)  # indices, the best first

@@ -68,8 +68,9 @@ class Demand:
     levels: int = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the fields do not fit."""
         check_whole("parts", self.parts, least=1)
-        Cases(levels=self.levels)
+        Cases(levels=self.levels)  # checks the number of levels of traffic
         if not 0 < self.at_least <= 1:
             raise ValueError(
                 f"the AP to be reached must lie above 0 and up to 1, got {self.at_least}: 0.9 is "
@@ -313,11 +314,14 @@ def _raise_demand(
     at_least: float,
     score_ap: SetFunction,
 ) -> list[int] | None:
-    """Cheapest set of a programme that reaches an AP, found with a worth that rises until then.
+    """Cheapest set of a programme that reaches an AP, found with a rising demand.
+
+    The worth of a set in the programme only approximates its AP. So the demand, the worth that the
+    set must have, rises by a share of the AP that is still missing, until the AP is reached.
 
     Args:
         progress: Objective and limits of the search.
-        programme: Programme whose worth only approximates the AP.
+        programme: Programme whose worth approximates the AP, in `GAIN_UNITS`.
         prices: Prices that are minimised.
         limits: Limits of the solver in each try.
         at_least: AP that the set must reach.
@@ -328,7 +332,8 @@ def _raise_demand(
         out."""
     demanded_ap = at_least
     for _ in range(MAX_TRIES):
-        solution = _solve(progress, programme, math.ceil(demanded_ap * GAIN_UNITS), prices, limits)
+        need = math.ceil(demanded_ap * GAIN_UNITS)
+        solution = _solve(progress, programme, need, prices, limits)
         if solution.members is None or progress.spent:
             return None
         missing_ap = at_least - _score_one(progress.objective, score_ap, solution.members)
@@ -404,7 +409,7 @@ def _list_violated(
     violated_cases = []
     for failed in members:
         if has_one_place[failed]:
-            # with any other candidate on this pole, its sensor would fail alike
+            # any candidate of this pole would fail alike, and at most one of them is built
             is_lost = mount == mount[failed]
         else:
             is_lost = np.arange(len(mount)) == failed
@@ -419,9 +424,9 @@ def _list_violated(
 def join_levels(parts: Sequence[Levels]) -> Levels:
     """Join levels of evidence on several parts of the objects, seen by the same candidates.
 
-    The objects of the result follow part after part. A part is, for instance, the objects of one
-    class or one level of traffic; all parts have the same number of levels of evidence. The groups
-    of each part stay groups of the result, which hold no object of another part."""
+    The objects of the result, on the second axis of all arrays, follow part after part. A part is,
+    for instance, the objects of one class; all parts have the same number of levels of evidence.
+    The groups of each part stay groups of the result, which hold no object of another part."""
     return Levels(
         evidence=np.concatenate([part.evidence for part in parts], axis=1),
         threshold=np.concatenate([part.threshold for part in parts], axis=1),
@@ -433,9 +438,11 @@ def join_levels(parts: Sequence[Levels]) -> Levels:
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
     """Steps of the hit probability of all objects of a surrogate, as levels of evidence.
 
-    Objects follow class after class. Gains include the size of an object and, for the mean of
-    classes, the weight of its class. The worth of a set is the sum over all objects for the mean of
-    classes, and over the class with the lowest sum for the worst class (`Levels.groups`).
+    With the evidence on an object (points of all sensors, as powers) its probability to be detected
+    rises along a curve, which steps approximate. Objects follow class after class. Gains include
+    the size of an object and, for the mean of classes, the weight of its class. The worth of a set
+    is the sum over all objects for the mean of classes, and over the class with the lowest sum for
+    the worst class (`Levels.groups`).
 
     Args:
         surrogate: Surrogate with the evidence of each candidate on each object.
@@ -502,11 +509,13 @@ def _build_result(
         claim = (
             "no set within the budget " if solution.optimal else "no set was found in time that "
         )
-        return progress.result(
-            "cheapest", Certificate("none", 0.0, bound, note=f"{claim}{condition}", measure="price")
+        no_set = Certificate(
+            kind="none", value=0.0, bound=bound, note=f"{claim}{condition}", measure="price"
         )
+        return progress.result("cheapest", no_set)
     progress.settle(sorted(solution.members))
     price = float(progress.objective.price(progress.best[None])[0])
     bound = price if solution.optimal else min(bound, price)
     note = f"{condition} for {price:g}, and no set that does costs less than {bound:g}{remark}"
-    return progress.result("cheapest", Certificate.from_bound(price, bound, note, "price"))
+    certificate = Certificate.from_bound(price, bound, note, measure="price")
+    return progress.result("cheapest", certificate)

@@ -200,11 +200,13 @@ def cover_most(
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
     """Worth of covering each object in whole numbers, and the total of all.
 
-    With one class each object counts 1. With several the total is `WORTH_UNITS`, and the objects
-    of a class share its units equally: in one row by the weights of classes for their mean, in one
-    row for each class, with all units, for the worst class. Classes without an object are left out.
+    The worth has a row for each group of objects whose lowest sum counts. With one class each
+    object counts 1, in one row. With several classes, the objects of a class share its units
+    equally. For the mean of classes there is one row, in which classes have `WORTH_UNITS` together,
+    by their weights. For the worst class there is a row for each class, which has all
+    `WORTH_UNITS`. Classes without an object are left out.
 
-    labels: Class (number) of each object.
+    labels: class (number) of each object; classes: classes that count.
     """
     present = [
         (label, weight)
@@ -213,7 +215,7 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_W
     ]
     if len(classes.names) == 1 or not present:
         return np.ones((1, len(labels)), np.int64), len(labels)
-    class_rows = np.array([labels == label for label, _ in present])
+    class_rows = np.array([labels == label for label, _ in present])  # classes × objects
     shares = class_rows / class_rows.sum(axis=1, keepdims=True)
     if classes.combine == "mean":
         weights = np.array([weight for _, weight in present])
@@ -281,11 +283,12 @@ def merge_objects(
         return seen[:, :0], worth[:, :0]
     # each object's column of bits as one opaque value, which np.unique can compare
     packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
-    keys = packed.view(np.dtype((np.void, packed.shape[1])))[:, 0]
-    _, first, merged_index = np.unique(keys, return_index=True, return_inverse=True)
-    weights = np.zeros((len(worth), len(first)), np.int64)
+    _, byte_count = packed.shape
+    keys = packed.view(np.dtype((np.void, byte_count)))[:, 0]
+    _, first_object, merged_index = np.unique(keys, return_index=True, return_inverse=True)
+    weights = np.zeros((len(worth), len(first_object)), np.int64)
     np.add.at(weights.T, merged_index.ravel(), worth.T)  # adds repeated indices too
-    return seen[:, first], weights
+    return seen[:, first_object], weights
 
 
 def greedy_cover(

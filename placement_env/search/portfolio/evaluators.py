@@ -332,14 +332,15 @@ class FastEvaluator:
         batch = np.searchsorted(distinct, blocks) * batch_count // len(distinct)
         # estimates of each batch
         batches = [self._estimate(sets, members, frames[batch == b]) for b in np.unique(batch)]
-        # weight of each batch in the mean of each resample
-        draws = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
+        # weight of each batch in the mean of each resample: resamples × batches
+        weights = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
         ap = _stack_ap(estimates)
         # axes: IoU, set, batch
         batch_ap = np.stack([_stack_ap(batch_estimates) for batch_estimates in batches], axis=2)
-        resamples = batch_ap @ draws.T
+        resamples = batch_ap @ weights.T
         if progress is not None:
             progress(len(frames))
+        # the mean over batches differs from the AP on all frames together
         shift = (batch_ap.mean(axis=2) - ap)[:, :, None]
         # kbit does not depend on the threshold
         return Evaluated(ap=ap, kbit=estimates[0].kbit, resamples=resamples - shift)

@@ -96,8 +96,10 @@ class Judging:
     ) -> tuple[CasesEvaluator, CasesEvaluator]:
         """Evaluators of race and assessment, on parts 1 and 2 of the run's traffic.
 
-        schedule: gives fewer frames if time is short; seed: for the resamples. Raises ValueError
-        without a site to simulate traffic.
+        Part 0 is the traffic of the searches.
+
+            schedule: gives fewer frames if time is short; seed: for the resamples. Raises ValueError
+            without a site to simulate traffic.
         """
         if self.evaluators is not None:
             return self.evaluators
@@ -196,7 +198,8 @@ def _find_entrants(
     Unless the cases are plain (one IoU threshold, no failures, undivided traffic), intact sets in
     all traffic are searched for too, because their best may be the best in the worst case.
 
-    seed: for all searches; checkpoint: keeps the progress of both rounds of searches."""
+    objective: objective of the searches; effort: their limits; seed: for all searches; checkpoint:
+    keeps the progress of both rounds of searches."""
     others = at_other_ious(objective)
     entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     preparation = objective.preparation
@@ -254,23 +257,22 @@ def contest(
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
-        # rewards of sets on the first frames of the race, with resamples, for `race_until`
-        evaluated = evaluator.evaluate(
-            rows, frames, objective.run.stage("frames raced", len(frames))
-        )
+        # rewards of sets (rows) on the first frames of the race, with resamples, for `race_until`;
+        # the set that is ahead is reported
+        report = objective.run.stage("frames raced", len(frames))
+        evaluated = evaluator.evaluate(rows, frames, report)
+        used_frames = frames[: evaluated.frames]  # all unless time ran out
         cost = weigh_costs(objective, rows, evaluated.kbit)
-        blocks = float(len(np.unique(frames[: evaluated.frames] // BLOCK_FRAMES)))
+        reward = evaluated.ap - cost
         if objective.watch is not None:
-            best = int((evaluated.ap - cost).argmax())
-            ahead = tuple(np.flatnonzero(rows[best]).tolist())
-            objective.watch(
-                ahead, float(evaluated.ap[best] - cost[best]), len(frames[: evaluated.frames])
-            )
+            best = int(reward.argmax())
+            members = tuple(np.flatnonzero(rows[best]).tolist())
+            objective.watch(members, float(reward[best]), len(used_frames))
         return Resampled(
-            figure=evaluated.ap - cost,
+            figure=reward,
             resamples=evaluated.resamples - cost[:, None],
             frames=evaluated.frames,
-            blocks=blocks,
+            blocks=float(len(np.unique(used_frames // BLOCK_FRAMES))),
         )
 
     order = race_order(evaluator.frames, seed=seed)[:frames]
