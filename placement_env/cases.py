@@ -190,7 +190,7 @@ class Cases:
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """Rows of n sets, followed by the sensors that each failure leaves of them.
+        """Rows of n sets, followed by the sensors that each failure leaves.
 
         A set that may lose all its sensors has one case, the empty set.
 

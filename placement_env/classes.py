@@ -133,7 +133,7 @@ class Classes:
         """
         texts = list(self.names)
         if iou is not None:
-            # 0 stands in for the objective's IoU, so that only fixed ones differ from it
+            # 0 in place of the objective's IoU, so that only fixed ones differ from it
             class_ious = [self.get_iou(name, 0.0) for name in texts]
             texts = [
                 name if class_iou in (0.0, iou) else f"{name} (IoU {class_iou:g})"

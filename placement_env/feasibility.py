@@ -166,7 +166,7 @@ class FeasibleSets:
         below `most_price`, one amount or one for each candidate."""
         row = self._to_row(subset)
         (set_price,) = self.price(row[None])
-        price = set_price + extra_prices(self.candidates, row)  # of the set with each candidate
+        price = set_price + extra_prices(self.candidates, row)  # price of the set with each
         (has_room,) = room_beside(self.candidates, row[None], self.shared_links)
         return np.asarray(has_room & self.linked & self.affordable(price + reserve))
 

@@ -200,7 +200,7 @@ def build_config(
 
 
 def _describe_unknown(name: str, known: Collection[str], kind: type[EnvConfig]) -> str:
-    """Sentence on an unknown keyword, with the nearest known one, or all if none is similar."""
+    """Sentence on an unknown keyword, with the nearest known one, or all if no other is similar."""
     suggestions = get_close_matches(name, sorted(known), n=1, cutoff=0.5)
     remedy = f"take one of {', '.join(sorted(known))}"
     if suggestions:

@@ -81,8 +81,8 @@ class Task:
             n: Number of episodes.
             config: Configuration, None for the usual one; or another task, whose scenarios are
                 shared and whose configuration is taken.
-            options: Fields of the configuration by name, which replace those of `config`. Not used
-                with another task."""
+            options: Fields of the configuration by name, which take precedence over `config`. Not
+                used with another task."""
         if isinstance(config, Task):
             return type(config)(n, config.scenarios)
         full_config = build_config(cls.config_type, config, options)
@@ -365,10 +365,10 @@ def _first_info(info: Info) -> Info:
 def _batch_info(info: Info, has_value: np.ndarray) -> Info:
     """Info in the form of Gymnasium's vector environments.
 
-    Each key is followed by "_key", a mask of the rows that have a value; the same for the keys of
-    dictionaries in the info.
+    Each key is followed by the same key with a leading underscore, for `has_value`. The same holds
+    for the keys of dictionaries in the info.
 
-    has_value: mask of these rows."""
+    has_value: mask of rows that have a value."""
     batched: Info = {}
     for key, value in info.items():
         batched[key] = _batch_info(value, has_value) if isinstance(value, dict) else value
@@ -492,7 +492,7 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
     strip.text(bar_left, 0.18, f"{length_m:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
     colours, _ = palette.point_scale()
-    field_width = 0.42  # of one colour of the legend
+    field_width = 0.42  # width of a colour in the legend
     for step, name in enumerate(palette.point_names()):
         left = 3.0 + field_width * step
         right = left + field_width

@@ -214,7 +214,7 @@ class _PoseTask(Task):
                 episode.preparation, rig, (episode.rig, objective.visibility)
             )
             moved_objective = scenario.objective
-            sends_more = moved_objective.loads > objective.loads  # of each sensor
+            sends_more = moved_objective.loads > objective.loads  # a flag for each sensor
             is_illegal[row] = (~moved_objective.linked & sends_more).any()
             if not is_illegal[row]:
                 self._episodes[row] = replace(episode, rig=rig)
@@ -234,7 +234,7 @@ def _update_visibility(
     visibility: Visibility | None,
     is_still: Bool[np.ndarray, " C"],
 ) -> Visibility:
-    """Visibility of the traffic from candidates, some of which have not moved.
+    """Visibility of the traffic from candidates; rows of unmoved candidates are copied.
 
     Args:
         preparation: Traffic and, if it makes them, panoramas of the mounts.

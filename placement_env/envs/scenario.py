@@ -39,7 +39,7 @@ STATIC = (
     "seen",
 )
 VIEW_RANGE_M = 30.0  # within which a sensor sees the spots in its field of view without traffic
-SPOTS_ON_A_SIDE = 22  # of the area without traffic: 22² = 484 spots, fewer than `MAX_PLACES`
+SPOTS_ON_A_SIDE = 22  # along the area without traffic: 22² = 484, fewer than `MAX_PLACES`
 HEIGHT_SCALE_M = 20.0  # height that is 1 in the observations
 Options = Mapping[str, Any]  # of `reset`
 Key = TypeVar("Key")
@@ -83,7 +83,7 @@ class Scenario:
         self.usable = np.pad(objective.linked, (0, slots - self.width))
         sees_place = places_seen(objective)
         _, self.places = sees_place.shape
-        # places in bits, and 64 of them in a word; places and slots that are missing stay 0
+        # places in bits, 64 in a word; places and slots that are missing stay 0
         slot_places = np.zeros((slots, MAX_PLACES), np.bool_)
         slot_places[: len(sees_place), : self.places] = sees_place
         words = np.packbits(slot_places, axis=1).view(np.uint64)
@@ -127,7 +127,7 @@ class Scenario:
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Mask of the places that each candidate sees, at most `MAX_PLACES` of them.
+    """Mask of the places that each candidate sees, at most `MAX_PLACES` places.
 
     Places are vehicles of the traffic, seen with `LEAST` points or more. Without traffic they are
     spots of the area, seen if they are in the field of view and within `VIEW_RANGE_M`."""
@@ -258,7 +258,7 @@ class EpisodeSource:
         raise NotImplementedError
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Index of a site in `sites`, where a new one is loaded and added.
+        """Index of a site in `sites`, to which a new one is added.
 
         site: site, or its name or file; None for one of the config's sites, which is drawn unless
         it is the only one.

@@ -62,7 +62,7 @@ class State:
     def __init__(
         self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False
     ) -> None:
-        """Make room for n episodes, none of which has started.
+        """Make room for n episodes that have not started.
 
         max_steps: largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the
         budget; fixed: whether sensors are moved, so that none may join."""
@@ -74,7 +74,7 @@ class State:
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
         self.groups: list[tuple[Scenario, Rows]] = []
-        self._weights = np.zeros((2, n))  # of kbit per sensor and of price, in the reward
+        self._weights = np.zeros((2, n))  # rows: weights of kbit per sensor and of price
         # last global features: two weights, and the scheme
         self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)  # names
@@ -246,7 +246,7 @@ class State:
         if not len(rows):
             return
         for scenario, group_rows in self.groups:
-            # a slice stands for all rows
+            # a slice means all rows
             is_whole = isinstance(group_rows, slice)
             scored_rows = rows if is_whole else rows[np.isin(rows, group_rows)]
             if len(scored_rows):

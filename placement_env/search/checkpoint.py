@@ -45,7 +45,7 @@ class Checkpoint:
         self._part = part  # name of the stage
         self.every = every  # seconds between two states
         self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"  # not used without a folder
-        self._saved_at = time.monotonic()  # of the last state, or of the start
+        self._saved_at = time.monotonic()  # time of the last state, or the start
 
     @cached_property
     def _key(self) -> bytes:

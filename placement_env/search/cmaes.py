@@ -97,7 +97,7 @@ def search(
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
-    """Result with the moved sensors or with those of the start, whichever the exact score prefers.
+    """Result with the moved sensors or with the start's, whichever the exact score prefers.
 
     Args:
         score_poses: Exact scorer, by rays; None is its score of a set that may not be built.
@@ -221,7 +221,7 @@ class _Climb:
         self._checkpoint = checkpoint
         self._step_costs: list[Float64[np.ndarray, " _"]] = []  # costs of the vectors of each step
         self._saved = checkpoint.load()  # None when all saved steps are repeated
-        self._saved_costs: list[np.ndarray] = []  # of each saved step that is to be repeated
+        self._saved_costs: list[np.ndarray] = []  # costs of each step to be repeated
         if self._saved is not None:
             costs, ends = self._saved["costs"], self._saved["ends"]
             self._saved_costs = np.split(costs, ends)[:-1]  # nothing is after the last end

@@ -14,8 +14,8 @@ MIN_GAIN_AP = 0.001  # smallest improvement that is reported during the search
 def find_first_answer(order: SearchOrder, preparation: Preparation) -> Score:
     """Score of greedy's answer on the first frames, which is also reported as a line of text.
 
-    order: has the budget and the function to report to (`tell`); preparation: first frames of the
-    search with the order's candidates."""
+    order: has the budget and the function to report to; preparation: first frames of the search
+    with the order's candidates."""
     objective = Objective.from_view(
         preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
     )

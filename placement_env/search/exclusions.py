@@ -14,8 +14,8 @@ def describe_empty(objective: Objective) -> str:
     """Likely reason for an empty answer, with its remedy, to follow a colon.
 
     Links are checked first, then whether any single sensor detects something, and whether its AP
-    is worth its costs."""
-    fits_link = objective.linked  # of each candidate
+    exceeds its costs."""
+    fits_link = objective.linked  # for each candidate
     if not fits_link.any():
         frames = describe_share(objective.setting.link_share)
         min_kbit = float(objective.loads.min())

@@ -61,7 +61,7 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     In each square of a grid only the mount nearest to the middle of the area stays; the squares
     grow until few enough mounts are left. Mounts that must carry a sensor always stay.
 
-    setting: has the area of the site and the names of these mounts."""
+    setting: has the area of the site and the names of such mounts."""
     feet = np.array([mount.position[:2] for mount in pool.mounts])  # x, y (m)
     xmin, ymin, xmax, ymax = setting.place.area
     middle = [(xmin + xmax) / 2, (ymin + ymax) / 2]
@@ -127,7 +127,7 @@ def _choose_poses(
     best_mounts = np.argsort(-best_score, kind="stable")[:MAX_POLES]
     order = np.lexsort((-score, pool.mount))  # by mount, then from the best pose
     _, first = np.unique(pool.mount[order], return_index=True)  # where each mount begins
-    pose_counts = np.diff(np.append(first, len(pool)))  # of each mount with a pose
+    pose_counts = np.diff(np.append(first, len(pool)))  # on each mount
     # rank of each pose on its mount, 0 for the best: its place in `order` less the mount's first
     rank = np.empty(len(pool), np.int64)
     rank[order] = np.arange(len(pool)) - np.repeat(first, pose_counts)
@@ -138,7 +138,7 @@ def _choose_poses(
 
 
 def describe_narrowing(pool: Candidates, searched: Int64[np.ndarray, " n"]) -> str:
-    """Sentence on how many poses of a large pool are searched. searched: indices of these poses."""
+    """Sentence on how many poses of a large pool are searched. searched: their indices."""
     pole_text = describe_count(len(np.unique(pool.mount)), "pole")
     pose_text = describe_count(len(pool), "pose")
     searched_pole_text = describe_count(len(np.unique(pool.mount[searched])), "pole")

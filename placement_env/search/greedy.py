@@ -101,9 +101,9 @@ def grow(
         start: Candidates (indices) that are in the set from the start.
     """
     members = list(start)
-    reward = 0.0  # of the set so far
+    reward = 0.0  # reward of the set so far
     rise = 0.0
-    last_gains = np.full(progress.size, np.inf)  # of each candidate
+    last_gains = np.full(progress.size, np.inf)  # gain of each candidate when last scored
     while len(members) < progress.budget:
         options = np.flatnonzero(progress.objective.next_allowed(members))
         rewards = progress.rewards(add_each(members, options, progress.size))
@@ -196,7 +196,7 @@ def online_bound(progress: Progress, members: list[int]) -> float:
     members_ap = ap[0]
     gains = np.maximum(ap[1:] - members_ap, 0.0)
     mount = candidates.mount[options]
-    largest_gains = [np.zeros(1)]  # of each mount, as many as it carries; 0 without options
+    largest_gains = [np.zeros(1)]  # as many as each mount carries; 0 without options
     for mount_number in np.unique(mount):
         descending = np.sort(gains[mount == mount_number])[::-1]
         largest_gains.append(descending[: candidates.places[mount_number]])

@@ -171,7 +171,7 @@ class SearchOrder:
     def keeping(
         self, out: Path | None, *, overwrite: bool = False
     ) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
-        """Yield the order, with a cache if it has none, and the checkpoint of its answer's folder.
+        """Yield the order, with a cache if it lacks one, and the checkpoint of its answer's folder.
 
         The block must search and write the answer. Until it ends normally, the state of the search
         is kept next to the folder of the answer, in a folder with the suffix `UNFINISHED_SUFFIX`,
@@ -190,7 +190,7 @@ class SearchOrder:
         with open_checkpoint(
             state_folder, self.question, code=code, overwrite=overwrite
         ) as checkpoint:
-            # detections of a detector without a digest cannot be told apart from others
+            # a detector without a digest might find the detections of another one there
             is_cacheable = self.setting.detector is None or hasattr(self.setting.detector, "digest")
             cache = self.run.cache or (checkpoint.place("cache") if is_cacheable else None)
             yield replace(self, run=replace(self.run, cache=cache)), checkpoint

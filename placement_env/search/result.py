@@ -310,7 +310,7 @@ def _build_result(content: _Row) -> Result:
     assessment are changed in place."""
     history = content["history"]
     certificate = content["certificate"]
-    values = {  # of fields that are no plain JSON values
+    values = {  # fields that are no plain JSON values
         "best": load_score(content["best"]),
         "history": History(
             evaluations=np.array(history["evaluations"], np.int64),

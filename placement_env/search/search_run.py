@@ -198,7 +198,7 @@ def _verify(
 ) -> _Verification:
     """Score the answer of a search and its neighbours by another fidelity, and keep the best.
 
-    Neighbours differ in one sensor; sensors that the search moved have none. fidelity: name of the
+    Neighbours differ in one sensor; moved sensors have no neighbours. fidelity: name of the
     other fidelity; objective: objective of the search."""
     verifier = Objective(order.setting.with_fidelity(fidelity), order.run)
     score, set_count = verify_best(objective, verifier, result)

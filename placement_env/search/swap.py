@@ -163,9 +163,9 @@ def _climb_to_optimum(
         options = np.flatnonzero(progress.objective.allowed(members))
         members_row = as_rows([members], progress.size)
         subsets = np.vstack([members_row, add_each(members, options, progress.size)])
-        # False if a pole that must carry a sensor has none
+        # False if a pole that must carry a sensor is empty
         keeps_required = progress.objective.keeps(subsets)
-        # what the place holds in each of these sets
+        # what the place holds in each of the sets
         fillings = np.r_[EMPTY_PLACE, options][keeps_required]
         rewards = progress.rewards(subsets[keeps_required])
         best = int(rewards.argmax()) if len(rewards) else 0

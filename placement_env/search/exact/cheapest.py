@@ -316,12 +316,12 @@ def _raise_demand(
 ) -> list[int] | None:
     """Cheapest set of a programme that reaches an AP, found with a rising demand.
 
-    The worth of a set in the programme only approximates its AP. So the demand, the worth that the
-    set must have, rises by a share of the AP that is still missing, until the AP is reached.
+    The programme only approximates the AP. So what it demands of a set rises by a share of the AP
+    that is still missing, until the AP is reached.
 
     Args:
         progress: Objective and limits of the search.
-        programme: Programme whose worth approximates the AP, in `GAIN_UNITS`.
+        programme: Programme that approximates the AP, in `GAIN_UNITS`.
         prices: Prices that are minimised.
         limits: Limits of the solver in each try.
         at_least: AP that the set must reach.
@@ -409,7 +409,7 @@ def _list_violated(
     violated_cases = []
     for failed in members:
         if has_one_place[failed]:
-            # any candidate of this pole would fail alike, and at most one of them is built
+            # any candidate of this pole would fail alike, and at most one is built
             is_lost = mount == mount[failed]
         else:
             is_lost = np.arange(len(mount)) == failed
@@ -449,7 +449,7 @@ def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
         above: True for steps nowhere below the curve, False for steps that cut it in the middle."""
     is_worst = surrogate.classes.combine == "worst"
     class_levels = []
-    class_factors = []  # of each class, a factor on the gain of each object
+    class_factors = []  # factors on the gains of a class's objects
     for powers, size_factor, model, weight in surrogate.evidence():
         class_levels.append(levels_of_hits(powers, model, above=above))
         class_factors.append(size_factor * (1.0 if is_worst else weight))

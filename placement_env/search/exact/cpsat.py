@@ -314,7 +314,7 @@ def greedy_cover(
         prices: Prices with their limit, None for no limit. Only `Prices.sensor` counts, not the
             shared price of a mount with several places.
     """
-    missing_views = np.full(len(weight), views)  # of each object; below 0 if seen more often
+    missing_views = np.full(len(weight), views)  # per object; below 0 if seen more often
     is_free = np.ones(len(seen), bool)
     members: list[int] = []
     while len(members) < budget:

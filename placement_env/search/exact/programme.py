@@ -53,7 +53,7 @@ class SolverLimits:
     effort: float | None = None  # OR-Tools' deterministic seconds, None for unlimited
 
     def build_solver(self) -> "CpSolver":
-        """Make a CP-SAT solver with one worker, and with the seed and the limits of these fields.
+        """Make a CP-SAT solver with one worker, this seed and these limits.
 
         Raises ImportError without OR-Tools."""
         solver = load_cp_model().CpSolver()

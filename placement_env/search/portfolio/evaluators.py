@@ -103,7 +103,7 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
     """
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))  # rounded up; the last may be short
-    offsets = rng.permutation(BLOCK_FRAMES)  # of frames within every block
+    offsets = rng.permutation(BLOCK_FRAMES)  # frames within every block
     order = (blocks * BLOCK_FRAMES + offsets[:, None]).ravel()  # a row of all blocks per offset
     return order[order < frames]
 

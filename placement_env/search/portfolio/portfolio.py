@@ -16,6 +16,7 @@ from placement_env.analysis.agreement import StageFigure, check_agreement
 from placement_env.analysis.intervals import (
     AP_TOLERANCE,
     BLOCK_FRAMES,
+    Interval,
     is_comparable,
     share_beyond_reach,
 )
@@ -98,8 +99,8 @@ class Judging:
 
         Part 0 is the traffic of the searches.
 
-            schedule: gives fewer frames if time is short; seed: for the resamples. Raises ValueError
-            without a site to simulate traffic.
+        schedule: gives fewer frames if time is short; seed: for the resamples. Raises ValueError
+        without a site to simulate traffic.
         """
         if self.evaluators is not None:
             return self.evaluators
@@ -340,21 +341,12 @@ def _assess(
         entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
     )
     contenders = []
+    # fewer figures than rows if time ran out
     for row, ap, resamples in zip(
         rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False
     ):
         interval = final.interval(ap, resamples, frames)
-        members = tuple(np.flatnonzero(entrants.sets[row]).tolist())
-        contenders.append(
-            Contender(
-                searches=entrants.searches[row],
-                subset=members,
-                predicted=float(entrants.predicted[row]),
-                ap=ap,
-                low=interval.low,
-                high=interval.high,
-            )
-        )
+        contenders.append(_build_contender(entrants, row, ap, interval))
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
     objects = final.count_objects(frames)
@@ -394,12 +386,24 @@ def _assess(
     )
 
 
+def _build_contender(entrants: Entrants, row: int, ap: float, interval: Interval) -> Contender:
+    """Contender from the row of a set among the entrants, and its judged AP with the interval."""
+    return Contender(
+        searches=entrants.searches[row],
+        subset=tuple(np.flatnonzero(entrants.sets[row]).tolist()),
+        predicted=float(entrants.predicted[row]),
+        ap=ap,
+        low=interval.low,
+        high=interval.high,
+    )
+
+
 def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigure) -> None:
     """Raise ValueError if race and judgement of the winner exclude each other.
 
     names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower; judged:
     AP of the winner in the judgement."""
-    race_frames = int(race.frames[0])  # of the winner
+    race_frames = int(race.frames[0])  # frames that scored the winner
     # the race did not count its objects: as many per frame as in the judgement
     race_objects = round(judged.objects * race_frames / judged.frames)
     race_figure = StageFigure(

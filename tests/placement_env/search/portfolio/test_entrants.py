@@ -21,6 +21,7 @@ from placement_env.search.portfolio.entrants import (
     THRIFT_AP,
     Effort,
     Entrants,
+    find_entrants,
     join_entrants,
     keep_entrants,
 )
