@@ -267,7 +267,8 @@ class Cases:
 
         figures: axes are profile, level of traffic, IoU threshold, row of `expand`, and any others;
         owners: index of the set of each row; tie: share of the intact set's figures to add."""
-        _, level_count, iou_count, *_ = figures.shape
+        level_count = figures.shape[1]
+        iou_count = figures.shape[2]
         # mean over IoU thresholds, with axes profile, level, row and others
         iou_mean = figures[:, :, 0]
         if iou_count > 1:

@@ -51,7 +51,8 @@ class PoseRig:
         action: change of height, heading and tilt of each sensor in units of `UNIT_MOVE`, clipped
         to -1..1."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
-        present_height, _, present_tilt = self.aim.T
+        present_height = self.aim[:, 0]
+        present_tilt = self.aim[:, 2]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * UNIT_MOVE).T
         min_height = np.minimum([mount.min_height for mount in mounts], present_height)
         max_height = np.maximum([mount.max_height for mount in mounts], present_height)

@@ -296,7 +296,7 @@ def build_pose_scorer(
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # score of each set of sensors, None for one that may not be built. The sensors of all sets
+        # score of each set of sensors, None for a set that may not be built. The sensors of all sets
         # become the candidates of one objective, set after set
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
@@ -336,7 +336,7 @@ def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
     return Candidates.from_poses(numbered, mount, heights_and_angles, pool)
 
 
-class Angles(NamedTuple):
+class SensorAngles(NamedTuple):
     """Height and direction of a sensor.
 
     Attributes:
@@ -350,10 +350,10 @@ class Angles(NamedTuple):
     tilt: float
 
 
-def angles(sensor: Sensor) -> Angles:
+def angles(sensor: Sensor) -> SensorAngles:
     """Height above z = 0, heading and tilt of a sensor."""
     (heading,), (tilt,) = aims([sensor])
-    return Angles(float(sensor.position[2]), float(heading), float(tilt))
+    return SensorAngles(float(sensor.position[2]), float(heading), float(tilt))
 
 
 class Coding:

@@ -63,8 +63,8 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
     lines = []
     for k, name in enumerate(set_names(candidates, subset)):
         mount = candidates.mounts[candidates.mount[subset[k]]]
-        _, _, z = sensors[k].position
-        _, _, foot_z = mount.position
+        z = sensors[k].position[2]
+        foot_z = mount.position[2]
         height = f"{z - foot_z:.1f} m up"
         if site is None:
             facing = f"facing {np.rad2deg(headings[k]):.0f} degrees from +x"

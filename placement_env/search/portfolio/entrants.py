@@ -172,8 +172,8 @@ def keep_entrants(
     key = make_key("entrants", code_digest(__name__), depends_on, *conditions)
     cached = None if cache is None else cache.get([key])[0]
     if cached is not None:
-        # names: names of the searches of each set, as JSON
-        sets, predicted, names, considered = cached
+        sets, predicted = cached[:2]
+        names, considered = cached[2:]  # names of the searches of each set, as JSON
         return Entrants(
             sets=sets,
             predicted=predicted,

@@ -332,7 +332,7 @@ class FastEvaluator:
         batch = np.searchsorted(distinct, blocks) * batch_count // len(distinct)
         # estimates of each batch
         batches = [self._estimate(sets, members, frames[batch == b]) for b in np.unique(batch)]
-        # weight of each batch in the mean of each resample: resamples × batches
+        # weight of each batch in each resample's mean: resamples × batches
         weights = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
         ap = _stack_ap(estimates)
         # axes: IoU, set, batch

@@ -313,9 +313,9 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypat
         efforts.append(effort)
         return keep(objective, effort, **named)
 
-    def limited(schedule, evaluator, share=1.0, *least):
-        shares.append((share, *least))
-        return limit(schedule, evaluator, share, *least)
+    def limited(schedule, evaluator, share=1.0, **least):
+        shares.append((share, *least.values()))
+        return limit(schedule, evaluator, share, **least)
 
     monkeypatch.setattr(curve, "contest", raced)
     monkeypatch.setattr(curve, "keep_entrants", kept)
