@@ -296,8 +296,8 @@ def build_pose_scorer(
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # score of each set of sensors, None for a set that may not be built. The sensors of all sets
-        # become the candidates of one objective, set after set
+        # score of each set, None for a set that may not be built. The sensors of all sets become the
+        # candidates of one objective, set after set
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:

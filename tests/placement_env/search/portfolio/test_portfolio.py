@@ -374,9 +374,9 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
 def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
     most, contest, shares, limit = [], portfolio.contest, [], Schedule.limit
 
-    def limited(schedule, evaluator, share=1.0, *least):
-        shares.append((share, *least))
-        return limit(schedule, evaluator, share, *least)
+    def limited(schedule, evaluator, share=1.0, **least):
+        shares.append((share, *least.values()))
+        return limit(schedule, evaluator, share, **least)
 
     monkeypatch.setattr(Schedule, "limit", limited)
 
