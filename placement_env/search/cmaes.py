@@ -123,12 +123,19 @@ def improve(
 ) -> Result:
     """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    score_poses: scorer of sets of sensors in any poses; start: sensors on separate mounts;
-    checkpoint: keeps the costs of all steps. Without a limit `DEFAULT_VECTORS` are scored. The
-    answer is never worse than the start, which is scored first.
-    When the search has settled, it restarts at the best with twice the population.
-    `Result.best.subset` only counts the sensors. Raises ValueError without a sensor, if two share a
-    mount or if the start may not be built, and ImportError without `cma`.
+    The answer is never worse than the start, which is scored first. When the search has settled, it
+    restarts at the best with twice the population. `Result.best.subset` only counts the sensors.
+
+    Args:
+        score_poses: Scorer of sets of sensors in any poses.
+        start: Sensors to move, on mounts with a place for each.
+        seed: Seed of the drawn vectors.
+        seconds: Limit of the search, None for none.
+        evaluations: Limit on scored sets; None for none, or `DEFAULT_VECTORS` without `seconds`.
+        checkpoint: Keeps the costs of all steps.
+
+    Raises ValueError without a sensor, if a mount has more sensors than places or if the start may
+    not be built, and ImportError without `cma`.
     """
     _check_start(start)
     cma = _load_cma()
@@ -296,8 +303,8 @@ def build_pose_scorer(
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # score of each set, None for a set that may not be built. The sensors of all sets become the
-        # candidates of one objective, set after set
+        # score of each set, None for a set that may not be built; the sensors of all sets become
+        # the candidates of one objective, set after set
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:
