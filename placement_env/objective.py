@@ -196,6 +196,7 @@ class Objective(FeasibleSets):
         return cls(setting, preparation.run, visibility=visibility)
 
     def __repr__(self) -> str:
+        """One line with site, candidates and conditions; limits that do not apply are left out."""
         site_text = "" if self.site is None else f"{self.site.name!r}, "
         summary = (
             f"{site_text}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "

@@ -262,6 +262,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         vector_reward: bool = False,
         **options: object,
     ) -> None:
+        """Build the task; the arguments are described at the class and the scalar environment."""
         task = self.task = self.task_type.build(num_envs, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.num_envs = task.state.n

@@ -188,6 +188,7 @@ def poses(candidates: Candidates) -> SensorPoses:
         heading=heading,
         tilt=tilt,
         fov=np.array([sensor.model.horizontal_fov for sensor in sensors]),
+        # lidars measure ranges, cameras depth
         is_lidar=np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_),
     )
 

@@ -213,7 +213,7 @@ class State:
             for key in ("ap", "recall", "kbit", "kbit_per_sensor", "price")
         }
         info["subset"] = self.chosen.copy()
-        info["marginal_gain"] = self.gain.copy()
+        info["marginal_gain"] = self.gain.copy()  # reward that the last step added
         info["reward_terms"] = {
             "ap": scores.ap.copy(),
             # 0 - x is 0 for no cost, and -x would be -0.0
@@ -221,6 +221,7 @@ class State:
             "price": 0 - price_weight * scores.price,
         }
         info["fidelity"] = self._fidelity.copy()
+        # True if the last step needed no new score; not `scores.cache_hit` (class docstring)
         info["cache_hit"] = self.repeated.copy()
         info["illegal"] = self.illegal.copy()
         class_aps = self._find_class_aps()

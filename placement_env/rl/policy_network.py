@@ -25,6 +25,7 @@ class CandidateNetwork(nn.Module):
     """
 
     def __init__(self, slots: int, width: int) -> None:
+        """Make the layers. slots: candidates of an observation; width: units of each layer."""
         super().__init__()
         # Stable-Baselines3 requires these two names: number of actions, and of value features
         self.latent_dim_pi = slots + 1
@@ -88,8 +89,9 @@ class CandidatePolicy(MaskableActorCriticPolicy):
     """sb3-contrib's policy with a `CandidateNetwork`, whose width is the first of `net_arch`."""
 
     def _build(self, lr_schedule: Schedule) -> None:
-        # overrides Stable-Baselines3's method, which makes the networks and the optimiser; one
-        # action is to stop, and the others place the candidate of a slot
+        """Make networks and optimiser, as Stable-Baselines3 requires of a policy.
+
+        One action is to stop, and the others place the candidate of a slot."""
         slots = int(self.action_space.n) - 1  # type: ignore[attr-defined]
         self.mlp_extractor = CandidateNetwork(slots, self.net_arch[0])  # type: ignore
         self.action_net = nn.Identity()  # the network gives logits already

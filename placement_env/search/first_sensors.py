@@ -39,6 +39,7 @@ class FirstSensors:
     covered: float
 
     def __str__(self) -> str:
+        """Sentences on how the sensors were placed, and what they see together."""
         count = len(self.site.sensors)
         mounts = len(self.site.mounts)
         return (

@@ -95,6 +95,15 @@ class Progress:
     def __init__(
         self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None
     ) -> None:
+        """Begin with the empty set as incumbent.
+
+        Args:
+            objective: Objective that scores the sets.
+            budget: Largest number of sensors.
+            seconds: Time limit, None for none.
+            evaluations: Most sets to score, None for no limit.
+
+        Raises ValueError for limits that do not fit."""
         check_whole("budget", budget, least=1)
         objective.setting.check_budget(budget)
         self.objective = objective

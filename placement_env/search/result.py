@@ -259,6 +259,7 @@ class Result(Displayed):
         return Card(f"Result of {method}", tuple(facts), tables, picture)
 
     def __str__(self) -> str:
+        """One line: search, members of the best set, AP or reward, effort and certificate."""
         certificate = self.certificate
         assessment = self.assessment
         bound_word = "least" if certificate.measure == "price" else "most"

@@ -211,7 +211,7 @@ class Poles(NamedTuple):
         Loads stay 0 if the objective does not limit the links that sensors of a mount share."""
         candidates = objective.candidates
         link_shares = np.zeros(len(candidates))
-        if objective.shared_links is not None:
+        if objective.shared_links is not None:  # kbit per frame of each candidate
             # 2 is more than a link already, and keeps whole units small
             link_shares = np.minimum(objective.shared_links / candidates.capacity, 2.0)
         return Poles(

@@ -85,13 +85,13 @@ def build_evaluator(
     if fidelity != "detector":
         evaluator = FastEvaluator(preparation, fidelity, seed)
         return CasesEvaluator(
-            profiles=(evaluator,) * len(cases.profiles), cases=cases, levels=preparation.levels
+            by_profile=(evaluator,) * len(cases.profiles), cases=cases, levels=preparation.levels
         )
     detectors = tuple(
         DetectorEvaluator(detected=preparation.detected(profile), ious=cases.ious, seed=seed)
         for profile in cases.profiles
     )
-    return CasesEvaluator(profiles=detectors, cases=cases, levels=preparation.levels)
+    return CasesEvaluator(by_profile=detectors, cases=cases, levels=preparation.levels)
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
@@ -116,13 +116,13 @@ class CasesEvaluator:
     worst case is determined within the resample.
 
     Attributes:
-        profiles: Evaluators of each error profile.
+        by_profile: Evaluator of each error profile.
         cases: Thresholds, failures, levels and error profiles.
         levels: Frames of each level of traffic, empty if it is undivided.
         drawings: Evaluators of the same candidates on other samples of the site; figures are means.
     """
 
-    profiles: "tuple[DetectorEvaluator | FastEvaluator, ...]"
+    by_profile: "tuple[DetectorEvaluator | FastEvaluator, ...]"
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
     drawings: "tuple[CasesEvaluator, ...]" = ()
@@ -130,16 +130,16 @@ class CasesEvaluator:
     @property
     def name(self) -> str:
         """Name of the fidelity."""
-        return self.profiles[0].name
+        return self.by_profile[0].name
 
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return self.profiles[0].frames
+        return self.by_profile[0].frames
 
     def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
-        return self.profiles[0].count_objects(frames)
+        return self.by_profile[0].count_objects(frames)
 
     def interval(
         self, ap: float, resamples: Float64[np.ndarray, " resamples"], frames: Frames
@@ -151,7 +151,7 @@ class CasesEvaluator:
         block_count = len(np.unique(frames // BLOCK_FRAMES))
         # resamples are drawn level by level, from the blocks of one level
         level_blocks = block_count // max(1, len(self.levels))
-        if isinstance(self.profiles[0], FastEvaluator):  # draws batches of blocks
+        if isinstance(self.by_profile[0], FastEvaluator):  # draws batches of blocks
             level_blocks = min(level_blocks, MAX_BATCHES)
         objects = self.count_objects(frames)
         return figure_interval(ap, resamples, blocks=level_blocks, objects=objects)
@@ -161,10 +161,10 @@ class CasesEvaluator:
 
         It is at the first error profile and, with several drawings of the site, a mean over them.
         """
-        profile = self.profiles[0]
-        if not isinstance(profile, DetectorEvaluator):
+        first = self.by_profile[0]
+        if not isinstance(first, DetectorEvaluator):
             return np.zeros(len(sets))
-        estimates = profile.detected.estimates(sets, frames.tolist())  # by IoU threshold
+        estimates = first.detected.estimates(sets, frames.tolist())  # by IoU threshold
         aps = [np.asarray(np.mean([estimates[iou].ap for iou in IOUS], axis=0))]
         aps += [drawing.mean_ap(sets, frames) for drawing in self.drawings]
         return np.asarray(np.mean(aps, axis=0))
@@ -196,27 +196,28 @@ class CasesEvaluator:
         # levels without any of the frames are left out; undivided traffic is one part
         level_frames = [frames[np.isin(frames, level)] for level in self.levels]
         parts = [part for part in level_frames if len(part)] or [frames]
-        by_profile: list[list[Evaluated]] = []
+        figures_by_profile: list[list[Evaluated]] = []
         frames_begun = 0
 
         def report(done: int) -> None:
             if progress is not None:
-                progress((frames_begun + done) // len(self.profiles))
+                progress((frames_begun + done) // len(self.by_profile))
 
-        for profile in self.profiles:
-            by_profile.append([])
+        for evaluator in self.by_profile:
+            figures_by_profile.append([])
             for part in parts:
-                by_profile[-1].append(profile.at_thresholds(rows, part, report))
+                figures_by_profile[-1].append(evaluator.at_thresholds(rows, part, report))
                 frames_begun += len(part)
         aps = []
         kbits = []
         resamples = []
-        share = np.array([len(part) for part in parts]) / len(frames)
-        for evaluated in by_profile:
-            aps.append([level.ap for level in evaluated])
+        share = np.array([len(part) for part in parts]) / len(frames)  # of all frames
+        for level_figures in figures_by_profile:
+            aps.append([level.ap for level in level_figures])
             # the first rows are the intact sets; kbit per frame is weighted by frames of a level
-            kbits.append(share @ np.array([level.kbit for level in evaluated])[:, : len(sets)])
-            resamples.append([level.resamples for level in evaluated])
+            level_kbit = np.array([level.kbit for level in level_figures])[:, : len(sets)]
+            kbits.append(share @ level_kbit)
+            resamples.append([level.resamples for level in level_figures])
         figures = AtProfiles(
             ap=self.cases.at_profiles(np.array(aps), owners),
             kbit=np.array(kbits),

@@ -258,8 +258,9 @@ def contest(
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
-        # rewards of sets (rows) on the first frames of the race, with resamples, for `race_until`;
-        # the set that is ahead is reported
+        """Rewards of sets (rows) on the first frames of a race, with resamples; for `race_until`.
+
+        The set with the greatest reward is reported to the objective's watcher."""
         report = objective.run.stage("frames raced", len(frames))
         evaluated = evaluator.evaluate(rows, frames, report)
         used_frames = frames[: evaluated.frames]  # all unless time ran out
@@ -352,7 +353,7 @@ def _assess(
     objects = final.count_objects(frames)
     cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
     race_frames = int(race.frames[0])
-    if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
+    if final.name == "detector" and final.cases.plain and len(final.by_profile) == 1:
         names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
         judged_figure = StageFigure(
             stage="in the judgement", ap=answer.ap, objects=objects, frames=len(frames)
@@ -423,7 +424,7 @@ def aps_at_profiles(
     The list has an entry for each set, with the profiles in their order.
 
     final: evaluator of the sets; frames: frame numbers of the evaluator's traffic."""
-    if len(final.profiles) == 1:
+    if len(final.by_profile) == 1:
         return [()] * len(sets)
     figures = final.at_profiles(sets, frames)  # profiles × sets
     by_set = []
