@@ -153,7 +153,7 @@ class SB3VecEnv(VecEnv):
             self._rotations[is_new] = rotations(self._rng, int(is_new.sum()))
 
     def _rotate(self, observations: np.ndarray) -> np.ndarray:
-        """Copy of observations with each episode's junction rotated; unchanged without `augment`."""
+        """Copy of observations with each junction rotated; the observations without `augment`."""
         if not self._augment:
             return observations
         rotated = observations.copy()

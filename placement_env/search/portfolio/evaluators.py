@@ -211,7 +211,7 @@ class CasesEvaluator:
         aps = []
         kbits = []
         resamples = []
-        share = np.array([len(part) for part in parts]) / len(frames)  # of all frames
+        share = np.array([len(part) for part in parts]) / len(frames)  # frames of each part
         for level_figures in figures_by_profile:
             aps.append([level.ap for level in level_figures])
             # the first rows are the intact sets; kbit per frame is weighted by frames of a level
