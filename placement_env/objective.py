@@ -242,7 +242,7 @@ class Objective(FeasibleSets):
         Only facts that apply have an entry; values need not be JSON (`describe_origin`)."""
         preparation = self.preparation
         cases = self.setting.cases
-        detector = getattr(self.scored_by, "detector", None)
+        detector = getattr(self.scored_by, "detector", None)  # most fidelities have no detector
         facts: dict[str, Any] = {}
         if self.setting.keep:
             facts["keep"] = list(self.setting.keep)

@@ -74,12 +74,13 @@ class Scenario:
         Raises ValueError for fewer slots than candidates."""
         self.objective = objective
         self.slots = slots
-        self.width = len(objective.candidates)
+        self.width = len(objective.candidates)  # slots from here on are empty
         if self.width > slots:
             problem = (
                 f"the environment has slots for {slots} candidates, this site has {self.width}"
             )
             raise ValueError(f"{problem}: make it with slots={self.width}")
+        # slots with a candidate whose link carries its data
         self.usable = np.pad(objective.linked, (0, slots - self.width))
         sees_place = places_seen(objective)
         _, self.places = sees_place.shape
@@ -91,7 +92,7 @@ class Scenario:
         self.static = np.zeros((len(STATIC), slots), np.float32)
         seen_share = sees_place.sum(axis=1) / max(1, self.places)
         self.static[:, : self.width] = np.clip(self._features(seen_share), -1, 1)
-        # 1000: from a weight of a kbit to one of a Mbit
+        # last global features; 1000: from a weight of a kbit to one of a Mbit
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
         is_scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
         self.constants = np.concatenate([weights / (weights + 1), is_scheme]).astype(np.float32)

@@ -78,6 +78,7 @@ class State:
         # last global features: two weights, and the scheme
         self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
         self._fidelity = np.full(n, None, object)  # names
+        # the class docstring says what these hold
         self.gain = np.zeros(n)
         self.chosen = np.zeros((n, slots), np.bool_)
         self.failed = np.zeros((n, slots), np.bool_)

@@ -195,7 +195,7 @@ def online_bound(progress: Progress, members: list[int]) -> float:
         return np.inf
     members_ap = ap[0]
     gains = np.maximum(ap[1:] - members_ap, 0.0)
-    mount = candidates.mount[options]
+    mount = candidates.mount[options]  # index of the mount of each option
     largest_gains = [np.zeros(1)]  # as many as each mount carries; 0 without options
     for mount_number in np.unique(mount):
         descending = np.sort(gains[mount == mount_number])[::-1]

@@ -450,6 +450,8 @@ def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
     is_worst = surrogate.classes.combine == "worst"
     class_levels = []
     class_factors = []  # factors on the gains of a class's objects
+    # for each class: evidence (candidates × objects), factor for the size of each object, model of
+    # the hit probability, and weight
     for powers, size_factor, model, weight in surrogate.evidence():
         class_levels.append(levels_of_hits(powers, model, above=above))
         class_factors.append(size_factor * (1.0 if is_worst else weight))
