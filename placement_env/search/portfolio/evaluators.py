@@ -444,12 +444,15 @@ class Schedule:
 
     @staticmethod
     def from_processes(seconds: float | None, processes: Processes) -> "Schedule":
-        """Schedule from now on, with as many frames between looks as keep the processes busy.
+        """Schedule from now on, for frames that are evaluated in these processes.
+
+        Between two looks at the clock there are enough frames to keep all processes busy.
 
         seconds: time for everything, None for no limit.
         """
         if processes.ray:
             return Schedule(seconds, at_once=RAY_FRAMES)
+        # 2: so that no process waits while another one finishes
         return Schedule(seconds, at_once=1 if processes.alone else 2 * processes.count)
 
     @property
