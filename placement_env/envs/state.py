@@ -249,8 +249,7 @@ class State:
             return
         for scenario, group_rows in self.groups:
             # a slice means all rows
-            is_whole = isinstance(group_rows, slice)
-            scored_rows = rows if is_whole else rows[np.isin(rows, group_rows)]
+            scored_rows = rows if isinstance(group_rows, slice) else rows[np.isin(rows, group_rows)]
             if len(scored_rows):
                 scores = scenario.objective.scores(self.chosen[scored_rows, : scenario.width])
                 for figure, value in zip(self.scores, scores, strict=True):

@@ -33,7 +33,7 @@ class AccurateRanking:
     accurate: Float64[np.ndarray, " k"]
 
 
-def rank_accurately(
+def verified(
     fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5
 ) -> AccurateRanking:
     """Best sets among a set and its feasible neighbours, ranked by the accurate reward.
@@ -76,7 +76,7 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
     """
     if result.sensors:
         return score_result(accurate, result), 1
-    ranking = rank_accurately(fast, accurate, np.array(result.best.subset))
+    ranking = verified(fast, accurate, np.array(result.best.subset))
     best_set = ranking.sets[0]
     return accurate.score(np.flatnonzero(best_set)), len(ranking.sets)
 

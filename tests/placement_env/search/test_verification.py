@@ -85,7 +85,7 @@ def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
     cheap = Objective(Setting(candidates=dear.candidates, fidelity=Half()))
     found = greedy.search(cheap, 3)
     dear.scored_by.asked = 0
-    ranking = verification.rank_accurately(cheap, dear, np.array(found.best.subset))
+    ranking = verification.verified(cheap, dear, np.array(found.best.subset))
     assert len(ranking.sets) == 5
     assert (np.diff(ranking.accurate) <= 0).all()
     assert ranking.accurate == pytest.approx(dear.scores(ranking.sets).reward)
@@ -108,7 +108,7 @@ def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
     assert said == {"paper": float(dear.scored_by(row).ap[0]), "poor": float(other(row).ap[0])}
     assert both.score([0, 3]).ap == min(said.values())
     assert verification.ap_at_profiles(dear, (0, 3)) == verification.ap_at_profiles(both, ()) == {}
-    ranking = verification.rank_accurately(dear, both, np.array([0, 3]))
+    ranking = verification.verified(dear, both, np.array([0, 3]))
     assert (
         both.score(np.flatnonzero(ranking.sets[0])).reward == both.scores(ranking.sets).reward.max()
     )
@@ -135,7 +135,7 @@ def test_all_that_tie_are_ranked_and_equal_ones_as_the_cheap_fidelity_has_it(dea
             for each in (cheap, accurate)
         )
         cheap.scored = accurate.scored = 0
-        return verification.rank_accurately(fast, exact, np.array([0]), best=best)
+        return verification.verified(fast, exact, np.array([0]), best=best)
 
     accurate = Worths(0.5, 0.6, 0.6, 0.9)
     found = ranked(Worths(0.9, 0.8, 0.7, 0.1), accurate, 3)
