@@ -17,11 +17,12 @@ from coview.outputs import Writing
 from placement_env.candidates.candidates import Candidates, choose_candidates
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
 from placement_env.classes import SMALL_CLASSES, SMALL_IOU, Classes
+from placement_env.defaults import USUAL_CASES
 from placement_env.links import LINK_SHARE
 from placement_env.report.planning.question import Stock
-from placement_env.setting import AP_ONLY, Setting, Weights
+from placement_env.setting import Setting, Weights
 from toolkit.detection.link.range_images import find_codec
 from toolkit.objects import Detector
 from toolkit.runtime.run import Run
@@ -125,7 +126,7 @@ class SettingOptions:
     candidates: CandidateOptions = CandidateOptions()
     classes: ClassOptions = ClassOptions()
     cases: Cases = USUAL_CASES
-    weights: Weights = AP_ONLY
+    weights: Weights = Weights()
     scheme: str = "early"
     """Fusion scheme: early, late, hybrid or foreground."""
     codec: str = "paper"

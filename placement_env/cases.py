@@ -75,9 +75,11 @@ class Cases:
     """Score the worst error profile, or the mean over profiles."""
 
     def __post_init__(self) -> None:
-        ious = _thresholds(self.iou)
+        """Read thresholds and profiles, and raise ValueError if a field does not fit."""
+        ious = _read_thresholds(self.iou)
         errors = self.errors if isinstance(self.errors, tuple | list) else (self.errors,)
         profiles = [find_profile(profile) for profile in errors]
+        # shipped profiles by their name, others as they are
         errors_named = tuple(
             profile.name if PROFILES.get(profile.name) == profile else profile
             for profile in profiles
@@ -90,6 +92,7 @@ class Cases:
         for name in ("failures", "levels_by", "errors_by"):
             check_choice(name, getattr(self, name), get_args(Combine))
         digests = {profile.digest for profile in self.profiles}
+        # at least one profile, and no name or content twice
         if not len(self.profiles) == len(set(self.names)) == len(digests) > 0:
             names = ", ".join(self.names) or "none"
             raise ValueError(f"error profiles must be different ones, got {names}: name each once")
@@ -159,10 +162,8 @@ class Cases:
     def describe_failures(self) -> str:
         """Words for what failures leave of a set: "what is left in the worst case when …"."""
         failure = "1 sensor fails" if self.failing == 1 else f"{self.failing} sensors fail"
-        return (
-            f"what is left {'in the worst case' if self.failures == 'worst' else 'on average'} "
-            f"when {failure}"
-        )
+        case = "in the worst case" if self.failures == "worst" else "on average"
+        return f"what is left {case} when {failure}"
 
     def describe_levels(self) -> str:
         """Words for how figures at all levels of traffic become one figure."""
@@ -189,7 +190,7 @@ class Cases:
         return tuple(np.sort(part) for part in np.array_split(order, self.levels) if len(part))
 
     def expand(self, sets: Sets) -> tuple[Bool[np.ndarray, "m C"], Int64[np.ndarray, " m"]]:
-        """List n sets, then the sensors that each failure leaves.
+        """Rows of n sets, followed by the sensors that each failure leaves.
 
         A set that may lose all its sensors has one case, the empty set.
 
@@ -205,9 +206,11 @@ class Cases:
             if len(members) > self.failing:
                 failures = list(combinations(members, self.failing))
             for failed in failures:
-                rows.append(row.copy())
-                rows[-1][list(failed)] = False
+                remaining = row.copy()
+                remaining[list(failed)] = False
+                rows.append(remaining)
                 owners.append(n)
+        # `reshape` for no rows at all
         expanded = np.array(rows, np.bool_).reshape(len(rows), sets.shape[1])
         return expanded, np.array(owners, np.int64)
 
@@ -218,13 +221,10 @@ class Cases:
 
         figures: levels of traffic on the first axis. A NaN level is left out; the result is NaN
         only if all levels are NaN."""
+        reduce = np.nanmin if self.levels_by == "worst" else np.nanmean
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # if all levels are NaN
-            return np.asarray(
-                np.nanmin(figures, axis=0)
-                if self.levels_by == "worst"
-                else np.nanmean(figures, axis=0)
-            )
+            return np.asarray(reduce(figures, axis=0))
 
     def over_failures(
         self,
@@ -235,19 +235,26 @@ class Cases:
     ) -> Float64[np.ndarray, "n *rest"]:
         """Lowest or mean figures of n sets over their failures.
 
-        figures: figures of the m rows that `expand` returns; owners: index of the set of each row,
-        as `expand` returns it; tie: share of the intact set's figures to add (`TIE_SHARE`), 0 for
-        the pure figures. Without failures the figures come back unchanged."""
+        Without failures the figures come back unchanged.
+
+        Args:
+            figures: Figures of the m rows that `expand` returns.
+            owners: Index of the set of each row, as `expand` returns it.
+            tie: Share of the intact set's figures to add, which separates sets that fail
+                completely; 0 for the pure figures."""
         if not self.failing:
             return figures
-        count = int(owners.max(initial=-1)) + 1  # number of sets; rows after them are failures
-        cases = figures[count:]
-        case_owners = owners[count:]
+        set_count = int(owners.max(initial=-1)) + 1
+        intact = figures[:set_count]  # rows after the intact sets are failures
+        failures = figures[set_count:]
+        failure_owners = owners[set_count:]
         reduce = np.mean if self.failures == "mean" else np.min
-        remaining = figures[:0]
-        if count:
-            remaining = np.stack([reduce(cases[case_owners == n], axis=0) for n in range(count)])
-        return np.asarray(remaining + tie * figures[:count]) if tie else remaining
+        if not set_count:
+            return intact
+        reduced = np.stack(
+            [reduce(failures[failure_owners == n], axis=0) for n in range(set_count)]
+        )
+        return np.asarray(reduced + tie * intact) if tie else reduced
 
     def at_profiles(
         self,
@@ -260,16 +267,18 @@ class Cases:
 
         figures: axes are profile, level of traffic, IoU threshold, row of `expand`, and any others;
         owners: index of the set of each row; tie: share of the intact set's figures to add."""
-        ious = figures.shape[2]
-        # axes: profile, level, row and others
-        mean = figures[:, :, 0] if ious == 1 else sum(figures[:, :, i] for i in range(ious)) / ious
-        levels = (
-            level_figures[0] if len(level_figures) == 1 else self.over_levels(level_figures)
-            for level_figures in mean
-        )
-        return np.stack(
-            [self.over_failures(profile_figures, owners, tie=tie) for profile_figures in levels]
-        )
+        level_count = figures.shape[1]
+        iou_count = figures.shape[2]
+        # mean over IoU thresholds, with axes profile, level, row and others
+        iou_mean = figures[:, :, 0]
+        if iou_count > 1:
+            iou_sum = sum(figures[:, :, i] for i in range(iou_count))
+            iou_mean = np.asarray(iou_sum / iou_count)
+        by_profile = []
+        for level_figures in iou_mean:
+            one_figure = level_figures[0] if level_count == 1 else self.over_levels(level_figures)
+            by_profile.append(self.over_failures(one_figure, owners, tie=tie))
+        return np.stack(by_profile)
 
     def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
         """Lowest or mean value of each figure over the error profiles (the first axis)."""
@@ -282,13 +291,18 @@ class Cases:
 
         It is 1 for the profile with the lowest AP and 0 for others if the worst counts, and equal
         for all if the mean does. ap: AP of each set at each profile."""
+        profile_count = len(ap)
         if self.errors_by == "mean":
-            return np.full(ap.shape, 1 / len(ap))
-        return (np.arange(len(ap))[:, None] == ap.argmin(axis=0)).astype(np.float64)
+            return np.full(ap.shape, 1 / profile_count)
+        worst_profile = ap.argmin(axis=0)  # index, of each set
+        return (np.arange(profile_count)[:, None] == worst_profile).astype(np.float64)
 
 
-def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
-    # thresholds, ascending, from one, several, or text: "0.7", or "0.5:0.95" for steps of 0.05
+def _read_thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
+    """IoU thresholds, ascending, from one, several, or text.
+
+    Text is "0.7", or "0.5:0.95" for steps of `COCO_IOU_STEP`. Raises ValueError for thresholds
+    outside (0, 1], equal ones, or none."""
     if isinstance(iou, str):
         try:
             ends = [float(threshold) for threshold in iou.split(":")]
@@ -298,10 +312,10 @@ def _thresholds(iou: float | str | Iterable[float]) -> tuple[float, ...]:
             raise ValueError(f"iou must lie in (0, 1], as 0.7 or 0.5:0.95, got {iou}")
         if len(ends) == 1:
             return (ends[0],)
-        return tuple(
-            # half a step more, so that the upper end is among them
-            np.round(np.arange(ends[0], ends[1] + COCO_IOU_STEP / 2, COCO_IOU_STEP), 2).tolist()
-        )
+        low, high = ends
+        # half a step more, so that the upper end is among them
+        steps = np.arange(low, high + COCO_IOU_STEP / 2, COCO_IOU_STEP)
+        return tuple(np.round(steps, 2).tolist())
     thresholds: tuple[float, ...] = tuple(sorted(iou)) if isinstance(iou, Iterable) else (iou,)
     for threshold in thresholds:
         check_iou(threshold)
@@ -315,6 +329,3 @@ def iou_text(iou: IoUs) -> str:
     if isinstance(iou, float | int):
         return f"{iou:g}"
     return f"{iou[0]:g} to {iou[-1]:g} (mean of {len(iou)} thresholds)"
-
-
-USUAL_CASES = Cases()

@@ -119,7 +119,7 @@ class Classes:
     def get_iou(self, name: str, iou: float) -> float:
         """IoU from which a detection of a class counts.
 
-        name: name of a class; iou: the objective's, which vehicles always have."""
+        name: name of the class; iou: the objective's threshold, which vehicles always have."""
         class_iou = self.ious[self.names.index(name)]
         if class_iou is not None:
             return class_iou
@@ -133,7 +133,8 @@ class Classes:
         """
         texts = list(self.names)
         if iou is not None:
-            class_ious = [self.get_iou(name, 0.0) for name in texts]  # 0 for the objective's
+            # 0 in place of the objective's IoU, so that only fixed ones differ from it
+            class_ious = [self.get_iou(name, 0.0) for name in texts]
             texts = [
                 name if class_iou in (0.0, iou) else f"{name} (IoU {class_iou:g})"
                 for name, class_iou in zip(texts, class_ious, strict=True)
@@ -153,17 +154,15 @@ class Classes:
         """
         if len(self) == 1:
             return figures[:, 0]
-        defined = ~np.isnan(figures)
+        is_defined = ~np.isnan(figures)
         if self.combine == "worst":
-            worst = np.where(defined, figures, np.inf).min(axis=1)
-            return np.where(defined.any(axis=1), worst, np.nan)
-        weights = np.where(defined, self.weights, 0.0)
-        total = weights.sum(axis=1)
-        sums = (np.where(defined, figures, 0.0) * weights).sum(axis=1)
-        return np.divide(sums, total, out=np.full(len(figures), np.nan), where=total > 0)
-
-
-VEHICLES = Classes()
+            worst = np.where(is_defined, figures, np.inf).min(axis=1)
+            return np.where(is_defined.any(axis=1), worst, np.nan)
+        weights = np.where(is_defined, self.weights, 0.0)
+        weight_sums = weights.sum(axis=1)
+        figure_sums = (np.where(is_defined, figures, 0.0) * weights).sum(axis=1)
+        undefined = np.full(len(figures), np.nan)  # for sets without any weight
+        return np.divide(figure_sums, weight_sums, out=undefined, where=weight_sums > 0)
 
 
 def join_names(names: Sequence[str]) -> str:

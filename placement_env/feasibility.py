@@ -79,36 +79,38 @@ class FeasibleSets:
         members: indices of the set's candidates. kbit: data of each in each frame of any traffic,
         in the order of `members`.
         """
-        if not self.scheme.sends_points:
+        if not self.scheme.sends_points:  # boxes fit any link
             return True
-        mounts = self.candidates.mount[list(members)]  # index of the mount of each sensor
-        loads = np.bincount(
-            mounts, sent_in_most(kbit, self.link_share), minlength=len(self.candidates.mounts)
-        )
+        sensor_mounts = self.candidates.mount[list(members)]
+        sensor_loads = sent_in_most(kbit, self.link_share)
+        mount_count = len(self.candidates.mounts)
+        mount_loads = np.bincount(sensor_mounts, sensor_loads, minlength=mount_count)
         capacity = np.array([mount.capacity for mount in self.candidates.mounts])
-        return bool((loads <= max_load(capacity)).all())
+        return bool((mount_loads <= max_load(capacity)).all())
 
     # prices
 
     def price(self, subsets: Sets) -> Float64[np.ndarray, " n"]:
         """Price of the sensors of each set and their mounts, each mount paid once."""
-        built = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
-        row, candidate = subsets.nonzero()
-        built[row, self.candidates.mount[candidate]] = True
-        models = np.bincount(row, self.candidates.model_prices[candidate], minlength=len(subsets))
-        return np.asarray(built @ self.candidates.mount_prices + models)
+        row, candidate = subsets.nonzero()  # a pair for each member of each set
+        is_mount_used = np.zeros((len(subsets), len(self.candidates.mounts)), np.bool_)
+        is_mount_used[row, self.candidates.mount[candidate]] = True
+        model_prices = self.candidates.model_prices[candidate]
+        sensors_price = np.bincount(row, model_prices, minlength=len(subsets))
+        return np.asarray(is_mount_used @ self.candidates.mount_prices + sensors_price)
 
     def affordable(self, prices: Float64[np.ndarray, " n"]) -> Mask:
-        """Mask of the prices of sets that are within `most_price`, up to rounding."""
+        """Mask of prices that are within `most_price`, up to rounding."""
         return np.asarray(prices <= self.most_price * (1 + PRICE_ROUNDING_SHARE))
 
     @cached_property
     def _least_prices(self) -> Float64[np.ndarray, " M"]:
-        """Lowest price of each mount plus one sensor that fits its link; 0 for mounts without."""
+        """Lowest price of each mount with one sensor that fits its link.
+
+        0 for mounts without such a sensor."""
+        fits_link = self.linked
         lowest = np.full(len(self.candidates.mounts), np.inf)
-        np.minimum.at(
-            lowest, self.candidates.mount[self.linked], self.candidates.prices[self.linked]
-        )
+        np.minimum.at(lowest, self.candidates.mount[fits_link], self.candidates.prices[fits_link])
         return np.where(np.isfinite(lowest), lowest, 0.0)
 
     # mounts that must carry a sensor
@@ -127,20 +129,18 @@ class FeasibleSets:
     # sets
 
     def feasible(self, subsets: Sets) -> Mask:
-        """Mask of sets that may be built: room, links, price and kept mounts all fit."""
-        is_fitting = fit_together(self.candidates, subsets, self.shared_links) & self.keeps(subsets)
-        return np.asarray(
-            is_fitting
-            & ~(subsets & ~self.linked).any(axis=1)
-            & self.affordable(self.price(subsets))
-        )
+        """Mask of sets that may be built: room, links, price and required mounts all fit."""
+        has_room = fit_together(self.candidates, subsets, self.shared_links)
+        exceeds_link = (subsets & ~self.linked).any(axis=1)
+        is_affordable = self.affordable(self.price(subsets))
+        return np.asarray(has_room & self.keeps(subsets) & ~exceeds_link & is_affordable)
 
     def allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Mask of candidates that may join a set without making it unfeasible.
 
         There is room on their mounts and links, and the new price is affordable. subset: row of
         booleans, or indices or names of candidates."""
-        return self._fitting(subset, 0.0)
+        return self._find_fitting(subset, reserve=0.0)
 
     def next_allowed(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:
         """Mask of candidates to add next to a set.
@@ -150,22 +150,24 @@ class FeasibleSets:
         or names of candidates.
         """
         mount = self.candidates.mount
-        empty_mounts = np.setdiff1d(self.kept, mount[self._to_row(subset)])
-        if not len(empty_mounts):
+        unfilled_mounts = np.setdiff1d(self.kept, mount[self._to_row(subset)])
+        if not len(unfilled_mounts):
             return self.allowed(subset)
-        # for each candidate: least price of the other mounts that still need a sensor
-        reserve = self._least_prices[empty_mounts].sum() - self._least_prices[mount]
-        return self._fitting(subset, reserve) & np.isin(mount, empty_mounts)
+        # for each candidate: lowest price of the other mounts that still need a sensor
+        reserve = self._least_prices[unfilled_mounts].sum() - self._least_prices[mount]
+        return self._find_fitting(subset, reserve) & np.isin(mount, unfilled_mounts)
 
-    def _fitting(
+    def _find_fitting(
         self, subset: Bool[np.ndarray, " C"] | Members, reserve: float | Float64[np.ndarray, " C"]
     ) -> Bool[np.ndarray, " C"]:
-        """Mask of candidates that fit a set and keep some money in reserve.
+        """Mask of candidates that may join a set and leave some money in reserve.
 
-        reserve: money that must remain below `most_price`, the same or one for each candidate."""
+        subset: row of booleans, or indices or names of candidates; reserve: money that must remain
+        below `most_price`, one amount or one for each candidate."""
         row = self._to_row(subset)
-        price = self.price(row[None])[0] + extra_prices(self.candidates, row)
-        has_room = room_beside(self.candidates, row[None], self.shared_links)[0]
+        (set_price,) = self.price(row[None])
+        price = set_price + extra_prices(self.candidates, row)  # price of the set with each
+        (has_room,) = room_beside(self.candidates, row[None], self.shared_links)
         return np.asarray(has_room & self.linked & self.affordable(price + reserve))
 
     def _to_row(self, subset: Bool[np.ndarray, " C"] | Members) -> Bool[np.ndarray, " C"]:

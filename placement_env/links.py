@@ -27,7 +27,9 @@ def sent_in_most(
     >>> float(sent_in_most(np.array([100.0, 300.0, 200.0, 400.0]), 0.75))
     300.0
     """
-    return np.asarray(np.quantile(kbit, share, axis=-1, method="inverted_cdf"), np.float64)
+    # this method takes one of the given amounts, without interpolation
+    load = np.quantile(kbit, share, axis=-1, method="inverted_cdf")
+    return np.asarray(load, np.float64)
 
 
 def max_load(capacity: Capacity) -> Capacity:

@@ -22,7 +22,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
-from placement_env.cases import USUAL_CASES, iou_text
+from placement_env.cases import iou_text
+from placement_env.defaults import USUAL_CASES
 from placement_env.feasibility import FeasibleSets, Members
 from placement_env.fidelity.coverage import sent_per_frame
 from placement_env.fidelity.preparation import Preparation
@@ -132,6 +133,16 @@ class Objective(FeasibleSets):
         visibility: Visibility | None = None,
         stride: int = 1,
     ) -> None:
+        """Prepare the traffic and the fidelity of a setting; candidates are rendered for both.
+
+        Args:
+            setting: Setting; or a site or its name, for the usual setting there.
+            run: Seed, number of frames, cache and progress.
+            visibility: Points of the candidates on the objects, for a setting with a custom
+                fidelity; None if unknown. A fidelity given by name brings its visibility.
+            stride: Step between the frames of the run that count.
+
+        Raises ValueError if the fidelity cannot score the setting."""
         setting = setting if isinstance(setting, Setting) else Setting(setting)
         self.run = run
         self.visibility = visibility
@@ -147,12 +158,12 @@ class Objective(FeasibleSets):
         self.candidates = setting.pool
         self.scheme = setting.fusion
         self.codec = scheme_codec(self.scheme, setting.codec)
-        self._take(setting)
+        self._apply_setting(setting)
         self._memory = ScoreMemory(self.scored_by, len(self.candidates))
         self.classes = self._memory.classes
 
-    def _take(self, setting: Setting) -> None:
-        """Take site, costs and limits of a setting, count scored sets from 0, and stop watching.
+    def _apply_setting(self, setting: Setting) -> None:
+        """Take over site, costs and limits of a setting; count scored sets from 0, stop watching.
 
         Candidates, scheme, fidelity and memory stay."""
         self.setting = setting
@@ -161,7 +172,7 @@ class Objective(FeasibleSets):
         self.most_price = setting.most_price
         self.keep = setting.keep
         self.link_share = setting.link_share
-        self._scored = 0
+        self._scored_count = 0
         self.watch: Observer | None = None
 
     @classmethod
@@ -174,8 +185,10 @@ class Objective(FeasibleSets):
     ) -> "Objective":
         """Objective of other candidates with known visibility, in a preparation's traffic.
 
-        visibility: view of these candidates in that traffic. Nothing is rendered again; setting and
-        run are the preparation's, except for candidates and weights."""
+        Nothing is rendered again. Setting and run are the preparation's, except for candidates and
+        weights.
+
+        visibility: points and objects that these candidates see in that traffic."""
         fidelity = preparation.build_fidelity(candidates, visibility)
         setting = preparation.setting.with_candidates(
             candidates, fidelity=fidelity, weights=weights
@@ -183,9 +196,10 @@ class Objective(FeasibleSets):
         return cls(setting, preparation.run, visibility=visibility)
 
     def __repr__(self) -> str:
-        site_name = "" if self.site is None else f"{self.site.name!r}, "
+        """One line with site, candidates and conditions; limits that do not apply are left out."""
+        site_text = "" if self.site is None else f"{self.site.name!r}, "
         summary = (
-            f"{site_name}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "
+            f"{site_text}{len(self.candidates)} candidates, scheme={self.scheme.name!r}, "
             f"fidelity={self.fidelity!r}"
         )
         classes = ", ".join(self.classes.names)
@@ -199,6 +213,7 @@ class Objective(FeasibleSets):
         return f"Objective({summary}, classes={classes!r}, iou={iou}, {weights}{limits}{frames})"
 
     def __getstate__(self) -> dict[str, object]:
+        # for pickling and copying; a watcher may be a function that cannot be pickled
         return {**self.__dict__, "_memory": copy(self._memory), "watch": None}
 
     def with_weights(self, weights: Weights, *, most_price: float | None = None) -> "Objective":
@@ -207,7 +222,7 @@ class Objective(FeasibleSets):
         most_price: new limit of the price, None for the present one."""
         objective = copy(self)
         max_price = self.most_price if most_price is None else most_price
-        objective._take(self.setting.with_costs(weights, max_price))
+        objective._apply_setting(self.setting.with_costs(weights, max_price))
         objective._memory = self._memory.fork()
         return objective
 
@@ -227,7 +242,7 @@ class Objective(FeasibleSets):
         Only facts that apply have an entry; values need not be JSON (`describe_origin`)."""
         preparation = self.preparation
         cases = self.setting.cases
-        detector = getattr(self.scored_by, "detector", None)
+        detector = getattr(self.scored_by, "detector", None)  # most fidelities have no detector
         facts: dict[str, Any] = {}
         if self.setting.keep:
             facts["keep"] = list(self.setting.keep)
@@ -261,7 +276,9 @@ class Objective(FeasibleSets):
     def sent(self) -> Float64[np.ndarray, " C"]:
         """Data (kbit) that each candidate sends in a frame, averaged over the frames."""
         if self.visibility is None or not self.scheme.sends_points:
-            return self.scores(np.eye(len(self.candidates), dtype=np.bool_)).kbit
+            single_candidates = np.eye(len(self.candidates), dtype=np.bool_)
+            return self.scores(single_candidates).kbit
+        # number of points that each candidate sends, averaged over the frames
         points = self.scheme.sent_points(self.visibility).mean(axis=1, dtype=np.float64)
         return np.asarray(self.codec.bits(points=points) / 1000)
 
@@ -269,13 +286,12 @@ class Objective(FeasibleSets):
     def loads(self) -> Float64[np.ndarray, " C"]:
         """Load (kbit per frame) of each candidate on the link of its mount.
 
-        Its data do not exceed it in the setting's `link_share` of the frames; the mean if the data
-        of single frames are unknown."""
+        It is the amount that the candidate's data do not exceed in a share of the frames, the
+        setting's `link_share`. If the data in single frames are unknown, it is their mean."""
         if self.visibility is None or not self.scheme.sends_points:
             return self.sent
-        return sent_in_most(
-            sent_per_frame(self.visibility, self.scheme, self.codec), self.setting.link_share
-        )
+        frame_kbit = sent_per_frame(self.visibility, self.scheme, self.codec)
+        return sent_in_most(frame_kbit, self.setting.link_share)
 
     def score(self, subset: Members) -> Score:
         """Score of one set, given as indices or names of candidates.
@@ -328,11 +344,16 @@ class Objective(FeasibleSets):
     def race(
         self, subsets: Sets, *, keep: int = 1, first: int = 8, eta: int = 3, seed: int = 0
     ) -> Race:
-        """Find the sets with the greatest reward without scoring all of them on all frames.
+        """Find the sets with the greatest reward while most sets are scored on few frames only.
 
-        keep: number of best sets; first: frames that all sets are scored on first; eta: factor by
-        which frames then grow and sets shrink; seed: seed of the random order of the frames
-        (`racing.race`). Raises ValueError if the fidelity cannot score single frames."""
+        Args:
+            subsets: Sets as rows of booleans.
+            keep: Number of best sets.
+            first: Number of frames on which all sets are scored first.
+            eta: Factor by which frames then grow and sets shrink (`racing.race`).
+            seed: Seed of the random order of the frames.
+
+        Raises ValueError if the fidelity cannot score single frames."""
         scored_by = self.scored_by
         if not isinstance(scored_by, ByFrames):
             raise ValueError(
@@ -340,8 +361,9 @@ class Objective(FeasibleSets):
             )
 
         def rewards(sets: Sets, frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
+            # rewards of sets from some of the frames
             estimate = scored_by.partial(sets, frames.tolist())
-            self._tell(len(sets))
+            self._report_scored(len(sets))
             return self._weigh(sets, estimate.ap, estimate.kbit).reward
 
         return race(rewards, subsets, scored_by.frames, keep=keep, first=first, eta=eta, seed=seed)
@@ -349,21 +371,22 @@ class Objective(FeasibleSets):
     def _weigh(
         self, subsets: Sets, ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
     ) -> "_Weighed":
-        """Costs and reward of each set. kbit: data that all its sensors send per frame."""
-        per_sensor = kbit / np.maximum(subsets.sum(axis=1), 1)  # the empty set counts as one sensor
+        """Costs and reward of each set, from its AP and the data of all its sensors per frame."""
+        sensor_count = np.maximum(subsets.sum(axis=1), 1)  # 1 for the empty set, which sends 0
+        kbit_per_sensor = kbit / sensor_count
         price = self.price(subsets)
-        reward = ap - self.weights.comm * per_sensor - self.weights.price * price
-        return _Weighed(per_sensor, price, reward)
+        reward = ap - self.weights.comm * kbit_per_sensor - self.weights.price * price
+        return _Weighed(kbit_per_sensor=kbit_per_sensor, price=price, reward=reward)
 
     def _figures(self, subsets: Sets) -> SetFigures:
         """Figures of sets in their order, from memory or scored now."""
         figures = self._memory.figures(subsets)
         if figures.scored:
-            self._tell(figures.scored)
+            self._report_scored(figures.scored)
         return figures
 
-    def _tell(self, scored: int) -> None:
+    def _report_scored(self, new_sets: int) -> None:
         """Add newly scored sets to the count, and report it as progress if the run asks for it."""
-        self._scored += scored
+        self._scored_count += new_sets
         if self.run.progress:
-            self.run.progress("sets scored", self._scored, None)
+            self.run.progress("sets scored", self._scored_count, None)

@@ -27,7 +27,9 @@ class Estimate(NamedTuple):
 
     def without_nan(self) -> "Estimate":
         """Same figures, with AP and recall 0 instead of NaN, which means no object to detect."""
-        return Estimate(np.nan_to_num(self.ap), np.nan_to_num(self.recall), self.kbit)
+        return Estimate(
+            ap=np.nan_to_num(self.ap), recall=np.nan_to_num(self.recall), kbit=self.kbit
+        )
 
 
 class ClassEstimates(NamedTuple):
@@ -45,7 +47,9 @@ class ClassEstimates(NamedTuple):
 
     def combined(self, classes: Classes) -> Estimate:
         """Combine the classes to one AP and recall of each set, as `classes` weighs them."""
-        return Estimate(classes.combined(self.ap), classes.combined(self.recall), self.kbit)
+        return Estimate(
+            ap=classes.combined(self.ap), recall=classes.combined(self.recall), kbit=self.kbit
+        )
 
 
 @runtime_checkable

@@ -130,13 +130,21 @@ def race(
     """Best `keep` of n sets by their score on all frames, with most others dropped after a few
     frames.
 
-    partial_scores is called with sets and some of the frames 0 … frames-1, and returns NaN for a
-    set without a score there. Each rung passes the frames of the one before, in the same order, and
-    more, so earlier work can be reused. eta: factor by which a rung multiplies frames and divides
-    sets; first: frames of the first rung; seed: seed of the random order of the frames. Sets that
-    tie with the last one to advance also advance, as do all while no score is defined. Equal rows
-    are scored once; the first represents all. Raises ValueError without a set or frame, for eta
-    below 2, and for first or keep below 1.
+    Sets that tie with the last one to advance also advance, as do all while no score is defined.
+    Equal rows are scored once; the first represents all.
+
+    Args:
+        partial_scores: Called with sets and some of the frames 0 … frames-1; returns NaN for a set
+            without a score there. Each rung passes the frames of the one before, in the same order,
+            and more, so earlier work can be reused.
+        sets: n sets as rows of booleans.
+        frames: Number of frames.
+        eta: Factor by which a rung multiplies frames and divides sets.
+        first: Number of frames of the first rung.
+        keep: Number of best sets.
+        seed: Seed of the random order of the frames.
+
+    Raises ValueError without a set or frame, for eta below 2, and for first or keep below 1.
     """
     are_whole = all(isinstance(number, int | np.integer) for number in (frames, first, keep, eta))
     if not are_whole or min(len(sets), frames, first, keep, eta - 1) < 1:
@@ -146,8 +154,8 @@ def race(
             f"{keep}"
         )
     order = np.random.default_rng(seed).permutation(frames)
-    # first row of each different set, in the given order
-    rows = np.sort(np.unique(sets, axis=0, return_index=True)[1])
+    _, first_rows = np.unique(sets, axis=0, return_index=True)
+    rows = np.sort(first_rows)  # first row of each different set, in the given order
     full = len(rows) * frames
     spent = 0
     used_frames = 0
@@ -157,11 +165,11 @@ def race(
         spent = spent + len(rows) * (frame_count - used_frames)
         used_frames = frame_count
         # -(-a // b) is a / b, rounded up
-        max_ahead = keep if used_frames == frames else max(keep, -(-len(rows) // eta))
-        ahead = find_best(scores, max_ahead)
-        rows = rows[ahead]
-        scores = scores[ahead]
-    return Race(rows, scores, spent, full)
+        place_count = keep if used_frames == frames else max(keep, -(-len(rows) // eta))
+        best = find_best(scores, place_count)
+        rows = rows[best]
+        scores = scores[best]
+    return Race(winners=rows, scores=scores, spent=spent, full=full)
 
 
 @dataclass(frozen=True)
@@ -186,6 +194,7 @@ class RaceRules:
     most: float = math.inf
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the fields do not fit."""
         if (
             min(self.first, self.eta - 1) < 1
             or not 0 < self.confidence < 1
@@ -322,28 +331,32 @@ def _rank_rung(
     expected = resampled.figure
     resamples = resampled.resamples
     if predicted is not None:
+        # figures drawn towards the predictions, the more the noisier they are
         shrunk = shrink(resampled.figure, resamples, predicted[rows], resampled.blocks)
         expected = shrunk.figure
         resamples = shrunk.resamples
-    ranks = np.argsort(-expected, kind="stable")
-    return _RankedRung(rows[ranks], resampled.figure[ranks], expected[ranks], resamples[ranks])
+    ranking = np.argsort(-expected, kind="stable")
+    return _RankedRung(
+        rows=rows[ranking],
+        measured=resampled.figure[ranking],
+        expected=expected[ranking],
+        resamples=resamples[ranking],
+    )
 
 
 def _find_running(
     resamples: Float64[np.ndarray, "n resamples"], risk: float, max_sets: float
 ) -> Bool[np.ndarray, " n"]:
-    """Find the ranked sets that go on to the next rung, the best always among them.
+    """Mask of the sets that go on to the next rung, the best always among them.
 
     Args:
         resamples: Resampled figures of the sets, best set first.
         risk: Least share of resamples in which a set must beat the best.
-        max_sets: Number of sets that may go on.
-
-    Returns:
-        Mask of the sets that go on, in the order of `resamples`.
+        max_sets: Largest number of sets that may go on.
     """
     lead = resamples - resamples[0]
-    is_running = np.nan_to_num((lead > 0).mean(axis=1)) >= risk
+    lead_share = np.nan_to_num((lead > 0).mean(axis=1))
+    is_running = lead_share >= risk
     is_running[0] = True
     is_running &= np.cumsum(is_running) <= max_sets  # the first `max_sets` that are True
     return is_running
@@ -352,22 +365,27 @@ def _find_running(
 def _doubt(
     rungs: Sequence[Rung], winner: int, tolerance: float, judged_rows: Iterable[int] = ()
 ) -> float:
-    """Chance that some set beats the winner by more than the tolerance, from 0 up.
+    """Bound on the chance that some set beats the winner by more than the tolerance.
 
     On each rung that the winner reached it is the share of resamples in which any set beats it; the
     shares are added, so the sum may exceed 1. Each set counts on the last rung that both it and the
-    winner reached. rungs: first rung first; winner: row of the set that is doubted; judged_rows:
-    rows of sets that do not count.
+    winner reached.
+
+    Args:
+        rungs: Rungs of the race, the first one first.
+        winner: Row of the set that is doubted, in the array that raced.
+        tolerance: Lead in the figure that does not count.
+        judged_rows: Rows of sets that do not count.
     """
     doubt = 0.0
-    counted = np.array([*judged_rows], np.int64)
+    counted_rows = np.array([*judged_rows], np.int64)
     for rows, resamples in reversed(rungs):
         if winner not in rows:
             continue
-        is_better = resamples - resamples[rows == winner] > tolerance
-        is_new = ~np.isin(rows, counted)
+        is_better = resamples - resamples[rows == winner] > tolerance  # sets × resamples
+        is_new = ~np.isin(rows, counted_rows)
         doubt += float(is_better[is_new].any(axis=0).mean())
-        counted = np.union1d(counted, rows)
+        counted_rows = np.union1d(counted_rows, rows)
     return doubt
 
 
@@ -376,6 +394,7 @@ def find_best(scores: Float64[np.ndarray, " n"], places: int) -> Int64[np.ndarra
 
     scores: NaN if undefined; these come last and tie with each other. places: number of scores
     without ties, from 1 up; all scores if there are fewer."""
-    ranked = np.argsort(-scores, kind="stable")
-    ranks = np.nan_to_num(scores[ranked], nan=-np.inf)
-    return ranked[ranks >= ranks[min(places, len(ranks)) - 1]]
+    ranking = np.argsort(-scores, kind="stable")
+    descending = np.nan_to_num(scores[ranking], nan=-np.inf)
+    last_place = min(places, len(descending)) - 1
+    return ranking[descending >= descending[last_place]]

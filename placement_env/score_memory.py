@@ -5,7 +5,8 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.protocol import ByClass, Estimate, Fidelity
 from placement_env.subsets import Sets
 from toolkit.arrays import Float64, Mask
@@ -44,17 +45,19 @@ class ScoreMemory:
     """
 
     def __init__(self, fidelity: Fidelity, candidates: int) -> None:
+        """Begin with the empty set. candidates: number of candidates, the length of a row."""
         self.classes: Classes = getattr(fidelity, "classes", VEHICLES)
         self._fidelity = fidelity
         # key of a set: its row of booleans in bits, eight to a byte; -(-a // b) rounds up
         self._empty_set = bytes(-(-candidates // 8))
         class_count = len(self.classes.names) if isinstance(fidelity, ByClass) else 1
+        # figures of a set: AP, recall, kbit and, if there are several classes, the AP of each
         self._width = 3 if class_count == 1 else 3 + class_count
-        # AP, recall, kbit and, if there are several classes, the AP of each, by a set's key
-        self._known: dict[bytes, tuple[float, ...]] = self._list_empty_set()
+        # figures of each set by its key
+        self._rows: dict[bytes, tuple[float, ...]] = self._list_empty_set()
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_known": self._list_empty_set()}
+        return {**self.__dict__, "_rows": self._list_empty_set()}
 
     def _list_empty_set(self) -> dict[bytes, tuple[float, ...]]:
         # memory at the start: all figures of the empty set are 0
@@ -62,35 +65,37 @@ class ScoreMemory:
 
     def forget(self) -> None:
         """Forget all sets but the empty one."""
-        self._known = self._list_empty_set()
+        self._rows = self._list_empty_set()
 
     def fork(self) -> "ScoreMemory":
         """Copy of the memory with the same sets; sets scored later are not shared."""
         memory = copy(self)
-        memory._known = dict(self._known)
+        memory._rows = dict(self._rows)
         return memory
 
     def figures(self, subsets: Sets) -> SetFigures:
         """Figures of sets in their order; only sets that are not in memory are scored.
 
         Raises ValueError if there is no object to detect."""
-        if len(self._known) > MAX_REMEMBERED:
+        if len(self._rows) > MAX_REMEMBERED:
             self.forget()
-        keys = [key.tobytes() for key in np.packbits(subsets, axis=1)]
-        cache_hit = np.fromiter((key in self._known for key in keys), np.bool_, len(keys))
-        new_rows = {key: row for row, key in enumerate(keys) if not cache_hit[row]}  # each key once
-        if new_rows:
-            columns = self._score(subsets[list(new_rows.values())])
-            for key, row in zip(new_rows, columns.tolist(), strict=True):
-                self._known[key] = tuple(row)
-        rows = np.array([self._known[key] for key in keys], np.float64).reshape(-1, self._width)
+        keys = [key_bits.tobytes() for key_bits in np.packbits(subsets, axis=1)]
+        cache_hit = np.fromiter((key in self._rows for key in keys), np.bool_, len(keys))
+        # index of a set for each new key, each key once
+        new_sets = {key: index for index, key in enumerate(keys) if not cache_hit[index]}
+        if new_sets:
+            new_figures = self._score(subsets[list(new_sets.values())])
+            for key, row in zip(new_sets, new_figures.tolist(), strict=True):
+                self._rows[key] = tuple(row)
+        rows = np.array([self._rows[key] for key in keys], np.float64).reshape(-1, self._width)
         return SetFigures(
             ap=rows[:, 0],
             recall=rows[:, 1],
             kbit=rows[:, 2],
+            # the AP of one class is the combined one
             class_ap=rows[:, 3:] if self._width > 3 else rows[:, :1],
             cache_hit=cache_hit,
-            scored=len(new_rows),
+            scored=len(new_sets),
         )
 
     def _score(self, subsets: Sets) -> Float64[np.ndarray, "n w"]:
@@ -98,7 +103,7 @@ class ScoreMemory:
 
         The last are left out if there is one class, whose AP is the first column."""
         class_columns: tuple[np.ndarray, ...] = ()
-        if self._width == 3:
+        if self._width == 3:  # one class
             estimate = self._fidelity(subsets)
         else:
             estimates = cast(ByClass, self._fidelity).by_class(subsets)

@@ -6,15 +6,16 @@ fidelity and costs. With a `toolkit.runtime.run.Run` it makes the scorer of sets
 import math
 from collections.abc import Callable, Iterable
 from copy import copy
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, cast, get_args
 
 from placement_env.candidates.candidates import Candidates, choose_candidates
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
 from placement_env.checks import check_choice
-from placement_env.classes import VEHICLES, Classes, find_classes
+from placement_env.classes import Classes, find_classes
+from placement_env.defaults import USUAL_CASES, VEHICLES
 from placement_env.links import LINK_SHARE, check_link_share
 from placement_env.protocol import Fidelity, FidelityName
 from toolkit.detection.codec import PAPER, Codec, check_codec
@@ -43,9 +44,6 @@ class Weights:
                 f"weights must be finite and not negative, got comm {self.comm} and price "
                 f"{self.price}"
             )
-
-
-AP_ONLY = Weights()
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +88,13 @@ class Setting:
     surrogate: str | Path | None = None
     table: str | Path | None = None
     rendering: Rendering = "auto"
-    weights: Weights = field(default=AP_ONLY)
+    weights: Weights = Weights()
     most_price: float = math.inf
     keep: tuple[str, ...] = ()
     link_share: float = LINK_SHARE
 
     def __post_init__(self) -> None:
+        """Check the fields, and replace names of site, scheme, codec and classes by objects."""
         if isinstance(self.fidelity, str):
             check_choice("fidelity", self.fidelity, get_args(FidelityName))
         if not isinstance(self.weights, Weights):
@@ -143,7 +142,7 @@ class Setting:
             candidates = source
         else:
             candidates = choose_candidates(self.place, "paper" if source is None else source)
-        candidates.find_mounts(self.keep)
+        candidates.find_mounts(self.keep)  # raises ValueError for an unknown pole
         return candidates
 
     @cached_property
@@ -159,7 +158,7 @@ class Setting:
     def check_budget(self, budget: int) -> None:
         """Raise ValueError if fewer sensors are allowed than poles that must carry one.
 
-        budget: greatest number of sensors."""
+        budget: largest number of sensors."""
         if self.keep and budget < len(self.keep):
             problem = (
                 f"{len(self.keep)} poles must carry a sensor and a budget of {budget} is allowed"
@@ -177,7 +176,7 @@ class Setting:
 
         fidelity, weights: None to keep them. Raises ValueError for an unknown pole to keep."""
         if self.keep:
-            candidates.find_mounts(self.keep)
+            candidates.find_mounts(self.keep)  # raises the error
         setting = copy(self)
         set_fields(
             setting,
@@ -185,13 +184,13 @@ class Setting:
             fidelity=self.fidelity if fidelity is None else fidelity,
             weights=self.weights if weights is None else weights,
         )
-        set_cached(setting, pool=candidates)
+        set_cached(setting, pool=candidates)  # or the copy would keep the pool of this setting
         return setting
 
     def with_costs(self, weights: Weights, most_price: float) -> "Setting":
         """Setting with the same candidates, other weights and another price limit."""
         setting = replace(self, weights=weights, most_price=most_price)
-        if "pool" in vars(self):
+        if "pool" in vars(self):  # candidates that were made already are not made again
             set_cached(setting, pool=self.pool)
         return setting
 

@@ -19,12 +19,13 @@ def all_subsets(sensors: int) -> Bool[np.ndarray, "sets n"]:
     if not 0 <= sensors <= MAX_LISTED_SENSORS:
         rule = f"too many sets: they are listed for at most {MAX_LISTED_SENSORS} sensors"
         raise ValueError(f"{rule}, got {sensors}; choose some, or use estimate_worth")
-    # bit i of k, as an array [k, i]
-    return (np.arange(2**sensors)[:, None] >> np.arange(sensors) & 1).astype(bool)
+    set_numbers = np.arange(2**sensors)[:, None]
+    # bit i of k, as an array [k, i]: shifted to the last place, and all others cleared
+    return (set_numbers >> np.arange(sensors) & 1).astype(bool)
 
 
 def find_index(member: object, names: Sequence[str]) -> int:
-    """Index of the candidate that an index or name means.
+    """Index of a candidate that is given by its index or name.
 
     names: names of all candidates. Raises ValueError for any other value, also a negative index or
     a bool."""
@@ -60,27 +61,32 @@ class MemberSums:
     def __call__(self, subsets: Sets) -> Shaped[np.ndarray, "n w"]:
         """Sum of the members' rows for each of n sets, 0 for the empty set."""
         n, candidates = subsets.shape
-        owner, member = np.divmod(
-            np.flatnonzero(np.ascontiguousarray(subsets).ravel()), max(candidates, 1)
-        )
+        # index of the set and of the candidate, for each member of each set
+        flat_positions = np.flatnonzero(np.ascontiguousarray(subsets).ravel())
+        owner, member = np.divmod(flat_positions, max(candidates, 1))
         sizes = np.bincount(owner, minlength=n)
+        # position of a member within its set: its running number minus the first of the set
+        first_numbers = np.cumsum(sizes) - sizes
+        position = np.arange(len(owner)) - np.repeat(first_numbers, sizes)
         # members of each set from the left, ascending; the rest of a row means the zero row
         members = np.full((n, max(1, int(sizes.max(initial=0)))), candidates)
-        # position of a member within its set: its running number minus the first of the set
-        members[owner, np.arange(len(owner)) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = member
-        sums = self._rows[members[:, 0]]
-        for column in members.T[1:]:
+        members[owner, position] = member
+        first_members, *later_members = members.T
+        sums = self._rows[first_members]
+        for column in later_members:
             sums += self._rows.take(column, axis=0)
         return sums
 
     def blocks(self, subsets: Sets) -> Iterator[tuple[slice, Shaped[np.ndarray, "m w"]]]:
-        """Yield slices of as many sets as fit the processor's cache, and the sums of each slice.
+        """Yield slices of as many sets as fit the processor's cache, and the sums of their members.
 
-        Raises ValueError unless sets are rows of one boolean for each candidate."""
+        Each pair is a slice of the sets and the sums of its sets. Raises ValueError unless sets are
+        rows of one boolean for each candidate."""
         candidates = len(self.rows)
         if subsets.ndim != 2 or subsets.shape[1] != candidates or subsets.dtype != np.bool_:
             rule = f"sets must be rows of {candidates} booleans, one for each candidate"
             raise ValueError(f"{rule}, got {subsets.dtype} {subsets.shape}")
-        step = max(1, BLOCK_FIGURES // max(1, self._rows.shape[1]))
-        blocks = (slice(first, first + step) for first in range(0, len(subsets), step))
+        _, width = self._rows.shape
+        set_count = max(1, BLOCK_FIGURES // max(1, width))
+        blocks = (slice(first, first + set_count) for first in range(0, len(subsets), set_count))
         return ((block, self(subsets[block])) for block in blocks)

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 
 from placement_env.checks import check_choice, check_range, check_whole
-from placement_env.classes import VEHICLES
+from placement_env.defaults import VEHICLES
 from placement_env.objective import Objective
 from placement_env.setting import Setting
 from toolkit.detection.scheme import Scheme
@@ -51,6 +51,7 @@ class EnvConfig:
     traffics: int | None = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError if a field does not fit."""
         check_whole("traffics", 1 if self.traffics is None else self.traffics, least=1)
         if self.traffics != 1 and self.setting.fidelity == "table":
             raise ValueError(
@@ -93,8 +94,10 @@ class EnvConfig:
     @property
     def leaves_open(self) -> bool:
         """True if an episode draws its scheme, budget, failed candidates or traffic."""
-        is_drawn = self.traffics != 1 or len(self.schemes) > 1
-        return is_drawn or len({*self.budgets}) > 1 or self.failure_counts[1] > 0
+        min_budget, max_budget = self.budgets
+        _, max_failures = self.failure_counts
+        draws_traffic_or_scheme = self.traffics != 1 or len(self.schemes) > 1
+        return draws_traffic_or_scheme or min_budget != max_budget or max_failures > 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,6 +112,7 @@ class SubsetConfig(EnvConfig):
     objective: Objective | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError if a field does not fit, or differs from the objective's."""
         super().__post_init__()
         check_whole("slots", 1 if self.slots is None else self.slots, least=1)
         if self.objective is None:
@@ -145,6 +149,7 @@ class PoseConfig(EnvConfig):
     moves: int = 20
 
     def __post_init__(self) -> None:
+        """Raise ValueError if a field does not fit."""
         if self.setting.fidelity == "table":
             raise ValueError(
                 "a table knows no poses but the site's own: take fidelity surrogate, coverage or "
@@ -159,6 +164,11 @@ def build_config(
 ) -> Config:
     """Configuration from another one and fields by name, also fields of `Setting`, `Run`, and
     `iou`.
+
+    Args:
+        kind: Class of the configuration.
+        config: Configuration whose other fields stay, None for the usual ones.
+        options: Fields by name; "iou" is the threshold of the setting's cases.
 
     Raises TypeError for an unknown name and for a configuration of another kind.
     """
@@ -190,14 +200,12 @@ def build_config(
 
 
 def _describe_unknown(name: str, known: Collection[str], kind: type[EnvConfig]) -> str:
-    """Sentence on an unknown keyword, with the nearest known one."""
+    """Sentence on an unknown keyword, with the nearest known one, or all if no other is similar."""
     suggestions = get_close_matches(name, sorted(known), n=1, cutoff=0.5)
-    guess = (
-        f"did you mean {suggestions[0]!r}?"
-        if suggestions
-        else f"take one of {', '.join(sorted(known))}"
-    )
-    return f"{kind.__name__} has no {name!r}: {guess}"
+    remedy = f"take one of {', '.join(sorted(known))}"
+    if suggestions:
+        remedy = f"did you mean {suggestions[0]!r}?"
+    return f"{kind.__name__} has no {name!r}: {remedy}"
 
 
 def _bounds(number: int | Sequence[int]) -> tuple[int, int]:

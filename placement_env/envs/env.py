@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
-from placement_env.classes import VEHICLES
+from placement_env.defaults import VEHICLES
 from placement_env.envs.config import EnvConfig, build_config
 from placement_env.envs.scenario import STATIC, EpisodeSource, Options, find_area
 from placement_env.envs.state import DYNAMIC, GLOBAL, Info, State
@@ -75,16 +75,25 @@ class Task:
     def build(
         cls, n: int, config: "EnvConfig | Task | None", options: Mapping[str, object]
     ) -> "Task":
-        """Build n episodes of a configuration and fields by name, or of the scenarios of another
-        task."""
+        """Task of n episodes side by side.
+
+        Args:
+            n: Number of episodes.
+            config: Configuration, None for the usual one; or another task, whose scenarios are
+                shared and whose configuration is taken.
+            options: Fields of the configuration by name, which take precedence over `config`. Not
+                used with another task."""
         if isinstance(config, Task):
             return type(config)(n, config.scenarios)
-        return cls(n, cls.scenarios_type(build_config(cls.config_type, config, options)))
+        full_config = build_config(cls.config_type, config, options)
+        return cls(n, cls.scenarios_type(full_config))
 
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None
     ) -> None:
-        """Start new episodes in some rows, one from each generator."""
+        """Start new episodes in some rows, one from each generator.
+
+        options: options of Gymnasium's `reset` for these episodes, None for none."""
         self.state.reset(rows, [self.scenarios.draw(rng, options) for rng in rngs])
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
@@ -96,20 +105,19 @@ class Task:
     ) -> tuple[Float32[np.ndarray, "n 3"], Mask, Mask]:
         """Take one action in each active row and return increases, terminated, truncated.
 
-        The increases are of AP, of -kbit per sensor and of -price (n, 3), and 0 in other rows.
+        The increases have the columns AP, -kbit per sensor and -price; they are 0 in other rows.
         """
-        before = self.state.objectives()
+        objectives_before = self.state.objectives()
         _, terminated, truncated = self.step(active, actions)
-        gains = (self.state.objectives() - before).astype(np.float32)
-        gains[~active] = 0.0
-        return gains, terminated, truncated
+        increases = (self.state.objectives() - objectives_before).astype(np.float32)
+        increases[~active] = 0.0
+        return increases, terminated, truncated
 
     def observe(self) -> tuple[Float32[np.ndarray, "n size"], Info]:
-        """Observations and info, an array (n, ...) each."""
-        return self.state.observe(), {
-            **self.state.info(),
-            "action_mask": self.info_mask().astype(np.int8),
-        }
+        """Observations, and info with an array (n, ...) for each key."""
+        info = self.state.info()
+        info["action_mask"] = self.info_mask().astype(np.int8)  # the type of Gymnasium's masks
+        return self.state.observe(), info
 
     def info_mask(self) -> Bool[np.ndarray, "n entries"]:
         """Mask of legal actions in the info."""
@@ -126,25 +134,23 @@ class Task:
         return self
 
     def read_actions(self, actions: ArrayLike) -> Shaped[np.ndarray, "n ..."]:
-        """Action for each of n episodes.
+        """Checked actions as an array, a row for each of n episodes.
 
         Raises ValueError for a wrong number of values, a value that is not finite, or not whole for
         counted choices; ResetNeeded before the first reset.
         """
         array = np.asarray(actions)
         shape = (self.running().state.n, *(self.action_space.shape or ()))
-        kind = array.dtype.kind
-        if array.size != math.prod(shape) or kind not in "biuf":
+        # kinds: truth values, signed and unsigned whole numbers, floats
+        if array.size != math.prod(shape) or array.dtype.kind not in "biuf":
             raise ValueError(
                 f"actions must be numbers of shape {shape}, got {array.dtype} {array.shape}"
             )
-        if kind == "f" and not np.isfinite(array).all():
+        is_float = array.dtype.kind == "f"
+        if is_float and not np.isfinite(array).all():
             raise ValueError(f"actions must be finite, got {array.tolist()}")
-        if (
-            kind == "f"
-            and np.dtype(self.action_space.dtype).kind != "f"
-            and (array != np.round(array)).any()
-        ):
+        takes_floats = np.dtype(self.action_space.dtype).kind == "f"
+        if is_float and not takes_floats and (array != np.round(array)).any():
             raise ValueError(
                 f"actions must be whole numbers, one of {self.action_space} each, got "
                 f"{array.tolist()}"
@@ -182,6 +188,13 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
         vector_reward: bool = False,
         **options: object,
     ) -> None:
+        """Build the task.
+
+        Args:
+            config: Configuration of the task, None for the usual one.
+            render_mode: "rgb_array" for pictures, "ansi" for text, None for neither.
+            vector_reward: Whether rewards are vectors (`find_reward_space`).
+            options: Fields of the configuration by name."""
         self.task = self.task_type.build(1, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.observation_space = self.task.observation_space
@@ -191,33 +204,37 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
     def reset(
         self, *, seed: int | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start an episode.
+        """Start an episode, and return its first observation and info.
 
         options, for this episode: site, scheme, budget, failed (candidates that have failed, by
         index or name). Raises ValueError if one does not fit.
         """
         super().reset(seed=seed)
-        self.task.reset(np.zeros(1, np.int64), [self.np_random], options)
+        only_row = np.zeros(1, np.int64)
+        self.task.reset(only_row, [self.np_random], options)
         observations, info = self.task.observe()
         return observations[0], _first_info(info)
 
     def step(self, action: ArrayLike) -> tuple[np.ndarray, Any, bool, bool, Info]:
-        """Take an action; the reward is a number, or an array (3,) with `vector_reward`.
+        """Take an action, and return observation, reward, terminated, truncated and info.
 
-        Raises ValueError for an invalid action, ResetNeeded before the first `reset`.
+        The reward is a number, or an array (3,) with `vector_reward`. Raises ValueError for an
+        invalid action, ResetNeeded before the first `reset`.
         """
-        step = self.task.step if self.reward_space is None else self.task.step_objectives
-        rewards, terminated, truncated = step(np.ones(1, np.bool_), self.task.read_actions(action))
+        has_vector_reward = self.reward_space is not None
+        step = self.task.step_objectives if has_vector_reward else self.task.step
+        is_active = np.ones(1, np.bool_)
+        rewards, terminated, truncated = step(is_active, self.task.read_actions(action))
         observations, info = self.task.observe()
-        value: Any = rewards.item() if self.reward_space is None else rewards[0]
-        return observations[0], value, terminated.item(), truncated.item(), _first_info(info)
+        reward: Any = rewards[0] if has_vector_reward else rewards.item()
+        return observations[0], reward, terminated.item(), truncated.item(), _first_info(info)
 
     def action_masks(self) -> Bool[np.ndarray, " choices"]:
         """Mask of legal actions, in the form of sb3-contrib's MaskablePPO."""
         return self.task.running().action_masks()[0]
 
     def placement(self) -> tuple[Objective, list[int]]:
-        """Objective of the episode and the chosen candidates."""
+        """Objective of the episode, and the chosen candidates as indices."""
         return self.task.running().state.placement(0)
 
     def render(self) -> Picture | None:
@@ -245,6 +262,7 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         vector_reward: bool = False,
         **options: object,
     ) -> None:
+        """Build the task; the arguments are described at the class and the scalar environment."""
         task = self.task = self.task_type.build(num_envs, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.num_envs = task.state.n
@@ -256,23 +274,24 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if vector_reward:
             self.reward_space = batch_space(find_reward_space(), self.num_envs)
         self._generators = [seeding.np_random()[0] for _ in range(self.num_envs)]
-        self._ended = np.zeros(self.num_envs, np.bool_)
-        self._all = np.ones(self.num_envs, np.bool_)
+        self._ended = np.zeros(self.num_envs, np.bool_)  # these restart at the next step
+        self._all_rows = np.ones(self.num_envs, np.bool_)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Options | None = None
     ) -> tuple[np.ndarray, Info]:
-        """Start all episodes, or those in `options["reset_mask"]`.
+        """Start all episodes, or those in `options["reset_mask"]`; return observations and info.
 
         With an int, the i-th is seeded by seed + i.
         """
         options = dict(options or {})
-        mask = np.asarray(options.pop("reset_mask", self._all))
+        mask = np.asarray(options.pop("reset_mask", self._all_rows))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             raise ValueError(
                 f"reset_mask must be {self.num_envs} truth values, got {mask.dtype} {mask.shape}"
             )
         rows = np.flatnonzero(mask)
+        # a seed for each row, None to go on with its generator
         seeds = [None] * self.num_envs if seed is None else seed
         seeds = [seeds + i for i in range(self.num_envs)] if isinstance(seeds, int) else seeds
         if len(seeds) != self.num_envs:
@@ -280,11 +299,11 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"there must be a seed for each of {self.num_envs} environments, got {len(seeds)}"
             )
         if not mask.all():
-            self.task.running()
+            self.task.running()  # raises ResetNeeded, as the other rows need an episode
         for row in rows.tolist():
             if seeds[row] is not None:
                 self._generators[row] = seeding.np_random(seeds[row])[0]
-        self._start(rows, options)
+        self._start_episodes(rows, options)
         self._ended[rows] = False
         observations, info = self.task.observe()
         return observations, _batch_info(info, mask)
@@ -292,15 +311,18 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Info]:
-        """Take an action in every episode."""
+        """Take an action in every episode, or restart it if it ended at the last step.
+
+        Returns observations, rewards, terminated, truncated and info, a row for each episode; the
+        reward of a restart is 0."""
         step = self.task.step if self.reward_space is None else self.task.step_objectives
         rewards, terminated, truncated = step(~self._ended, self.task.read_actions(actions))
-        rewards = rewards.copy()
+        rewards = rewards.copy()  # the task's array changes when episodes start
         if self._ended.any():
-            self._start(np.flatnonzero(self._ended), None)
+            self._start_episodes(np.flatnonzero(self._ended), None)
         self._ended = terminated | truncated
         observations, info = self.task.observe()
-        return observations, rewards, terminated, truncated, _batch_info(info, self._all)
+        return observations, rewards, terminated, truncated, _batch_info(info, self._all_rows)
 
     def action_masks(self) -> np.ndarray:
         """Mask of legal actions, a row for each episode."""
@@ -313,8 +335,8 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
         return tuple(self.task.draw(row, mode) for row in range(self.num_envs))
 
-    def _start(self, rows: np.ndarray, options: Options | None) -> None:
-        """Start new episodes in some rows, each from its generator."""
+    def _start_episodes(self, rows: np.ndarray, options: Options | None) -> None:
+        """Start new episodes in some rows (indices), each from its generator."""
         self.task.reset(rows, [self._generators[row] for row in rows.tolist()], options)
 
 
@@ -328,7 +350,10 @@ def _check_render_mode(render_mode: str | None) -> str | None:
 
 
 def _first_info(info: Info) -> Info:
-    """Info of the first episode, with Python's numbers."""
+    """Info of the first of n episodes.
+
+    info: an array (n, ...) for each key, or a dictionary of such arrays. An array (n,) gives a
+    number of Python, others their first row."""
     first: Info = {}
     for key, value in info.items():
         if isinstance(value, dict):
@@ -338,13 +363,17 @@ def _first_info(info: Info) -> Info:
     return first
 
 
-def _batch_info(info: Info, rows: np.ndarray) -> Info:
-    """Info as in Gymnasium's vector environments: next to each key a mask, _key, of the rows that
-    have a value."""
+def _batch_info(info: Info, has_value: np.ndarray) -> Info:
+    """Info in the form of Gymnasium's vector environments.
+
+    Each key is followed by the same key with a leading underscore, for `has_value`. The same holds
+    for the keys of dictionaries in the info.
+
+    has_value: mask of rows that have a value."""
     batched: Info = {}
     for key, value in info.items():
-        batched[key] = _batch_info(value, rows) if isinstance(value, dict) else value
-        batched[f"_{key}"] = rows.copy()
+        batched[key] = _batch_info(value, has_value) if isinstance(value, dict) else value
+        batched[f"_{key}"] = has_value.copy()
     return batched
 
 
@@ -389,7 +418,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
             _draw_strips(figure, scale), (1.85, _FOOT_INCHES / 2), north_direction
         )
         title = (
-            f"{canvas.shorten(_name(objective), 30)}: {len(members)} "
+            f"{canvas.shorten(_site_name(objective), 30)}: {len(members)} "
             f"sensor{'s' * (len(members) != 1)}"
         )
         figure.text(
@@ -405,7 +434,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
         return canvas.render_pixels(figure)
 
 
-def _name(objective: Objective) -> str:
+def _site_name(objective: Objective) -> str:
     """Name of the site, or words for an unknown one."""
     return "a site" if objective.site is None else objective.site.name
 
@@ -417,17 +446,14 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
     """
     from matplotlib.collections import PolyCollection
 
-    noun = (
-        "vehicles"
-        if objective.classes.names == VEHICLES.names
-        else " and ".join(objective.classes.names)
-    )
+    names = objective.classes.names
+    noun = "vehicles" if names == VEHICLES.names else " and ".join(names)
     if objective.visibility is None or not len(objective.visibility.boxes):
         return f"no {noun}"
     boxes = objective.visibility.boxes
-    rows = (
-        np.linspace(0, len(boxes) - 1, min(len(boxes), MAX_DRAWN_VEHICLES)).round().astype(np.int64)
-    )
+    drawn_count = min(len(boxes), MAX_DRAWN_VEHICLES)
+    # evenly spread over all vehicles
+    rows = np.linspace(0, len(boxes) - 1, drawn_count).round().astype(np.int64)
     points = objective.visibility.points[members][:, rows].astype(np.float64).sum(axis=0)
     polygons = PolyCollection(
         list(footprints(boxes[rows])),
@@ -442,33 +468,43 @@ def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> st
 
 
 def _draw_strips(figure: "Figure", scale: float) -> "Axes":
-    """Axes below the map, in inches from the lower left, with a scale bar and a legend.
+    """Axes of the strip below the map, with a scale bar and a legend of the points on a vehicle.
+
+    Positions in the strip are in inches from its lower left corner.
 
     scale: inches of the map for one metre.
     """
     strip = figure.add_axes((0, 0, 1, _FOOT_INCHES / _SIDE_INCHES))
     strip.set(xlim=(0, _SIDE_INCHES), ylim=(0, _FOOT_INCHES))
     strip.set_axis_off()
-    length = map_sheet.scale_length(1.2 / scale)
+    length_m = map_sheet.scale_length(1.2 / scale)  # a round length of at most 1.2 inches
+    bar_left = 0.13
+    # a dark half and a white one
     for half, colour in ((0.0, palette.INK), (0.5, palette.PAPER_WHITE)):
-        left = 0.13 + half * length * scale
-        right = 0.13 + (half + 0.5) * length * scale
-        bar = [left, right, right, left], [0.24, 0.24, 0.31, 0.31]
-        strip.fill(*bar, facecolor=colour, edgecolor=palette.INK, linewidth=0.8)
-    strip.text(0.13, 0.18, f"{length:g} m", fontsize=7.5, va="top")
+        left = bar_left + half * length_m * scale
+        right = bar_left + (half + 0.5) * length_m * scale
+        strip.fill(
+            [left, right, right, left],
+            [0.24, 0.24, 0.31, 0.31],
+            facecolor=colour,
+            edgecolor=palette.INK,
+            linewidth=0.8,
+        )
+    strip.text(bar_left, 0.18, f"{length_m:g} m", fontsize=7.5, va="top")
     strip.text(2.35, 0.27, "points on\na vehicle", fontsize=7, va="center")
     colours, _ = palette.point_scale()
+    field_width = 0.42  # width of a colour in the legend
     for step, name in enumerate(palette.point_names()):
-        left = 3.0 + 0.42 * step
-        corners = [left, left + 0.42, left + 0.42, left]
+        left = 3.0 + field_width * step
+        right = left + field_width
         strip.fill(
-            corners,
+            [left, right, right, left],
             [0.22, 0.22, 0.36, 0.36],
             facecolor=colours(step),
             edgecolor=palette.INK,
             linewidth=0.3,
         )
-        strip.text(left + 0.21, 0.18, name, fontsize=6.5, ha="center", va="top")
+        strip.text(left + field_width / 2, 0.18, name, fontsize=6.5, ha="center", va="top")
     return strip
 
 
@@ -476,8 +512,9 @@ def summary(objective: Objective, members: list[int]) -> str:
     """Describe site, scheme, chosen sensors and their score."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
+    site_name = _site_name(objective)
     return (
-        f"{_name(objective)}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\nAP "
+        f"{site_name}, {objective.scheme.name} fusion, by {score.fidelity}\n{names}\nAP "
         f"{score.ap:.3f}, recall {score.recall:.3f}, {score.kbit_per_sensor:.1f} kbit per sensor, "
         f"{score.kbit:.1f} kbit, price {score.price:g}: reward {score.reward:.3f}\n"
     )

@@ -25,7 +25,10 @@ TILT_LIMITS_RAD = (np.deg2rad(-10.0), np.deg2rad(60.0))  # below the horizon
 class PoseRig:
     """Sensors on their mounts.
 
-    aim: present height above the mount's foot (m), heading and tilt (rad).
+    Attributes:
+        candidates: The B sensors, in the poses of the start.
+        aim: Present height above the mount's foot (m), heading from +x and tilt below the horizon
+            (rad) of each sensor.
     """
 
     candidates: Candidates
@@ -33,42 +36,48 @@ class PoseRig:
 
     @staticmethod
     def from_candidates(candidates: Candidates) -> "PoseRig":
-        """Rig of sensors in their present poses."""
+        """Rig of sensors in the poses of the candidates."""
         sensor_poses = poses(candidates)
-        height = sensor_poses.position[:, 2] - _feet(candidates)
-        return PoseRig(
-            candidates, np.stack([height, sensor_poses.heading, sensor_poses.tilt], axis=1)
-        )
+        z = sensor_poses.position[:, 2]
+        height = z - _feet_z(candidates)
+        aim = np.stack([height, sensor_poses.heading, sensor_poses.tilt], axis=1)
+        return PoseRig(candidates, aim)
 
     def move(self, action: Float64[np.ndarray, "B 3"]) -> "PoseRig":
         """Rig after an action, within the mounts' heights and `TILT_LIMITS_RAD`.
 
-        A sensor that was beyond a limit may stay beyond it."""
+        A sensor that was beyond a limit may stay beyond it.
+
+        action: change of height, heading and tilt of each sensor in units of `UNIT_MOVE`, clipped
+        to -1..1."""
         mounts = [self.candidates.mounts[index] for index in self.candidates.mount]
         present_height = self.aim[:, 0]
         present_tilt = self.aim[:, 2]
         height, heading, tilt = (self.aim + np.clip(action, -1, 1) * UNIT_MOVE).T
         min_height = np.minimum([mount.min_height for mount in mounts], present_height)
         max_height = np.maximum([mount.max_height for mount in mounts], present_height)
-        min_tilt = np.minimum(TILT_LIMITS_RAD[0], present_tilt)
-        max_tilt = np.maximum(TILT_LIMITS_RAD[1], present_tilt)
+        lowest_tilt, highest_tilt = TILT_LIMITS_RAD
+        min_tilt = np.minimum(lowest_tilt, present_tilt)
+        max_tilt = np.maximum(highest_tilt, present_tilt)
         aim = [
             np.clip(height, min_height, max_height),
-            np.arctan2(np.sin(heading), np.cos(heading)),
+            np.arctan2(np.sin(heading), np.cos(heading)),  # in -π..π
             np.clip(tilt, min_tilt, max_tilt),
         ]
         return PoseRig(self.candidates, np.stack(aim, axis=1))
 
     def to_candidates(self) -> Candidates:
         """Sensors in their present poses."""
-        old = self.candidates
-        heights = _feet(self.candidates) + self.aim[:, 0]
+        start = self.candidates
+        height = self.aim[:, 0]
+        sensor_z = _feet_z(start) + height
         sensors = []
-        for row, sensor in enumerate(old.sensors):
-            position = np.array([*sensor.position[:2], heights[row]])
-            heading, tilt = self.aim[row, 1:].tolist()
+        for row, sensor in enumerate(start.sensors):
+            x, y = sensor.position[:2]
+            position = np.array([x, y, sensor_z[row]])
+            heading, tilt = self.aim[row, 1:].tolist()  # rad
             sensors.append(aim_sensor(sensor, position, heading, tilt))
-        return Candidates.from_poses(sensors, old.mount, self.aim, old)
+        return Candidates.from_poses(sensors, start.mount, self.aim, start)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,18 +95,20 @@ class _PoseScenarios(EpisodeSource):
     """
 
     def __init__(self, config: PoseConfig) -> None:
+        """Raise ValueError if a site has too few mounts for the budget, or no surrogate."""
         super().__init__(config)
-        self.slots = config.budgets[1]
+        _, self.slots = config.budgets  # the largest budget
         self.moves = config.moves
+        _, max_failures = config.failure_counts
         for index in range(len(self.sites)):
-            mounts = len(np.unique(self.candidates(index).mount))
-            if mounts < self.slots + config.failure_counts[1]:
+            mount_count = len(np.unique(self.candidates(index).mount))
+            if mount_count < self.slots + max_failures:
                 raise ValueError(
-                    f"{self.sites[index].name} has {mounts} mounts with candidates, too few for a "
-                    f"budget of {self.slots} and {config.failure_counts[1]} failures: lower them"
+                    f"{self.sites[index].name} has {mount_count} mounts with candidates, too few "
+                    f"for a budget of {self.slots} and {max_failures} failures: lower them"
                 )
         self.check_scorable()
-        self._made: dict[tuple[int, str, int], Preparation] = {}
+        self._preparations: dict[tuple[int, str, int], Preparation] = {}  # by `Conditions.key`
 
     def draw(self, rng: Rng, options: Options | None) -> _PoseEpisode:
         """Draw sensors that have not failed, on different mounts. Raises ValueError if there are
@@ -109,16 +120,16 @@ class _PoseScenarios(EpisodeSource):
                 f"budget must lie in 1..{self.slots}, the sensors that an action moves, got "
                 f"{budget}"
             )
-        if conditions.key not in self._made:
+        if conditions.key not in self._preparations:
             setting = self.setting(conditions.site, conditions.scheme)
             run = self.config.run.part(conditions.traffic)
-            keep_few(
-                self._made, conditions.key, Preparation(setting, replace(run, workers=1, ray=None))
-            )
-        preparation = self._made[conditions.key]
+            new_preparation = Preparation(setting, replace(run, workers=1, ray=None))
+            keep_few(self._preparations, conditions.key, new_preparation)
+        preparation = self._preparations[conditions.key]
         candidates = preparation.setting.pool
         names = [sensor.name for sensor in candidates.sensors]
         failed = {find_index(member, names) for member in conditions.failed}
+        # indices of the candidates that have not failed
         usable = np.array([c for c in range(len(candidates)) if c not in failed], np.int64)
         mounts = np.unique(candidates.mount[usable])
         if len(mounts) < budget:
@@ -146,21 +157,24 @@ class _PoseScenarios(EpisodeSource):
         rig: PoseRig,
         previous: tuple[PoseRig, Visibility | None] | None,
     ) -> Scenario:
-        """Score sensors in their present poses.
+        """Scenario with the sensors of a rig in their present poses.
 
-        previous: the rig and its view, from which unmoved sensors are copied.
+        Args:
+            preparation: Traffic at the site.
+            rig: Sensors and their poses.
+            previous: Rig before its sensors moved, and its visibility, from which rows of unmoved
+                sensors are copied; None if no sensor has been seen yet.
         """
         candidates = rig.to_candidates()
         is_still = np.zeros(len(candidates), np.bool_)
-        visibility = None
+        old_visibility = None
         if previous is not None:
-            is_still = (rig.aim == previous[0].aim).all(axis=1)
-            visibility = previous[1]
-        seen = _see_again(preparation, candidates, visibility, is_still)
-        return Scenario(
-            Objective.from_view(preparation, candidates, seen, self.config.setting.weights),
-            self.slots,
-        )
+            old_rig, old_visibility = previous
+            is_still = (rig.aim == old_rig.aim).all(axis=1)
+        visibility = _update_visibility(preparation, candidates, old_visibility, is_still)
+        weights = self.config.setting.weights
+        objective = Objective.from_view(preparation, candidates, visibility, weights)
+        return Scenario(objective, self.slots)
 
 
 class _PoseTask(Task):
@@ -173,24 +187,26 @@ class _PoseTask(Task):
         super().__init__(n, scenarios, max_steps=scenarios.moves, fixed=True)
         self.action_space = Box(-1.0, 1.0, (3 * scenarios.slots,), np.float32)
         self._source = scenarios
-        self._now = dict[int, _PoseEpisode]()
+        self._episodes = dict[int, _PoseEpisode]()  # by row, with the present poses
 
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None
     ) -> None:
+        """Start new episodes in some rows, one from each generator."""
         episodes = [self._source.draw(rng, options) for rng in rngs]
         self.state.reset(rows, episodes)
-        self._now.update(zip(rows.tolist(), episodes, strict=True))
+        self._episodes.update(zip(rows.tolist(), episodes, strict=True))
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Move the sensors of each active row. A move that overloads a link more than before is
         undone."""
         state = self.state
+        # axes: episode, sensor, and change of height, heading and tilt
         moves = np.asarray(actions, np.float64).reshape(len(actions), -1, 3)
         is_illegal = np.zeros(state.n, np.bool_)
         scenarios = dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
-            episode = self._now[row]
+            episode = self._episodes[row]
             objective, _ = state.placement(row)
             rig = episode.rig.move(moves[row, : len(episode.rig.aim)])
             if (rig.aim == episode.rig.aim).all():
@@ -199,28 +215,34 @@ class _PoseTask(Task):
                 episode.preparation, rig, (episode.rig, objective.visibility)
             )
             moved_objective = scenario.objective
-            is_illegal[row] = (
-                ~moved_objective.linked & (moved_objective.loads > objective.loads)
-            ).any()
+            sends_more = moved_objective.loads > objective.loads  # a flag for each sensor
+            is_illegal[row] = (~moved_objective.linked & sends_more).any()
             if not is_illegal[row]:
-                self._now[row] = replace(episode, rig=rig)
+                self._episodes[row] = replace(episode, rig=rig)
                 scenarios[row] = scenario
-        state.step(active, is_illegal, scenarios=scenarios)
-        return state.gain, np.zeros(state.n, np.bool_), active & (state.steps >= state.max_steps)
+        state.step(active, illegal=is_illegal, scenarios=scenarios)
+        terminated = np.zeros(state.n, np.bool_)
+        return state.gain, terminated, active & (state.steps >= state.max_steps)
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
+        """Mask of entries that move a sensor: three for each slot with one."""
         return np.repeat(self.state.chosen, 3, axis=1)
 
 
-def _see_again(
+def _update_visibility(
     preparation: Preparation,
     candidates: Candidates,
     visibility: Visibility | None,
     is_still: Bool[np.ndarray, " C"],
 ) -> Visibility:
-    """View of the traffic, copied from `visibility` for candidates that have not moved.
+    """Visibility of the traffic from candidates; rows of unmoved candidates are copied.
 
-    is_still: candidates that have not moved; none if there is no `visibility`.
+    Args:
+        preparation: Traffic and, if it makes them, panoramas of the mounts.
+        candidates: Sensors in their present poses.
+        visibility: Visibility before the move, copied for candidates that have not moved; None if
+            it is unknown.
+        is_still: True for candidates that have not moved; all False without `visibility`.
     """
     moved_rows = np.flatnonzero(~is_still)
     all_moved = len(moved_rows) == len(is_still)
@@ -290,6 +312,6 @@ class SensorPoseVectorEnv(PlacementVectorEnv):
     task_type = _PoseTask
 
 
-def _feet(candidates: Candidates) -> Float64[np.ndarray, " C"]:
+def _feet_z(candidates: Candidates) -> Float64[np.ndarray, " C"]:
     """Height of the foot of each candidate's mount (m, site frame)."""
     return np.array([candidates.mounts[index].position[2] for index in candidates.mount])

@@ -19,7 +19,9 @@ ENVIRONMENTS: dict[str, tuple[str, str]] = {
 
 
 def register() -> None:
-    """Register the environments. Raises ImportError, with the remedy, if Gymnasium is missing."""
+    """Register the environments with Gymnasium, unless they are registered already.
+
+    Raises ImportError, with the remedy, if Gymnasium is missing."""
     try:
         from gymnasium.envs.registration import register as register_one, registry
     except ImportError:
@@ -47,14 +49,19 @@ class _AfterImport(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        spec = PathFinder.find_spec(fullname, path, target) if fullname == "gymnasium" else None
+        """Spec of Gymnasium that registers the environments when its module is executed.
+
+        None for any other module, which leaves it to the usual finders."""
+        if fullname != "gymnasium":
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
         if spec is None or spec.loader is None:
             return spec
         execute = spec.loader.exec_module
 
         def execute_and_register(module: ModuleType) -> None:
             execute(module)
-            if self in sys.meta_path:
+            if self in sys.meta_path:  # the hook is needed once only
                 sys.meta_path.remove(self)
             register()
 

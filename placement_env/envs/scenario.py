@@ -39,6 +39,8 @@ STATIC = (
     "seen",
 )
 VIEW_RANGE_M = 30.0  # within which a sensor sees the spots in its field of view without traffic
+SPOTS_ON_A_SIDE = 22  # along the area without traffic: 22² = 484, fewer than `MAX_PLACES`
+HEIGHT_SCALE_M = 20.0  # height that is 1 in the observations
 Options = Mapping[str, Any]  # of `reset`
 Key = TypeVar("Key")
 Made = TypeVar("Made")
@@ -67,43 +69,52 @@ class Scenario:
     """
 
     def __init__(self, objective: Objective, slots: int) -> None:
+        """Compute the features of the candidates, which fill the first of the slots.
+
+        Raises ValueError for fewer slots than candidates."""
         self.objective = objective
         self.slots = slots
-        self.width = len(objective.candidates)
+        self.width = len(objective.candidates)  # slots from here on are empty
         if self.width > slots:
             problem = (
                 f"the environment has slots for {slots} candidates, this site has {self.width}"
             )
             raise ValueError(f"{problem}: make it with slots={self.width}")
+        # slots with a candidate whose link carries its data
         self.usable = np.pad(objective.linked, (0, slots - self.width))
-        seen = places_seen(objective)
+        sees_place = places_seen(objective)
+        _, self.places = sees_place.shape
+        # places in bits, 64 in a word; places and slots that are missing stay 0
         slot_places = np.zeros((slots, MAX_PLACES), np.bool_)
-        self.places = seen.shape[1]
-        slot_places[: len(seen), : self.places] = seen
-        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(
-            np.packbits(slot_places, axis=1).view(np.uint64).T
-        )
+        slot_places[: len(sees_place), : self.places] = sees_place
+        words = np.packbits(slot_places, axis=1).view(np.uint64)
+        self.seen: Shaped[np.ndarray, "words slots"] = np.ascontiguousarray(words.T)
         self.static = np.zeros((len(STATIC), slots), np.float32)
-        seen_share = seen.sum(axis=1) / max(1, self.places)
+        seen_share = sees_place.sum(axis=1) / max(1, self.places)
         self.static[:, : self.width] = np.clip(self._features(seen_share), -1, 1)
+        # last global features; 1000: from a weight of a kbit to one of a Mbit
         weights = np.array([1000 * objective.weights.comm, objective.weights.price])
-        scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
-        self.constants = np.concatenate([weights / (weights + 1), scheme]).astype(np.float32)
+        is_scheme = [objective.scheme.name == name for name in PAPER_SCHEMES]
+        self.constants = np.concatenate([weights / (weights + 1), is_scheme]).astype(np.float32)
 
     def _features(self, seen: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, "features C"]:
-        """`STATIC` features of the candidates. seen: share of the places that each one sees."""
+        """Features of the candidates, in the order of `STATIC`, before they are clipped to -1..1.
+
+        seen: share of the places that each candidate sees."""
         sensor_poses = poses(self.objective.candidates)
         position = sensor_poses.position
         area = find_area(self.objective)
-        middle = (area[:2] + area[2:]) / 2
-        x, y = ((position[:, :2] - middle) / (area[2:] - area[:2])).T
+        low = area[:2]
+        high = area[2:]
+        middle = (low + high) / 2
+        x, y = ((position[:, :2] - middle) / (high - low)).T
         price = self.objective.candidates.prices
         megabit = self.objective.sent / 1000
         return np.stack(
             [
                 x,
                 y,
-                position[:, 2] / 20,
+                position[:, 2] / HEIGHT_SCALE_M,
                 np.cos(sensor_poses.heading),
                 np.sin(sensor_poses.heading),
                 sensor_poses.tilt / (np.pi / 2),
@@ -117,30 +128,37 @@ class Scenario:
 
 
 def places_seen(objective: Objective) -> Bool[np.ndarray, "C places"]:
-    """Mask of the places that each candidate sees: vehicles with enough points, or, without
-    traffic, spots of the area in the field of view."""
+    """Mask of the places that each candidate sees, at most `MAX_PLACES` places.
+
+    Places are vehicles of the traffic, seen with `LEAST` points or more. Without traffic they are
+    spots of the area, seen if they are in the field of view and within `VIEW_RANGE_M`."""
     if objective.visibility is not None:
-        points = objective.visibility.points  # candidates x vehicles
-        columns = np.linspace(0, points.shape[1] - 1, MAX_PLACES).round().astype(np.int64)
-        columns = np.unique(columns)[: points.shape[1]]
+        points = objective.visibility.points  # candidates × vehicles
+        _, vehicle_count = points.shape
+        # evenly spread over all vehicles; the slice leaves none if there is no vehicle
+        columns = np.linspace(0, vehicle_count - 1, MAX_PLACES).round().astype(np.int64)
+        columns = np.unique(columns)[:vehicle_count]
         return np.asarray(points[:, columns] >= LEAST)
     xmin, ymin, xmax, ymax = find_area(objective)
-    # 22² = 484 spots, fewer than `MAX_PLACES`
-    x, y = np.meshgrid(np.linspace(xmin, xmax, 22), np.linspace(ymin, ymax, 22))
+    x, y = np.meshgrid(
+        np.linspace(xmin, xmax, SPOTS_ON_A_SIDE), np.linspace(ymin, ymax, SPOTS_ON_A_SIDE)
+    )
     sensor_poses = poses(objective.candidates)
+    # from each sensor (row) to each spot (column)
     dx = x.ravel() - sensor_poses.position[:, :1]
     dy = y.ravel() - sensor_poses.position[:, 1:2]
     turn = np.arctan2(dy, dx) - sensor_poses.heading[:, None]
-    off_axis = np.angle(np.exp(1j * turn))  # in -π..π
+    off_axis = np.angle(np.exp(1j * turn))  # the turn in -π..π
     is_in_view = np.abs(off_axis) <= sensor_poses.fov[:, None] / 2
     return np.asarray(is_in_view & (np.hypot(dx, dy) <= VIEW_RANGE_M))
 
 
 def find_area(objective: Objective) -> Float64[np.ndarray, "4"]:
-    """xmin ymin xmax ymax of the detection area; around all mounts if the site is unknown."""
+    """Detection area as xmin, ymin, xmax, ymax (m); around all mounts if the site is unknown."""
     if objective.site is not None:
         return objective.site.area
     feet = np.array([mount.position[:2] for mount in objective.candidates.mounts])
+    # 1 m more on each side, so that the area has one
     return np.concatenate([feet.min(axis=0) - 1, feet.max(axis=0) + 1])
 
 
@@ -148,8 +166,8 @@ class SensorPoses(NamedTuple):
     """Poses of C candidates.
 
     Attributes:
-        position: Positions (C, 3).
-        heading: Headings (rad).
+        position: Positions (C, 3), x, y, z (m).
+        heading: Headings from +x (rad).
         tilt: Tilts below the horizon (rad).
         fov: Horizontal fields of view (rad).
         is_lidar: Whether each candidate is a lidar.
@@ -171,6 +189,7 @@ def poses(candidates: Candidates) -> SensorPoses:
         heading=heading,
         tilt=tilt,
         fov=np.array([sensor.model.horizontal_fov for sensor in sensors]),
+        # lidars measure ranges, cameras depth
         is_lidar=np.array([sensor.model.measures == "range" for sensor in sensors], np.bool_),
     )
 
@@ -229,11 +248,11 @@ class EpisodeSource:
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
         self.config = config
-        self._given = list(config.sites)
-        self._of_all = candidates
-        self.sites = [_load(site) for site in self._given]
+        self._given_sites = list(config.sites)  # sites, or their names or files
+        self._shared_candidates = candidates
+        self.sites = [_load(site) for site in self._given_sites]
         self.drawn = len(self.sites)
-        self._candidates: dict[int, Candidates] = {}
+        self._candidates: dict[int, Candidates] = {}  # by the number of the site
 
     def draw(self, rng: Rng, options: Options | None) -> Episode:
         """Draw an episode with these options. Raises ValueError for an unknown or unsuitable
@@ -241,29 +260,30 @@ class EpisodeSource:
         raise NotImplementedError
 
     def index(self, site: Site | str | None, rng: np.random.Generator) -> int:
-        """Number of a site, which is loaded if it is new; None for one of the config's, drawn.
+        """Index of a site in `sites`, to which a new one is added.
 
-        Nothing is drawn from a single one.
+        site: site, or its name or file; None for one of the config's sites, which is drawn unless
+        it is the only one.
         """
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
-        for index, (name, loaded) in enumerate(zip(self._given, self.sites, strict=True)):
-            if loaded is site or (isinstance(site, str) and site in (name, loaded.name)):
+        for index, (given, loaded) in enumerate(zip(self._given_sites, self.sites, strict=True)):
+            if loaded is site or (isinstance(site, str) and site in (given, loaded.name)):
                 return index
         self.sites.append(_load(site))
-        self._given.append(site)
+        self._given_sites.append(site)
         return len(self.sites) - 1
 
     def candidates(self, index: int) -> Candidates:
-        """Candidates at a site."""
-        if self._of_all is not None:
-            return self._of_all
+        """Candidates at a site, given by its index in `sites`."""
+        if self._shared_candidates is not None:
+            return self._shared_candidates
         if index not in self._candidates:
             self._candidates[index] = replace(self.config.setting, site=self.sites[index]).pool
         return self._candidates[index]
 
     def setting(self, index: int, scheme: Scheme) -> Setting:
-        """Setting at a site with one scheme."""
+        """Setting at a site, given by its index in `sites`, with one scheme."""
         return replace(
             self.config.setting,
             site=self.sites[index],
@@ -291,20 +311,22 @@ class EpisodeSource:
         if "scheme" in options:
             scheme = options["scheme"]
         else:
-            scheme = schemes[_within((0, len(schemes) - 1), rng)]
-        budget = options["budget"] if "budget" in options else _within(config.budgets, rng)
+            scheme = schemes[_draw_within((0, len(schemes) - 1), rng)]
+        budget = options["budget"] if "budget" in options else _draw_within(config.budgets, rng)
         failed = options.get("failed", [])
-        if "failed" not in options and config.failure_counts[1]:
+        _, max_failures = config.failure_counts
+        if "failed" not in options and max_failures:
             candidate_count = len(self.candidates(site))
-            failure_count = min(_within(config.failure_counts, rng), candidate_count)
+            failure_count = min(_draw_within(config.failure_counts, rng), candidate_count)
             failed = sorted(rng.choice(candidate_count, failure_count, replace=False).tolist())
         traffic_count = OTHER_TRAFFICS if config.traffics is None else config.traffics
-        traffic = _within((0, traffic_count - 1), rng)
+        traffic = _draw_within((0, traffic_count - 1), rng)
         return Conditions(
             site=site,
             scheme=find_scheme(scheme),
             budget=int(budget),
             failed=failed,
+            # the first traffic is part 0 of the run, which searches use too
             traffic=FIRST_TRAFFIC_PART + traffic if traffic else 0,
         )
 
@@ -313,27 +335,34 @@ class Scenarios(EpisodeSource):
     """Scenarios to choose among candidates, each made when first drawn; all are checked before."""
 
     def __init__(self, config: SubsetConfig) -> None:
+        """Find slots for all sites of a configuration.
+
+        Raises ValueError if slots or budget do not fit, or a site cannot be scored."""
         objective = self._objective = config.objective
         super().__init__(config, None if objective is None else objective.candidates)
         self.factored = isinstance(config, SelectConfig) and config.actions == "factored"
         pools = [self.candidates(index) for index in range(len(self.sites))]
         max_candidates = max(map(len, pools))
         self.slots = max_candidates if config.slots is None else config.slots
+        # largest number of mounts, heights, headings, tilts and models of any site
         self.shape = tuple(np.max([pool.shape for pool in pools], axis=0).tolist())
         if max_candidates > self.slots:
             raise ValueError(f"slots must hold all {max_candidates} candidates, got {self.slots}")
-        if config.budgets[1] > max_candidates:
-            raise ValueError(_describe_budget(config.budgets[1], max_candidates))
+        _, max_budget = config.budgets
+        if max_budget > max_candidates:
+            raise ValueError(_describe_budget(max_budget, max_candidates))
         if objective is None:
             self.check_scorable()
-        self._made: dict[tuple[int, str, int], Scenario] = {}
-        # if nothing is drawn, all episodes without options start with the same one
-        self._always: Episode | None = None
+        self._scenarios: dict[tuple[int, str, int], Scenario] = {}  # by `Conditions.key`
+        # if nothing is drawn, all episodes without options start alike
+        self._only_episode: Episode | None = None
 
     def draw(self, rng: Rng, options: Options | None) -> Episode:
-        """Draw an episode with these options."""
-        if not options and self._always is not None:
-            return self._always
+        """Draw an episode with these options of `reset`.
+
+        Raises ValueError for an option that does not fit."""
+        if not options and self._only_episode is not None:
+            return self._only_episode
         objective = self._objective
         options = options or {}
         changes_scheme = (
@@ -349,13 +378,13 @@ class Scenarios(EpisodeSource):
             raise ValueError(
                 _describe_budget(conditions.budget, len(self.candidates(conditions.site)))
             )
-        if conditions.key not in self._made:
+        if conditions.key not in self._scenarios:
             run = self.config.run.part(conditions.traffic)
             new_objective = objective or Objective(
                 self.setting(conditions.site, conditions.scheme), run
             )
-            keep_few(self._made, conditions.key, Scenario(new_objective, self.slots))
-        scenario = self._made[conditions.key]
+            keep_few(self._scenarios, conditions.key, Scenario(new_objective, self.slots))
+        scenario = self._scenarios[conditions.key]
         shape = scenario.objective.candidates.shape
         if self.factored and any(
             size > max_size for size, max_size in zip(shape, self.shape, strict=True)
@@ -369,7 +398,7 @@ class Scenarios(EpisodeSource):
         failed = np.pad(scenario.objective.row(conditions.failed), (0, self.slots - scenario.width))
         episode = Episode(scenario=scenario, budget=conditions.budget, failed=failed)
         if not options and not self.config.leaves_open and self.drawn == 1:
-            self._always = episode
+            self._only_episode = episode
         return episode
 
 
@@ -382,10 +411,13 @@ def _describe_budget(budget: int, count: int) -> str:
 
 
 def keep_few(kept_values: dict[Key, Made], key: Key, value: Made) -> None:
-    """Keep a value, and forget the oldest of more than `MAX_KEPT_SCENARIOS`."""
+    """Keep a value under its key, and forget the oldest of more than `MAX_KEPT_SCENARIOS`.
+
+    kept_values: values kept so far, changed in place."""
     kept_values[key] = value
     if len(kept_values) > MAX_KEPT_SCENARIOS:
-        del kept_values[next(iter(kept_values))]
+        oldest = next(iter(kept_values))  # dictionaries keep the order of insertion
+        del kept_values[oldest]
 
 
 def _load(site: Site | str) -> Site:
@@ -397,7 +429,7 @@ def _load(site: Site | str) -> Site:
     return load_site(site)
 
 
-def _within(bounds: tuple[int, int], rng: np.random.Generator) -> int:
+def _draw_within(bounds: tuple[int, int], rng: np.random.Generator) -> int:
     """Random whole number from the lowest to the highest; equal bounds draw nothing."""
     low, high = bounds
     return low if low == high else int(rng.integers(low, high + 1))

@@ -18,61 +18,76 @@ class _SelectTask(Task):
     scenarios_type = Scenarios
 
     def __init__(self, n: int, scenarios: Scenarios) -> None:
+        """Build n episodes. Flat actions are slots; factored ones have a value of each factor."""
         self.flat = not scenarios.factored
         self.stop = scenarios.slots  # the flat action that stops
-        # values of each factor: mounts, heights, headings, tilts, models; one mount more stops
-        self.factors = (scenarios.shape[0] + 1, *scenarios.shape[1:])
+        # number of values of each factor: mounts, heights, headings, tilts, models; one mount more
+        # stops
+        mount_count, *other_counts = scenarios.shape
+        self.factors = (mount_count + 1, *other_counts)
         super().__init__(n, scenarios)
         self.action_space = (
             Discrete(self.stop + 1) if self.flat else MultiDiscrete(list(self.factors))
         )
         self._rows = np.arange(n)
-        self._always = np.ones((n, 1), np.bool_)
-        self._one_hot: dict[Scenario, np.ndarray] = {}
+        self._one_hot: dict[Scenario, np.ndarray] = {}  # `_one_hot_factors` of each scenario
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        slot, is_stop = self._slots(actions)
+        """Place a candidate in each active row, or stop; an illegal action changes nothing."""
+        slot, is_stop = self._read_slots(actions)
         state = self.state
         is_acting = active & ~is_stop
         is_placing = is_acting & (slot >= 0) & state.allowed[self._rows, slot]
         chosen = state.chosen.copy()
         chosen[self._rows[is_placing], slot[is_placing]] = True
-        state.step(active, is_acting & ~is_placing, chosen=chosen)
+        state.step(active, illegal=is_acting & ~is_placing, chosen=chosen)
         terminated = active & (is_stop | ~state.allowed.any(axis=1))
-        return state.gain, terminated, active & ~terminated & (state.steps >= state.max_steps)
+        truncated = active & ~terminated & (state.steps >= state.max_steps)
+        return state.gain, terminated, truncated
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
         """Mask of legal actions; for factored actions, of the values that some legal candidate
-        has."""
+        has.
+
+        Factored actions have a column for each value of the first factor (mounts), then for each
+        value of the second, and so on."""
         allowed = self.state.allowed
         if self.flat:
-            return np.concatenate([allowed, self._always], axis=1)
+            stop_is_legal = np.ones((len(allowed), 1), np.bool_)
+            return np.concatenate([allowed, stop_is_legal], axis=1)
         masks = np.zeros((len(allowed), sum(self.factors)), np.bool_)
         for scenario, rows in self.state.groups:
-            masks[rows] = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario) > 0
-        first_value = np.cumsum([0, *self.factors[:-1]])
-        masks[:, first_value[1] - 1] = True  # the last mount: stop
-        # a factor needs a value, to stop too
-        masks[:, first_value[1:]] |= ~allowed.any(axis=1, keepdims=True)
+            # number of allowed candidates that have each value
+            counts = allowed[rows].astype(np.float32) @ self._one_hot_factors(scenario)
+            masks[rows] = counts > 0
+        mount_count, *_ = self.factors
+        masks[:, mount_count - 1] = True  # the last mount: stop
+        # to stop, the other factors need a legal value too: their first, if no candidate is allowed
+        first_values = np.cumsum(self.factors[:-1])
+        masks[:, first_values] |= ~allowed.any(axis=1, keepdims=True)
         return masks
 
-    def _slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Mask]:
-        """Candidate of each action (-1: none), and True for stops."""
+    def _read_slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Mask]:
+        """Slot of the candidate that each action places, -1 for none, and True for stops."""
         if self.flat:
             slot = actions.astype(np.int64).reshape(-1)
             if ((slot < 0) | (slot > self.stop)).any():
                 raise ValueError(f"actions are 0 to {self.stop} (stop), got {slot.tolist()}")
             is_stop = slot == self.stop
             return np.where(is_stop, -1, slot), is_stop
+        # columns: mount, height, heading, tilt and model
         factors = actions.astype(np.int64).reshape(-1, len(self.factors))
         slot = np.full(len(factors), -1)
         for scenario, rows in self.state.groups:
             slot[rows] = scenario.objective.candidates.at(*factors[rows].T)
-        is_stop = factors[:, 0] == self.factors[0] - 1
+        mount_count, *_ = self.factors
+        is_stop = factors[:, 0] == mount_count - 1  # the last mount
         return np.where(is_stop, -1, slot), is_stop
 
     def _one_hot_factors(self, scenario: Scenario) -> Float32[np.ndarray, "slots choices"]:
-        """1 for the value that the candidate of a slot has of each factor, factor after factor."""
+        """Values of the candidates' factors, as 1 in the column of each value; 0 in empty slots.
+
+        Columns are the values of mounts, then of heights, headings, tilts and models."""
         if scenario not in self._one_hot:
             factors = scenario.objective.candidates.factors
             has_value = []
@@ -156,20 +171,25 @@ class _SubsetTask(Task):
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Choose the set of each active row. A set that may not be built is left empty."""
-        chosen = np.asarray(actions.reshape(self.state.chosen.shape) != 0)
-        if (actions.reshape(chosen.shape) != chosen).any():
+        slot_actions = actions.reshape(self.state.chosen.shape)
+        chosen = np.asarray(slot_actions != 0)
+        if (slot_actions != chosen).any():
             raise ValueError(f"actions must be 0 or 1 for each slot, got {actions.tolist()}")
         is_legal = self.state.fitting(chosen)
-        self.state.step(active, active & ~is_legal, chosen=chosen & is_legal[:, None])
-        return self.state.gain, active.copy(), np.zeros(self.state.n, np.bool_)
+        self.state.step(active, illegal=active & ~is_legal, chosen=chosen & is_legal[:, None])
+        terminated = active.copy()  # every episode ends after its first action
+        truncated = np.zeros(self.state.n, np.bool_)
+        return self.state.gain, terminated, truncated
 
     def info_mask(self) -> Bool[np.ndarray, "n slots"]:
+        """Mask of candidates that may be in the set."""
         return self.state.allowed | self.state.chosen
 
     def action_masks(self) -> Bool[np.ndarray, "n choices"]:
-        """Mask of whether each slot may be 0, always True, and 1."""
-        may_be_set = self.info_mask()
-        return np.stack([np.ones_like(may_be_set), may_be_set], axis=2).reshape(self.state.n, -1)
+        """Mask of legal values: for each slot whether it may be 0, always True, and 1."""
+        may_be_one = self.info_mask()
+        may_be_zero = np.ones_like(may_be_one)
+        return np.stack([may_be_zero, may_be_one], axis=2).reshape(self.state.n, -1)
 
 
 class SensorSubsetEnv(PlacementEnv):

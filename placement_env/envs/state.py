@@ -36,27 +36,36 @@ Rows = slice | Int64[np.ndarray, " m"]
 
 
 class State:
-    """State of n episodes, written only by its methods.
+    """State of n episodes, a row each, written only by its methods.
 
     Attributes:
-        chosen: Slots of the chosen candidates.
-        failed: Slots of the failed candidates.
-        allowed: Slots of the candidates that may join.
+        n: Number of episodes.
+        slots: Number of slots for candidates.
+        scenarios: Scenario of each row, None before its first episode.
+        chosen: True for slots of the chosen candidates (n, slots).
+        failed: True for slots of the failed candidates (n, slots).
+        allowed: True for slots of the candidates that may join (n, slots).
+        budget: Largest number of sensors of each row.
+        steps: Steps done in the episode of each row.
+        max_steps: Largest number of steps of the episode of each row.
         scores: Scores of the chosen sets.
         gain: Reward that the last step added.
+        illegal: Whether the last action was illegal.
         repeated: Whether the last step needed no new score. `scores.cache_hit` is whether a score
             was in the objective's memory, which depends on earlier episodes; `info["cache_hit"]`
             must not, so it is `repeated`.
         groups: Each scenario and an index of its rows.
         ready: Whether an episode has started in every row.
-        max_steps: Largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the
-            budget.
         fixed: Whether sensors are moved, so that none may join.
     """
 
     def __init__(
         self, n: int, slots: int, *, max_steps: int | None = None, fixed: bool = False
     ) -> None:
+        """Make room for n episodes that have not started.
+
+        max_steps: largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the
+        budget; fixed: whether sensors are moved, so that none may join."""
         check_whole("num_envs", n, least=1)
         self.n = n
         self.slots = slots
@@ -65,9 +74,11 @@ class State:
         self.scenarios: list[Scenario | None] = [None] * n
         self.ready = False
         self.groups: list[tuple[Scenario, Rows]] = []
-        self._weights = np.zeros((2, n))
+        self._weights = np.zeros((2, n))  # rows: weights of kbit per sensor and of price
+        # last global features: two weights, and the scheme
         self._constants = np.zeros((n, 2 + len(PAPER_SCHEMES)), np.float32)
-        self._fidelity = np.full(n, None, object)
+        self._fidelity = np.full(n, None, object)  # names
+        # the class docstring says what these hold
         self.gain = np.zeros(n)
         self.chosen = np.zeros((n, slots), np.bool_)
         self.failed = np.zeros((n, slots), np.bool_)
@@ -80,7 +91,7 @@ class State:
         self.repeated = np.zeros(n, np.bool_)
 
     def reset(self, rows: Int64[np.ndarray, " m"], episodes: Sequence[Episode]) -> None:
-        """Start new episodes in some rows."""
+        """Start new episodes in some rows, one for each row."""
         self.budget[rows] = [episode.budget for episode in episodes]
         self.max_steps[rows] = (
             STEPS_PER_SENSOR * self.budget[rows] if self._max_steps is None else self._max_steps
@@ -90,15 +101,15 @@ class State:
         self.gain[rows] = 0.0
         for figure in self.scores:
             figure[rows] = 0
-        self._enter(
-            {row: episode.scenario for row, episode in zip(rows.tolist(), episodes, strict=True)}
-        )
-        for row, episode in zip(rows.tolist(), episodes, strict=True):
+        episode_by_row = dict(zip(rows.tolist(), episodes, strict=True))
+        self._set_scenarios({row: episode.scenario for row, episode in episode_by_row.items()})
+        for row, episode in episode_by_row.items():
             self.failed[row] = episode.failed
             if episode.chosen is not None:
                 self.chosen[row] = episode.chosen
-        self._score(rows[self.chosen[rows].any(axis=1)])
-        self._find_allowed()
+        # the empty set keeps its scores of 0
+        self._update_scores(rows[self.chosen[rows].any(axis=1)])
+        self._update_allowed()
 
     def step(
         self,
@@ -110,8 +121,12 @@ class State:
     ) -> None:
         """Step the active episodes to these sets, or to other scenarios of some rows.
 
-        illegal: rows whose action was illegal, for the info; the caller decides on their sets.
-        scenarios: new scenarios by row.
+        Args:
+            active: True for rows whose episode takes a step.
+            illegal: True for rows whose action was illegal, for the info; the caller decides on
+                their sets.
+            chosen: New sets, used in active rows only; None to keep all sets.
+            scenarios: New scenarios by row, None to keep all.
         """
         earlier_reward = self.scores.reward.copy()
         is_changed = np.zeros(self.n, np.bool_)
@@ -120,21 +135,24 @@ class State:
             self.chosen[is_changed] = chosen[is_changed]
         if scenarios:
             is_changed[list(scenarios)] = True
-            self._enter(scenarios)
+            self._set_scenarios(scenarios)
         self.steps += active
         self.illegal = illegal
         self.repeated = active & ~is_changed
-        self._score(is_changed.nonzero()[0])
+        self._update_scores(np.flatnonzero(is_changed))
         self.gain = np.where(active, self.scores.reward - earlier_reward, 0.0)
-        self._find_allowed()
+        self._update_allowed()
 
     def fitting(self, chosen: Bool[np.ndarray, "n slots"]) -> Mask:
-        """Mask of sets that are feasible, within budget, and without failed sensors."""
+        """Mask of sets that are feasible, within budget, and without failed sensors.
+
+        chosen: a set for each episode; a set with an empty slot does not fit."""
         is_fitting = ~(chosen & self.failed).any(axis=1) & (chosen.sum(axis=1) <= self.budget)
         for scenario, rows in self.groups:
-            candidates = chosen[rows, : scenario.width]
-            empty_slots = chosen[rows, scenario.width :]
-            is_fitting[rows] &= scenario.objective.feasible(candidates) & ~empty_slots.any(axis=1)
+            # the first `width` slots hold candidates, the others are empty
+            is_feasible = scenario.objective.feasible(chosen[rows, : scenario.width])
+            has_empty_slot = chosen[rows, scenario.width :].any(axis=1)
+            is_fitting[rows] &= is_feasible & ~has_empty_slot
         return is_fitting
 
     def placement(self, row: int) -> tuple[Objective, list[int]]:
@@ -149,82 +167,96 @@ class State:
         Price and budget are given as x / (x + 8), kbit of the chosen set (in Mbit) as x / (x + 1).
         """
         n = self.n
-        static = len(STATIC)  # number of these features, and index of the first of `DYNAMIC`
         feature_count = len(STATIC) + len(DYNAMIC)
         observations = np.empty((n, feature_count * self.slots + len(GLOBAL)), np.float32)
+        # a view with the axes episode, feature, slot
         features = observations[:, : -len(GLOBAL)].reshape(n, feature_count, self.slots)
-        covered = np.empty(n)
+        static_features = features[:, : len(STATIC)]
+        marginal = features[:, len(STATIC)]
+        covered_share = np.empty(n)
         for scenario, rows in self.groups:
-            covered_counts, added = coverage_gain(scenario.seen, self.chosen[rows])
+            covered_counts, added_counts = coverage_gain(scenario.seen, self.chosen[rows])
             places = np.float32(max(1, scenario.places))
-            covered[rows] = covered_counts / places
-            features[rows, :static] = scenario.static
-            features[rows, static] = added / places
-        features[:, -2] = self.chosen
-        features[:, -1] = self.allowed
-        global_features = observations[:, -len(GLOBAL) :]  # a view, in the order of `GLOBAL`
+            covered_share[rows] = covered_counts / places
+            static_features[rows] = scenario.static
+            marginal[rows] = added_counts / places
+        features[:, len(STATIC) + DYNAMIC.index("chosen")] = self.chosen
+        features[:, len(STATIC) + DYNAMIC.index("allowed")] = self.allowed
         scores = self.scores
-        megabit = self.scores.kbit_per_sensor / 1000
-        global_features[:, 0] = 1 - self.chosen.sum(axis=1) / self.budget
-        global_features[:, 1] = self.budget / (self.budget + 8.0)
-        global_features[:, 2] = 1 - self.steps / self.max_steps
-        global_features[:, 3] = scores.ap
-        global_features[:, 4] = scores.recall
-        global_features[:, 5] = megabit / (megabit + 1)
-        global_features[:, 6] = scores.price / (scores.price + 8)
-        global_features[:, 7] = covered
-        global_features[:, 8:] = self._constants
+        megabit = scores.kbit_per_sensor / 1000
+        columns = [  # in the order of `GLOBAL`; weights and scheme follow
+            1 - self.chosen.sum(axis=1) / self.budget,
+            self.budget / (self.budget + 8.0),
+            1 - self.steps / self.max_steps,
+            scores.ap,
+            scores.recall,
+            megabit / (megabit + 1),
+            scores.price / (scores.price + 8),
+            covered_share,
+        ]
+        global_features = observations[:, -len(GLOBAL) :]  # a view
+        global_features[:, : len(columns)] = np.stack(columns, axis=1)
+        global_features[:, len(columns) :] = self._constants
         return observations
 
     def objectives(self) -> Float64[np.ndarray, "n 3"]:
         """AP, -kbit per sensor and -price of the chosen sets, all to be maximised."""
         scores = self.scores
+        # 0 - x is 0 for no cost, and -x would be -0.0
         return np.stack([scores.ap, 0 - scores.kbit_per_sensor, 0 - scores.price], axis=1)
 
     def info(self) -> Info:
-        """Info with an array (n, ...) for each key."""
+        """Info with an array (n, ...) for each key, copied from the state."""
         scores = self.scores
-        comm, price = self._weights
-        terms = {
-            "ap": scores.ap.copy(),
-            "comm": 0 - comm * scores.kbit_per_sensor,
-            "price": 0 - price * scores.price,
-        }
+        comm_weight, price_weight = self._weights
         info: Info = {
             key: getattr(scores, key).copy()
             for key in ("ap", "recall", "kbit", "kbit_per_sensor", "price")
         }
-        info |= {
-            "subset": self.chosen.copy(),
-            "marginal_gain": self.gain.copy(),
-            "reward_terms": terms,
+        info["subset"] = self.chosen.copy()
+        info["marginal_gain"] = self.gain.copy()  # reward that the last step added
+        info["reward_terms"] = {
+            "ap": scores.ap.copy(),
+            # 0 - x is 0 for no cost, and -x would be -0.0
+            "comm": 0 - comm_weight * scores.kbit_per_sensor,
+            "price": 0 - price_weight * scores.price,
         }
-        info |= {
-            "fidelity": self._fidelity.copy(),
-            "cache_hit": self.repeated.copy(),
-            "illegal": self.illegal.copy(),
-        }
-        names = self.groups[0][0].objective.classes.names if self.groups else ()
-        if len(names) > 1:
-            figures = np.zeros((self.n, len(names)))
-            for scenario, rows in self.groups:
-                figures[rows] = scenario.objective.class_ap(self.chosen[rows, : scenario.width])
-            info["class_ap"] = {name: figures[:, k].copy() for k, name in enumerate(names)}
+        info["fidelity"] = self._fidelity.copy()
+        # True if the last step needed no new score; not `scores.cache_hit` (class docstring)
+        info["cache_hit"] = self.repeated.copy()
+        info["illegal"] = self.illegal.copy()
+        class_aps = self._find_class_aps()
+        if len(class_aps) > 1:
+            info["class_ap"] = class_aps
         return info
 
-    def _score(self, rows: Int64[np.ndarray, " m"]) -> None:
-        """Write the scores of the chosen sets of some rows."""
+    def _find_class_aps(self) -> dict[str, Float64[np.ndarray, " n"]]:
+        """AP of each class in each row, by the name of the class; empty for a single class."""
+        if not self.groups:
+            return {}
+        first_scenario, _ = self.groups[0]
+        names = first_scenario.objective.classes.names  # the same in all scenarios
+        if len(names) == 1:
+            return {}
+        class_ap = np.zeros((self.n, len(names)))
+        for scenario, rows in self.groups:
+            class_ap[rows] = scenario.objective.class_ap(self.chosen[rows, : scenario.width])
+        return {name: class_ap[:, k].copy() for k, name in enumerate(names)}
+
+    def _update_scores(self, rows: Int64[np.ndarray, " m"]) -> None:
+        """Write the scores of the chosen sets of some rows into `scores`."""
         if not len(rows):
             return
-        for scenario, members in self.groups:
-            scored_rows = rows if isinstance(members, slice) else rows[np.isin(rows, members)]
+        for scenario, group_rows in self.groups:
+            # a slice means all rows
+            scored_rows = rows if isinstance(group_rows, slice) else rows[np.isin(rows, group_rows)]
             if len(scored_rows):
                 scores = scenario.objective.scores(self.chosen[scored_rows, : scenario.width])
                 for figure, value in zip(self.scores, scores, strict=True):
                     figure[scored_rows] = value
 
-    def _enter(self, scenarios: Mapping[int, Scenario]) -> None:
-        """Take over the scenarios of some rows, and group all rows by scenario."""
+    def _set_scenarios(self, scenarios: Mapping[int, Scenario]) -> None:
+        """Take over new scenarios by row, and group all rows by scenario."""
         changed = {
             row: scenario
             for row, scenario in scenarios.items()
@@ -238,43 +270,51 @@ class State:
             self._fidelity[row] = objective.fidelity
             self._constants[row] = scenario.constants
             self._weights[:, row] = objective.weights.comm, objective.weights.price
-        members: dict[Scenario, list[int]] = {}
-        for row, entered in enumerate(self.scenarios):
-            if entered is not None:
-                members.setdefault(entered, []).append(row)
+        rows_by_scenario: dict[Scenario, list[int]] = {}
+        for row, row_scenario in enumerate(self.scenarios):
+            if row_scenario is not None:
+                rows_by_scenario.setdefault(row_scenario, []).append(row)
         self.ready = None not in self.scenarios
-        is_single = len(members) == 1 and self.ready
+        # a slice of all rows makes views instead of copies
+        is_single = len(rows_by_scenario) == 1 and self.ready
         self.groups = [
-            (group_scenario, slice(None) if is_single else np.array(rows))
-            for group_scenario, rows in members.items()
+            (scenario, slice(None) if is_single else np.array(rows))
+            for scenario, rows in rows_by_scenario.items()
         ]
 
-    def _find_allowed(self) -> None:
-        """Find the candidates that may join: not failed, with room on their mount and its link."""
+    def _update_allowed(self) -> None:
+        """Update `allowed`: candidates that work and have room on their mount and its link.
+
+        None may join a set that has used up its budget. If sensors are moved, nothing changes."""
         if self.fixed:
             return
         allowed = ~self.failed
         for scenario, rows in self.groups:
             allowed[rows] &= find_room(scenario, self.chosen[rows])
-        self.allowed = allowed & (self.chosen.sum(axis=1) < self.budget)[:, None]
+        has_budget = self.chosen.sum(axis=1) < self.budget
+        self.allowed = allowed & has_budget[:, None]
 
 
 def find_room(
     scenario: Scenario, chosen: Bool[np.ndarray, "n slots"]
 ) -> Bool[np.ndarray, "n slots"]:
-    """Mask of candidates that may join each of n sets: their links and mounts have room."""
+    """Mask of candidates that may join each of n sets: their links and mounts have room.
+
+    chosen: sets over all slots of the scenario."""
     objective = scenario.objective
-    width = scenario.width
+    width = scenario.width  # the slots from here on are empty
     has_room = scenario.usable & ~chosen
     candidates = objective.candidates
     loads = objective.shared_links
-    if loads is not None:
+    if loads is not None:  # sensors on one mount share its link
         has_room[:, :width] &= room_beside(candidates, chosen[:, :width], loads)
         return has_room
-    count = np.zeros((len(chosen), len(candidates.mounts)), np.int64)
+    # number of sensors on each mount in each set
+    sensor_count = np.zeros((len(chosen), len(candidates.mounts)), np.int64)
     row, slot = chosen[:, :width].nonzero()
-    np.add.at(count, (row, candidates.mount[slot]), 1)
-    has_room[:, :width] &= (count < candidates.places)[:, candidates.mount]
+    np.add.at(sensor_count, (row, candidates.mount[slot]), 1)
+    has_place = sensor_count < candidates.places
+    has_room[:, :width] &= has_place[:, candidates.mount]
     return has_room
 
 
@@ -283,10 +323,13 @@ def coverage_gain(
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
     """Number of places that each of n sets sees, and the number that each candidate would add.
 
-    seen: places that each candidate sees, 64 in a word, a bit each.
+    seen: places that each candidate sees, 64 in a word (uint64), a bit each.
     """
-    covered = np.zeros((len(chosen), len(seen)), np.uint64)
+    covered = np.zeros((len(chosen), len(seen)), np.uint64)  # sets × words
     row, slot = chosen.nonzero()
     np.bitwise_or.at(covered, row, seen.T[slot])
-    added = np.add.reduce(np.bitwise_count(seen & ~covered[:, :, None]), axis=1, dtype=np.int16)
-    return np.bitwise_count(covered).sum(axis=1, dtype=np.int64), added
+    new_places = seen & ~covered[:, :, None]  # sets × words × slots
+    # int16 holds `MAX_PLACES`
+    added_counts = np.add.reduce(np.bitwise_count(new_places), axis=1, dtype=np.int16)
+    covered_counts = np.bitwise_count(covered).sum(axis=1, dtype=np.int64)
+    return covered_counts, added_counts

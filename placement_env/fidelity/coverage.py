@@ -6,7 +6,8 @@ The AP of a detector is not submodular, nor is the worst of several classes."""
 
 import numpy as np
 
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import MemberSums, Sets

@@ -25,7 +25,8 @@ from typing import NamedTuple, Protocol, cast, runtime_checkable
 import numpy as np
 
 from placement_env.checks import check_iou
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.traffic import scored
 from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import Sets

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from placement_env.candidates.candidates import Candidates, own_and_random, random_sets
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import NUMBERS, RANGES, HitModel, build_domain
 from placement_env.fidelity.renders import Renders

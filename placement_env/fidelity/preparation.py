@@ -9,7 +9,7 @@ import numpy as np
 
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES, Cases
-from placement_env.classes import VEHICLES
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.cases_fidelity import ProfileFidelities, over_cases
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.coverage import SentData
 from placement_env.fidelity.hit_model import HitModel, shipped_model
 from placement_env.fidelity.visibility import Visibility, of_frames

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.detector import IOUS, Detected, Measured
 from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import Sets, all_subsets

@@ -57,7 +57,7 @@ def vectorize(
 
     Raises ValueError for `augment` with any other environment than coview's.
     """
-    # neither wrapped nor inherited from
+    # one of ours itself: a wrapper or subclass may have other rules
     is_native = type(first) in (SensorSelectEnv, SensorSubsetEnv, SensorPoseEnv)
     if is_native and isinstance(first, PlacementEnv):
         return SB3VecEnv(PlacementVectorEnv(n, first.task), augment=augment)
@@ -66,8 +66,9 @@ def vectorize(
             f"only junctions of our own environments can be augmented, got {first}: leave augment "
             "out"
         )
-    further = [lambda: Monitor(make_env())] * (n - 1)  # each call makes a new environment
-    return DummyVecEnv([lambda: Monitor(first), *further])
+    # DummyVecEnv takes functions; each call of the second one makes a new environment
+    other_makers = [lambda: Monitor(make_env())] * (n - 1)
+    return DummyVecEnv([lambda: Monitor(first), *other_makers])
 
 
 class SB3VecEnv(VecEnv):
@@ -79,13 +80,17 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, vector: PlacementVectorEnv, *, augment: bool = False) -> None:
+        """Adapt a vector environment.
+
+        augment: whether agents see each episode's junction rotated and mirrored at random."""
         self.vector = vector
         self._augment = augment
         super().__init__(
             vector.num_envs, vector.single_observation_space, vector.single_action_space
         )
-        self._returns = np.zeros(self.num_envs)
-        self._lengths = np.zeros(self.num_envs, np.int64)
+        self._returns = np.zeros(self.num_envs)  # sum of the rewards of each running episode
+        self._lengths = np.zeros(self.num_envs, np.int64)  # steps of each running episode
+        # matrix that turns and mirrors the plane in each episode; used with `augment` only
         self._rotations = np.zeros((self.num_envs, 2, 2), np.float32)
 
     def reset(self) -> np.ndarray:
@@ -108,8 +113,8 @@ class SB3VecEnv(VecEnv):
             )
         self._reset_seeds()
         self._reset_options()
-        self._start(np.ones(self.num_envs, np.bool_))
-        return self._as_seen(observations)
+        self._begin_episodes(np.ones(self.num_envs, np.bool_))
+        return self._rotate(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions until `step_wait`."""
@@ -121,40 +126,43 @@ class SB3VecEnv(VecEnv):
         The observation of an ended episode is the first of the next one; its last is in the info.
         """
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
-        observations = self._as_seen(observations)
+        observations = self._rotate(observations)
         self._returns += rewards
         self._lengths += 1
         ended = terminated | truncated
         infos: list[Info] = [{} for _ in range(self.num_envs)]
         for row in np.flatnonzero(ended).tolist():
             infos[row] = {
+                # return and length of the episode, as `Monitor` names them
                 "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row])},
                 "subset": info["subset"][row],
                 "TimeLimit.truncated": bool(truncated[row]),
                 "terminal_observation": observations[row],
             }
         if ended.any():
-            self._start(ended)
-            observations = self._as_seen(self.vector.reset(options={"reset_mask": ended})[0])
+            self._begin_episodes(ended)
+            first_observations, _ = self.vector.reset(options={"reset_mask": ended})
+            observations = self._rotate(first_observations)  # running episodes keep theirs
         return observations, rewards, ended, infos
 
-    def _start(self, rows: np.ndarray) -> None:
-        # rows: True for episodes that begin; each draws a new rotation if junctions are augmented
-        self._returns[rows] = 0.0
-        self._lengths[rows] = 0
+    def _begin_episodes(self, is_new: np.ndarray) -> None:
+        # is_new: True for episodes that begin; each draws a new rotation if junctions are augmented
+        self._returns[is_new] = 0.0
+        self._lengths[is_new] = 0
         if self._augment:
-            self._rotations[rows] = rotations(self._rng, int(rows.sum()))
+            self._rotations[is_new] = rotations(self._rng, int(is_new.sum()))
 
-    def _as_seen(self, observations: np.ndarray) -> np.ndarray:
-        # observations with each episode's junction rotated, as a copy
+    def _rotate(self, observations: np.ndarray) -> np.ndarray:
+        """Copy of observations with each junction rotated; the observations without `augment`."""
         if not self._augment:
             return observations
-        seen = observations.copy()
-        # a view of `seen` with the axes episode, feature, slot
-        features = seen[:, : -len(GLOBAL)].reshape(self.num_envs, -1, self.vector.task.state.slots)
-        for first in (X_FEATURE, HEADING_FEATURE):
+        rotated = observations.copy()
+        slots = self.vector.task.state.slots
+        # a view of `rotated` with the axes episode, feature, slot
+        features = rotated[:, : -len(GLOBAL)].reshape(self.num_envs, -1, slots)
+        for first in (X_FEATURE, HEADING_FEATURE):  # x and y, cosine and sine of the heading
             features[:, first : first + 2] = self._rotations @ features[:, first : first + 2]
-        return seen
+        return rotated
 
     def close(self) -> None:
         """Close the vector environment."""
@@ -191,7 +199,11 @@ class SB3VecEnv(VecEnv):
 
 
 def rotations(rng: Rng, n: int) -> Float32[np.ndarray, "n 2 2"]:
-    """Draw n rotations of the plane by multiples of 90°, about half of them mirrored."""
-    cosine, sine = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[rng.integers(0, 4, n)].T
-    side = rng.choice([-1, 1], n)
-    return np.array([[cosine, -sine * side], [sine, cosine * side]], np.float32).transpose(2, 0, 1)
+    """Draw n rotations of the plane by multiples of 90°, about half of them mirrored.
+
+    They are matrices that multiply column vectors (x, y)."""
+    quarter_turns = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])  # cosine and sine of each
+    cosine, sine = quarter_turns[rng.integers(0, 4, n)].T
+    side = rng.choice([-1, 1], n)  # -1 mirrors y before the rotation
+    matrices = np.array([[cosine, -sine * side], [sine, cosine * side]], np.float32)
+    return matrices.transpose(2, 0, 1)  # from (2, 2, n)

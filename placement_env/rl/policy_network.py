@@ -25,14 +25,18 @@ class CandidateNetwork(nn.Module):
     """
 
     def __init__(self, slots: int, width: int) -> None:
+        """Make the layers. slots: candidates of an observation; width: units of each layer."""
         super().__init__()
-        # names that Stable-Baselines3 requires
+        # Stable-Baselines3 requires these two names: number of actions, and of value features
         self.latent_dim_pi = slots + 1
         self.latent_dim_vf = width
+        # first layer, from the features of one candidate and the global features
         self.of_each = nn.Linear(FEATURES, width)
         self.of_whole = nn.Linear(len(GLOBAL), width, bias=False)
+        # second layer, from one candidate's outputs, and from the mean and maximum over all
         self.inner = nn.Linear(width, width)
         self.pooled = nn.Linear(2 * width, width, bias=False)
+        # outputs: logits of placing a candidate and of stopping, and features of the value
         self.place = nn.Linear(width, 1)
         self.stop = nn.Linear(width, 1)
         self.value = nn.Linear(width, width)
@@ -42,18 +46,19 @@ class CandidateNetwork(nn.Module):
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Logits (n, slots + 1) and value features (n, width) of observations (n, size).
 
-        The last logit is for stopping. An observation holds one row of slots for each of `FEATURES`
-        features, then the global features."""
-        distinct_rows, row_numbers = distinct(observations)
-        slot_features = distinct_rows[:, : -len(GLOBAL)]
+        A logit is for placing the candidate of each slot, the last one for stopping. An observation
+        holds one row of slots for each of `FEATURES` features, then the global features."""
+        distinct_rows, row_indices = distinct(observations)  # equal rows are computed once
+        flat_features = distinct_rows[:, : -len(GLOBAL)]
         global_features = distinct_rows[:, -len(GLOBAL) :]
         # axes: row, slot, feature
-        slot_features = slot_features.reshape(len(distinct_rows), FEATURES, -1).transpose(1, 2)
+        slot_features = flat_features.reshape(len(distinct_rows), FEATURES, -1).transpose(1, 2)
         hidden = torch.relu(self.of_each(slot_features) + self.of_whole(global_features)[:, None])
-        pooled = self.pooled(torch.cat([hidden.mean(1), hidden.max(1).values], 1))
-        placing = self.place(torch.relu(self.inner(hidden) + pooled[:, None]))[..., 0]
-        logits = torch.cat([placing, self.stop(torch.relu(pooled))], 1)
-        return logits[row_numbers], torch.relu(self.value(pooled))[row_numbers]
+        # mean and maximum over the slots describe the junction as a whole
+        whole = self.pooled(torch.cat([hidden.mean(1), hidden.max(1).values], 1))
+        place_logits = self.place(torch.relu(self.inner(hidden) + whole[:, None]))[..., 0]
+        logits = torch.cat([place_logits, self.stop(torch.relu(whole))], 1)
+        return logits[row_indices], torch.relu(self.value(whole))[row_indices]
 
     def forward_actor(self, observations: Tensor) -> Tensor:
         """Logits (n, slots + 1) only."""
@@ -65,23 +70,31 @@ class CandidateNetwork(nn.Module):
 
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Distinct rows of (n, k) in the order of their first appearance, and the index of each row.
+    """Distinct rows of an array (n, k), and for each of the n rows its index among them.
 
-    All episodes of a junction start with the same observation, so many rows are equal and are
-    computed once: `distinct_rows[indices]` are the rows again.
+    Distinct rows are in the order of their first appearance; `distinct_rows[indices]` are the rows
+    again. All episodes of a junction start with the same observation, so many rows are equal.
     """
-    row_of_bytes: dict[bytes, int] = {}
-    numbers = [row_of_bytes.setdefault(row.tobytes(), len(row_of_bytes)) for row in rows.numpy()]
-    _, first_rows = np.unique(numbers, return_index=True)
-    return rows[first_rows], torch.tensor(numbers)
+    index_by_bytes: dict[bytes, int] = {}
+    indices = [
+        # a new row gets the next index
+        index_by_bytes.setdefault(row.tobytes(), len(index_by_bytes))
+        for row in rows.numpy()
+    ]
+    _, first_rows = np.unique(indices, return_index=True)
+    return rows[first_rows], torch.tensor(indices)
 
 
 class CandidatePolicy(MaskableActorCriticPolicy):
     """sb3-contrib's policy with a `CandidateNetwork`, whose width is the first of `net_arch`."""
 
     def _build(self, lr_schedule: Schedule) -> None:
-        self.mlp_extractor = CandidateNetwork(int(self.action_space.n) - 1, self.net_arch[0])  # type: ignore
-        self.action_net = nn.Identity()
+        """Make networks and optimiser, as Stable-Baselines3 requires of a policy.
+
+        One action is to stop, and the others place the candidate of a slot."""
+        slots = int(self.action_space.n) - 1  # type: ignore[attr-defined]
+        self.mlp_extractor = CandidateNetwork(slots, self.net_arch[0])  # type: ignore
+        self.action_net = nn.Identity()  # the network gives logits already
         self.value_net = nn.Linear(self.mlp_extractor.latent_dim_vf, 1)
         self.optimizer = self.optimizer_class(
             self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs

@@ -8,7 +8,7 @@ Checkpoints hold only tensors and numbers.
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,9 @@ from placement_env.envs.env import AnyEnv, PlacementEnv
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import Info
 from placement_env.objective import Objective, Score
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.rl.learning import Learning
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result
 from toolkit.sensors.sensor import Sensor
@@ -35,42 +37,9 @@ DEFAULT_STEPS = 50_000  # that `search` trains without a limit
 POLICY_EPISODES = 20  # episodes of the trained policy in a search
 ROUND_UPDATES = 4  # updates in a round
 MAX_KEPT_ROUNDS = 1000  # whose search states are kept; a policy is kept far more often
-
-
-@dataclass(frozen=True)
-class Learning:
-    """Settings of a training with PPO (Schulman et al. 2017). Episodes are short, so without
-    discount.
-
-    Attributes:
-        envs: Environments that are stepped together.
-        rollout: Steps of each environment between updates.
-        batch: Size of a minibatch.
-        epochs: Passes over the steps of an update.
-        learning_rate: Learning rate.
-        entropy: Weight of the entropy.
-        discount: Discount of rewards.
-        width: Width of the two hidden layers, or of `policy_network` if candidates are chosen one
-            after another.
-        augment: Whether junctions are rotated and mirrored at random in every episode, so that a
-            policy for several memorises less of them (only coview's environments).
-        checkpoint_s: Seconds between checkpoints.
-    """
-
-    envs: int = 16
-    rollout: int = 16
-    batch: int = 64
-    epochs: int = 2
-    learning_rate: float = 2e-3
-    entropy: float = 0.01
-    discount: float = 1.0
-    width: int = 32
-    augment: bool = False
-    checkpoint_s: float = field(default=60.0, repr=False, compare=False)
-
-
-PLAIN = Learning()
-EXPLORING = Learning(entropy=0.3)  # a search keeps its best set, so it may explore more
+USUAL_LEARNING = Learning()
+# for a search, which keeps its best set and so may explore more
+EXPLORING_LEARNING = Learning(entropy=0.3)
 
 
 def _check_poles(objective: Objective) -> None:
@@ -88,7 +57,7 @@ def search(
     seed: int = 0,
     seconds: float | None = None,
     evaluations: int | None = None,
-    learning: Learning = EXPLORING,
+    learning: Learning = EXPLORING_LEARNING,
     checkpoint: Checkpoint = NOWHERE,
 ) -> Result:
     """Best set that MaskablePPO meets while training on this objective, or in episodes after that.
@@ -109,67 +78,100 @@ def search(
     """
     _check_poles(objective)
     steps = DEFAULT_STEPS if seconds is None and evaluations is None else evaluations
-    limits = Limits(seconds, evaluations)
-    best = 0.0
-    chosen = np.zeros(len(objective.candidates), np.bool_)  # the best set, of reward `best`
+    episodes = _BestEpisode(objective, Limits(seconds, evaluations))
+    limits = episodes.limits
 
     def make_env() -> SensorSelectEnv:
         return SensorSelectEnv(objective=objective, budget=budget)
 
-    def watch(infos: list[Info]) -> None:
-        nonlocal best, chosen
-        # the return of an episode is the reward of its final set
-        limits.count += len(infos)
-        for info in infos:
-            if "episode" in info and info["episode"]["r"] > best:
-                best = info["episode"]["r"]
-                chosen = info["subset"]
-                limits.record(best)
-
     with TemporaryDirectory() as temporary:
         folder = checkpoint.place("policy") or Path(temporary)
-        rounds = [] if (saved := checkpoint.load()) is None else saved["rounds"]
-        if (restored := restore_rounds(folder, rounds)) is not None:
-            limits.resume(restored["limits"])
-            best = float(restored["best"])
-            chosen = objective.row(restored["chosen"])
+        saved = checkpoint.load()
+        rounds = [] if saved is None else saved["rounds"]
+        restored = restore_rounds(folder, rounds)
+        if restored is not None:
+            episodes.resume(restored)
 
-        def note(done: int, _: float) -> None:
+        def save_round(done: int, _: float) -> None:
             # adds the state after a round; the kept policy may be of an earlier one
-            state = {
-                "limits": limits.state(),
-                "best": best,
-                "chosen": np.flatnonzero(chosen).tolist(),
-            }
-            rounds.append([done, state])
+            rounds.append([done, episodes.state()])
             checkpoint.save({"rounds": rounds[-MAX_KEPT_ROUNDS:]})
 
         remaining_s = None if seconds is None else max(0.0, seconds - limits.elapsed)
-        frequent = replace(learning, checkpoint_s=checkpoint.every)
         policy = train_policy(
             make_env,
             folder,
             steps=steps,
             seconds=remaining_s,
             seed=seed,
-            learning=frequent,
-            watch=watch,
-            progress=note,
+            learning=replace(learning, checkpoint_s=checkpoint.every),
+            watch=episodes.watch,
+            progress=save_round,
         )
     rolled_out = rollout(policy, make_env(), episodes=POLICY_EPISODES, seed=seed)
     limits.count += rolled_out.evaluations
-    trained = objective.score(np.flatnonzero(chosen))
-    best_score = rolled_out.best if rolled_out.best.reward > trained.reward else trained
-    note_text = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
-    return _build_result(objective, best_score, limits, note_text)
+    trained_score = objective.score(np.flatnonzero(episodes.subset))
+    is_better = rolled_out.best.reward > trained_score.reward
+    best_score = rolled_out.best if is_better else trained_score
+    note = f"the trained policy reaches {rolled_out.best.reward:.4f} by itself"
+    return _build_result(objective, best_score, limits, note)
+
+
+class _BestEpisode:
+    """Best set that episodes of a training end with, and the limits and history of the search.
+
+    Attributes:
+        limits: Steps done, time and improvements so far.
+        reward: Reward of the best set; 0, as of the empty set, before a better one.
+        subset: Best set, as a row of booleans.
+    """
+
+    def __init__(self, objective: Objective, limits: Limits) -> None:
+        self._objective = objective
+        self.limits = limits
+        self.reward = 0.0
+        self.subset = np.zeros(len(objective.candidates), np.bool_)
+
+    def watch(self, infos: list[Info]) -> None:
+        """Count a step of each environment, and keep the set of an ended episode if it is the best.
+
+        infos: info of each environment after the step, with "episode" if its episode ended."""
+        self.limits.count += len(infos)
+        for info in infos:
+            # "r", the return of an episode, is the reward of its final set
+            if "episode" in info and info["episode"]["r"] > self.reward:
+                self.reward = info["episode"]["r"]
+                self.subset = info["subset"]
+                self.limits.record(self.reward)
+
+    def state(self) -> KeptState:
+        """JSON values for a checkpoint, from which `resume` continues."""
+        return {
+            "limits": self.limits.state(),
+            "best": self.reward,
+            "chosen": np.flatnonzero(self.subset).tolist(),
+        }
+
+    def resume(self, state: KeptState) -> None:
+        """Resume from the values that `state` returned in an earlier run."""
+        self.limits.resume(state["limits"])
+        self.reward = float(state["best"])
+        self.subset = self._objective.row(state["chosen"])
 
 
 def _build_result(objective: Objective, best: Score, limits: Limits, note: str) -> Result:
-    """Return the result of `search` for the best set. note: sentence on what the policy reaches."""
-    certificate = Certificate("none", best.reward, note=note)
-    origin = objective.describe_origin(best.subset)
-    history = limits.history(best.reward)
-    return Result("policy", best, history, certificate, limits.count, limits.elapsed, origin=origin)
+    """Return the result of `search` for the best set.
+
+    limits: steps, time and history of the search; note: sentence on what the policy reaches."""
+    return Result(
+        method="policy",
+        best=best,
+        history=limits.history(best.reward),
+        certificate=Certificate("none", best.reward, note=note),
+        evaluations=limits.count,
+        seconds=limits.elapsed,
+        origin=objective.describe_origin(best.subset),
+    )
 
 
 def train_policy(
@@ -179,7 +181,7 @@ def train_policy(
     steps: int | None = None,
     seconds: float | None = None,
     seed: int = 0,
-    learning: Learning = PLAIN,
+    learning: Learning = USUAL_LEARNING,
     progress: Callable[[int, float], None] | None = None,
     watch: Watch | None = None,
 ) -> "OnPolicyAlgorithm":
@@ -208,7 +210,8 @@ def train_policy(
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
     out.mkdir(parents=True, exist_ok=True)
-    model, identity = _model(make_env, learning, seed)
+    # identity: settings that a resumed training must share
+    model, identity = _build_model(make_env, learning, seed)
     if (out / POLICY_FILE).exists():
         state = read_checkpoint(out / POLICY_FILE, identity=identity)
         model.policy.load_state_dict(state["policy"])
@@ -229,15 +232,16 @@ def train_policy(
         save_atomically(out / POLICY_FILE, {**identity, **state})
 
     began = saved = time.monotonic()
-    per_round = ROUND_UPDATES * learning.envs * learning.rollout
+    round_steps = ROUND_UPDATES * learning.envs * learning.rollout
     while model.num_timesteps < (np.inf if steps is None else steps):
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
-        number = model.num_timesteps // per_round  # seeds every generator and environment
-        # `>> 1` leaves 31 of 32 bits: a seed that fits a signed number
-        model.set_random_seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0] >> 1))
+        round_number = model.num_timesteps // round_steps
+        # seeds every generator and environment; `>> 1` leaves 31 of 32 bits, which fit a signed int
+        round_seed = np.random.SeedSequence([seed, round_number]).generate_state(1)[0] >> 1
+        model.set_random_seed(int(round_seed))
         model.set_env(model.get_env(), force_reset=True)  # type: ignore[arg-type]
-        model.learn(per_round, callback=callback, reset_num_timesteps=False)
+        model.learn(round_steps, callback=callback, reset_num_timesteps=False)
         if progress:
             returns = [episode["r"] for episode in model.ep_info_buffer or ()]
             progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
@@ -251,18 +255,21 @@ def train_policy(
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:
     """State of a search after the round of the kept policy, None to begin from the start.
 
-    Later rounds are dropped from `rounds`, which changes. Without a state for the policy's round,
-    all rounds and the policy are removed, because one is of no use without the other.
+    Later rounds are dropped from `rounds` in place. Without a state for the policy's round, all
+    rounds and the policy are removed, because one is of no use without the other.
 
-    folder: folder of `POLICY_FILE`; rounds: steps done and state after each round.
+    folder: folder of `POLICY_FILE`; rounds: a pair [steps done, state] after each round, the
+    earliest first.
     """
     from models.weight_files import read_checkpoint
 
     path = folder / POLICY_FILE
-    steps = read_checkpoint(path)["steps"] if path.exists() else 0
-    rounds[:] = [row for row in rounds if row[0] <= steps]
-    if rounds and rounds[-1][0] == steps:
-        return dict(rounds[-1][1])
+    policy_steps = read_checkpoint(path)["steps"] if path.exists() else 0
+    rounds[:] = [[steps, state] for steps, state in rounds if steps <= policy_steps]
+    if rounds:
+        last_steps, last_state = rounds[-1]
+        if last_steps == policy_steps:
+            return dict(last_state)
     rounds.clear()
     path.unlink(missing_ok=True)
     return None
@@ -300,7 +307,7 @@ def rollout(
             action, _ = policy.predict(observation, deterministic=episode == 0, **mask)
             observation, _, terminated, truncated, info = env.step(action)
             limits.count += 1
-            score = _score(info)
+            score = _read_score(info)
             if best is None or score.reward > best.reward:
                 best = score
                 limits.record(best.reward)
@@ -312,26 +319,34 @@ def rollout(
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     certificate = Certificate("none", best.reward, note="a policy promises nothing")
     return Result(
-        "policy",
-        best,
-        limits.history(best.reward),
-        certificate,
-        limits.count,
-        limits.elapsed,
+        method="policy",
+        best=best,
+        history=limits.history(best.reward),
+        certificate=certificate,
+        evaluations=limits.count,
+        seconds=limits.elapsed,
         sensors=sensors,
     )
 
 
-def _score(info: Info) -> Score:
-    # score of the set after a step, from its info; `subset` holds booleans or indices
+def _read_score(info: Info) -> Score:
+    """Score of the set after a step of an environment, from the info of the step."""
     terms = {name: float(term) for name, term in info["reward_terms"].items()}
     subset = np.asarray(info["subset"])
+    # some environments give a row of booleans, others indices
     members = np.flatnonzero(subset) if subset.dtype == bool else subset
-    figures: dict[str, Any] = {
-        n: float(info[n]) for n in ("ap", "recall", "kbit_per_sensor", "kbit", "price")
-    }
-    figures |= {"fidelity": str(info["fidelity"]), "cache_hit": bool(info["cache_hit"])}
-    return Score(tuple(members.tolist()), reward=sum(terms.values()), terms=terms, **figures)
+    return Score(
+        subset=tuple(members.tolist()),
+        ap=float(info["ap"]),
+        recall=float(info["recall"]),
+        kbit_per_sensor=float(info["kbit_per_sensor"]),
+        kbit=float(info["kbit"]),
+        price=float(info["price"]),
+        reward=sum(terms.values()),
+        terms=terms,
+        fidelity=str(info["fidelity"]),
+        cache_hit=bool(info["cache_hit"]),
+    )
 
 
 def _has_masks(env: AnyEnv) -> bool:
@@ -342,7 +357,7 @@ def _has_masks(env: AnyEnv) -> bool:
     return is_discrete and env.has_wrapper_attr("action_masks")
 
 
-def _model(
+def _build_model(
     make_env: Callable[[], AnyEnv], learning: Learning, seed: int
 ) -> "tuple[OnPolicyAlgorithm, Mapping[str, object]]":
     """Untrained model, and the settings that two trainings must share to be the same.

@@ -87,7 +87,7 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
         )
     objective = answer.objective
     members = answer.chosen
-    base_site = answer.objective.setting.place
+    base_site = objective.setting.place
     candidates = objective.candidates
     summary = json.dumps(answer.summary, indent=1, allow_nan=False, ensure_ascii=False)
     if order.curve:
@@ -107,6 +107,7 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
                     mounted_site(base_site, candidates, point.subset), unfinished / _site_file(n)
                 )
         return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
+    # sensors that the search moved to other poses, in place of the candidates
     moved = () if answer.result is None else answer.result.sensors
     site = mounted_site(base_site, candidates, members, moved)
     kbit = kbit_per_frame(objective, members, moved)
@@ -123,12 +124,13 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
 def kbit_per_frame(
     objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
-    """kbit that each sensor of a set sends per frame of the objective's traffic.
+    """Data (kbit) that each sensor of a set sends in each frame of the objective's traffic.
 
     If the scheme sends boxes, a sensor is assumed to send one for each object that it sees with
     `LEAST` points. Raises ValueError for an objective without a site.
 
-    members: indices of the candidates; moved: the sensors in new poses, in place of the members'.
+    members: indices of the candidates; moved: the set's sensors if a search moved them to other
+    poses, empty if they stay.
     """
     preparation = objective.preparation
     if preparation is None:
@@ -150,8 +152,10 @@ def kbit_per_frame(
 def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str = "") -> str:
     """Table of a budget curve as text of a CSV file, with one line per set.
 
-    `money` is empty if the curve is over numbers of sensors. If there are several error profiles,
-    `CURVE_COLUMNS` are followed by AP, low and high of each."""
+    Columns are `CURVE_COLUMNS`; if there are several error profiles, AP, low and high of each
+    follow. `money` is empty if the curve is over numbers of sensors.
+
+    points: one for each line; currency: unit of prices, "" for prices of one ordinary pole."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n")
     header = list(CURVE_COLUMNS)
@@ -159,7 +163,7 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
         header += [safe_cell(f"{figure}_{profile.name}") for figure in ("ap", "low", "high")]
     writer.writerow(header)
     for n, point in enumerate(points):
-        row: list[object] = [
+        row: list[object] = [  # in the order of `CURVE_COLUMNS`
             point.sensors,
             "" if math.isinf(point.money) else f"{point.money:.10g}",
             f"{point.price:.10g}",
@@ -186,6 +190,7 @@ def _figure_cell(figure: float) -> str:
 
 
 def _site_file(n: int) -> str:
+    # name of the file of the site with the n-th set of a curve, n from 0
     return f"site_{n + 1}.json"
 
 

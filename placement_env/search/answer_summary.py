@@ -67,9 +67,11 @@ def report_result(objective: Objective, result: Result) -> tuple[Summary, list[s
     lines += [f"  {line}" for line in mounted]
     prefix = ""
     if assessment is not None:
+        # `curse`: by how much the search overrates the AP
         figures = asdict(assessment) | {"curse": assessment.curse}
         for row, contender in zip(figures["contenders"], assessment.contenders, strict=True):
-            row |= {"sensors": list_names(objective, contender.subset), "curse": contender.curse}
+            row["sensors"] = list_names(objective, contender.subset)
+            row["curse"] = contender.curse
         summary["assessment"] = figures
         lines += describe_assessment(assessment)
         prefix = "estimate of the search: "
@@ -95,10 +97,10 @@ def report_curve(
     }
     if not points:
         return Answer(
-            objective,
-            replace_infinite(summary),
-            (f"no sensors: {describe_empty(objective)}",),
-            False,
+            objective=objective,
+            summary=replace_infinite(summary),
+            lines=(f"no sensors: {describe_empty(objective)}",),
+            met=False,
         )
     budgets = (
         "of each number of sensors"
@@ -119,7 +121,13 @@ def report_curve(
         if point.by_errors:
             profiles = describe_profiles(point.by_errors, point.objects)
             lines.append(f"    at each error profile: {profiles}")
-    return Answer(objective, replace_infinite(summary), tuple(lines), True, points=points)
+    return Answer(
+        objective=objective,
+        summary=replace_infinite(summary),
+        lines=tuple(lines),
+        met=True,
+        points=points,
+    )
 
 
 def list_names(objective: Objective, subset: Iterable[int]) -> list[str]:
@@ -128,9 +136,10 @@ def list_names(objective: Objective, subset: Iterable[int]) -> list[str]:
 
 
 def state_errors(order: SearchOrder, by_errors: dict[str, float] | None = None) -> Summary:
-    """Error profiles of the detections for JSON, empty if the detector scores nothing.
+    """Error profiles of the sensors for JSON, empty if the detector scores nothing.
 
-    by_errors: AP at each profile by its name, added if there are several."""
+    order: has the profiles; by_errors: AP at each profile by its name, None or empty for a single
+    profile."""
     if not order.detects:
         return {}
     errors: Summary = {"errors": order.setting.cases.errors_origin}

@@ -7,19 +7,15 @@ slow results (visibility, renders, detections) are in the cache.
 """
 
 import json
-import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from toolkit.runtime.cache import code_digest, decode_arrays, encode_arrays, make_key, read_secret
-from toolkit.runtime.resumable import ShardFolder
-from toolkit.runtime.text_values import replace_infinite
+from toolkit.runtime.cache import decode_arrays, encode_arrays, make_key, read_secret
 from toolkit.runtime.writing import write_bytes
 
 SAVE_INTERVAL_S = 10.0  # shortest time between two states of a stage
@@ -44,12 +40,13 @@ class Checkpoint:
         part: str = "search",
         every: float = SAVE_INTERVAL_S,
     ) -> None:
-        self.folder = folder
-        self._depends_on = depends_on
-        self._part = part
-        self.every = every
-        self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"
-        self._saved = time.monotonic()  # time of the last state
+        """Checkpoint of one stage of a search; nothing is read or written yet."""
+        self.folder = folder  # None to keep nothing
+        self._depends_on = depends_on  # digest of question and code
+        self._part = part  # name of the stage
+        self.every = every  # seconds between two states
+        self._path = (folder or Path()) / f"{part}{STATE_SUFFIX}"  # not used without a folder
+        self._saved_at = time.monotonic()  # time of the last state, or the start
 
     @cached_property
     def _key(self) -> bytes:
@@ -74,55 +71,29 @@ class Checkpoint:
         """Last saved state; None if no valid state exists. Its arrays may be changed."""
         if self.folder is None or not self._path.exists():
             return None
-        if not (arrays := decode_arrays(self._key, self._path.read_bytes())):
+        decoded = decode_arrays(self._key, self._path.read_bytes())
+        if not decoded:  # damaged, forged, or with another question or other code
             return None
         # the first array is JSON: names of the other arrays, and all other values
-        names, values = json.loads(arrays[0].tobytes())
-        return values | {name: array.copy() for name, array in zip(names, arrays[1:], strict=True)}
+        head, *arrays = decoded
+        names, values = json.loads(head.tobytes())
+        return values | {name: array.copy() for name, array in zip(names, arrays, strict=True)}
 
     def save(self, state: KeptState) -> None:
-        """Save a state in place of the last one. Raises OSError if it cannot be written."""
+        """Save a state in place of the last one, unless nothing is kept.
+
+        state: JSON values and arrays by name. Raises OSError if it cannot be written."""
         if self.folder is None:
             return
         arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
         values = {name: value for name, value in state.items() if name not in arrays}
         head = np.frombuffer(json.dumps([list(arrays), values]).encode(), np.uint8)
         write_bytes(self._path, encode_arrays(self._key, (head, *arrays.values())))
-        self._saved = time.monotonic()
+        self._saved_at = time.monotonic()
 
     def offer(self, state: Callable[[], KeptState]) -> None:
         """Save what `state` returns, unless one was saved in the last `every` seconds.
 
         `state` is called only if it is saved."""
-        if self.folder is not None and time.monotonic() - self._saved >= self.every:
+        if self.folder is not None and time.monotonic() - self._saved_at >= self.every:
             self.save(state())
-
-
-NOWHERE = Checkpoint(None)
-
-
-def find_unfinished(folder: Path, question: Mapping[str, object]) -> ShardFolder:
-    """Folder of an unfinished search, with its question as JSON values.
-
-    The folder need not exist. The question takes a round through JSON, so that it equals what the
-    folder holds: tuples become lists, for example."""
-    return ShardFolder(folder, json.loads(json.dumps(replace_infinite(dict(question)))))
-
-
-@contextmanager
-def open_checkpoint(
-    folder: Path, question: Mapping[str, object], *, code: str = __name__, overwrite: bool = False
-) -> Iterator[Checkpoint]:
-    """Yield the checkpoint of a search in a separate folder, removed when the block ends normally.
-
-    question: everything that the answer depends on; code: name of the module of the search, whose
-    changed source makes old states void. Raises FileExistsError if the folder holds an unfinished
-    search with another question and may not be overwritten, or if another process is working in it.
-    """
-    shards = find_unfinished(folder, question)
-    with shards.lock():
-        shards.open(overwrite)
-        yield Checkpoint(folder, depends_on=make_key(shards.plan, code_digest(code)))
-        for path in folder.glob(f"*{STATE_SUFFIX}"):
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        shards.remove()

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.objective import Objective, Score
 from placement_env.search import greedy
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights
@@ -83,7 +84,8 @@ def search(
         checkpoint=checkpoint,
     )
     if live is not None and result.sensors:
-        result = settle_by_rays(build_pose_scorer(preparation, objective.weights), start, result)
+        score_by_rays = build_pose_scorer(preparation, objective.weights)
+        result = settle_by_rays(score_by_rays, start, result)
     best = replace(result.best, subset=initial.best.subset)
     certificate = replace(result.certificate, value=best.reward)
     origin = objective.describe_origin(()) | {
@@ -95,15 +97,19 @@ def search(
 
 
 def settle_by_rays(score_poses: PoseScorer, start: Candidates, result: Result) -> Result:
-    """Better one of a result and its start, both scored by `score_poses`.
+    """Result with the moved sensors or with the start's, whichever the exact score prefers.
 
-    score_poses: exact scorer, by rays; start: sensors before they were moved. A moved set that may
-    not be built by the exact score is worse."""
-    before, after = score_poses([start.sensors, result.sensors])
-    if after is None or (before is not None and before.reward >= after.reward):
-        result = replace(result, sensors=start.sensors)
-        after = before
-    return replace(result, best=after or result.best)
+    Args:
+        score_poses: Exact scorer, by rays; None is its score of a set that may not be built.
+        start: Sensors before they were moved.
+        result: Result with the moved sensors, scored in panoramas. Its score stays if neither set
+            may be built."""
+    start_score, moved_score = score_poses([start.sensors, result.sensors])
+    if moved_score is None or (
+        start_score is not None and start_score.reward >= moved_score.reward
+    ):
+        return replace(result, sensors=start.sensors, best=start_score or result.best)
+    return replace(result, best=moved_score)
 
 
 def improve(
@@ -117,15 +123,22 @@ def improve(
 ) -> Result:
     """Turn, tilt and lift the sensors of `start` to raise their score.
 
-    score_poses: scorer of sets of sensors in any poses; start: sensors on separate mounts;
-    checkpoint: keeps the costs of all steps. Without a limit `DEFAULT_VECTORS` are scored. The
-    answer is never worse than the start, which is scored first.
-    When the search has settled, it restarts at the best with twice the population.
-    `Result.best.subset` only counts the sensors. Raises ValueError without a sensor, if two share a
-    mount or if the start may not be built, and ImportError without `cma`.
+    The answer is never worse than the start, which is scored first. When the search has settled, it
+    restarts at the best with twice the population. `Result.best.subset` only counts the sensors.
+
+    Args:
+        score_poses: Scorer of sets of sensors in any poses.
+        start: Sensors to move, on mounts with a place for each.
+        seed: Seed of the drawn vectors.
+        seconds: Limit of the search, None for none.
+        evaluations: Limit on scored sets; None for none, or `DEFAULT_VECTORS` without `seconds`.
+        checkpoint: Keeps the costs of all steps.
+
+    Raises ValueError without a sensor, if a mount has more sensors than places or if the start may
+    not be built, and ImportError without `cma`.
     """
     _check_start(start)
-    cma = _cma()
+    cma = _load_cma()
     has_limit = seconds is not None or evaluations is not None
     limits = Limits(seconds, evaluations if has_limit else DEFAULT_VECTORS)
     rng = np.random.default_rng(seed)
@@ -150,7 +163,13 @@ def improve(
     )
     history = limits.history(score.reward)
     return Result(
-        "CMA-ES", score, history, certificate, limits.count, limits.elapsed, sensors=climb.sensors
+        method="CMA-ES",
+        best=score,
+        history=history,
+        certificate=certificate,
+        evaluations=limits.count,
+        seconds=limits.elapsed,
+        sensors=climb.sensors,
     )
 
 
@@ -184,6 +203,16 @@ class _Climb:
         limits: Limits,
         checkpoint: Checkpoint,
     ) -> None:
+        """Score the sensors at the start, which counts as the first scored set.
+
+        Args:
+            score_poses: Scorer of sets of sensors in any poses.
+            coding: Conversion between sensors and vectors.
+            sensors: Sensors at the start.
+            limits: Limits and history, changed in place.
+            checkpoint: Checkpoint that may hold an interrupted climb.
+
+        Raises ValueError if the sensors may not be built."""
         (score,) = score_poses([sensors])
         if score is None:
             raise ValueError("the sensors to start from may not be built: choose a feasible set")
@@ -197,9 +226,12 @@ class _Climb:
         self._coding = coding
         self._limits = limits
         self._checkpoint = checkpoint
-        self._steps_costs: list[Float64[np.ndarray, " _"]] = []
-        self._saved = saved = checkpoint.load()
-        self._saved_costs = [] if saved is None else np.split(saved["costs"], saved["ends"])[:-1]
+        self._step_costs: list[Float64[np.ndarray, " _"]] = []  # costs of the vectors of each step
+        self._saved = checkpoint.load()  # None when all saved steps are repeated
+        self._saved_costs: list[np.ndarray] = []  # costs of each step to be repeated
+        if self._saved is not None:
+            costs, ends = self._saved["costs"], self._saved["ends"]
+            self._saved_costs = np.split(costs, ends)[:-1]  # nothing is after the last end
 
     @property
     def continues(self) -> bool:
@@ -209,17 +241,19 @@ class _Climb:
     def step(self, strategy: Any) -> None:
         """Score the vectors that the strategy asks for, and keep the best.
 
-        strategy: a `cma.CMAEvolutionStrategy`."""
+        A step that the checkpoint holds takes its costs from there and scores nothing.
+
+        strategy: a `cma.CMAEvolutionStrategy`, which then gets the costs of its vectors."""
         # asked even if costs are saved: the strategy must draw the same random numbers
         vectors = strategy.ask()
         sets = [self._coding.decode(vector) for vector in vectors]
         if self._saved_costs:
             costs = self._saved_costs.pop(0).tolist()
-            scores: Sequence[Score | None] = [None] * len(costs)
+            scores: Sequence[Score | None] = [None] * len(costs)  # unknown, only the costs are kept
         else:
-            room = int(min(len(vectors), self._limits.evaluations - self._limits.count))
-            scores = self._score_poses(sets[:room])
-            self._limits.count += room
+            count = int(min(len(vectors), self._limits.evaluations - self._limits.count))
+            scores = self._score_poses(sets[:count])
+            self._limits.count += count
             costs = [INFEASIBLE_COST if score is None else -score.reward for score in scores]
         best_index = int(np.argmin(costs))
         if -costs[best_index] > self.reward:
@@ -228,13 +262,15 @@ class _Climb:
             self.vector = vectors[best_index]
             self.score = scores[best_index] or self.score
             self._limits.record(self.reward)
-        if len(costs) == len(vectors):
+        if len(costs) == len(vectors):  # fewer if the limit ended the step
             strategy.tell(vectors, costs)
-        self._steps_costs.append(np.array(costs))
-        self._save()
+        self._step_costs.append(np.array(costs))
+        self._save_or_resume()
 
-    def _save(self) -> None:
-        """Offer a state to the checkpoint, or resume limits and score after the last saved step."""
+    def _save_or_resume(self) -> None:
+        """Offer a state to the checkpoint, or resume limits and score after the last saved step.
+
+        While saved steps are still to be repeated, nothing happens."""
         if self._saved is None:
             self._checkpoint.offer(self._state)
         elif not self._saved_costs:  # back at the interruption
@@ -243,8 +279,9 @@ class _Climb:
             self._saved = None
 
     def _state(self) -> KeptState:
-        costs = np.concatenate([*self._steps_costs, np.zeros(0)])
-        ends = np.cumsum([len(step_costs) for step_costs in self._steps_costs]).tolist()
+        """Values for a checkpoint: costs of all steps, and the index at which each step ends."""
+        costs = np.concatenate([*self._step_costs, np.zeros(0)])  # `zeros`: without any step
+        ends = np.cumsum([len(step_costs) for step_costs in self._step_costs]).tolist()
         return {
             "limits": self._limits.state(),
             "score": asdict(self.score),
@@ -266,7 +303,8 @@ def build_pose_scorer(
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # the sensors of all sets become the candidates; each set has a run of them
+        # score of each set, None for a set that may not be built; the sensors of all sets become
+        # the candidates of one objective, set after set
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:
@@ -279,8 +317,8 @@ def build_pose_scorer(
                 run=quiet_run,
             )
         objective = Objective.from_view(preparation, candidates, seen, weights)
-        owner = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
-        subsets = owner == np.arange(len(sets))[:, None]
+        set_of_sensor = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
+        subsets = set_of_sensor == np.arange(len(sets))[:, None]  # sets × candidates
         objective.scores(subsets)  # all sets in one batch; `score` below finds them kept
         rows = zip(subsets, objective.feasible(subsets), strict=True)
         return [
@@ -291,23 +329,38 @@ def build_pose_scorer(
 
 
 def as_candidates(sensors: Sequence[Sensor], pool: Candidates) -> Candidates:
-    """Any sensors as numbered candidates on the mounts with the nearest feet, seen from above.
+    """Candidates made from any sensors, each on the mount whose foot is nearest in the plane.
 
-    Their number precedes their name, because names of candidates must differ. pool: has the mounts.
-    """
-    feet = np.array([mount.position[:2] for mount in pool.mounts])
+    The index of a sensor precedes its name, because names of candidates must differ.
+
+    pool: candidates whose mounts are taken."""
+    feet = np.array([mount.position[:2] for mount in pool.mounts])  # x, y (m)
     spots = np.array([sensor.position[:2] for sensor in sensors])
-    mount = np.linalg.norm(spots[:, None] - feet, axis=2).argmin(axis=1)
+    distances = np.linalg.norm(spots[:, None] - feet, axis=2)  # sensors × mounts
+    mount = distances.argmin(axis=1)  # index of the mount of each sensor
     numbered = [replace(sensor, name=f"{i}_{sensor.name}") for i, sensor in enumerate(sensors)]
-    return Candidates.from_poses(
-        numbered, mount, np.array([angles(sensor) for sensor in sensors]), pool
-    )
+    heights_and_angles = np.array([angles(sensor) for sensor in sensors])
+    return Candidates.from_poses(numbered, mount, heights_and_angles, pool)
 
 
-def angles(sensor: Sensor) -> tuple[float, float, float]:
-    """Height above zero (m), heading and tilt below the horizon (rad) of a sensor."""
+class SensorAngles(NamedTuple):
+    """Height and direction of a sensor.
+
+    Attributes:
+        height: Height above z = 0 (m).
+        heading: Heading from +x (rad).
+        tilt: Tilt below the horizon (rad).
+    """
+
+    height: float
+    heading: float
+    tilt: float
+
+
+def angles(sensor: Sensor) -> SensorAngles:
+    """Height above z = 0, heading and tilt of a sensor."""
     (heading,), (tilt,) = aims([sensor])
-    return float(sensor.position[2]), float(heading), float(tilt)
+    return SensorAngles(float(sensor.position[2]), float(heading), float(tilt))
 
 
 class Coding:
@@ -328,31 +381,34 @@ class Coding:
         self.heights = np.array([[mount.min_height, mount.max_height] for mount in start.mounts])
 
     def encode(self) -> Float64[np.ndarray, " n"]:
-        """Vector of the start, with values outside the ranges moved to their ends."""
-        foot_height = self.feet[self.start.mount][:, 2]
+        """Vector of the start: lift, turn and tilt of each sensor, clipped to 0 to 1.
+
+        Turns are 0, as they count from the headings of the start."""
+        foot_z = self.feet[self.start.mount][:, 2]
         low, high = self.heights[self.start.mount].T
-        poses = np.array([angles(sensor) for sensor in self.start.sensors])
-        height = poses[:, 0]
-        tilt = poses[:, 2]
-        lift = (height - foot_height - low) / np.maximum(high - low, 1e-9)
-        columns = [
-            lift,
-            np.zeros(len(lift)),
-            (tilt - TILT_RANGE_RAD[0]) / (TILT_RANGE_RAD[1] - TILT_RANGE_RAD[0]),
-        ]
-        return np.clip(np.stack(columns, axis=1), 0.0, 1.0).ravel()
+        poses = [angles(sensor) for sensor in self.start.sensors]
+        height = np.array([pose.height for pose in poses])
+        tilt_rad = np.array([pose.tilt for pose in poses])
+        min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD
+        # 1e-9: no division by 0 for a mount with a single height
+        lift = (height - foot_z - low) / np.maximum(high - low, 1e-9)
+        turn = np.zeros(len(lift))
+        tilt = (tilt_rad - min_tilt_rad) / (max_tilt_rad - min_tilt_rad)
+        return np.clip(np.stack([lift, turn, tilt], axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
         """Sensors in the poses of a vector, in the order of the start."""
         sensors = []
-        rows = vector.reshape(len(self.start), -1)
+        rows = vector.reshape(len(self.start), -1)  # lift, turn and tilt of each sensor
+        min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD
         for n, sensor in enumerate(self.start.sensors):
-            mount = self.start.mount[n]
+            mount = self.start.mount[n]  # index
             lift, turn, tilt = rows[n]
             low, high = self.heights[mount]
-            position = self.feet[mount] + [0.0, 0.0, low + lift * (high - low)]
-            heading = float(angles(sensor)[1] + np.pi * turn)
-            tilt_rad = float(TILT_RANGE_RAD[0] + tilt * (TILT_RANGE_RAD[1] - TILT_RANGE_RAD[0]))
+            height = low + lift * (high - low)  # above the foot
+            position = self.feet[mount] + [0.0, 0.0, height]
+            heading = float(angles(sensor).heading + np.pi * turn)
+            tilt_rad = float(min_tilt_rad + tilt * (max_tilt_rad - min_tilt_rad))
             sensors.append(aim_sensor(sensor, position, heading, tilt_rad))
         return tuple(sensors)
 
@@ -362,7 +418,8 @@ class Coding:
         return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 
 
-def _cma() -> ModuleType:
+def _load_cma() -> ModuleType:
+    """Import the package `cma` without its warnings. Raises ImportError if it is missing."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warning about a missing plotting library

@@ -40,14 +40,15 @@ def describe_sensors(
         ]
     else:
         directions = [
+            # the remainder after rounding, so that 359.99 becomes 0.0
             f"bearing {round(bearing_deg(site, heading), 1) % 360:.1f}"
             for heading in headings.tolist()
         ]
     text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, {} tilt {:.1f} degrees"
     rows = zip(names, moved, directions, np.rad2deg(tilts).tolist(), strict=True)
     return [
-        text.format(name, *sensor.position, direction, tilt)
-        for name, sensor, direction, tilt in rows
+        text.format(name, *sensor.position, direction, tilt_deg)
+        for name, sensor, direction, tilt_deg in rows
     ]
 
 
@@ -58,19 +59,20 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
     candidates = objective.candidates
     site = objective.site
     sensors = [candidates.sensors[c] for c in subset]
-    headings, tilts = aims(sensors)
+    headings, tilts = aims(sensors)  # rad
     lines = []
     for k, name in enumerate(set_names(candidates, subset)):
-        foot = candidates.mounts[candidates.mount[subset[k]]].position[2]
-        height = f"{sensors[k].position[2] - foot:.1f} m up"
+        mount = candidates.mounts[candidates.mount[subset[k]]]
+        z = sensors[k].position[2]
+        foot_z = mount.position[2]
+        height = f"{z - foot_z:.1f} m up"
         if site is None:
             facing = f"facing {np.rad2deg(headings[k]):.0f} degrees from +x"
         else:
             facing = f"facing {bearing_deg(site, float(headings[k])):.0f} degrees from north"
         down = f"{np.rad2deg(tilts[k]):.0f} degrees down"
-        lines.append(
-            f"{name}: {name_in_words(type(sensors[k].model).__name__)}, {height}, {facing}, {down}"
-        )
+        model_name = name_in_words(type(sensors[k].model).__name__)
+        lines.append(f"{name}: {model_name}, {height}, {facing}, {down}")
     return lines
 
 
@@ -79,7 +81,8 @@ def describe_estimate(
 ) -> str:
     """AP or coverage of a set with its interval, in as many decimals as the objects support.
 
-    figure: has `ap`, `low` and `high`; fidelity: name of what measured it; objects: their number.
+    figure: has `ap`, `low` and `high`; fidelity: name of the fidelity that measured them; objects:
+    number of objects that they were measured on.
     """
     interval = describe_interval(figure.low, figure.high, figure_digits(objects))
     name = "coverage" if fidelity == "coverage" else "AP"
@@ -88,20 +91,16 @@ def describe_estimate(
 
 def describe_score(score: Score) -> str:
     """Figures of a set in one line: AP or coverage, also by class if several, recall and costs."""
-    by_class = (
-        ", ".join(f"{name} {ap:.4f}" for name, ap in score.class_ap.items())
-        if len(score.class_ap) > 1
-        else ""
-    )
+    by_class = ""
+    if len(score.class_ap) > 1:
+        class_texts = [f"{name} {ap:.4f}" for name, ap in score.class_ap.items()]
+        by_class = f" ({', '.join(class_texts)})"
     costs = (
         f"{score.kbit_per_sensor:.1f} kbit per sensor, {score.kbit:.1f} kbit, price {score.price:g}"
     )
     if score.fidelity == "coverage":
-        return f"coverage {score.ap:.4f}{by_class and f' ({by_class})'}, {costs}"
-    return (
-        f"AP {score.ap:.4f}{by_class and f' ({by_class})'}, recall {score.recall:.4f}, {costs} "
-        f"({score.fidelity})"
-    )
+        return f"coverage {score.ap:.4f}{by_class}, {costs}"
+    return f"AP {score.ap:.4f}{by_class}, recall {score.recall:.4f}, {costs} ({score.fidelity})"
 
 
 def describe_assessment(assessment: Assessment) -> list[str]:
@@ -159,17 +158,23 @@ def describe_doubts(objective: Objective, subset: Sequence[int]) -> list[str]:
     surrogate = objective.scored_by
     if not isinstance(surrogate, Doubting):
         return []
-    spread = float(surrogate.spread(objective.row(subset)[None])[0]) if subset else np.nan
+    spread = np.nan
+    if subset:
+        (spread,) = surrogate.spread(objective.row(subset)[None]).tolist()
     error = "an unknown error" if np.isnan(spread) else f"a standard error of {spread:.3f}"
-    kinds = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
-    warnings = [*surrogate.doubts(kinds), *_describe_few(objective)]
+    model_names = {type(sensor.model).__name__ for sensor in objective.candidates.sensors}
+    # `doubts`: warnings about sensor models that the surrogate was not fitted to
+    warnings = [*surrogate.doubts(model_names), *_warn_of_few_objects(objective)]
     lines = [f"the surrogate predicts the detector's AP with {error}"]
     return lines + [f"warning: {warning}" for warning in warnings]
 
 
-def _describe_few(objective: Objective) -> list[str]:
-    """Warning about levels of traffic with too few objects; empty if all have enough."""
+def _warn_of_few_objects(objective: Objective) -> list[str]:
+    """Warning about levels of traffic with too few objects, as a list; empty if all have enough."""
+    # number of objects at each level, by its name
     counts = {} if objective.preparation is None else objective.preparation.count_at_levels()
-    rare = [f"{name} has {count}" for name, count in counts.items() if count < MIN_LEVEL_OBJECTS]
+    low_counts = [
+        f"{name} has {count}" for name, count in counts.items() if count < MIN_LEVEL_OBJECTS
+    ]
     remedy = f"fewer than {MIN_LEVEL_OBJECTS} objects at a level say little: increase --frames"
-    return [f"{' and '.join(rare)} objects to find; {remedy}"] if rare else []
+    return [f"{' and '.join(low_counts)} objects to find; {remedy}"] if low_counts else []

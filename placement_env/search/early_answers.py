@@ -12,9 +12,10 @@ MIN_GAIN_AP = 0.001  # smallest improvement that is reported during the search
 
 
 def find_first_answer(order: SearchOrder, preparation: Preparation) -> Score:
-    """Return the score of greedy's answer on the first frames, and report it (`SearchOrder.tell`).
+    """Score of greedy's answer on the first frames, which is also reported as a line of text.
 
-    preparation: first frames of the search with the order's candidates."""
+    order: has the budget and the function to report to; preparation: first frames of the search
+    with the order's candidates."""
     objective = Objective.from_view(
         preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
     )
@@ -32,25 +33,26 @@ class BetterReport:
     """Report each better set: first by its prediction, then the leader of the race.
 
     An objective calls it as `Objective.watch`. first: score of the first answer, which was
-    reported; tell: called with each line of text."""
+    reported; report: called with each line of text."""
 
-    def __init__(self, objective: Objective, first: Score, tell: Callable[[str], None]) -> None:
+    def __init__(self, objective: Objective, first: Score, report: Callable[[str], None]) -> None:
         self._objective = objective
-        self._tell = tell
-        self._last = first.subset
-        self._reward = objective.score(first.subset).reward
+        self._report = report
+        self._last_subset = first.subset
+        self._last_reward = objective.score(first.subset).reward
 
-    def __call__(self, subset: tuple[int, ...], reward: float, raced: int) -> None:
-        """Report a set unless it is the last one, or too little better.
+    def __call__(self, subset: tuple[int, ...], reward: float, race_frames: int) -> None:
+        """Report a set unless it was the last one reported, or is better by too little.
 
-        subset: indices of its candidates; reward: by the objective, or in the race; raced: frames
-        of the race so far, 0 before it."""
-        if subset == self._last or (not raced and reward < self._reward + MIN_GAIN_AP):
+        subset: indices of its candidates; reward: by the objective, or in the race; race_frames:
+        frames that the race has scored so far, 0 before it. In the race each new leader counts."""
+        is_small_gain = not race_frames and reward < self._last_reward + MIN_GAIN_AP
+        if subset == self._last_subset or is_small_gain:
             return
-        self._last = subset
-        self._reward = reward
+        self._last_subset = subset
+        self._last_reward = reward
         names = ", ".join(set_names(self._objective.candidates, subset))
-        if raced:
-            self._tell(f"ahead after {raced} frames of the race: {names}")
+        if race_frames:
+            self._report(f"ahead after {race_frames} frames of the race: {names}")
         else:
-            self._tell(f"better: {names}, predicted AP {self._objective.score(subset).ap:.3f}")
+            self._report(f"better: {names}, predicted AP {self._objective.score(subset).ap:.3f}")

@@ -13,18 +13,20 @@ from toolkit.arrays import Bool
 def describe_empty(objective: Objective) -> str:
     """Likely reason for an empty answer, with its remedy, to follow a colon.
 
-    Links are checked first, then whether any single sensor detects something, and pays."""
-    linked = objective.linked
-    if not linked.any():
+    Links are checked first, then whether any single sensor detects something, and whether its AP
+    exceeds its costs."""
+    fits_link = objective.linked  # for each candidate
+    if not fits_link.any():
         frames = describe_share(objective.setting.link_share)
         min_kbit = float(objective.loads.min())
         max_capacity = float(objective.candidates.capacity.max())
         return (
-            f"none of the {len(linked)} candidates fits its link: in {frames} they send up to "
+            f"none of the {len(fits_link)} candidates fits its link: in {frames} they send up to "
             f"{min_kbit:.0f} kbit or more, and no link carries more than {max_capacity:.0f}: give "
             "mounts more, or pass --scheme late, which sends boxes"
         )
-    singles = objective.scores(np.eye(len(linked), dtype=np.bool_)[linked])
+    single_sensors = np.eye(len(fits_link), dtype=np.bool_)[fits_link]
+    singles = objective.scores(single_sensors)
     if float(singles.ap.max()) <= 0:
         nouns = " or a ".join(objective.classes.names)
         return (
@@ -47,8 +49,8 @@ def check_present(objective: Objective) -> None:
         is_present = [bool((visibility.labels == label).any()) for label in classes.labels]
     else:
         # without objects the AP of a class is NaN, for any set
-        everything = np.ones((1, len(objective.candidates)), np.bool_)
-        is_present = (~np.isnan(objective.class_ap(everything)[0])).tolist()
+        all_candidates = np.ones((1, len(objective.candidates)), np.bool_)
+        is_present = (~np.isnan(objective.class_ap(all_candidates)[0])).tolist()
     rows = zip(classes.names, is_present, strict=True)
     missing = [name for name, present in rows if not present]
     if missing:
@@ -67,15 +69,16 @@ def describe_exclusions(
     max_kbit: most kbit per frame that one sensor may send, None for any number; currency: "" for
     prices of one ordinary pole."""
     candidates = objective.candidates
-    loads = objective.loads
-    linked = objective.linked
+    loads = objective.loads  # kbit per frame of each candidate
+    exceeds_link = ~objective.linked
     count = len(candidates)
     reasons = []
     frames = describe_share(objective.setting.link_share)
-    if not linked.all():
-        closest = int(np.flatnonzero(~linked)[np.argmin(loads[~linked])])
+    if exceeds_link.any():
+        closest = int(np.flatnonzero(exceeds_link)[np.argmin(loads[exceeds_link])])
+        excluded_count = int(exceeds_link.sum())
         reasons.append(
-            f"The links exclude {int((~linked).sum())} of {count} candidates: the least that any "
+            f"The links exclude {excluded_count} of {count} candidates: the least that any "
             f"of these sends in {frames} is up to {loads[closest]:.1f} kbit, over a link of "
             f"{candidates.capacity[closest]:g} kbit."
         )
@@ -85,12 +88,14 @@ def describe_exclusions(
             f"{int((loads > max_kbit).sum())} of {count} candidates: the least that any candidate "
             f"sends in {frames} is up to {loads.min():.1f} kbit."
         )
-    affordable = objective.affordable(candidates.prices)
-    if not affordable.all():
+    is_affordable = objective.affordable(candidates.prices)
+    if not is_affordable.all():
         money = describe_money(objective.most_price, currency)
-        excluded = int((~affordable).sum())
+        excluded_count = int((~is_affordable).sum())
         costs = f"the cheapest of all costs {describe_money(candidates.prices.min(), currency)}"
-        reasons.append(f"The sum of {money} excludes {excluded} of {count} candidates: {costs}.")
+        reasons.append(
+            f"The sum of {money} excludes {excluded_count} of {count} candidates: {costs}."
+        )
     return tuple(reasons)
 
 

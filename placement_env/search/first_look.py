@@ -36,8 +36,8 @@ def prepare_first_look(setting: Setting, run: Run, stride: int = 1) -> Preparati
 
     setting: question with the candidates to look at; stride: step between frames that count."""
     full = Preparation(setting, replace(run, progress=None), stride)
-    first = Preparation(setting, full.run, stride)
-    return first.with_traffic(full.traffic.part(0, LOOK_FRAMES))
+    first_look = Preparation(setting, full.run, stride)
+    return first_look.with_traffic(full.traffic.part(0, LOOK_FRAMES))
 
 
 def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray, " n"] | None:
@@ -48,15 +48,21 @@ def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray
     pool = setting.pool
     if len(pool) <= MAX_POSES:
         return None
-    on_poles = np.flatnonzero(np.isin(pool.mount, thin_poles(pool, setting)))
-    first_look = prepare_first_look(replace(setting, candidates=pool.select(on_poles)), run, stride)
-    pose_rows = _choose_seeing(first_look)
-    return on_poles if pose_rows is None else on_poles[pose_rows]
+    on_thinned_poles = np.flatnonzero(np.isin(pool.mount, thin_poles(pool, setting)))
+    thinned_setting = replace(setting, candidates=pool.select(on_thinned_poles))
+    first_look = prepare_first_look(thinned_setting, run, stride)
+    best_rows = _choose_at_first_look(first_look)  # indices in the thinned pool
+    return on_thinned_poles if best_rows is None else on_thinned_poles[best_rows]
 
 
 def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
-    """Mounts of a pool that stay, ascending: at most `MAX_POLES`, spread evenly."""
-    feet = np.array([mount.position[:2] for mount in pool.mounts])
+    """Indices of the mounts of a pool that stay, ascending: at most `MAX_POLES`, spread evenly.
+
+    In each square of a grid only the mount nearest to the middle of the area stays; the squares
+    grow until few enough mounts are left. Mounts that must carry a sensor always stay.
+
+    setting: has the area of the site and the names of such mounts."""
+    feet = np.array([mount.position[:2] for mount in pool.mounts])  # x, y (m)
     xmin, ymin, xmax, ymax = setting.place.area
     middle = [(xmin + xmax) / 2, (ymin + ymax) / 2]
     distance = np.hypot(*(feet - middle).T)
@@ -64,17 +70,17 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     required = pool.find_mounts(setting.keep)
     # required mounts first, then by distance from the middle of the area
     order = mounts[np.lexsort((distance[mounts], ~np.isin(mounts, required)))]
-    side = MIN_SPACING_M
+    side_m = MIN_SPACING_M
     while len(order) > MAX_POLES:
-        cells = np.floor(feet[order] / side).astype(np.int64)
-        nearest = np.sort(np.unique(cells, axis=0, return_index=True)[1])  # first of each square
-        order = np.union1d(order[nearest], np.intersect1d(order, required))
+        squares = np.floor(feet[order] / side_m).astype(np.int64)
+        _, first_in_square = np.unique(squares, axis=0, return_index=True)
+        order = np.union1d(order[np.sort(first_in_square)], np.intersect1d(order, required))
         order = order[np.lexsort((distance[order], ~np.isin(order, required)))]
-        side *= SPACING_GROWTH
+        side_m *= SPACING_GROWTH
     return np.sort(order)
 
 
-def _choose_seeing(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
+def _choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
     """Indices of the candidates that see most at the first look, ascending; None for all.
 
     All stay if they are few enough, or if none may be built."""
@@ -87,23 +93,22 @@ def _choose_seeing(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
         setting, candidates=pool, fidelity=points, surrogate=None, table=None, detector=None
     )
     objective = Objective(point_setting, first_look.run, visibility=first_look.visibility)
-    allowed = objective.allowed([])
-    if not allowed.any():
+    is_allowed = objective.allowed([])
+    if not is_allowed.any():
         return None
-    score = np.where(allowed, _score_alone(first_look), -math.inf)
+    score = np.where(is_allowed, _score_poses(first_look), -math.inf)
     return _choose_poses(pool, score, objective.kept)
 
 
-def _score_alone(first_look: Preparation) -> Float64[np.ndarray, " C"]:
+def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
     """Score of each single candidate as in `PointCount`, row by row to save memory.
 
     It is the sum of log(1 + points) over the objects, with at most `ENOUGH_POINTS` on each."""
-    return np.array(
-        [
-            np.log1p(np.minimum(row, ENOUGH_POINTS)).sum(dtype=np.float64)
-            for row in first_look.visibility.points
-        ]
-    )
+    scores = []
+    for object_points in first_look.visibility.points:  # a row of objects for each candidate
+        log_points = np.log1p(np.minimum(object_points, ENOUGH_POINTS))
+        scores.append(log_points.sum(dtype=np.float64))
+    return np.array(scores)
 
 
 def _choose_poses(
@@ -114,29 +119,30 @@ def _choose_poses(
     The best `MAX_POLES` mounts take part, with their best `MIN_POSES_ON_POLE` poses before all
     other poses.
 
-    score: one for each pose, -inf if it may not be built; required: mounts that must carry a
-    sensor, which always take part."""
-    best = np.full(len(pool.mounts), -math.inf)
-    np.maximum.at(best, pool.mount, score)
-    best[required] = math.inf
-    mounts = np.argsort(-best, kind="stable")[:MAX_POLES]
-    order = np.lexsort((-score, pool.mount))
-    first = np.unique(pool.mount[order], return_index=True)[1]
-    rank = np.empty(len(pool), np.int64)
+    score: one for each pose, -inf if it may not be built; required: indices of the mounts that must
+    carry a sensor, which always take part."""
+    best_score = np.full(len(pool.mounts), -math.inf)  # on each mount
+    np.maximum.at(best_score, pool.mount, score)
+    best_score[required] = math.inf
+    best_mounts = np.argsort(-best_score, kind="stable")[:MAX_POLES]
+    order = np.lexsort((-score, pool.mount))  # by mount, then from the best pose
+    _, first = np.unique(pool.mount[order], return_index=True)  # where each mount begins
+    pose_counts = np.diff(np.append(first, len(pool)))  # on each mount
     # rank of each pose on its mount, 0 for the best: its place in `order` less the mount's first
-    rank[order] = np.arange(len(pool)) - np.repeat(first, np.diff(np.append(first, len(pool))))
-    poses = np.flatnonzero(np.isin(pool.mount, mounts) & np.isfinite(score))
+    rank = np.empty(len(pool), np.int64)
+    rank[order] = np.arange(len(pool)) - np.repeat(first, pose_counts)
+    poses = np.flatnonzero(np.isin(pool.mount, best_mounts) & np.isfinite(score))
     is_surplus = rank[poses] >= MIN_POSES_ON_POLE
     best_poses = poses[np.lexsort((-score[poses], is_surplus))][:MAX_POSES]
     return np.sort(best_poses)
 
 
-def describe_narrowing(pool: Candidates, chosen: Int64[np.ndarray, " n"]) -> str:
-    """Sentence on how many poses of a large pool are searched. chosen: indices of these poses."""
-    poles = describe_count(len(np.unique(pool.mount)), "pole")
-    poses = describe_count(len(pool), "pose")
-    chosen_poles = describe_count(len(np.unique(pool.mount[chosen])), "pole")
+def describe_narrowing(pool: Candidates, searched: Int64[np.ndarray, " n"]) -> str:
+    """Sentence on how many poses of a large pool are searched. searched: their indices."""
+    pole_text = describe_count(len(np.unique(pool.mount)), "pole")
+    pose_text = describe_count(len(pool), "pose")
+    searched_pole_text = describe_count(len(np.unique(pool.mount[searched])), "pole")
     return (
-        f"{poles} with {poses} are too many to search: the {len(chosen):,} poses on "
-        f"{chosen_poles} go on that see most in the first {LOOK_FRAMES} frames."
+        f"{pole_text} with {pose_text} are too many to search: the {len(searched):,} poses on "
+        f"{searched_pole_text} go on that see most in the first {LOOK_FRAMES} frames."
     )

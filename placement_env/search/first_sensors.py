@@ -39,6 +39,7 @@ class FirstSensors:
     covered: float
 
     def __str__(self) -> str:
+        """Sentences on how the sensors were placed, and what they see together."""
         count = len(self.site.sensors)
         mounts = len(self.site.mounts)
         return (
@@ -62,14 +63,15 @@ class HalvedViews:
     name = "halved views"
 
     def __init__(self, visibility: Visibility) -> None:
-        self._sums = MemberSums((visibility.points >= LEAST).astype(np.uint16))
+        sees_object = visibility.points >= LEAST  # candidates × objects
+        self._view_sums = MemberSums(sees_object.astype(np.uint16))
 
     def __call__(self, subsets: Sets, /) -> Estimate:
-        """Mean of each set as AP and recall."""
+        """Mean of each set as AP and recall; nothing is sent."""
         means = np.zeros(len(subsets))
-        for block, views in self._sums.blocks(subsets):
+        for block, views in self._view_sums.blocks(subsets):  # views: sets × objects
             means[block] = (1 - 0.5 ** views.astype(np.float64)).mean(axis=1)
-        return Estimate(means, means.copy(), np.zeros(len(subsets)))
+        return Estimate(ap=means, recall=means.copy(), kbit=np.zeros(len(subsets)))
 
 
 def with_first_sensors(
@@ -88,10 +90,15 @@ def with_first_sensors(
         site, heights=[FIRST_HEIGHT_M], headings=FIRST_HEADINGS, tilts=tilts, models=models
     )
     visibility = see(simulate_traffic(site, FIRST_FRAMES), candidates)
-    if not visibility.points.shape[1]:
+    _, vehicle_count = visibility.points.shape
+    if not vehicle_count:
         problem = f"no vehicle enters the area of site {site.name!r} in {FIRST_FRAMES} frames"
         raise ValueError(f"{problem}: place sensors yourself")
     setting = Setting(site, candidates=candidates, fidelity=HalvedViews(visibility))
     members = greedy.search(Objective(setting, visibility=visibility), count).best.subset
-    covered = (visibility.points[list(members)] >= LEAST).any(axis=0).mean() if members else 0.0
-    return FirstSensors(mounted_site(site, candidates, members), len(candidates), float(covered))
+    is_covered = (visibility.points[list(members)] >= LEAST).any(axis=0)
+    return FirstSensors(
+        site=mounted_site(site, candidates, members),
+        poses=len(candidates),
+        covered=float(is_covered.mean()) if members else 0.0,
+    )

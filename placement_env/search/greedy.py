@@ -17,6 +17,7 @@ many as it carries.
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,18 @@ from placement_env.search.result import Certificate, Result
 from toolkit.arrays import Float64
 
 GAIN_TOLERANCE = 1e-6  # a gain that rises by no more is rounding: figures are sums of float32
+
+
+class Growth(NamedTuple):
+    """Greedy's way from a set to larger ones.
+
+    Attributes:
+        members: Candidates (indices) of the last set, in the order in which they were added.
+        rise: Largest observed rise of a gain in reward, 0 if no gain rose.
+    """
+
+    members: list[int]
+    rise: float
 
 
 def search(
@@ -75,36 +88,38 @@ def grow(
     prices: Float64[np.ndarray, " C"] | None = None,
     *,
     start: Sequence[int] = (),
-) -> tuple[list[int], float]:
-    """Greedy's candidates in order, as many as fit and the limits allow, and the largest rise.
+) -> Growth:
+    """Add the candidate with the greatest gain again and again, as far as the limits allow.
 
-    A gain is the reward that a candidate adds to the set so far. It rises if it adds more to a
-    larger set, which no submodular objective does; the rise is in reward, 0 if no gain rises.
+    A gain is the reward that a candidate adds to the set so far. It rises if the candidate adds
+    more to a larger set than to a smaller one, which no submodular objective allows.
 
     Args:
         progress: Scores sets and keeps the best one, which may be smaller than the last.
         prices: Price of each candidate, to take the greatest gain per price; None for the greatest
             gain.
-        start: Candidates that are in the set from the start.
+        start: Candidates (indices) that are in the set from the start.
     """
     members = list(start)
-    reward = 0.0
+    reward = 0.0  # reward of the set so far
     rise = 0.0
-    gains = np.full(progress.size, np.inf)  # last known gain of each candidate
+    last_gains = np.full(progress.size, np.inf)  # gain of each candidate when last scored
     while len(members) < progress.budget:
         options = np.flatnonzero(progress.objective.next_allowed(members))
         rewards = progress.rewards(add_each(members, options, progress.size))
-        if not (is_scored := np.isfinite(rewards)).any():
+        is_scored = np.isfinite(rewards)  # False beyond the limits
+        if not is_scored.any():
             break
-        rise = max(rise, float((rewards[is_scored] - reward - gains[options[is_scored]]).max()))
-        gains[options[is_scored]] = rewards[is_scored] - reward
-        priorities = (
-            rewards if prices is None else (rewards - reward) / np.maximum(prices[options], 1e-300)
-        )
+        scored = options[is_scored]
+        rise = max(rise, float((rewards[is_scored] - reward - last_gains[scored]).max()))
+        last_gains[scored] = rewards[is_scored] - reward
+        priorities = rewards
+        if prices is not None:  # 1e-300: no division by 0 for a candidate that costs nothing
+            priorities = (rewards - reward) / np.maximum(prices[options], 1e-300)
         best = int(priorities.argmax())
         members.append(int(options[best]))
         reward = float(rewards[best])
-    return members, rise
+    return Growth(members, rise)
 
 
 def search_by_races(
@@ -115,11 +130,11 @@ def search_by_races(
     seconds: float | None = None,
     evaluations: int | None = None,
 ) -> Result:
-    """Greedy set whose candidates race for each place (`Objective.race`), for the slow detector.
+    """Set that grows by one sensor at a time, the winner of a race, for the slow detector.
 
-    In each step the possible next sets are scored on more and more frames, and bad ones drop out.
-    Evaluations count sets on all frames, rounded up; limits are checked between races. Raises
-    ValueError for a fidelity that cannot score some of the frames.
+    In each step the possible next sets are scored on more and more frames, and bad ones drop out
+    (`Objective.race`). Evaluations count sets on all frames, rounded up; limits are checked between
+    races. Raises ValueError for a fidelity that cannot score some of the frames.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     members: list[int] = []
@@ -130,9 +145,10 @@ def search_by_races(
         sets = add_each(members, options, progress.size)
         race = objective.race(sets, seed=seed)
         winner = int(race.winners[0])
-        # less the winner, which the next line scores on all frames and counts
+        # sets that could be scored on all frames with the effort of the race, less the winner,
+        # which the next line scores on all frames and counts
         progress.limits.count += math.ceil(len(sets) * race.spent / race.full) - 1
-        progress.rewards(sets[winner][None])
+        progress.rewards(sets[winner][None])  # keeps it if it is the best so far
         members.append(int(options[winner]))
     return progress.result(
         "raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss")
@@ -142,9 +158,9 @@ def search_by_races(
 def is_submodular(objective: Objective) -> bool:
     """True if AP is known to be monotone submodular: coverage by one view, of the mean of
     classes."""
-    additive = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
+    is_sum = len(objective.classes.names) == 1 or objective.classes.combine == "mean"
     return (
-        additive
+        is_sum
         and objective.fidelity == "coverage"
         and getattr(objective.scored_by, "views", None) == 1
     )
@@ -166,26 +182,26 @@ def guarantee(objective: Objective) -> float:
 def online_bound(progress: Progress, members: list[int]) -> float:
     """Upper bound on the AP and reward of any feasible set, if AP is monotone submodular.
 
-    It is the AP of `members` and the largest gains of `budget` further candidates, of which each
-    mount gives as many as it carries (Leskovec et al. 2007). Infinite if the limits stop it.
+    It is the AP of `members` plus the largest gains of `budget` further candidates; each mount
+    gives as many as it carries (Leskovec et al. 2007). Infinite if the limits stop it.
 
     members: greedy's set; any set gives a bound."""
     candidates = progress.objective.candidates
     options = np.flatnonzero(progress.objective.allowed([]))
-    subsets = np.vstack(
-        [as_rows([members], progress.size), add_each(members, options, progress.size)]
-    )
+    members_row = as_rows([members], progress.size)
+    subsets = np.vstack([members_row, add_each(members, options, progress.size)])
     ap = progress.figures(subsets).ap
     if np.isnan(ap).any():
         return np.inf
-    gains = np.maximum(ap[1:] - ap[0], 0.0)
-    mount = candidates.mount[options]
-    largest = [np.zeros(1)]
-    for number in np.unique(mount):
-        descending = np.sort(gains[mount == number])[::-1]
-        largest.append(descending[: candidates.places[number]])
-    best = np.sort(np.concatenate(largest))[::-1][: progress.budget]
-    return float(ap[0] + best.sum())
+    members_ap = ap[0]
+    gains = np.maximum(ap[1:] - members_ap, 0.0)
+    mount = candidates.mount[options]  # index of the mount of each option
+    largest_gains = [np.zeros(1)]  # as many as each mount carries; 0 without options
+    for mount_number in np.unique(mount):
+        descending = np.sort(gains[mount == mount_number])[::-1]
+        largest_gains.append(descending[: candidates.places[mount_number]])
+    best_gains = np.sort(np.concatenate(largest_gains))[::-1][: progress.budget]
+    return float(members_ap + best_gains.sum())
 
 
 def certify(progress: Progress, members: list[int], ratio: float, rise: float) -> Certificate:
@@ -194,15 +210,22 @@ def certify(progress: Progress, members: list[int], ratio: float, rise: float) -
     members: greedy's set, from which the bound is computed; ratio: guaranteed share of the optimum,
     void under cost weights; rise: largest observed rise of a gain, which disproves submodularity.
     """
-    costs = progress.objective.weights.comm > 0 or progress.objective.weights.price > 0
-    if rise > GAIN_TOLERANCE and not costs:
+    weights = progress.objective.weights
+    has_costs = weights.comm > 0 or weights.price > 0
+    if rise > GAIN_TOLERANCE and not has_costs:
         return progress.unknown(
             f"said to be submodular, but a gain grew by {rise:.2g} as other sensors joined"
         )
-    ratio = 0.0 if costs else ratio
-    promise = f", and at least {ratio:.3f} of the optimum" if ratio else ""
+    sure_ratio = 0.0 if has_costs else ratio
+    promise = f", and at least {sure_ratio:.3f} of the optimum" if sure_ratio else ""
     note = (
         "if AP is monotone submodular here, as coverage is: the online bound of Leskovec et al. "
         f"2007{promise}"
     )
-    return Certificate("bound", progress.reward, online_bound(progress, members), ratio, note)
+    return Certificate(
+        kind="bound",
+        value=progress.reward,
+        bound=online_bound(progress, members),
+        ratio=sure_ratio,
+        note=note,
+    )

@@ -1,7 +1,6 @@
 """Searches by name, with checks of their abilities that run before anything is rendered."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 
@@ -9,32 +8,12 @@ from placement_env.candidates.candidates import Candidates
 from placement_env.cases import Cases
 from placement_env.checks import check_choice
 from placement_env.search.exact.exhaustive import MAX_CANDIDATES
+from placement_env.search.method_entry import Method
 from placement_env.search.result import Result
 
 NEEDS_VISIBILITY = ("cpsat", "cmaes", "portfolio", "hits", "cheapest")  # which a table lacks
 PLAIN_CASES_ONLY = ("cmaes", "hits", "cheapest")  # one IoU threshold, no cases of failure
 _SEARCH = "placement_env.search"
-
-
-@dataclass(frozen=True)
-class Method:
-    """Location of a search.
-
-    Attributes:
-        module: Module of the search.
-        function: Function in that module.
-        needs: Required package, "" for none.
-        extra: Extra of this project that installs the package.
-        resumes: Whether the search takes a checkpoint.
-    """
-
-    module: str
-    function: str = "search"
-    needs: str = ""
-    extra: str = "search"
-    resumes: bool = False
-
-
 METHODS: dict[str, Method] = {
     "portfolio": Method(f"{_SEARCH}.portfolio.portfolio", resumes=True),
     "exhaustive": Method(f"{_SEARCH}.exact.exhaustive"),

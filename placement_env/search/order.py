@@ -10,7 +10,8 @@ from typing import Any, Literal
 from placement_env.fidelity.preparation import check_scorable
 from placement_env.fidelity.table import hash_site
 from placement_env.protocol import FidelityName
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, find_unfinished, open_checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE, find_unfinished, open_checkpoint
 from placement_env.search.exact.cheapest import Demand
 from placement_env.search.methods import METHODS, check_search
 from placement_env.search.portfolio.curve import budget_curve
@@ -65,6 +66,7 @@ class SearchOrder:
     tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError or ImportError if the fields do not fit together."""
         setting = self.setting
         if not 0 < self.confidence < 1:
             raise ValueError(
@@ -161,19 +163,23 @@ class SearchOrder:
         """True if a search with this question was interrupted and can resume.
 
         out: folder of the answer, next to which the state is kept."""
-        folder = find_unfinished(out.with_name(out.name + UNFINISHED_SUFFIX), self.question)
-        return folder.found == folder.plan
+        state_folder = out.with_name(out.name + UNFINISHED_SUFFIX)
+        unfinished = find_unfinished(state_folder, self.question)
+        return unfinished.found == unfinished.plan  # question in the folder, and this question
 
     @contextmanager
     def keeping(
         self, out: Path | None, *, overwrite: bool = False
     ) -> "Iterator[tuple[SearchOrder, Checkpoint]]":
-        """Yield the order and the checkpoint of its answer's folder; the block must write the
-        answer.
+        """Yield the order, with a cache if it lacks one, and the checkpoint of its answer's folder.
 
-        out: folder of the answer, None to keep no state. Until the block ends normally, the state
-        of the search is kept next to that folder, in one with the suffix `UNFINISHED_SUFFIX`. The
-        same question resumes there. Raises FileExistsError if another search is unfinished and may
+        The block must search and write the answer. Until it ends normally, the state of the search
+        is kept next to the folder of the answer, in a folder with the suffix `UNFINISHED_SUFFIX`,
+        and the same question resumes there. The cache of an order without one is in that folder
+        too.
+
+        out: folder of the answer, None to keep no state; overwrite: whether the state of another
+        search may be overwritten. Raises FileExistsError if another search is unfinished and may
         not be overwritten.
         """
         if out is None:
@@ -184,6 +190,7 @@ class SearchOrder:
         with open_checkpoint(
             state_folder, self.question, code=code, overwrite=overwrite
         ) as checkpoint:
+            # a detector without a digest might find the detections of another one there
             is_cacheable = self.setting.detector is None or hasattr(self.setting.detector, "digest")
             cache = self.run.cache or (checkpoint.place("cache") if is_cacheable else None)
             yield replace(self, run=replace(self.run, cache=cache)), checkpoint

@@ -15,6 +15,7 @@ from toolkit.arrays import Float64, Int
 
 MAX_BLOCK = 4096  # sets scored between two looks at the clock
 PACE_S = 0.5  # approximate time of scoring between two looks at the clock
+FLOAT_FIELDS = 6  # first fields of `Scores`; the last one is boolean
 
 
 class Limits:
@@ -29,13 +30,15 @@ class Limits:
         rows: Number of scored sets, seconds and reward at each improvement."""
 
     def __init__(self, seconds: float | None, evaluations: int | None) -> None:
+        """Begin now. None for no limit; raises ValueError for a limit of 0 or less."""
         for name, limit in (("seconds", seconds), ("evaluations", evaluations)):
             if limit is not None and not limit > 0:
                 raise ValueError(f"{name} must be above 0, got {limit}: leave it out for no limit")
         self.started = time.monotonic()
         self.seconds = np.inf if seconds is None else float(seconds)
         self.evaluations = np.inf if evaluations is None else int(evaluations)
-        self.count = 0
+        self.count = 0  # sets scored so far
+        # number of scored sets, seconds and reward at each improvement
         self.rows: list[tuple[int, float, float]] = []
 
     @property
@@ -66,11 +69,11 @@ class Limits:
 
     def history(self, reward: float) -> History:
         """Improvements so far, and the end as a last row. reward: best reward in the end."""
-        columns = list(zip(*self.rows, (self.count, self.elapsed, reward), strict=True))
+        rows = [*self.rows, (self.count, self.elapsed, reward)]
         return History(
-            evaluations=np.array(columns[0], np.int64),
-            seconds=np.array(columns[1], np.float64),
-            reward=np.array(columns[2], np.float64),
+            evaluations=np.array([count for count, _, _ in rows], np.int64),
+            seconds=np.array([seconds for _, seconds, _ in rows], np.float64),
+            reward=np.array([row_reward for _, _, row_reward in rows], np.float64),
         )
 
 
@@ -92,6 +95,15 @@ class Progress:
     def __init__(
         self, objective: Objective, budget: int, seconds: float | None, evaluations: int | None
     ) -> None:
+        """Begin with the empty set as incumbent.
+
+        Args:
+            objective: Objective that scores the sets.
+            budget: Largest number of sensors.
+            seconds: Time limit, None for none.
+            evaluations: Most sets to score, None for no limit.
+
+        Raises ValueError for limits that do not fit."""
         check_whole("budget", budget, least=1)
         objective.setting.check_budget(budget)
         self.objective = objective
@@ -99,6 +111,7 @@ class Progress:
         self.size = len(objective.candidates)
         self.limits = Limits(seconds, evaluations)
         self.best = np.zeros(self.size, bool)
+        # the empty set is no answer if poles must carry a sensor
         self.reward = -np.inf if len(objective.kept) else 0.0
         self._block = 1  # sets to score next, adapted so that they take about `PACE_S`
 
@@ -125,26 +138,24 @@ class Progress:
     def figures(self, subsets: Sets) -> Scores:
         """Scores of sets, feasible or not; the best feasible one is kept as incumbent.
 
-        Sets that the limits leave out have reward -inf, and NaN in all other columns."""
+        Sets that the limits leave out have reward -inf, and NaN in all other figures. Sets are
+        scored in blocks, whose size follows the pace of scoring."""
         n = len(subsets)
-        # the fields of `figures` are rows of `columns`, which is filled block by block
-        columns = np.full((6, n), np.nan)
+        # the float fields of `figures` are views of the rows of `columns`, filled block by block
+        columns = np.full((FLOAT_FIELDS, n), np.nan)
         figures = Scores(*columns, np.zeros(n, np.bool_))  # type: ignore[call-arg]
         figures.reward[:] = -np.inf
-        done = 0
+        done = 0  # sets scored in this call
         while done < n and not self.spent:
             block = int(min(n - done, self._block, self.limits.evaluations - self.limits.count))
             rows = slice(done, done + block)
             began = time.monotonic()
-            columns[:, rows] = self.objective.scores(subsets[rows])[:6]
+            columns[:, rows] = self.objective.scores(subsets[rows])[:FLOAT_FIELDS]
             duration_s = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
-            affordable = (
-                min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed))
-                * block
-                / duration_s
-            )
+            next_s = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed))
+            affordable = next_s * block / duration_s
             self._block = int(np.clip(affordable, 1, min(MAX_BLOCK, 4 * self._block)))
-            self._keep(subsets[rows], figures.reward[rows])
+            self._update_incumbent(subsets[rows], figures.reward[rows])
             self.limits.count += block
             done += block
         return figures
@@ -187,26 +198,30 @@ class Progress:
         """Certificate without any evidence. note: reason in words."""
         return Certificate("none", self.reward, note=note)
 
-    def _keep(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
-        # makes the best feasible set the incumbent, and reports it if it is new
-        candidates = np.flatnonzero(rewards > self.reward)
-        previous = self.reward
-        if candidates.size:
-            is_valid = self.objective.feasible(subsets[candidates]) & (
-                subsets[candidates].sum(axis=1) <= self.budget
-            )
+    def _update_incumbent(self, subsets: np.ndarray, rewards: np.ndarray) -> None:
+        """Make the best feasible set the incumbent if it is better, and report it to the watcher.
+
+        subsets: sets scored now, not yet in `limits.count`; rewards: their rewards."""
+        better_rows = np.flatnonzero(rewards > self.reward)
+        previous_reward = self.reward
+        if better_rows.size:
+            is_small_enough = subsets[better_rows].sum(axis=1) <= self.budget
+            is_valid = self.objective.feasible(subsets[better_rows]) & is_small_enough
             # one after another, so that batch size does not change the history
-            for row in candidates[is_valid].tolist():
+            for row in better_rows[is_valid].tolist():
                 if rewards[row] > self.reward:
                     self.best = subsets[row].copy()
                     self.reward = float(rewards[row])
                     self.limits.record(self.reward, at=self.limits.count + row + 1)
-        if self.reward > previous and self.objective.watch is not None:
-            self.objective.watch(tuple(np.flatnonzero(self.best).tolist()), self.reward, 0)
+        if self.reward > previous_reward and self.objective.watch is not None:
+            members = tuple(np.flatnonzero(self.best).tolist())
+            self.objective.watch(members, self.reward, 0)  # 0 frames: not in a race
 
 
 def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
-    """Sets of indices as rows of booleans. size: number of candidates, the length of a row."""
+    """Sets of indices as rows of booleans, sets × candidates.
+
+    size: number of candidates, the length of a row."""
     rows = np.zeros((len(sets), size), bool)
     for row, members in zip(rows, sets, strict=True):
         row[list(members)] = True
@@ -214,9 +229,10 @@ def as_rows(sets: Sequence[Sequence[int]], size: int) -> Sets:
 
 
 def add_each(members: Sequence[int], options: Int[np.ndarray, " n"], size: int) -> Sets:
-    """Rows of the set `members` with one of the options added each, in their order.
+    """Rows of booleans that each add one candidate to a set, in the order of the options.
 
-    size: number of candidates, the length of a row."""
+    members: indices of the set's candidates; options: indices of the candidates to add; size:
+    number of all candidates, the length of a row."""
     rows = np.zeros((len(options), size), bool)
     rows[:, list(members)] = True
     rows[np.arange(len(options)), options] = True

@@ -27,7 +27,10 @@ Measure = Literal["reward", "coverage", "price", "hits"]  # meaning of a certifi
 class History:
     """Best reward after each improvement, and at the end, one row each in the course of time.
 
-    evaluations: sets scored by then; seconds: since the search began; reward: best one so far.
+    Attributes:
+        evaluations: Sets scored by then.
+        seconds: Time since the search began (s).
+        reward: Best reward so far.
     """
 
     evaluations: Int64[np.ndarray, " n"]
@@ -35,9 +38,9 @@ class History:
     reward: Float64[np.ndarray, " n"]
 
     def at(self, *, evaluations: float = np.inf, seconds: float = np.inf) -> float:
-        """Best reward at a number of scored sets and seconds, whichever came first.
+        """Best reward by the time that a number of sets was scored or some seconds had passed.
 
-        It is 0, as for the empty set, before the first entry."""
+        The earlier of both counts. It is 0, as for the empty set, before the first entry."""
         is_reached = (self.evaluations <= evaluations) & (self.seconds <= seconds)
         return float(self.reward[is_reached][-1]) if is_reached.any() else 0.0
 
@@ -70,13 +73,14 @@ class Certificate:
         """Certificate "optimal" if the answer's figure equals its bound, otherwise "bound".
 
         value, bound: in `measure`; note: evidence in words."""
+        is_optimal = value == bound
         return Certificate(
-            "optimal" if value == bound else "bound",
-            value,
-            bound,
-            float(value == bound),
-            note,
-            measure,
+            kind="optimal" if is_optimal else "bound",
+            value=value,
+            bound=bound,
+            ratio=1.0 if is_optimal else 0.0,
+            note=note,
+            measure=measure,
         )
 
     @property
@@ -239,17 +243,23 @@ class Result(Displayed):
             ) from None
 
     def _card(self) -> Card:
-        title, _, fact = str(self).partition(": ")
+        """Card by which notebooks show the result: a title, facts, tables and a picture.
+
+        Tables are functions that return columns by name; the picture is named by its function."""
+        method, _, summary = str(self).partition(": ")
         tables = {"history": lambda: vars(self.history), "front": lambda: _tabulate(self.front)}
         if self.assessment is not None:
             contenders = self.assessment.contenders
-            tables = {"contenders": lambda: _tabulate(contenders)} | tables
-        facts: tuple[str, ...] = (fact,)
-        if names := self.origin.get("sensors") or [sensor.name for sensor in self.sensors]:
-            facts = (fact, f"sensors {', '.join(names)}")
-        return Card(f"Result of {title}", facts, tables, "placement_env.report.charts:draw_history")
+            tables = {"contenders": lambda: _tabulate(contenders)} | tables  # the first table
+        facts = [summary]
+        names = self.origin.get("sensors") or [sensor.name for sensor in self.sensors]
+        if names:
+            facts.append(f"sensors {', '.join(names)}")
+        picture = "placement_env.report.charts:draw_history"
+        return Card(f"Result of {method}", tuple(facts), tables, picture)
 
     def __str__(self) -> str:
+        """One line: search, members of the best set, AP or reward, effort and certificate."""
         certificate = self.certificate
         assessment = self.assessment
         bound_word = "least" if certificate.measure == "price" else "most"
@@ -268,7 +278,9 @@ class Result(Displayed):
 
 
 def _tabulate(rows: Sequence[Score | Contender]) -> Table:
-    """Columns of plain values by name, without the terms of the reward and AP by class."""
+    """Columns of values by field name, one row for each score or contender.
+
+    The dictionaries of a score, terms of the reward and AP by class, are left out."""
     if not rows:
         return {}
     names = [column.name for column in fields(rows[0]) if column.name not in ("terms", "class_ap")]
@@ -279,30 +291,32 @@ def _tabulate(rows: Sequence[Score | Contender]) -> Table:
 
 
 def _describe_sensor(sensor: Sensor) -> _Row:
-    # JSON values from which `_build_sensor` makes the sensor again
-    values = {field.name: getattr(sensor.model, field.name) for field in fields(sensor.model)}
-    plain = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
-    }
+    """JSON values from which `_build_sensor` makes the sensor again."""
+    model_values = {}
+    for name in [column.name for column in fields(sensor.model)]:
+        value = getattr(sensor.model, name)
+        model_values[name] = value.tolist() if isinstance(value, np.ndarray) else value
     return {
         "name": sensor.name,
         "model": type(sensor.model).__name__,
-        "values": plain,
+        "values": model_values,
         "pose": sensor.pose.tolist(),
     }
 
 
 def _build_result(content: _Row) -> Result:
-    # raises KeyError, TypeError, ValueError and others for damaged values
+    """Result from the JSON values of a file, by field name.
+
+    Raises KeyError, TypeError, ValueError and others for damaged values. The values of an
+    assessment are changed in place."""
     history = content["history"]
     certificate = content["certificate"]
-    rows = {
+    values = {  # fields that are no plain JSON values
         "best": load_score(content["best"]),
         "history": History(
-            np.array(history["evaluations"], np.int64),
-            np.array(history["seconds"], np.float64),
-            np.array(history["reward"], np.float64),
+            evaluations=np.array(history["evaluations"], np.int64),
+            seconds=np.array(history["seconds"], np.float64),
+            reward=np.array(history["reward"], np.float64),
         ),
         "certificate": Certificate(
             **certificate | {"bound": _number(certificate["bound"], math.inf)}
@@ -312,21 +326,25 @@ def _build_result(content: _Row) -> Result:
         "sensors": tuple(map(_build_sensor, content["sensors"])),
     }
     if content["assessment"] is not None:
-        rows["assessment"] = _build_assessment(content["assessment"])
-    result = Result(**content | rows)
+        values["assessment"] = _build_assessment(content["assessment"])
+    result = Result(**content | values)
     amounts = [result.evaluations, result.seconds]
-    _check_figures((), [*amounts, *result.history.evaluations, *result.history.seconds])
+    amounts += [*result.history.evaluations, *result.history.seconds]
+    _check_figures(shares=(), amounts=amounts)
     return result
 
 
 def _build_sensor(row: _Row) -> Sensor:
+    """Sensor from its JSON values, as `_describe_sensor` returns them."""
     return Sensor(
         row["name"], make_model(row["model"], row["values"]), np.array(row["pose"], np.float64)
     )
 
 
 def _build_assessment(row: _Row) -> Assessment:
-    # changes `row`: null becomes NaN, lists become tuples
+    """Assessment from its JSON values by field name, checked.
+
+    `row` is changed in place: null becomes NaN, and lists become tuples."""
     contender_rows = row["contenders"]
     profile_rows = row.get("by_errors", ())
     for figures in (row, *contender_rows, *profile_rows):
@@ -345,29 +363,34 @@ def _build_assessment(row: _Row) -> Assessment:
     for judged in judged_sets:
         shares += [judged.ap, judged.low, judged.high]
     amounts = (assessment.kbit, assessment.objects, assessment.frames)
-    _check_figures([*shares, assessment.confidence], amounts)
+    _check_figures(shares=[*shares, assessment.confidence], amounts=amounts)
     return assessment
 
 
 def load_score(row: _Row) -> Score:
-    """Score from the values of a file. Raises ValueError for figures out of range."""
+    """Score from the JSON values of a file, by field name.
+
+    Raises ValueError for figures out of range, TypeError for a member that is no whole number."""
     by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
-    score = Score(
-        **row | {"subset": tuple(map(operator.index, row["subset"])), "class_ap": by_class}
-    )
+    subset = tuple(map(operator.index, row["subset"]))  # `index` refuses floats
+    score = Score(**row | {"subset": subset, "class_ap": by_class})
     _check_figures(
-        (score.ap, score.recall, *by_class.values()),
-        (score.kbit, score.kbit_per_sensor, score.price),
+        shares=(score.ap, score.recall, *by_class.values()),
+        amounts=(score.kbit, score.kbit_per_sensor, score.price),
     )
     return score
 
 
 def _check_figures(shares: Iterable[float], amounts: Iterable[float]) -> None:
-    """Raise ValueError for a share outside 0..1, such as an AP, or an amount below 0."""
-    if wrong := [figure for figure in shares if not 0 <= figure <= 1 and figure == figure]:
-        raise ValueError(f"AP, recall and confidence must lie in 0..1, got {wrong[0]}")
-    if wrong := [figure for figure in amounts if not figure >= 0]:
-        raise ValueError(f"kbit, prices, counts and times must be at least 0, got {wrong[0]}")
+    """Raise ValueError for a share outside 0..1, such as an AP, or an amount below 0.
+
+    A share may be NaN, an amount may not."""
+    for share in shares:
+        if not 0 <= share <= 1 and share == share:  # NaN does not equal itself
+            raise ValueError(f"AP, recall and confidence must lie in 0..1, got {share}")
+    for amount in amounts:
+        if not amount >= 0:  # also for NaN
+            raise ValueError(f"kbit, prices, counts and times must be at least 0, got {amount}")
 
 
 def _number(value: float | None, absent: float) -> float:

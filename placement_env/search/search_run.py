@@ -14,7 +14,8 @@ from placement_env.search.answer_summary import (
     report_result,
     state_errors,
 )
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.description import describe_by_errors, describe_mounted, describe_score
 from placement_env.search.early_answers import BetterReport, find_first_answer
 from placement_env.search.exclusions import (
@@ -41,15 +42,19 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     If no candidate may be built, the answer gives the reasons and is not met. Raises ValueError if
     a counted class has no objects. checkpoint: keeps the state of the search."""
     stride = _choose_stride(order)
-    order, narrowing = _narrow(order, stride)
+    order, narrowing = _narrow_candidates(order, stride)
     objective = _build_objective(order, stride)
     check_present(objective)
     is_allowed = objective.allowed([])
     reasons = explain_kept(objective, is_allowed, currency=order.currency)
     if reasons or not is_allowed.any():
         reasons = reasons or describe_exclusions(objective, currency=order.currency)
-        line = f"none may be built: {' '.join(reasons)}"
-        return Answer(objective, {"sensors": [], "reasons": reasons}, (line,), False)
+        return Answer(
+            objective=objective,
+            summary={"sensors": [], "reasons": reasons},
+            lines=(f"none may be built: {' '.join(reasons)}",),
+            met=False,
+        )
     judging = _build_judging(order)
     limits: Summary = {
         "seed": order.run.seed,
@@ -65,7 +70,7 @@ def run_search(order: SearchOrder, checkpoint: Checkpoint = NOWHERE) -> Answer:
     if METHODS[order.method].resumes:
         options["checkpoint"] = checkpoint
     result = load_search(order.method)(objective, order.budget, **limits, **options)
-    return _answer(order, objective, result, narrowing)
+    return _build_answer(order, objective, result, narrowing)
 
 
 def _choose_stride(order: SearchOrder) -> int:
@@ -77,10 +82,11 @@ def _choose_stride(order: SearchOrder) -> int:
     return max(1, order.run.frames_or(DEFAULT_FRAMES) // SEARCH_FRAMES)
 
 
-def _narrow(order: SearchOrder, stride: int) -> tuple[SearchOrder, str]:
+def _narrow_candidates(order: SearchOrder, stride: int) -> tuple[SearchOrder, str]:
     """Order with fewer candidates if they are too many, and a sentence on that or "".
 
-    The sentence is also reported (`SearchOrder.tell`). stride: step between frames."""
+    The sentence is also reported (`SearchOrder.tell`). stride: step between the frames of the
+    search."""
     pool = order.setting.pool
     poses = narrow_pool(order.search_setting, order.run, stride)
     if poses is None:
@@ -93,20 +99,18 @@ def _narrow(order: SearchOrder, stride: int) -> tuple[SearchOrder, str]:
 
 
 def _build_objective(order: SearchOrder, stride: int) -> Objective:
-    """Objective of the search, which reports a first answer and better ones if asked.
+    """Objective of the search, which reports better sets as they are found if it is asked to.
 
-    There are reports if the order has `tell`, only some frames are used, traffic is undivided, and
-    one set is sought. stride: step between frames."""
+    A first answer, by greedy on few frames, is then reported before. There are reports if the order
+    has `tell`, only some frames are used, traffic is undivided, and one set is sought.
+
+    stride: step between the frames of the search."""
     first_score = None
-    if (
-        order.tell is not None
-        and stride > 1
-        and order.setting.cases.levels == 1
-        and not order.curve
-    ):
-        first_score = find_first_answer(
-            order, prepare_first_look(order.search_setting, order.run, stride)
-        )
+    is_undivided = order.setting.cases.levels == 1
+    if order.tell is not None and stride > 1 and is_undivided and not order.curve:
+        first_look = prepare_first_look(order.search_setting, order.run, stride)
+        first_score = find_first_answer(order, first_look)
+    # after the first answer, because all candidates are rendered here
     objective = Objective(order.search_setting, order.run, stride=stride)
     if order.tell is not None and first_score is not None:
         objective.watch = BetterReport(objective, first_score, order.tell)
@@ -114,7 +118,7 @@ def _build_objective(order: SearchOrder, stride: int) -> Objective:
 
 
 def _build_judging(order: SearchOrder) -> Judging:
-    """Race and assessment of a portfolio, on no more frames than the order has."""
+    """Settings of a portfolio's race and assessment, on no more frames than the order has."""
     frames = order.run.frames_or(DEFAULT_FRAMES)
     return Judging(
         by=order.judge,
@@ -133,9 +137,10 @@ def _search_curve(
     limits: Summary,
     checkpoint: Checkpoint,
 ) -> Answer:
-    """Search a budget curve and report its points.
+    """Answer with the points of a budget curve: over amounts if the price is limited.
 
-    limits: seed, seconds and evaluations, as arguments of the search."""
+    Otherwise the points are for numbers of sensors. limits: seed, seconds and evaluations, as
+    arguments of the search."""
     max_price = objective.most_price
     amounts = () if math.isinf(max_price) else list_amounts(objective, order.budget, max_price)
     points = budget_curve(
@@ -144,7 +149,9 @@ def _search_curve(
     return report_curve(order, objective, points)
 
 
-def _answer(order: SearchOrder, objective: Objective, result: Result, narrowing: str) -> Answer:
+def _build_answer(
+    order: SearchOrder, objective: Objective, result: Result, narrowing: str
+) -> Answer:
     """Answer from the result of one search, verified if that is ordered.
 
     narrowing: sentence on the candidates that were left out, "" if none were. An empty set is an
@@ -160,7 +167,8 @@ def _answer(order: SearchOrder, objective: Objective, result: Result, narrowing:
     summary |= state_errors(order, by_errors)
     if not members:
         reason = describe_empty(objective) if order.demand is None else result.certificate.note
-        return Answer(objective, summary, (f"no sensors: {reason}",), False)
+        line = f"no sensors: {reason}"
+        return Answer(objective=objective, summary=summary, lines=(line,), met=False)
     lines += describe_by_errors(by_errors)
     if order.verify is not None:
         verification = _verify(order, order.verify, objective, result)
@@ -190,7 +198,8 @@ def _verify(
 ) -> _Verification:
     """Score the answer of a search and its neighbours by another fidelity, and keep the best.
 
-    Moved sensors have no neighbours. fidelity: its name; objective: objective of the search."""
+    Neighbours differ in one sensor; moved sensors have no neighbours. fidelity: name of the
+    other fidelity; objective: objective of the search."""
     verifier = Objective(order.setting.with_fidelity(fidelity), order.run)
     score, set_count = verify_best(objective, verifier, result)
     names = list_names(objective, score.subset)
@@ -204,4 +213,4 @@ def _verify(
     lines += [f"  {line}" for line in mounted]
     lines.append(describe_score(score))
     lines += describe_by_errors(by_errors)
-    return _Verification(score.subset, summary, lines)
+    return _Verification(members=score.subset, summary=summary, lines=lines)

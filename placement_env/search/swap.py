@@ -13,7 +13,8 @@ import numpy as np
 
 from placement_env.checks import check_whole
 from placement_env.objective import Objective
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.greedy import grow
 from placement_env.search.progress import Progress, add_each, as_rows
 from placement_env.search.result import Certificate, Result
@@ -96,11 +97,20 @@ def search(
             if progress.spent and start_number:
                 break
             before = progress.reward if start_number else -np.inf
-            members = draw_set(objective, budget, rng) if start_number else _first(progress, start)
+            if start_number:
+                members = draw_set(objective, budget, rng)
+            else:
+                members = _choose_first_set(progress, start)
             reward = float(progress.rewards(as_rows([members], progress.size))[0])
             places = members + [EMPTY_PLACE] * (budget - len(members))
-            climb = Climb(start_number, before, places, list(range(len(places))), reward)
-        finished = _climb(progress, climb, rng, lambda: checkpoint.offer(state))
+            climb = Climb(
+                start=start_number,
+                before=before,
+                places=places,
+                waiting=list(range(len(places))),
+                reward=reward,
+            )
+        finished = _climb_to_optimum(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
         climb = None
     certificate = progress.unknown("stopped before all changes of one sensor were tried")
@@ -111,28 +121,31 @@ def search(
     return progress.result("swap", certificate)
 
 
-def _first(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
-    """Members of the first start: a given set as far as it fits, without one greedy's best set.
+def _choose_first_set(progress: Progress, start: Iterable[int | str] | None) -> list[int]:
+    """Members (indices) of the set at which the first climb begins.
 
-    Sensors on poles that must carry one are taken first. If such a pole stays empty, greedy adds
-    sensors. If no set on greedy's way pays, its last set is returned.
+    They are the candidates of `start` as far as they fit, or greedy's best set without `start`.
+    Candidates on poles that must carry a sensor are taken first. If such a pole stays empty, greedy
+    adds sensors. If no set on greedy's way pays, its last set is returned.
+
+    start: candidates by index or name, None for greedy's set.
     """
     if start is None:
-        grown, _ = grow(progress)
-        return np.flatnonzero(progress.best).tolist() or grown
+        last_set = grow(progress).members
+        return np.flatnonzero(progress.best).tolist() or last_set
     objective = progress.objective
     fitting = list[int]()
-    members = np.flatnonzero(objective.row(start))
-    is_required = np.isin(objective.candidates.mount[members], objective.kept)
-    for member in members[is_required].tolist() + members[~is_required].tolist():
-        if len(fitting) < progress.budget and objective.next_allowed(fitting)[member]:
-            fitting.append(member)
+    given = np.flatnonzero(objective.row(start))
+    is_required = np.isin(objective.candidates.mount[given], objective.kept)
+    for candidate in given[is_required].tolist() + given[~is_required].tolist():
+        if len(fitting) < progress.budget and objective.next_allowed(fitting)[candidate]:
+            fitting.append(candidate)
     if objective.keeps(objective.row(fitting)[None])[0]:
         return fitting
-    return grow(progress, start=fitting)[0]
+    return grow(progress, start=fitting).members
 
 
-def _climb(
+def _climb_to_optimum(
     progress: Progress, climb: Climb, rng: np.random.Generator, save_state: Callable[[], None]
 ) -> bool:
     """Change places one by one until none improves; True if this ended before the limits did.
@@ -142,24 +155,25 @@ def _climb(
 
     save_state: called before each change; a search that resumes there repeats the change.
     """
-    places = climb.places
+    places = climb.places  # index of a candidate or `EMPTY_PLACE` each, changed in place
     while climb.waiting:
         save_state()
         position = climb.waiting.pop(0)
         members = [c for i, c in enumerate(places) if i != position and c != EMPTY_PLACE]
         options = np.flatnonzero(progress.objective.allowed(members))
-        subsets = np.vstack(
-            [as_rows([members], progress.size), add_each(members, options, progress.size)]
-        )
-        keeps = progress.objective.keeps(subsets)
-        options = np.r_[EMPTY_PLACE, options][keeps]  # rows of `subsets`: place empty, or filled
-        rewards = progress.rewards(subsets[keeps])
+        members_row = as_rows([members], progress.size)
+        subsets = np.vstack([members_row, add_each(members, options, progress.size)])
+        # False if a pole that must carry a sensor is empty
+        keeps_required = progress.objective.keeps(subsets)
+        # what the place holds in each of the sets
+        fillings = np.r_[EMPTY_PLACE, options][keeps_required]
+        rewards = progress.rewards(subsets[keeps_required])
         best = int(rewards.argmax()) if len(rewards) else 0
         if len(rewards) and rewards[best] > climb.reward:
             climb.reward = float(rewards[best])
-            places[position] = int(options[best])
+            places[position] = int(fillings[best])
             climb.waiting = [i for i in rng.permutation(len(places)).tolist() if i != position]
-        if not np.isfinite(rewards).all():
+        if not np.isfinite(rewards).all():  # -inf beyond the limits
             return False
     if climb.reward == progress.reward:  # among equal sets the one whose neighbourhood was searched
         progress.best = as_rows([[c for c in places if c != EMPTY_PLACE]], progress.size)[0]
@@ -179,10 +193,9 @@ def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> lis
     mount = candidates.mount[allowed]
     members: list[int] = []
     mounts = rng.permutation(np.unique(mount))
-    for chosen_mount in mounts[
-        np.argsort(~np.isin(mounts, objective.kept), kind="stable")
-    ].tolist():
-        options = allowed[mount == chosen_mount]
+    required_first = np.argsort(~np.isin(mounts, objective.kept), kind="stable")
+    for next_mount in mounts[required_first].tolist():
+        options = allowed[mount == next_mount]
         options = options[objective.next_allowed(members)[options]]
         if len(members) < budget and options.size:
             members.append(int(rng.choice(options)))

@@ -20,7 +20,7 @@ MAX_RACED_SETS = 27  # that race if the accurate fidelity can score some of the 
 
 
 @dataclass(frozen=True, eq=False)
-class Verified:
+class AccurateRanking:
     """Best k sets by a fast reward, ranked by the accurate one, with both rewards.
 
     Attributes:
@@ -35,14 +35,14 @@ class Verified:
 
 def verified(
     fast: Objective, accurate: Objective, subset: Int64[np.ndarray, " k"], *, best: int = 5
-) -> Verified:
-    """The `best` sets among a set and its feasible neighbours, ranked by the accurate reward.
+) -> AccurateRanking:
+    """Best sets among a set and its feasible neighbours, ranked by the accurate reward.
 
-    The fast fidelity's error exceeds the effect of one sensor's pose, so a neighbour may be the
-    better set. If the accurate fidelity can score some of the frames, the `MAX_RACED_SETS` best
-    sets by the fast reward race. Sets that tie with the last of the best by the fast reward are
-    ranked too. A set that may not be built by the fast objective has no neighbours. Raises
-    ValueError if the candidates differ, and for `best` below 1.
+    A neighbour differs in one sensor. The fast fidelity's error exceeds the effect of one sensor's
+    pose, so a neighbour may be the better set. If the accurate fidelity can score some of the
+    frames, the `MAX_RACED_SETS` best sets by the fast reward race. Sets that tie with the last of
+    the best by the fast reward are ranked too. A set that may not be built by the fast objective
+    has no neighbours. Raises ValueError if the candidates differ, and for `best` below 1.
 
     subset: indices of the set's candidates; best: number of sets to score accurately.
     """
@@ -51,16 +51,21 @@ def verified(
         raise ValueError(
             "both objectives must choose from the same candidates: make the second from the first's"
         )
-    sets = neighbours(subset, len(fast.candidates))
-    sets = sets[fast.feasible(sets)] if fast.feasible(sets[:1])[0] else sets[:1]
+    sets = neighbours(subset, len(fast.candidates))  # the set itself is the first row
+    is_feasible = fast.feasible(sets)
+    sets = sets[is_feasible] if is_feasible[0] else sets[:1]
     if isinstance(accurate.scored_by, ByFrames):
-        sets = sets[np.argsort(-fast.scores(sets).reward, kind="stable")[:MAX_RACED_SETS]]
+        by_fast_reward = np.argsort(-fast.scores(sets).reward, kind="stable")
+        sets = sets[by_fast_reward[:MAX_RACED_SETS]]
         sets = sets[accurate.race(sets, keep=best).winners]
-    guesses = fast.scores(sets).reward
-    best_rows = find_best(guesses, best)
-    figures = accurate.scores(sets[best_rows]).reward
-    ranked = find_best(figures, len(best_rows))
-    return Verified(sets[best_rows[ranked]], guesses[best_rows[ranked]], figures[ranked])
+    fast_rewards = fast.scores(sets).reward
+    best_rows = find_best(fast_rewards, best)  # indices, the best first
+    rewards = accurate.scores(sets[best_rows]).reward
+    ranking = find_best(rewards, len(best_rows))
+    ranked_rows = best_rows[ranking]
+    return AccurateRanking(
+        sets=sets[ranked_rows], fast=fast_rewards[ranked_rows], accurate=rewards[ranking]
+    )
 
 
 def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[Score, int]:
@@ -72,7 +77,8 @@ def verify_best(fast: Objective, accurate: Objective, result: Result) -> tuple[S
     if result.sensors:
         return score_result(accurate, result), 1
     ranking = verified(fast, accurate, np.array(result.best.subset))
-    return accurate.score(np.flatnonzero(ranking.sets[0])), len(ranking.sets)
+    best_set = ranking.sets[0]
+    return accurate.score(np.flatnonzero(best_set)), len(ranking.sets)
 
 
 def score_result(accurate: Objective, result: Result) -> Score:
@@ -117,28 +123,29 @@ def ap_at_profiles(
 
     aps = {}
     for name, profile in zip(scored_by.cases.names, scored_by.cases.profiles, strict=True):
-        at_profile = replace(
-            preparation,
-            setting=replace(preparation.setting, cases=replace(scored_by.cases, errors=profile)),
-        )
-        at_profile = at_profile.with_traffic(preparation.traffic, detector=preparation.detector)
-        (score,) = build_pose_scorer(at_profile, objective.weights)([tuple(moved)])
+        cases = replace(scored_by.cases, errors=profile)
+        profile_preparation = replace(
+            preparation, setting=replace(preparation.setting, cases=cases)
+        ).with_traffic(preparation.traffic, detector=preparation.detector)
+        (score,) = build_pose_scorer(profile_preparation, objective.weights)([tuple(moved)])
         if score is not None:
             aps[name] = score.ap
     return aps
 
 
 def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
-    """A set, and below it each variant with one member replaced by a candidate outside of it.
+    """Rows of a set and of each variant with one member replaced by a candidate outside of it.
+
+    The set is the first row. Variants are not checked for feasibility.
 
     subset: indices of the set's candidates; candidates: number of all candidates, the length of a
-    row. Variants are not checked for feasibility."""
+    row."""
     row = as_rows([subset.tolist()], candidates)
     outside = np.flatnonzero(~row[0])
     sets = np.repeat(row, 1 + len(subset) * len(outside), axis=0)
-    swaps = np.arange(1, len(sets))  # every pair of a member and a candidate outside
-    sets[swaps, np.repeat(subset, len(outside))] = False
-    sets[swaps, np.tile(outside, len(subset))] = True
+    variant_rows = np.arange(1, len(sets))  # one for each pair of a member and an outside candidate
+    sets[variant_rows, np.repeat(subset, len(outside))] = False
+    sets[variant_rows, np.tile(outside, len(subset))] = True
     return sets
 
 
@@ -151,17 +158,18 @@ def improve_among_equals(
     its neighbour 0.98. Steps go to the best neighbour until none has a higher reward. The limits of
     the search hold.
 
-    members: indices to begin with; count: function that returns the figure of each set that must
-    not fall, such as its covered objects.
+    progress: scores sets within the limits of the search; members: set to begin with, as indices of
+    candidates; count: function that returns the figure of each set that must not fall, such as the
+    number of its covered objects.
     """
     best = sorted(int(c) for c in members)
     if not best:
         return best
     row = as_rows([best], progress.size)
-    min_count = count(row)[0]
-    reward = float(progress.rewards(row)[0])
+    (min_count,) = count(row)
+    (reward,) = progress.rewards(row).tolist()
     while not progress.spent:
-        sets = neighbours(np.array(best), progress.size)[1:]
+        sets = neighbours(np.array(best), progress.size)[1:]  # without the set itself
         sets = sets[progress.objective.feasible(sets)]
         sets = sets[count(sets) >= min_count]
         rewards = progress.rewards(sets)

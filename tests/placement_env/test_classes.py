@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from placement_env.classes import SMALL_IOU, VEHICLES, Classes, find_classes
+from placement_env.classes import SMALL_IOU, Classes, find_classes
+from placement_env.defaults import VEHICLES
 from toolkit.objects import LABELS
 
 THREE = ("vehicle", "cyclist", "pedestrian")

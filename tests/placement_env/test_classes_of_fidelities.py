@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from models.detector import load_detector
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.coverage import Coverage
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_fit import fit_detected

@@ -12,7 +12,7 @@ from placement_env.candidates.candidates import Axes, Candidates, pool
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.setting import AP_ONLY, Setting, Weights
+from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run
 from toolkit.sensors.models import DepthCamera
 from toolkit.sites.site import Mount, Site
@@ -53,7 +53,7 @@ def candidates(
     )
 
 
-def objective(weights: Weights = AP_ONLY, scheme: str = "early", **kwargs: float) -> Objective:
+def objective(weights: Weights = Weights(), scheme: str = "early", **kwargs: float) -> Objective:
     some = candidates(**kwargs)  # type: ignore[arg-type]
     return Objective(
         Setting(candidates=some, fidelity=Counting(len(some)), scheme=scheme, weights=weights)

@@ -62,7 +62,9 @@ class Flow:
         listed = set()
         for movement in self.movements:
             if movement.kind not in ROAD_USER_KINDS:
-                raise ValueError(f"a movement is of {', '.join(ROAD_USER_KINDS)}, got {movement.kind!r}")
+                raise ValueError(
+                    f"a movement is of {', '.join(ROAD_USER_KINDS)}, got {movement.kind!r}"
+                )
             if not 0 <= movement.per_hour <= MAX_PER_HOUR:
                 raise ValueError(
                     f"per_hour must be 0 to {MAX_PER_HOUR:g}, got {movement.per_hour:g} for "

@@ -13,7 +13,8 @@ from coview.arguments import check_schemes
 from coview.commands.placement.plan import DEFAULT_CLASSES, StockOptions
 from coview.options import ClassOptions, load_own_detector
 from coview.outputs import OK, Writing, check_writable, print_result
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
+from placement_env.defaults import USUAL_CASES
 from toolkit.detection.link.range_images import find_codec
 from toolkit.runtime.run import Run
 

@@ -16,7 +16,8 @@ from coview.progress_bar import progress_bar
 from placement_env.candidates.candidates import NoCandidates
 from placement_env.candidates.poles import load_keep_out
 from placement_env.candidates.sensor_catalogue import load_sensor_catalogue
-from placement_env.cases import USUAL_CASES, Cases, iou_text
+from placement_env.cases import Cases, iou_text
+from placement_env.defaults import USUAL_CASES
 from placement_env.links import LINK_SHARE
 from placement_env.report.planning.plan_folder import PLAN_FILE, found_nothing
 from placement_env.report.planning.question import DEFAULT_SENSORS, Question, Stock

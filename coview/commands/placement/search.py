@@ -11,7 +11,7 @@ from coview.arguments import check_least, check_positive, check_schemes, check_s
 from coview.options import Output, SettingOptions
 from coview.outputs import NOT_MET, OK, check_folder, check_writable, print_result
 from coview.progress_bar import progress_bar
-from placement_env.cases import USUAL_CASES
+from placement_env.defaults import USUAL_CASES
 from placement_env.search.methods import usual_method
 from toolkit.runtime.run import Run
 from toolkit.sites.files import load_site

@@ -19,7 +19,7 @@ from placement_env.search.portfolio.entrants import (
     join_entrants,
     keep_entrants,
 )
-from placement_env.setting import AP_ONLY
+from placement_env.setting import Weights
 from toolkit.objects import LABELS
 from toolkit.runtime.run import Run
 
@@ -61,7 +61,9 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
             reasons = refuse_traffic(question, missing, preparation.frames, "simulated")
             raise Refusal(reasons, pool)
     pool_objectives = [
-        Objective.from_view(preparation, preparation.setting.pool, preparation.visibility, AP_ONLY)
+        Objective.from_view(
+            preparation, preparation.setting.pool, preparation.visibility, Weights()
+        )
         for preparation in preparations
     ]
     first_objective = pool_objectives[0]
@@ -76,7 +78,7 @@ def prepare_search(question: Question, run: Run) -> PreparedSearch:
     if obstacles or not buildable_names:
         raise Refusal(obstacles or excluded, pool)
     objectives = [
-        Objective.from_view(preparation, view.candidates, view.visibility, AP_ONLY)
+        Objective.from_view(preparation, view.candidates, view.visibility, Weights())
         for preparation, view in zip(preparations, views, strict=True)
     ]
     return PreparedSearch(run, preparations, views, objectives, excluded)
@@ -114,7 +116,7 @@ def search_entrants(question: Question, prepared: PreparedSearch) -> Entrants:
     if not question.cases.plain:
         entrant_lists += [
             keep_entrants(
-                Objective.from_view(preparation.plain, view.candidates, view.visibility, AP_ONLY),
+                Objective.from_view(preparation.plain, view.candidates, view.visibility, Weights()),
                 effort,
                 run.memo,
                 depends_on=preparation.traffic.digest(),

@@ -13,8 +13,9 @@ import numpy as np
 from placement_env.analysis import intervals
 from placement_env.analysis.agreement import StageFigure
 from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
 from placement_env.classes import Classes, Combine
+from placement_env.defaults import USUAL_CASES
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import CONFIDENCE, ClassAP, Judgement

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from placement_env.cases import iou_text
-from placement_env.classes import VEHICLES, join_names
+from placement_env.classes import join_names
+from placement_env.defaults import VEHICLES
 from placement_env.handover.mounted import PoleLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.choice import Rule

@@ -68,8 +68,9 @@ class Demand:
     levels: int = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the fields do not fit."""
         check_whole("parts", self.parts, least=1)
-        Cases(levels=self.levels)
+        Cases(levels=self.levels)  # checks the number of levels of traffic
         if not 0 < self.at_least <= 1:
             raise ValueError(
                 f"the AP to be reached must lie above 0 and up to 1, got {self.at_least}: 0.9 is "
@@ -98,14 +99,15 @@ class Demand:
 
         Args:
             objective: Objective whose preparation splits the frames into levels of traffic.
-            seen: Visibility of the counted objects, whose number in each frame gives the levels if
-                there is no preparation.
+            seen: Visibility of the counted objects, with the frame of each. Without a preparation
+                the number of objects in each frame gives the levels.
         """
-        object_counts = np.bincount(seen.frame, minlength=seen.frames)
+        object_counts = np.bincount(seen.frame, minlength=seen.frames)  # in each frame
         shares: Sequence[Int64[np.ndarray, " _"]]
         if self.levels == 1:
+            # consecutive parts that are equally long up to rounding
             part_of_frame = np.arange(seen.frames) * self.parts // max(1, seen.frames)
-            shares = [np.flatnonzero(part_of_frame == k) for k in range(self.parts)]
+            shares = [np.flatnonzero(part_of_frame == part) for part in range(self.parts)]
         elif objective.preparation is not None:
             shares = objective.preparation.split(self.levels)
         else:
@@ -124,9 +126,10 @@ class Demand:
         if not len(sets):
             return np.zeros(0)
         cases = Cases(failing=self.failing)
+        # the sets, and each set without one of its sensors; `owners`: index of the set of each row
         rows, owners = cases.expand(sets)
-        ap = np.min([fidelity(rows).ap for fidelity in fidelities], axis=0)
-        return cases.over_failures(ap, owners, tie=0.0)
+        lowest_ap = np.min([fidelity(rows).ap for fidelity in fidelities], axis=0)
+        return cases.over_failures(lowest_ap, owners, tie=0.0)
 
 
 class DemandFidelity:
@@ -140,15 +143,16 @@ class DemandFidelity:
         demand: Demand with the failures."""
 
     def __init__(self, whole: Fidelity, fidelities: Sequence[Fidelity], demand: Demand) -> None:
-        self._whole = whole
-        self._by = tuple(fidelities)
+        self._whole_fidelity = whole
+        self._share_fidelities = tuple(fidelities)
         self._demand = demand
         self.name = whole.name
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Lowest AP of each set; `TIE_SHARE` of the intact set's AP is added to separate equals."""
-        intact = self._whole(subsets)
-        return intact._replace(ap=self._demand.reach(self._by, subsets) + TIE_SHARE * intact.ap)
+        intact = self._whole_fidelity(subsets)
+        lowest_ap = self._demand.reach(self._share_fidelities, subsets)
+        return intact._replace(ap=lowest_ap + TIE_SHARE * intact.ap)
 
 
 def search(
@@ -186,25 +190,32 @@ def search(
     prices = Prices.in_units(
         objective, max(float(objective.candidates.prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
     )
+    limits = SolverLimits(seed=seed, effort=effort)
     if isinstance(objective.scored_by, Coverage):
-        return _by_coverage(
-            progress, objective.scored_by, prices, demand, SolverLimits(seed=seed, effort=effort)
-        )
+        return _search_coverage(progress, objective.scored_by, prices, demand, limits)
     if not isinstance(objective.scored_by, Surrogate):
         raise ValueError(
             "the cheapest set is known by --fidelity coverage or surrogate, got "
             f"{objective.fidelity}"
         )
-    return _by_surrogate(
-        progress, objective.scored_by, prices, demand, SolverLimits(seed=seed, effort=effort)
-    )
+    return _search_surrogate(progress, objective.scored_by, prices, demand, limits)
 
 
-def _by_coverage(
+def _search_coverage(
     progress: Progress, cover: Coverage, prices: Prices, demand: Demand, limits: SolverLimits
 ) -> Result:
-    # cheapest set that covers a share of the objects: one exact programme. A need is the number of
-    # objects to be covered in each share of the traffic, and each share is a group of `Levels`
+    """Cheapest set that covers a share of the objects, by one exact programme.
+
+    Each share of the traffic (part or level) is a group of `Levels`, which needs a number of
+    covered objects. To make the needs equal, each share gets one more object that all candidates
+    see; its gain is the amount by which the share's need is smaller than the largest.
+
+    Args:
+        progress: Objective, budget and time of the search.
+        cover: Coverage by which the objective scores sets.
+        prices: Prices that are minimised.
+        demand: Share of objects to be covered, and conditions.
+        limits: Seed and effort of the solver."""
     objective = progress.objective
     if objective.visibility is None or cover.views != 1 or len(objective.classes.names) > 1:
         raise ValueError(
@@ -212,34 +223,35 @@ def _by_coverage(
         )
     seen = objective.visibility.of_classes(objective.classes.labels)
     shares = demand.shares(objective, seen)
-    share_rows = np.array([np.isin(seen.frame, frames) for frames in shares]).reshape(
-        len(shares), len(seen.frame)
-    )
+    object_count = len(seen.frame)
+    in_share = [np.isin(seen.frame, frames) for frames in shares]
+    share_rows = np.array(in_share).reshape(len(shares), object_count)
     needs = np.ceil(demand.at_least * share_rows.sum(axis=1) - ROUNDING_AP).astype(np.int64)
-    # equal needs: each share gets one more object that all candidates see, whose gain is the amount
-    # by which its need is smaller
-    views = np.pad(
-        (seen.points >= LEAST).astype(np.int64), ((0, 0), (0, len(needs))), constant_values=1
-    )
-    threshold = np.pad(np.ones((1, len(seen.frame)), np.int64), ((0, 0), (0, len(needs))))
-    gain = np.append(threshold[0, : len(seen.frame)], needs.max() - needs)[None]
+    # one object for each share follows the others: all see it, and it needs no view
+    added_objects = ((0, 0), (0, len(needs)))
+    sees = np.pad((seen.points >= LEAST).astype(np.int64), added_objects, constant_values=1)
+    threshold = np.pad(np.ones((1, object_count), np.int64), added_objects)
+    gain = np.append(threshold[0, :object_count], needs.max() - needs)[None]
     levels = Levels(
-        views, threshold, gain, np.hstack([share_rows, np.eye(len(needs), dtype=np.bool_)])
+        evidence=sees,
+        threshold=threshold,
+        gain=gain,
+        groups=np.hstack([share_rows, np.eye(len(needs), dtype=np.bool_)]),
     )
-    programme = Programme.of(objective, progress.budget, levels, failing=demand.failing)
+    programme = Programme.from_objective(objective, progress.budget, levels, failing=demand.failing)
     solution = _solve(progress, programme, int(needs.max()), prices, limits)
     condition = f"covers {demand.at_least:.0%} of the objects{demand.describe(len(share_rows))}"
-    return _result(progress, solution, prices.unit, condition)
+    return _build_result(progress, solution, prices.unit, condition)
 
 
-def _by_surrogate(
+def _search_surrogate(
     progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, limits: SolverLimits
 ) -> Result:
     # cheapest set that reaches an AP by a surrogate: bound by steps above the curve, then a set by
     # steps in its middle or by swaps, then pruned. `shares`: surrogate in each share of the traffic
     objective = progress.objective
     shares = [surrogate]
-    is_plain = demand == Demand(demand.at_least)
+    has_conditions = demand != Demand(demand.at_least)
     if max(demand.parts, demand.levels) > 1:
         if objective.visibility is None:
             raise ValueError(
@@ -251,24 +263,24 @@ def _by_surrogate(
 
     def score_ap(sets: Sets) -> Float64[np.ndarray, " n"]:
         # AP of each set; the lowest over failures and shares if the demand has conditions
-        return objective.scores(sets).ap if is_plain else demand.reach(shares, sets)
+        return demand.reach(shares, sets) if has_conditions else objective.scores(sets).ap
 
     condition = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
     # both programmes share this list, and `_solve` extends it in place
     lost_cases: list[Bool[np.ndarray, " C"]] | None = [] if demand.failing else None
     above = join_levels([build_levels(share, above=True) for share in shares])
     middle = join_levels([build_levels(share, above=False) for share in shares])
-    relaxation = Programme.of(objective, progress.budget, above, lost=lost_cases)
-    programme = Programme.of(objective, progress.budget, middle, lost=lost_cases)
+    relaxation = Programme.from_objective(objective, progress.budget, above, lost_cases=lost_cases)
+    programme = Programme.from_objective(objective, progress.budget, middle, lost_cases=lost_cases)
     need = math.floor(demand.at_least * GAIN_UNITS)
-    time_share = 1.0 if is_plain else BOUND_TIME_SHARE
+    time_share = BOUND_TIME_SHARE if has_conditions else 1.0
     relaxed = _solve(progress, relaxation, need, prices, limits, time_share)
-    if relaxed.chosen is None and relaxed.optimal:
-        return _result(progress, relaxed, prices.unit, condition)
+    if relaxed.members is None and relaxed.optimal:
+        return _build_result(progress, relaxed, prices.unit, condition)
     answer = _raise_demand(progress, programme, prices, limits, demand.at_least, score_ap)
     if answer is None:
         search_objective = objective
-        if not is_plain:
+        if has_conditions:
             scored_by = DemandFidelity(surrogate, shares, demand)
             setting = replace(
                 objective.setting, candidates=objective.candidates, fidelity=scored_by
@@ -281,15 +293,17 @@ def _by_surrogate(
         if members and _score_one(objective, score_ap, members) >= demand.at_least - ROUNDING_AP:
             answer = members
     if answer is None:
-        return _result(progress, Solved(None, 0, relaxed.bound, False), prices.unit, condition)
+        unsolved = Solved(members=None, value=0, bound=relaxed.bound, optimal=False)
+        return _build_result(progress, unsolved, prices.unit, condition)
     answer = _prune(objective, answer, demand.at_least, score_ap)
     remark = ""
-    if not is_plain:
+    if has_conditions:
         worst_ap = _score_one(objective, score_ap, answer)
         remark = f"; by the surrogate it is AP {worst_ap:.4f} in the worst case"
     price = prices.total(answer)
-    solved = Solved(answer, price, min(relaxed.bound, price), relaxed.bound >= price)
-    return _result(progress, solved, prices.unit, condition, remark)
+    bound = min(relaxed.bound, price)
+    solved = Solved(members=answer, value=price, bound=bound, optimal=relaxed.bound >= price)
+    return _build_result(progress, solved, prices.unit, condition, remark)
 
 
 def _raise_demand(
@@ -300,11 +314,14 @@ def _raise_demand(
     at_least: float,
     score_ap: SetFunction,
 ) -> list[int] | None:
-    """Cheapest set of a programme that reaches an AP, found with a worth that rises until then.
+    """Cheapest set of a programme that reaches an AP, found with a rising demand.
+
+    The programme only approximates the AP. So what it demands of a set rises by a share of the AP
+    that is still missing, until the AP is reached.
 
     Args:
         progress: Objective and limits of the search.
-        programme: Programme whose worth only approximates the AP.
+        programme: Programme that approximates the AP, in `GAIN_UNITS`.
         prices: Prices that are minimised.
         limits: Limits of the solver in each try.
         at_least: AP that the set must reach.
@@ -315,15 +332,15 @@ def _raise_demand(
         out."""
     demanded_ap = at_least
     for _ in range(MAX_TRIES):
-        solution = _solve(progress, programme, math.ceil(demanded_ap * GAIN_UNITS), prices, limits)
-        if solution.chosen is None or progress.spent:
+        need = math.ceil(demanded_ap * GAIN_UNITS)
+        solution = _solve(progress, programme, need, prices, limits)
+        if solution.members is None or progress.spent:
             return None
-        missing_ap = at_least - _score_one(progress.objective, score_ap, solution.chosen)
+        missing_ap = at_least - _score_one(progress.objective, score_ap, solution.members)
         if missing_ap <= ROUNDING_AP:
-            return solution.chosen
-        demanded_ap += max(
-            0.002, DEMAND_STEP_SHARE * missing_ap
-        )  # 0.002: few tries for a tiny lack
+            return solution.members
+        # 0.002: few tries for a tiny lack
+        demanded_ap += max(0.002, DEMAND_STEP_SHARE * missing_ap)
     return None
 
 
@@ -340,11 +357,12 @@ def _solve(
     limits: SolverLimits,
     time_share: float = 1.0,
 ) -> Solved:
-    """Cheapest set whose worth meets a need, also after any failure if `programme.lost` is a list.
+    """Cheapest set whose worth meets a need, and a price below which no such set exists.
 
-    The programme is solved again and again: cases of failure that an answer violates are added to
-    `programme.lost` in place. No set is cheaper than the bound, even if time runs out before a set
-    satisfies all cases.
+    If `programme.lost_cases` is a list, the set must meet the need after the failure of any sensor
+    too. The programme is then solved again and again: cases of failure that an answer violates are
+    added to the list in place. The bound holds even if time runs out before a set satisfies all
+    cases.
 
     Args:
         progress: Objective and time of the search.
@@ -355,90 +373,100 @@ def _solve(
         time_share: Share of the whole search's time at which this must end."""
     bound = 0
     while True:
+        # 0.1 s: the solver gets a little time even after the end
         remaining_s = max(0.1, time_share * progress.limits.seconds - progress.limits.elapsed)
-        timed = replace(limits, seconds=remaining_s)
-        solution = solve(programme, timed, at_least=need, cost=prices)
+        timed_limits = replace(limits, seconds=remaining_s)
+        solution = solve(programme, timed_limits, at_least=need, cost=prices)
         bound = max(bound, solution.bound)
-        if solution.chosen is None:
+        if solution.members is None:
             return solution._replace(bound=bound)
-        violated = _list_violated(progress, programme, solution.chosen, need)
-        if programme.lost is None or not violated:
-            return solution._replace(bound=min(bound, solution.figure))
+        violated = _list_violated(progress, programme, solution.members, need)
+        if programme.lost_cases is None or not violated:
+            return solution._replace(bound=min(bound, solution.value))
         if progress.limits.elapsed >= time_share * progress.limits.seconds:
-            return Solved(None, 0, bound, False)
-        programme.lost.extend(violated)
+            return Solved(members=None, value=0, bound=bound, optimal=False)
+        programme.lost_cases.extend(violated)
 
 
 def _list_violated(
     progress: Progress, programme: Programme, members: list[int], need: int
 ) -> list[Bool[np.ndarray, " C"]]:
-    """Failures after which a set does not meet the need, as masks of the lost candidates.
+    """Failures of one sensor after which a set does not meet the need.
 
-    Cases in `programme.lost` already are left out; none if that is None.
+    Each failure is a mask of the candidates that are lost with the sensor. Failures that are in
+    `programme.lost_cases` already are left out; the list is empty if that is None.
 
     Args:
         progress: Objective with the candidates.
-        programme: Worth of sets, and known cases.
+        programme: Worth of sets, and the failures that its answers consider already.
         members: Set, as indices of candidates.
         need: Worth that the remaining set must have, in whole units."""
-    if programme.lost is None:
+    if programme.lost_cases is None:
         return []
     candidates = progress.objective.candidates
     mount = candidates.mount
-    # a failing sensor takes all candidates of a pole with one place
     has_one_place = candidates.places[mount] == 1
-    violated = []
+    violated_cases = []
     for failed in members:
-        is_lost = (
-            mount == mount[failed] if has_one_place[failed] else np.arange(len(mount)) == failed
-        )
-        if any((is_lost == case).all() for case in programme.lost):
+        if has_one_place[failed]:
+            # any candidate of this pole would fail alike, and at most one is built
+            is_lost = mount == mount[failed]
+        else:
+            is_lost = np.arange(len(mount)) == failed
+        if any((is_lost == case).all() for case in programme.lost_cases):
             continue
-        if programme.levels.worth([c for c in members if not is_lost[c]]) < need:
-            violated.append(is_lost)
-    return violated
+        remaining = [member for member in members if not is_lost[member]]
+        if programme.levels.worth(remaining) < need:
+            violated_cases.append(is_lost)
+    return violated_cases
 
 
-def join_levels(groups: Sequence[Levels]) -> Levels:
-    """Join levels of several groups of objects, seen by the same candidates, into one.
+def join_levels(parts: Sequence[Levels]) -> Levels:
+    """Join levels of evidence on several parts of the objects, seen by the same candidates.
 
-    Objects follow group after group. Each group, such as the objects of one class or one level of
-    traffic, has the same number of levels. Its `parties` are kept, as rows that hold no object of
-    another group."""
+    The objects of the result, on the second axis of all arrays, follow part after part. A part is,
+    for instance, the objects of one class; all parts have the same number of levels of evidence.
+    The groups of each part stay groups of the result, which hold no object of another part."""
     return Levels(
-        known=np.concatenate([group.known for group in groups], axis=1),
-        threshold=np.concatenate([group.threshold for group in groups], axis=1),
-        gain=np.concatenate([group.gain for group in groups], axis=1),
-        parties=block_diag(*[group.parties for group in groups]),
+        evidence=np.concatenate([part.evidence for part in parts], axis=1),
+        threshold=np.concatenate([part.threshold for part in parts], axis=1),
+        gain=np.concatenate([part.gain for part in parts], axis=1),
+        groups=block_diag(*[part.groups for part in parts]),
     )
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
-    """Steps of the hit probability of all objects of a surrogate, class after class.
+    """Steps of the hit probability of all objects of a surrogate, as levels of evidence.
 
-    Gains include the size of an object and, for the mean of classes, the weight of its class. The
-    mean of classes is one group (`Levels.parties`); for the worst class each class is one.
+    With the evidence on an object (points of all sensors, as powers) its probability to be detected
+    rises along a curve, which steps approximate. Objects follow class after class. Gains include
+    the size of an object and, for the mean of classes, the weight of its class. The worth of a set
+    is the sum over all objects for the mean of classes, and over the class with the lowest sum for
+    the worst class (`Levels.groups`).
 
     Args:
         surrogate: Surrogate with the evidence of each candidate on each object.
         above: True for steps nowhere below the curve, False for steps that cut it in the middle."""
     is_worst = surrogate.classes.combine == "worst"
     class_levels = []
-    scales = []
+    class_factors = []  # factors on the gains of a class's objects
+    # for each class: evidence (candidates × objects), factor for the size of each object, model of
+    # the hit probability, and weight
     for powers, size_factor, model, weight in surrogate.evidence():
         class_levels.append(levels_of_hits(powers, model, above=above))
-        scales.append(size_factor * (1.0 if is_worst else weight))
+        class_factors.append(size_factor * (1.0 if is_worst else weight))
     levels = join_levels(class_levels)
-    scale = np.concatenate(scales)
-    gain = (np.ceil if above else np.rint)(levels.gain * scale).astype(np.int64)
-    parties = levels.parties if is_worst else np.ones((1, len(scale)), np.bool_)
-    return levels._replace(gain=gain, parties=parties)
+    object_factor = np.concatenate(class_factors)
+    round_gain = np.ceil if above else np.rint  # up, so that steps stay above the curve
+    gain = round_gain(levels.gain * object_factor).astype(np.int64)
+    one_group = np.ones((1, len(object_factor)), np.bool_)
+    return levels._replace(gain=gain, groups=levels.groups if is_worst else one_group)
 
 
 def _prune(
     objective: Objective, members: list[int], at_least: float, score_ap: SetFunction
 ) -> list[int]:
-    """Drop unneeded sensors or replace them by cheaper ones, as long as the set keeps its AP.
+    """Set after dropping unneeded sensors, or replacing them by cheaper ones, at a sufficient AP.
 
     In each round the cheapest of all such changes of one sensor is made.
 
@@ -455,31 +483,41 @@ def _prune(
         options: list[list[int]] = []
         for dropped in members:
             remaining = [c for c in members if c != dropped]
-            cheaper = objective.allowed(remaining) & (prices < prices[dropped] - ROUNDING_AP)
+            is_cheaper = objective.allowed(remaining) & (prices < prices[dropped] - ROUNDING_AP)
             options.append(remaining)
-            options += [[*remaining, c] for c in np.flatnonzero(cheaper).tolist()]
+            options += [[*remaining, c] for c in np.flatnonzero(is_cheaper).tolist()]
         sets = as_rows(options, len(prices))
+        # `keeps`: mounts that must carry a sensor still do
         sets = sets[objective.keeps(sets) & (score_ap(sets) >= at_least - ROUNDING_AP)]
         if not len(sets):
             return sorted(members)
-        members = np.flatnonzero(sets[objective.price(sets).argmin()]).tolist()
+        cheapest_set = sets[objective.price(sets).argmin()]
+        members = np.flatnonzero(cheapest_set).tolist()
 
 
-def _result(
+def _build_result(
     progress: Progress, solution: Solved, unit: float, condition: str, remark: str = ""
 ) -> Result:
-    # result with a certificate of the price. unit: price of a whole unit in the solution;
-    # condition: what the set does, such as "reaches AP 0.9"; remark: added to the note
+    """Result of the search, with a certificate of the price.
+
+    Args:
+        progress: Progress of the search; the set becomes its best.
+        solution: Set and lowest possible price in whole units, or no set.
+        unit: Price of one whole unit.
+        condition: Condition that the set meets, for the note, such as "reaches AP 0.9".
+        remark: Text after the note."""
     bound = solution.bound * unit
-    if solution.chosen is None:
+    if solution.members is None:
         claim = (
             "no set within the budget " if solution.optimal else "no set was found in time that "
         )
-        return progress.result(
-            "cheapest", Certificate("none", 0.0, bound, note=f"{claim}{condition}", measure="price")
+        no_set = Certificate(
+            kind="none", value=0.0, bound=bound, note=f"{claim}{condition}", measure="price"
         )
-    progress.settle(sorted(solution.chosen))
+        return progress.result("cheapest", no_set)
+    progress.settle(sorted(solution.members))
     price = float(progress.objective.price(progress.best[None])[0])
     bound = price if solution.optimal else min(bound, price)
     note = f"{condition} for {price:g}, and no set that does costs less than {bound:g}{remark}"
-    return progress.result("cheapest", Certificate.from_bound(price, bound, note, "price"))
+    certificate = Certificate.from_bound(price, bound, note, measure="price")
+    return progress.result("cheapest", certificate)

@@ -30,7 +30,7 @@ from placement_env.search.exact.programme import (
     Prices,
     Solved,
     SolverLimits,
-    cp_model,
+    load_cp_model,
     run_solver,
 )
 from placement_env.search.progress import Progress
@@ -89,11 +89,11 @@ def search(
     worth, units = compute_worth(visibility.labels, objective.classes)
     cover = cover_most(
         seen,
-        Poles.of(objective),
+        Poles.from_objective(objective),
         budget,
         views=views,
-        may_stand=objective.allowed([]),
-        prices=Prices.of(objective),
+        is_buildable=objective.allowed([]),
+        prices=Prices.from_objective(objective),
         worth=worth,
         limits=SolverLimits(DEFAULT_SOLVER_S if seconds is None else seconds, seed, effort),
     )
@@ -105,11 +105,11 @@ def search(
             totals[n] = (worth @ (seen[row].sum(axis=0) >= views)).min()
         return totals
 
-    members = cover.chosen or []
+    members = cover.members or []
     if not isinstance(objective.scored_by, ByFrames):
         members = improve_among_equals(progress, members, covered)
     progress.settle(members)
-    share = cover.figure / max(1, units)
+    share = cover.value / max(1, units)
     max_share = cover.bound / max(1, units)
     views_text = (
         f"{views} view(s) of {LEAST:g} points or more from {{{', '.join(map(str, members))}}}"
@@ -121,7 +121,7 @@ def search(
         )
     else:
         note = (
-            f"{cover.figure} of {units} objects have {views_text}, and no set covers more than "
+            f"{cover.value} of {units} objects have {views_text}, and no set covers more than "
             f"{cover.bound}"
         )
     return progress.result("CP-SAT", Certificate.from_bound(share, max_share, note, "coverage"))
@@ -133,7 +133,7 @@ def cover_most(
     budget: int,
     *,
     views: int = 1,
-    may_stand: Bool[np.ndarray, " C"] | None = None,
+    is_buildable: Bool[np.ndarray, " C"] | None = None,
     prices: Prices | None = None,
     worth: _Worth | None = None,
     limits: SolverLimits = SolverLimits(),
@@ -148,7 +148,7 @@ def cover_most(
         poles: Places and links of the candidates' mounts.
         budget: Largest number of candidates.
         views: Number of candidates that must see an object to cover it.
-        may_stand: Mask of candidates that may be built, None for all.
+        is_buildable: Mask of candidates that may be built, None for all.
         prices: Prices with their limit, None for no limit.
         worth: Worth of covering each object, for k groups; the lowest sum counts
             (`compute_worth`); None to count objects.
@@ -160,32 +160,37 @@ def cover_most(
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
     began = time.monotonic()
-    is_allowed = np.ones(len(seen), np.bool_) if may_stand is None else may_stand
-    is_required = is_allowed & np.isin(poles.mount, poles.kept)
+    is_allowed = np.ones(len(seen), np.bool_) if is_buildable is None else is_buildable
+    is_required = is_allowed & np.isin(poles.mount, poles.required)
     useful = drop_dominated(
         seen & is_allowed[:, None],
-        poles.apart,
-        None if prices is None else prices.each + prices.shared,
+        poles.exclusive_mount,
+        None if prices is None else prices.sensor + prices.per_mount,
         is_required,
     )
     cost = None if prices is None else prices.select(useful)
     poles = poles.select(useful)
     object_worth = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
-    objects, weights = merge_objects(seen[useful], poles.apart, views, object_worth)
+    objects, weights = merge_objects(seen[useful], poles.exclusive_mount, views, object_worth)
     start = greedy_cover(objects, weights.sum(axis=0), poles.mount, budget, views, prices=cost)
-    bound = min(
-        prove_bound(objects, row, poles.apart, budget, views=views, chosen=start) for row in weights
+    mount = poles.exclusive_mount
+    bounds = [
+        prove_bound(objects, group_weight, mount, budget, views=views, members=start)
+        for group_weight in weights
+    ]
+    bound = min(bounds)
+    model, built = _build_model(
+        objects, weights, poles, budget, views=views, start=start, bound=bound
     )
-    model, built = _model(objects, weights, poles, budget, views=views, start=start, bound=bound)
     if cost is not None:
-        model.add(cost.expression(model, built) <= cost.most)
+        model.add(cost.expression(model, built) <= cost.limit)
     remaining_s = max(0.01, limits.seconds - (time.monotonic() - began))
     solver = replace(limits, seconds=remaining_s).build_solver()
     # for any other status time ran out before a solution
     if run_solver(solver, model) in ("OPTIMAL", "FEASIBLE"):
         start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
-    elif poles.kept:
+    elif poles.required:
         start = []
     members = sorted(useful[start].tolist())
     covered = int((object_worth @ (seen[members].sum(axis=0) >= views)).min())
@@ -195,11 +200,13 @@ def cover_most(
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
     """Worth of covering each object in whole numbers, and the total of all.
 
-    With one class each object counts 1. With several the total is `WORTH_UNITS`, and the objects
-    of a class share its units equally: in one row by the weights of classes for their mean, in one
-    row for each class, with all units, for the worst class. Classes without an object are left out.
+    The worth has a row for each group of objects whose lowest sum counts. With one class each
+    object counts 1, in one row. With several classes, the objects of a class share its units
+    equally. For the mean of classes there is one row, in which classes have `WORTH_UNITS` together,
+    by their weights. For the worst class there is a row for each class, which has all
+    `WORTH_UNITS`. Classes without an object are left out.
 
-    labels: Class (number) of each object.
+    labels: class (number) of each object; classes: classes that count.
     """
     present = [
         (label, weight)
@@ -208,7 +215,7 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_W
     ]
     if len(classes.names) == 1 or not present:
         return np.ones((1, len(labels)), np.int64), len(labels)
-    class_rows = np.array([labels == label for label, _ in present])
+    class_rows = np.array([labels == label for label, _ in present])  # classes × objects
     shares = class_rows / class_rows.sum(axis=1, keepdims=True)
     if classes.combine == "mean":
         weights = np.array([weight for _, weight in present])
@@ -264,22 +271,24 @@ def merge_objects(
         worth: Worth of each object, for k groups.
 
     Returns:
-        Candidates × m kinds of objects, True if seen; k groups × m, sum of their objects' worth."""
-    observers = np.zeros(seen.shape[1])
+        Candidates × m merged objects, True if seen, and k groups × m, the sum of the worth of the
+        objects merged into each."""
+    observing_mounts = np.zeros(seen.shape[1])  # number for each object
     for mount_number in np.unique(mount):
-        observers = observers + seen[mount == mount_number].any(axis=0)
-    is_coverable = observers >= views
+        observing_mounts = observing_mounts + seen[mount == mount_number].any(axis=0)
+    is_coverable = observing_mounts >= views
     seen = seen[:, is_coverable]
     worth = worth[:, is_coverable]
     if not seen.size:
         return seen[:, :0], worth[:, :0]
     # each object's column of bits as one opaque value, which np.unique can compare
     packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
-    keys = packed.view(np.dtype((np.void, packed.shape[1])))[:, 0]
-    _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
-    weights = np.zeros((len(worth), len(first)), np.int64)
-    np.add.at(weights.T, kind.ravel(), worth.T)
-    return seen[:, first], weights
+    _, byte_count = packed.shape
+    keys = packed.view(np.dtype((np.void, byte_count)))[:, 0]
+    _, first_object, merged_index = np.unique(keys, return_index=True, return_inverse=True)
+    weights = np.zeros((len(worth), len(first_object)), np.int64)
+    np.add.at(weights.T, merged_index.ravel(), worth.T)  # adds repeated indices too
+    return seen[:, first_object], weights
 
 
 def greedy_cover(
@@ -304,19 +313,19 @@ def greedy_cover(
         views: Views that an object needs.
         prices: Prices with their limit, None for no limit.
     """
-    missing = np.full(len(weight), views)
+    missing_views = np.full(len(weight), views)  # per object; below 0 if seen more often
     is_free = np.ones(len(seen), bool)
     members: list[int] = []
     while len(members) < budget:
         if prices is not None:
             # no member shares a mount with a free candidate, which so pays the mount's price too
-            is_free &= prices.each + prices.shared <= prices.most - prices.total(members)
+            is_free &= prices.sensor + prices.per_mount <= prices.limit - prices.total(members)
         if not is_free.any():
             break
-        weights = (missing > 0).astype(np.float64) * weight
-        best = int(np.where(is_free, seen @ weights, -1.0).argmax())
+        open_weight = (missing_views > 0).astype(np.float64) * weight
+        best = int(np.where(is_free, seen @ open_weight, -1.0).argmax())
         members.append(best)
-        missing = missing - seen[best]
+        missing_views = missing_views - seen[best]
         is_free &= mount != mount[best]
     return members
 
@@ -328,11 +337,11 @@ def prove_bound(
     budget: int,
     *,
     views: int,
-    chosen: list[int],
+    members: list[int],
 ) -> int:
     """Upper bound on the weight that any set of at most `budget` candidates can cover.
 
-    It is the lowest of some bounds. For one view the coverage of `chosen` plus the largest gains,
+    It is the lowest of some bounds. For one view the coverage of `members` plus the largest gains,
     one per mount, is another one (Leskovec et al., KDD 2007).
 
     Args:
@@ -341,7 +350,7 @@ def prove_bound(
         mount: Number of each candidate's mount; at most one candidate of a mount is built.
         budget: Largest number of candidates.
         views: Views that cover an object.
-        chosen: Any set, as indices of candidates; the better it is, the tighter the bound.
+        members: Any set, as indices of candidates; the better it is, the tighter the bound.
     """
 
     def largest(gains: np.ndarray) -> float:
@@ -352,12 +361,12 @@ def prove_bound(
 
     bounds = [float(weight.sum()), largest(seen @ weight.astype(np.float64)) / views]
     if views == 1:
-        covered = seen[chosen].any(axis=0)
+        covered = seen[members].any(axis=0)
         bounds.append(float(weight[covered].sum()) + largest(seen @ np.where(covered, 0.0, weight)))
     return int(min(bounds) + 1e-6)
 
 
-def _model(
+def _build_model(
     seen: np.ndarray,
     weights: np.ndarray,
     poles: Poles,
@@ -378,7 +387,7 @@ def _model(
         start: Set (indices of candidates) at which the solver begins; values are hinted for all
             variables.
         bound: Known upper bound on the covered weight."""
-    cp = cp_model()
+    cp = load_cp_model()
     model = cp.CpModel()
     built = [model.new_bool_var("") for _ in range(len(seen))]
     covered = [model.new_bool_var("") for _ in range(weights.shape[1])]

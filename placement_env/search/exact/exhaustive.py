@@ -83,10 +83,13 @@ def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:
 
     points: n rows of m figures, each the better the lower.
     """
-    # no row is beaten by a later one in this order
+    # by the first column, then the second and so on, equal rows by index: in this order no row is
+    # beaten by a later one
     order = np.lexsort((np.arange(len(points)), *points.T[::-1]))
     front = []
     while order.size:
-        front.append(order[0])
-        order = order[(points[order] < points[order[0]]).any(axis=1)]
+        best = order[0]
+        front.append(best)
+        # drops the best row too, and all rows that it beats or equals
+        order = order[(points[order] < points[best]).any(axis=1)]
     return np.sort(np.array(front, np.int64))

@@ -57,19 +57,18 @@ def search(
         )
     levels = build_levels(surrogate, above=False)
     progress = Progress(objective, budget, seconds, evaluations)
-    start, _ = greedy.grow(progress)
+    start = greedy.grow(progress).members
     remaining_s = max(0.1, min(DEFAULT_SOLVER_S, progress.limits.seconds - progress.limits.elapsed))
-    solution = solve(
-        Programme.of(objective, budget, levels), SolverLimits(remaining_s, seed), start=start
-    )
+    programme = Programme.from_objective(objective, budget, levels)
+    solution = solve(programme, SolverLimits(remaining_s, seed), start=start)
     answers = [
         subset
-        for subset in (solution.chosen, start)
+        for subset in (solution.members, start)
         if subset and objective.feasible(objective.row(subset)[None])[0]
     ]
     members = max(answers, key=levels.worth, default=[])
     value = levels.worth(members)
-    bound = max(value, solution.bound) if solution.chosen is not None else levels.whole
+    bound = max(value, solution.bound) if solution.members is not None else levels.max_worth
 
     def worth(sets: Sets) -> Int64[np.ndarray, " n"]:
         # worth of the levels that each set (row of booleans) reaches

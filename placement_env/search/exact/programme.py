@@ -53,33 +53,36 @@ class SolverLimits:
     effort: float | None = None  # OR-Tools' deterministic seconds, None for unlimited
 
     def build_solver(self) -> "CpSolver":
-        """Make a solver with one worker and these limits. Raises ImportError without OR-Tools."""
-        solver = cp_model().CpSolver()
-        # its handler would stay, and end Python at the next Ctrl-C
+        """Make a CP-SAT solver with one worker, this seed and these limits.
+
+        Raises ImportError without OR-Tools."""
+        solver = load_cp_model().CpSolver()
+        # the solver's signal handler would remain after it, and end Python at the next Ctrl-C
         solver.parameters.catch_sigint_signal = False
-        solver.parameters.max_time_in_seconds = self.seconds
+        solver.parameters.max_time_in_seconds = self.seconds  # by the clock
         if self.effort is not None:
-            solver.parameters.max_deterministic_time = self.effort
-        solver.parameters.num_workers = 1
+            solver.parameters.max_deterministic_time = self.effort  # the same on every machine
+        solver.parameters.num_workers = 1  # several workers would not repeat their answer
         solver.parameters.random_seed = self.seed
-        solver.parameters.linearization_level = 2
+        solver.parameters.linearization_level = 2  # all constraints also as linear relaxations
         return solver
 
 
 def run_solver(solver: "CpSolver", model: "CpModel") -> str:
     """Solve a model, stopping at Ctrl-C; return OR-Tools' name of the status, such as "OPTIMAL".
 
-    The solver runs in a second thread, so that this one can catch the interrupt."""
-    with ThreadPoolExecutor(1) as pool:
+    The solver runs in a second thread, so that this one can catch the interrupt. The solution can
+    then be read from the solver."""
+    with ThreadPoolExecutor(max_workers=1) as pool:
         solving = pool.submit(solver.solve, model)
         try:
             return solver.status_name(solving.result())
-        except BaseException:
+        except BaseException:  # KeyboardInterrupt too; the pool waits until the solver has stopped
             solver.stop_search()
             raise
 
 
-def cp_model() -> ModuleType:
+def load_cp_model() -> ModuleType:
     """Import OR-Tools' module `cp_model`. Raises ImportError if OR-Tools is missing."""
     try:
         from ortools.sat.python import cp_model
@@ -95,61 +98,76 @@ class Prices(NamedTuple):
     excludes no valid set, as totals are whole.
 
     Attributes:
-        each: Price of each candidate, including its mount if that has one place.
-        shared: Price of each candidate's mount, which sensors on it pay once; 0 for a mount with
-            one place.
+        sensor: Price of each candidate, including its mount if that has one place.
+        per_mount: Price of each candidate's mount, which sensors on it pay once; 0 for a mount
+            with one place.
         mount: Index of each candidate's mount.
-        most: Limit on the total, -1 for none.
+        limit: Limit on the total, -1 for none.
         unit: Price of one unit in the candidates' currency.
     """
 
-    each: Int64[np.ndarray, " C"]
-    shared: Int64[np.ndarray, " C"]
+    sensor: Int64[np.ndarray, " C"]
+    per_mount: Int64[np.ndarray, " C"]
     mount: Int64[np.ndarray, " C"]
-    most: int
+    limit: int
     unit: float = 1.0
 
     @staticmethod
     def in_units(objective: Objective, unit: float) -> "Prices":
-        """Prices of an objective's candidates, and its limit, in whole units of a price."""
+        """Prices of an objective's candidates and its maximum price, as whole numbers of a unit.
+
+        A mount with one place is part of its sensor's price. A mount with several places is priced
+        separately, as its sensors pay it once together.
+
+        unit: price of one unit, in the candidates' currency."""
         candidates = objective.candidates
-        has_places = candidates.places[candidates.mount] > 1
-        sensor_prices = np.where(has_places, candidates.model_prices, candidates.prices)
-        shared = np.where(has_places, candidates.mount_prices[candidates.mount], 0.0)
-        money = objective.most_price * (1 + PRICE_ROUNDING_SHARE) / unit
-        limit = -1 if math.isinf(money) else math.floor(money)
+        has_several_places = candidates.places[candidates.mount] > 1
+        sensor_prices = np.where(has_several_places, candidates.model_prices, candidates.prices)
+        mount_prices = candidates.mount_prices[candidates.mount]
+        shared_prices = np.where(has_several_places, mount_prices, 0.0)
+        max_units = objective.most_price * (1 + PRICE_ROUNDING_SHARE) / unit
         return Prices(
-            _whole(sensor_prices, unit), _whole(shared, unit), candidates.mount, limit, unit
+            sensor=_round_down(sensor_prices, unit),
+            per_mount=_round_down(shared_prices, unit),
+            mount=candidates.mount,
+            limit=-1 if math.isinf(max_units) else math.floor(max_units),
+            unit=unit,
         )
 
     @staticmethod
-    def of(objective: Objective) -> "Prices | None":
-        """Prices of an objective with a maximum price; None without one.
+    def from_objective(objective: Objective) -> "Prices | None":
+        """Prices in whole units for an objective with a maximum price; None without a maximum.
 
-        The unit is the maximum, or the highest price if that is more, over `LIMIT_UNITS`."""
+        The unit is the maximum, or the highest price of a candidate if that is more, divided by
+        `LIMIT_UNITS`, so that no price needs more than these units."""
         if math.isinf(objective.most_price):
             return None
-        # 1e-300: no division by 0 if nothing costs anything
         highest = float(objective.candidates.prices.max(initial=0.0))
-        return Prices.in_units(objective, max(highest, objective.most_price, 1e-300) / LIMIT_UNITS)
+        # 1e-300: no division by 0 if nothing costs anything
+        largest = max(highest, objective.most_price, 1e-300)
+        return Prices.in_units(objective, largest / LIMIT_UNITS)
 
     def select(self, candidates: Int64[np.ndarray, " k"]) -> "Prices":
         """Prices of some candidates (indices), in this order; limit and unit stay."""
         return self._replace(
-            each=self.each[candidates], shared=self.shared[candidates], mount=self.mount[candidates]
+            sensor=self.sensor[candidates],
+            per_mount=self.per_mount[candidates],
+            mount=self.mount[candidates],
         )
 
-    def total(self, chosen: list[int]) -> int:
+    def total(self, members: list[int]) -> int:
         """Price of a set (indices of candidates) in whole units, each shared mount paid once."""
-        _, first = np.unique(self.mount[chosen], return_index=True)
-        return int(self.each[chosen].sum() + self.shared[chosen][first].sum())
+        _, first_on_mount = np.unique(self.mount[members], return_index=True)
+        sensors_price = self.sensor[members].sum()
+        return int(sensors_price + self.per_mount[members][first_on_mount].sum())
 
     def expression(
         self, model: "CpModel", built: "list[IntVar]", *, times: int = 1, plus: int = 0
     ) -> "LinearExpr":
         """Price of the built sensors in whole units, as a linear expression for CP-SAT.
 
-        Variables and constraints for mounts with several places are added to the model.
+        A mount with several places gets a variable of the model that is 1 if any candidate on it
+        is built, so that its price counts once.
 
         Args:
             model: Model that is extended in place.
@@ -157,15 +175,17 @@ class Prices(NamedTuple):
             times: Factor on the price.
             plus: Added for each built sensor, not multiplied by `times`.
         """
-        linear = cp_model().LinearExpr
-        parts = [linear.weighted_sum(built, (self.each * times + plus).tolist())]
-        for shared_mount in np.unique(self.mount[self.shared > 0]):
-            poses = np.flatnonzero(self.mount == shared_mount).tolist()
-            paid = model.new_bool_var("")
-            for c in poses:
-                model.add_implication(built[c], paid)
-            parts.append(int(self.shared[poses[0]]) * times * paid)
-        return linear.sum(parts)
+        linear = load_cp_model().LinearExpr
+        sensor_terms = (self.sensor * times + plus).tolist()
+        terms = [linear.weighted_sum(built, sensor_terms)]
+        for shared_mount in np.unique(self.mount[self.per_mount > 0]):
+            on_mount = np.flatnonzero(self.mount == shared_mount).tolist()
+            is_paid = model.new_bool_var("")
+            for candidate in on_mount:
+                model.add_implication(built[candidate], is_paid)
+            mount_price = int(self.per_mount[on_mount[0]])  # the same for all candidates on it
+            terms.append(mount_price * times * is_paid)
+        return linear.sum(terms)
 
 
 class Poles(NamedTuple):
@@ -176,60 +196,70 @@ class Poles(NamedTuple):
         places: Number of sensors that each candidate's mount can carry.
         load: Load of each candidate on its mount's link, `LINK_UNITS` for a full link; 0 if
             sensors cannot exceed a link together.
-        kept: Indices of mounts that must carry a sensor.
+        required: Indices of mounts that must carry a sensor.
     """
 
     mount: Int64[np.ndarray, " C"]
     places: Int64[np.ndarray, " C"]
     load: Int64[np.ndarray, " C"]
-    kept: tuple[int, ...] = ()
+    required: tuple[int, ...] = ()
 
     @staticmethod
-    def of(objective: Objective) -> "Poles":
-        """Places and links of the mounts of an objective's candidates."""
+    def from_objective(objective: Objective) -> "Poles":
+        """Places and links of the mounts of an objective's candidates.
+
+        Loads stay 0 if the objective does not limit the links that sensors of a mount share."""
         candidates = objective.candidates
-        load = np.zeros(len(candidates))
-        if objective.shared_links is not None:
+        link_shares = np.zeros(len(candidates))
+        if objective.shared_links is not None:  # kbit per frame of each candidate
             # 2 is more than a link already, and keeps whole units small
-            load = np.minimum(objective.shared_links / candidates.capacity, 2.0)
-        places = candidates.places[candidates.mount]
-        required = tuple(objective.kept.tolist())
-        return Poles(candidates.mount, places, _whole(load, 1 / LINK_UNITS), required)
+            link_shares = np.minimum(objective.shared_links / candidates.capacity, 2.0)
+        return Poles(
+            mount=candidates.mount,
+            places=candidates.places[candidates.mount],
+            load=_round_down(link_shares, 1 / LINK_UNITS),
+            required=tuple(objective.kept.tolist()),
+        )
 
     @property
-    def apart(self) -> Int64[np.ndarray, " C"]:
+    def exclusive_mount(self) -> Int64[np.ndarray, " C"]:
         """Number of each candidate's mount, as if mounts with several places were several mounts.
 
         Each candidate on such a mount gets a number that no other has. So at most one candidate of
         a number is built, which bounds on coverage assume."""
-        count = int(self.mount.max(initial=-1)) + 1
-        return np.where(self.places > 1, count + np.arange(len(self.mount)), self.mount)
+        mount_count = int(self.mount.max(initial=-1)) + 1  # 0 without candidates
+        unshared_numbers = mount_count + np.arange(len(self.mount))  # above all indices of mounts
+        return np.where(self.places > 1, unshared_numbers, self.mount)
 
     def select(self, candidates: Int64[np.ndarray, " k"]) -> "Poles":
-        """Places and links of some candidates (indices), in this order; `kept` stays."""
+        """Places and links of some candidates (indices), in this order; `required` stays."""
         return self._replace(
             mount=self.mount[candidates], places=self.places[candidates], load=self.load[candidates]
         )
 
     def constrain(self, model: "CpModel", built: "list[IntVar]") -> None:
-        """Add constraints of places and links, and of mounts that must carry a sensor, to a model.
+        """Add the constraints of the mounts to a model: places, links and required sensors.
 
-        built: Variable of each candidate, 1 if it is built."""
-        linear = cp_model().LinearExpr
-        for mount in self.kept:
+        Args:
+            model: Model that is extended in place.
+            built: Variable of each candidate, 1 if it is built."""
+        linear = load_cp_model().LinearExpr
+        for mount in self.required:
             model.add_bool_or([built[c] for c in np.flatnonzero(self.mount == mount).tolist()])
         for mount in np.unique(self.mount):
-            poses = np.flatnonzero(self.mount == mount).tolist()
-            variables = [built[c] for c in poses]
-            if (places := int(self.places[poses[0]])) == 1:
+            on_mount = np.flatnonzero(self.mount == mount).tolist()
+            variables = [built[c] for c in on_mount]
+            places = int(self.places[on_mount[0]])  # the same for all candidates on the mount
+            if places == 1:
                 model.add_at_most_one(variables)
                 continue
             model.add(linear.sum(variables) <= places)
-            if self.load[poses].any():
-                model.add(linear.weighted_sum(variables, self.load[poses].tolist()) <= LINK_UNITS)
+            loads = self.load[on_mount]
+            if loads.any():
+                model.add(linear.weighted_sum(variables, loads.tolist()) <= LINK_UNITS)
 
 
-def _whole(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
+def _round_down(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
     # figures in whole units, rounded down
     return np.floor(figures / unit).astype(np.int64)
 
@@ -241,42 +271,43 @@ class Levels(NamedTuple):
     then has the gain of this level and of all lower ones.
 
     Attributes:
-        known: Evidence that each of C candidates adds on each object.
+        evidence: Evidence that each of C candidates adds on each object.
         threshold: Evidence needed for each of J levels of each object, ascending.
         gain: Worth that each level adds to the one below.
-        parties: k groups of objects, such as classes, True for the objects of a group. The worth
+        groups: k groups of objects, such as classes, True for the objects of a group. The worth
             of a set is the sum over the group with the lowest sum.
     """
 
-    known: Int64[np.ndarray, "C O"]
+    evidence: Int64[np.ndarray, "C O"]
     threshold: Int64[np.ndarray, "J O"]
     gain: Int64[np.ndarray, "J O"]
-    parties: Bool[np.ndarray, "k O"]
+    groups: Bool[np.ndarray, "k O"]
 
-    def worth(self, chosen: list[int]) -> int:
+    def worth(self, members: list[int]) -> int:
         """Worth of the levels that a set (indices of candidates) reaches, in its worst group."""
-        reached = self.known[chosen].sum(axis=0) >= self.threshold
-        return int((self.parties @ (self.gain * reached).sum(axis=0)).min())
+        is_reached = self.evidence[members].sum(axis=0) >= self.threshold  # levels × objects
+        object_worths = (self.gain * is_reached).sum(axis=0)
+        return int((self.groups @ object_worths).min())
 
     @property
-    def whole(self) -> int:
-        """Worth if all levels are reached, in the group (`parties`) with the least."""
-        return int((self.parties @ self.gain.sum(axis=0)).min())
+    def max_worth(self) -> int:
+        """Worth if all levels of all objects are reached, in the group with the least."""
+        return int((self.groups @ self.gain.sum(axis=0)).min())
 
 
 class Solved(NamedTuple):
     """Answer of CP-SAT to a programme.
 
     Attributes:
-        chosen: Best set found, as indices of candidates; None if none was found.
-        figure: Its worth, or its price in whole units if a price is minimised; 0 without a set.
+        members: Best set found, as indices of candidates; None if none was found.
+        value: Its worth, or its price in whole units if a price is minimised; 0 without a set.
         bound: No set has more worth, or costs less.
-        optimal: True if figure and bound are equal, or if it is proven that no set satisfies the
+        optimal: True if value and bound are equal, or if it is proven that no set satisfies the
             programme.
     """
 
-    chosen: list[int] | None
-    figure: int
+    members: list[int] | None
+    value: int
     bound: int
     optimal: bool
 
@@ -289,37 +320,39 @@ class Programme:
         levels: Levels of evidence on the objects, and their gains.
         budget: Largest number of sensors.
         poles: Places and links of the mounts.
-        may_stand: Mask of candidates that may be built.
-        money: Prices with their limit, None for no limit.
+        is_buildable: Mask of candidates that may be built.
+        prices: Prices with their limit, None for no limit.
         failing: 1 to count the worth that survives the failure of any one sensor, else 0. Only for
             one level of threshold 1 (or 0) for each object.
-        lost: Masks of candidates that fail together, for levels of any threshold. The worth of a
-            set is the lowest over these cases; None or empty for no failure.
+        lost_cases: Masks of candidates that fail together, for levels of any threshold. The worth
+            of a set is the lowest over these cases; None or empty for no failure.
     """
 
     levels: Levels
     budget: int
     poles: Poles
-    may_stand: _Mask
-    money: Prices | None = None
+    is_buildable: _Mask
+    prices: Prices | None = None
     failing: int = 0
-    lost: list[_Mask] | None = None
+    lost_cases: list[_Mask] | None = None
 
     @staticmethod
-    def of(objective: Objective, budget: int, levels: Levels, **cases: Any) -> "Programme":
-        """Programme of an objective's candidates with their mounts, links and prices.
+    def from_objective(
+        objective: Objective, budget: int, levels: Levels, **cases: Any
+    ) -> "Programme":
+        """Programme over an objective's candidates with their mounts, links and prices.
 
         Args:
             objective: Objective with the candidates and the limit on the price.
             budget: Largest number of sensors.
-            levels: Levels of evidence on the objects.
-            cases: Field `failing` or `lost`, neither for no failure."""
+            levels: Levels of evidence on the objects, which give the worth of a set.
+            cases: Keyword `failing` or `lost_cases`, as the fields; neither for no failure."""
         return Programme(
-            levels,
-            budget,
-            Poles.of(objective),
-            objective.allowed([]),
-            Prices.of(objective),
+            levels=levels,
+            budget=budget,
+            poles=Poles.from_objective(objective),
+            is_buildable=objective.allowed([]),  # as first sensor of an empty set
+            prices=Prices.from_objective(objective),
             **cases,
         )
 
@@ -384,26 +417,27 @@ def solve(
 
     Raises ImportError without OR-Tools.
     """
-    cp = cp_model()
+    cp = load_cp_model()
     model = cp.CpModel()
     levels = programme.levels
-    may_stand = programme.may_stand
+    is_buildable = programme.is_buildable
     budget = programme.budget
-    built = [model.new_bool_var("") for _ in may_stand]
-    for c in np.flatnonzero(~may_stand).tolist():
+    built = [model.new_bool_var("") for _ in is_buildable]
+    for c in np.flatnonzero(~is_buildable).tolist():
         model.add(built[c] == 0)
     programme.poles.constrain(model, built)
     model.add(cp.LinearExpr.sum(built) <= budget)
-    if programme.money is not None:
-        model.add(programme.money.expression(model, built) <= programme.money.most)
+    if programme.prices is not None:
+        model.add(programme.prices.expression(model, built) <= programme.prices.limit)
     if programme.failing:
-        worths = _surviving(model, built, levels, may_stand)
+        worths = _surviving(model, built, levels, is_buildable)
     else:
-        cases = [may_stand & ~lost_case for lost_case in programme.lost or ()] or [may_stand]
+        cases = [is_buildable & ~lost_case for lost_case in programme.lost_cases or ()]
+        cases = cases or [is_buildable]
         worths = []
         for case in cases:
             worths += _reached(model, built, levels, case)
-    min_worth = model.new_int_var(0, max(0, levels.whole), "") if cost is None else at_least
+    min_worth = model.new_int_var(0, max(0, levels.max_worth), "") if cost is None else at_least
     for worth in worths:
         model.add(worth >= min_worth)
     if cost is None:
@@ -429,9 +463,9 @@ def solve(
 
 
 def _reached(
-    model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask
+    model: "CpModel", built: "list[IntVar]", levels: Levels, is_buildable: _Mask
 ) -> "list[LinearExpr]":
-    """Worth of the levels that the built sensors reach, for each group of `levels.parties`.
+    """Worth of the levels that the built sensors reach, for each group of `levels.groups`.
 
     A variable and a constraint are added to the model for each level that can be reached.
 
@@ -439,14 +473,14 @@ def _reached(
         model: Model that is extended in place.
         built: Variable of each candidate, 1 if it is built.
         levels: Levels of evidence on the objects.
-        may_stand: Mask of the candidates whose evidence counts; lost ones are False.
+        is_buildable: Mask of the candidates whose evidence counts; lost ones are False.
     """
-    linear = cp_model().LinearExpr
+    linear = load_cp_model().LinearExpr
     objects: list[int] = []
     reached: list[IntVar] = []
     gains: list[int] = []
-    for number, candidate_evidence in enumerate(levels.known.T):
-        seen = np.flatnonzero((candidate_evidence > 0) & may_stand).tolist()
+    for number, candidate_evidence in enumerate(levels.evidence.T):
+        seen = np.flatnonzero((candidate_evidence > 0) & is_buildable).tolist()
         evidence = linear.weighted_sum([built[c] for c in seen], candidate_evidence[seen].tolist())
         for threshold, gain in zip(
             levels.threshold[:, number].tolist(), levels.gain[:, number].tolist(), strict=True
@@ -458,7 +492,7 @@ def _reached(
                 reached.append(level)
                 gains.append(gain)
     worths = []
-    for party in levels.parties:
+    for party in levels.groups:
         rows = np.flatnonzero(party[objects]).tolist()
         worths.append(
             linear.weighted_sum([reached[row] for row in rows], [gains[row] for row in rows])
@@ -467,9 +501,9 @@ def _reached(
 
 
 def _surviving(
-    model: "CpModel", built: "list[IntVar]", levels: Levels, may_stand: _Mask
+    model: "CpModel", built: "list[IntVar]", levels: Levels, is_buildable: _Mask
 ) -> "list[LinearExpr]":
-    """Worth that survives the failure of any one sensor, for each group of `levels.parties`.
+    """Worth that survives the failure of any one sensor, for each group of `levels.groups`.
 
     An object survives if two sensors see it, or one that does not fail. Only the first level of
     each object counts, and any evidence reaches a threshold above 0.
@@ -478,13 +512,13 @@ def _surviving(
         model: Model that is extended in place.
         built: Variable of each candidate, 1 if it is built.
         levels: One level for each object, of threshold 1, or 0 if it is reached without a sensor.
-        may_stand: Mask of candidates that may be built."""
-    linear = cp_model().LinearExpr
+        is_buildable: Mask of candidates that may be built."""
+    linear = load_cp_model().LinearExpr
     seen_once: list[IntVar] = []
     seen_twice: list[IntVar] = []
-    for candidate_evidence, threshold in zip(levels.known.T, levels.threshold[0], strict=True):
+    for candidate_evidence, threshold in zip(levels.evidence.T, levels.threshold[0], strict=True):
         views = linear.sum(
-            [built[c] for c in np.flatnonzero((candidate_evidence > 0) & may_stand).tolist()]
+            [built[c] for c in np.flatnonzero((candidate_evidence > 0) & is_buildable).tolist()]
         )
         for number, variables in ((1, seen_once), (2, seen_twice)):
             level = model.new_bool_var("")
@@ -497,12 +531,12 @@ def _surviving(
         # sum of the gains of some objects, each if its variable is 1
         return linear.weighted_sum([variables[o] for o in objects], gain[objects].tolist())
 
-    for party in levels.parties:
+    for party in levels.groups:
         objects = np.flatnonzero(party)
         survived = model.new_int_var(0, int(gain[objects].sum()), "")
         total = sum_gains(seen_once, objects)
-        for c in np.flatnonzero(may_stand).tolist():
-            in_view = objects[levels.known[c, objects] > 0]
+        for c in np.flatnonzero(is_buildable).tolist():
+            in_view = objects[levels.evidence[c, objects] > 0]
             lost = sum_gains(seen_once, in_view) - sum_gains(seen_twice, in_view)
             model.add(survived <= total - lost).only_enforce_if(built[c])
         model.add(survived == 0).only_enforce_if([x.negated() for x in built])

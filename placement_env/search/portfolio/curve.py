@@ -14,9 +14,11 @@ import numpy as np
 
 from placement_env.analysis.intervals import MIN_SURE_OBJECTS, is_comparable, share_beyond_reach
 from placement_env.checks import check_whole
+from placement_env.feasibility import PRICE_ROUNDING_SHARE
 from placement_env.objective import Objective
 from placement_env.racing import Contest
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, Schedule, race_order
 from placement_env.search.portfolio.portfolio import (
@@ -102,18 +104,21 @@ def budget_curve(
     check_whole("budget", most, least=1)
     objective.setting.check_budget(most)
     Limits(seconds, evaluations)  # checks both
-    schedule = Schedule.of(seconds, objective.run)
+    schedule = Schedule.from_processes(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
-    search_s = schedule.searching(SEARCH_COUNT * (len(amounts) or most))
-    sizes = (most,) if amounts else tuple(range(1, most + 1))
-    effort = Effort(sizes, search_s, evaluations, judging.neighbours)
-    groups = list(_groups(objective, effort, amounts, seed, checkpoint))
+    effort = Effort(
+        sizes=(most,) if amounts else tuple(range(1, most + 1)),
+        seconds=schedule.search_seconds(SEARCH_COUNT * (len(amounts) or most)),
+        evaluations=evaluations,
+        neighbours=judging.neighbours,
+    )
+    budgets = list(_search_budgets(objective, effort, amounts, seed, checkpoint))
     races = checkpoint.part("races")
     saved: KeptState = races.load() or {"ended": 0, "winners": []}
     winners: list[KeptState] = saved["winners"]
-    for number, (money, entrants) in enumerate(groups[saved["ended"] :], saved["ended"]):
+    for number, (money, entrants) in enumerate(budgets[saved["ended"] :], saved["ended"]):
         # equal shares for the races to come and the final judgement
-        evaluator = schedule.limit(racing, 1 / (len(groups) - number + 1), 1)
+        evaluator = schedule.limit(racing, share=1 / (len(budgets) - number + 1), least=1)
         earlier = winners[-1]["subset"] if amounts and winners else None
         previous = as_rows([] if earlier is None else [earlier], entrants.sets.shape[1])
         sets = np.concatenate([entrants.sets, previous])  # the earlier winner races last
@@ -138,7 +143,14 @@ def budget_curve(
 def _describe_winner(
     entrants: Entrants, row: int, members: list[int], money: float, race: Contest
 ) -> KeptState:
-    # JSON values for the checkpoint; row: index of the winner among the entrants
+    """JSON values of the winner of a race, for the checkpoint.
+
+    Args:
+        entrants: Sets that raced.
+        row: Index of the winner among the entrants.
+        members: Candidates (indices) of the winner.
+        money: Amount of money of this race, infinite for a number of sensors.
+        race: Finished race, the winner first. On too few frames its confidence is left out."""
     is_sure = is_comparable(int(race.frames[0]), MIN_SURE_OBJECTS)
     return {
         "subset": members,
@@ -194,7 +206,7 @@ def _judge_winners(
     return tuple(points)
 
 
-def _groups(
+def _search_budgets(
     objective: Objective,
     effort: Effort,
     amounts: tuple[float, ...],
@@ -226,14 +238,15 @@ def _groups(
         others = at_other_ious(objective)
         entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
         sizes = entrants.sets.sum(axis=1)
-        for rows in (np.flatnonzero(sizes == size) for size in np.unique(sizes)):
-            searches = tuple(entrants.searches[row] for row in rows)
-            yield (
-                np.inf,
-                Entrants(
-                    entrants.sets[rows], entrants.predicted[rows], searches, entrants.considered
-                ),
+        for size in np.unique(sizes):
+            rows = np.flatnonzero(sizes == size)
+            size_entrants = Entrants(
+                sets=entrants.sets[rows],
+                predicted=entrants.predicted[rows],
+                searches=tuple(entrants.searches[row] for row in rows),
+                considered=entrants.considered,
             )
+            yield np.inf, size_entrants
 
 
 def list_amounts(
@@ -243,27 +256,27 @@ def list_amounts(
     sensors.
 
     They are all such prices up to `money`, or at most `count` of them, evenly spread: for each of
-    `count` equal steps up to `money` the largest price within it. Prices are
-    added without a look at mounts, so some may belong to no feasible set.
+    `count` equal steps up to `money` the largest price within it. Prices are added without a look
+    at mounts, so some may belong to no feasible set.
     """
     check_whole("budget", most, least=1)
     candidates = objective.candidates
     is_allowed = objective.allowed([])
     prices = np.unique(candidates.prices[is_allowed])
-    if candidates.several:
+    if candidates.several:  # a further sensor on a mount does not pay the mount again
         prices = np.union1d(prices, candidates.model_prices[is_allowed])
     sums = np.zeros(1)
     for _ in range(most):  # sums of the prices of up to as many sensors
         sums = np.unique(np.concatenate([sums, (sums[:, None] + prices).ravel()]))
-        sums = sums[sums <= money * (1 + 1e-9)]
+        sums = sums[sums <= money * (1 + PRICE_ROUNDING_SHARE)]
         # exact up to rounding for few sums; for many, one sum stays in each of `MAX_SUMS` cells
-        cells = np.floor(
-            sums / max(money, 1e-300) * (1 << 30 if len(sums) <= MAX_SUMS else MAX_SUMS)
-        )
-        sums = sums[np.append(np.diff(cells) > 0, True)]  # those that differ
+        cell_count = 1 << 30 if len(sums) <= MAX_SUMS else MAX_SUMS
+        cells = np.floor(sums / max(money, 1e-300) * cell_count)  # 1e-300: no division by 0
+        sums = sums[np.append(np.diff(cells) > 0, True)]  # the largest sum of each cell
     sums = sums[sums > 0]
     if len(sums) > count:
         steps = np.linspace(0.0, money, count + 1)[1:]
-        sum_rows = np.searchsorted(sums, steps * (1 + 1e-9)) - 1
+        # index of the largest sum within each step, -1 for none
+        sum_rows = np.searchsorted(sums, steps * (1 + PRICE_ROUNDING_SHARE)) - 1
         sums = sums[np.unique(sum_rows[sum_rows >= 0])]
     return tuple(sums.tolist())

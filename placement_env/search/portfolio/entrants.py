@@ -30,7 +30,8 @@ from placement_env.fidelity.surrogate import Surrogate
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate, Fidelity
 from placement_env.search import greedy, swap
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, KeptState
+from placement_env.search.checkpoint import Checkpoint, KeptState
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.exact import cheapest, cpsat, exhaustive
 from placement_env.search.progress import as_rows
 from placement_env.search.result import Result
@@ -54,7 +55,7 @@ CPSAT_EFFORT_S = 10.0  # CP-SAT's deterministic time for each number of sensors
 THRIFT_AP = 0.02  # that the mean price of a candidate costs in the thrifty search
 MAX_SCORED_NEIGHBOURS = 50_000  # per answer
 AP_OFFSETS = (-0.05, 0.0, 0.05, 0.1)  # from a required AP to those that cheap sets are to reach
-DEFAULT_SOLVING_S = 600.0  # of a solver without a time limit
+DEFAULT_SOLVING_S = 600.0  # time of a solver without a limit
 CHEAPEST_EFFORT_S = 5.0  # CP-SAT's deterministic time for each programme
 MAX_FRONT_NEIGHBOURS = 400  # best neighbours of an answer by reward, searched for the front
 NamedSearch = tuple[str, Callable[[], Result]]
@@ -118,9 +119,10 @@ def at_other_ious(
 ) -> dict[str, Objective]:
     """Same objective at other IoU thresholds, by the name of its search; empty without a surrogate.
 
-    The objectives are for intact sets in undivided traffic. Thresholds without a surrogate are left
-    out, and the objective's thresholds too. preparation: for an objective that does not know
-    its preparation.
+    The objectives are for intact sets in undivided traffic. Thresholds without a fitted surrogate
+    are left out, and the objective's thresholds too.
+
+    preparation: preparation of the objective, for an objective that does not know its preparation.
     """
     source = objective.preparation or preparation
     if source is None or source.setting.fidelity != "surrogate" or objective.visibility is None:
@@ -131,11 +133,13 @@ def at_other_ious(
         if ious == cases.ious:
             continue
         with suppress(ValueError, FileNotFoundError):  # no surrogate at this IoU
-            at_ious = source.at_cases(replace(cases, iou=ious, failing=0, levels=1))
-            moved = Objective.from_view(
-                at_ious, objective.candidates, objective.visibility, objective.weights
+            iou_preparation = source.at_cases(replace(cases, iou=ious, failing=0, levels=1))
+            iou_objective = Objective.from_view(
+                iou_preparation, objective.candidates, objective.visibility, objective.weights
             )
-            by_iou[name] = moved.with_weights(objective.weights, most_price=objective.most_price)
+            by_iou[name] = iou_objective.with_weights(
+                objective.weights, most_price=objective.most_price
+            )
     return by_iou
 
 
@@ -166,18 +170,19 @@ def keep_entrants(
         depends_on = preparation.traffic.digest()
     conditions = (objective.provenance, objective.most_price, vars(effort), seed, [*others])
     key = make_key("entrants", code_digest(__name__), depends_on, *conditions)
-    if cache is not None and (cached := cache.get([key])[0]) is not None:
-        # arrays of the cache: sets, predicted AP, names as JSON, number of scored sets
-        searches = [tuple(json.loads(str(search_names))) for search_names in cached[2]]
+    cached = None if cache is None else cache.get([key])[0]
+    if cached is not None:
+        sets, predicted = cached[:2]
+        names, considered = cached[2:]  # names of the searches of each set, as JSON
         return Entrants(
-            sets=cached[0],
-            predicted=cached[1],
-            searches=tuple(searches),
-            considered=int(cached[3][0]),
+            sets=sets,
+            predicted=predicted,
+            searches=tuple(tuple(json.loads(str(set_names))) for set_names in names),
+            considered=int(considered[0]),
         )
-    fresh = entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
+    fresh = find_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     if cache is not None:
-        names = np.array([json.dumps(search_names) for search_names in fresh.searches], np.str_)
+        names = np.array([json.dumps(set_names) for set_names in fresh.searches], np.str_)
         cache.put({key: (fresh.sets, fresh.predicted, names, np.array([fresh.considered]))})
     return fresh
 
@@ -191,23 +196,25 @@ def join_entrants(objectives: Sequence[Objective], groups: Sequence[Entrants]) -
     """
     if len(groups) == 1:
         return groups[0]
-    searches: dict[bytes, dict[str, None]] = {}  # by set; dictionaries keep order, names once
+    # by the bytes of a set's row; dictionaries keep their order and hold each name once
+    names_by_set: dict[bytes, dict[str, None]] = {}
     for group in groups:
         for row, names in zip(group.sets, group.searches, strict=True):
-            searches.setdefault(row.tobytes(), {}).update(dict.fromkeys(names))
-    rows = [np.frombuffer(row, np.bool_) for row in searches]
-    sets = np.array(rows).reshape(-1, groups[0].sets.shape[1])
-    order = np.argsort(sets.sum(axis=1), kind="stable")
-    answers = [tuple(names) for names in searches.values()]
+            names_by_set.setdefault(row.tobytes(), {}).update(dict.fromkeys(names))
+    _, candidate_count = groups[0].sets.shape
+    rows = [np.frombuffer(row_bytes, np.bool_) for row_bytes in names_by_set]
+    sets = np.array(rows).reshape(-1, candidate_count)
+    order = np.argsort(sets.sum(axis=1), kind="stable")  # small sets first
+    searches = [tuple(names) for names in names_by_set.values()]
     return Entrants(
         sets=sets[order],
         predicted=np.mean([objective.scores(sets[order]).ap for objective in objectives], axis=0),
-        searches=tuple(answers[i] for i in order),
+        searches=tuple(searches[i] for i in order),
         considered=sum(group.considered for group in groups),
     )
 
 
-def entrants(
+def find_entrants(
     objective: Objective,
     effort: Effort,
     *,
@@ -232,7 +239,7 @@ def entrants(
     searches_done = 0
     for position, size in enumerate(sizes):
         size_answers: dict[tuple[int, ...], None] = {}
-        runs = list(_searches(objective, size, effort, seed, checkpoint, others))
+        runs = list(_list_searches(objective, size, effort, seed, checkpoint, others))
         report = objective.run.stage(
             "searches", searches_done + (len(sizes) - position) * len(runs)
         )
@@ -253,7 +260,7 @@ def entrants(
             searches_done += 1
         if not size_answers:
             break
-        near_sets, set_count = _neighbours(
+        near_sets, set_count = _choose_neighbours(
             objective, as_rows(list(size_answers), count), effort.neighbours
         )
         considered += set_count
@@ -267,7 +274,7 @@ def entrants(
     return Entrants(sets, objective.scores(sets).ap, searches, considered)
 
 
-def _searches(
+def _list_searches(
     objective: Objective,
     size: int,
     effort: Effort,
@@ -342,7 +349,9 @@ def _searches(
 
 
 def _exact_and_greedy(objective: Objective, size: int, effort: Effort) -> Iterator[NamedSearch]:
-    # the exhaustive search only if all sets of at most `size` sensors are few enough
+    """Yield the exhaustive search, if all sets of at most `size` sensors are few, and greedy.
+
+    Each is a name and a function without arguments."""
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
     count = len(objective.candidates)
     set_count = sum(math.comb(count, k) for k in range(1, size + 1))
@@ -361,17 +370,23 @@ def points_objective(objective: Objective) -> Objective | None:
     return _rescore(objective, PointCount)
 
 
-def _rescore(objective: Objective, kind: type[PerceptionEntropy | PointCount]) -> Objective | None:
-    """Same objective scored by a fidelity that needs only the visibility of its classes."""
-    seen = objective.visibility
-    if seen is None:
+def _rescore(
+    objective: Objective, fidelity_class: type[PerceptionEntropy | PointCount]
+) -> Objective | None:
+    """Same objective scored by a fidelity that needs only the visibility of its classes.
+
+    None if visibility is unknown."""
+    visibility = objective.visibility
+    if visibility is None:
         return None
-    score = kind(seen.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec)
-    setting = replace(objective.setting, candidates=objective.candidates, fidelity=score)
-    return Objective(setting, objective.run, visibility=seen)
+    fidelity = fidelity_class(
+        visibility.of_classes(objective.classes.labels), objective.scheme, codec=objective.codec
+    )
+    setting = replace(objective.setting, candidates=objective.candidates, fidelity=fidelity)
+    return Objective(setting, objective.run, visibility=visibility)
 
 
-def _neighbours(
+def _choose_neighbours(
     objective: Objective, answers: Sets, count: int
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, and the number of sets scored.

@@ -22,7 +22,8 @@ from placement_env.analysis.intervals import (
     draws_of_blocks,
     figure_interval,
 )
-from placement_env.cases import USUAL_CASES, Cases
+from placement_env.cases import Cases
+from placement_env.defaults import USUAL_CASES
 from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
@@ -36,6 +37,7 @@ SEARCH_TIME_SHARE = 0.3  # portfolio's time for searches; races and judgement sh
 FULL_TRAFFIC_S = 120.0  # time from which all frames are simulated; less time, fewer frames
 MIN_FRAMES = BLOCK_FRAMES  # fewest in a part of traffic
 MAX_BATCHES = 12  # that a fast fidelity scores separately
+RAY_FRAMES = 16  # between two looks at the clock if Ray runs the processes
 Frames = Int64[np.ndarray, " k"]
 Report = Callable[[int], None]
 
@@ -58,7 +60,13 @@ class Evaluated(NamedTuple):
 
 
 class AtProfiles(NamedTuple):
-    """AP, kbit and resampled AP of n sets at each of P error profiles."""
+    """Figures of n sets at each of P error profiles.
+
+    Attributes:
+        ap: AP of each set.
+        kbit: Data of each set per frame.
+        resamples: Resampled AP of each set.
+    """
 
     ap: Float64[np.ndarray, "P n"]
     kbit: Float64[np.ndarray, "P n"]
@@ -75,13 +83,15 @@ def build_evaluator(
     """
     cases = preparation.setting.cases
     if fidelity != "detector":
-        profiles = (FastEvaluator(preparation, fidelity, seed),) * len(cases.profiles)
-        return CasesEvaluator(profiles, cases, preparation.levels)
+        evaluator = FastEvaluator(preparation, fidelity, seed)
+        return CasesEvaluator(
+            by_profile=(evaluator,) * len(cases.profiles), cases=cases, levels=preparation.levels
+        )
     detectors = tuple(
-        DetectorEvaluator(preparation.detected(profile), cases.ious, seed)
+        DetectorEvaluator(detected=preparation.detected(profile), ious=cases.ious, seed=seed)
         for profile in cases.profiles
     )
-    return CasesEvaluator(detectors, cases, preparation.levels)
+    return CasesEvaluator(by_profile=detectors, cases=cases, levels=preparation.levels)
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
@@ -93,7 +103,8 @@ def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
     """
     rng = np.random.default_rng(seed)
     blocks = rng.permutation(-(-frames // BLOCK_FRAMES))  # rounded up; the last may be short
-    order = (blocks * BLOCK_FRAMES + rng.permutation(BLOCK_FRAMES)[:, None]).ravel()
+    offsets = rng.permutation(BLOCK_FRAMES)  # frames within every block
+    order = (blocks * BLOCK_FRAMES + offsets[:, None]).ravel()  # a row of all blocks per offset
     return order[order < frames]
 
 
@@ -105,13 +116,13 @@ class CasesEvaluator:
     worst case is determined within the resample.
 
     Attributes:
-        profiles: Evaluators of each error profile.
+        by_profile: Evaluator of each error profile.
         cases: Thresholds, failures, levels and error profiles.
         levels: Frames of each level of traffic, empty if it is undivided.
         drawings: Evaluators of the same candidates on other samples of the site; figures are means.
     """
 
-    profiles: "tuple[DetectorEvaluator | FastEvaluator, ...]"
+    by_profile: "tuple[DetectorEvaluator | FastEvaluator, ...]"
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
     drawings: "tuple[CasesEvaluator, ...]" = ()
@@ -119,36 +130,41 @@ class CasesEvaluator:
     @property
     def name(self) -> str:
         """Name of the fidelity."""
-        return self.profiles[0].name
+        return self.by_profile[0].name
 
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return self.profiles[0].frames
+        return self.by_profile[0].frames
 
     def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
-        return self.profiles[0].count_objects(frames)
+        return self.by_profile[0].count_objects(frames)
 
     def interval(
         self, ap: float, resamples: Float64[np.ndarray, " resamples"], frames: Frames
     ) -> Interval:
-        """Interval of an AP on these frames, NaN on too few of them."""
-        # blocks of one level, from which its resamples are drawn
-        blocks = len(np.unique(frames // BLOCK_FRAMES)) // max(1, len(self.levels))
-        if isinstance(self.profiles[0], FastEvaluator):
-            blocks = min(blocks, MAX_BATCHES)
-        return figure_interval(ap, resamples, blocks=blocks, objects=self.count_objects(frames))
+        """95 % interval of the AP of one set, NaN on too few frames.
+
+        ap: AP on these frames; resamples: AP in each resample of their blocks; frames: frame
+        numbers."""
+        block_count = len(np.unique(frames // BLOCK_FRAMES))
+        # resamples are drawn level by level, from the blocks of one level
+        level_blocks = block_count // max(1, len(self.levels))
+        if isinstance(self.by_profile[0], FastEvaluator):  # draws batches of blocks
+            level_blocks = min(level_blocks, MAX_BATCHES)
+        objects = self.count_objects(frames)
+        return figure_interval(ap, resamples, blocks=level_blocks, objects=objects)
 
     def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
         """Mean AP of each intact set over the thresholds `IOUS`; 0 without a detector.
 
         It is at the first error profile and, with several drawings of the site, a mean over them.
         """
-        profile = self.profiles[0]
-        if not isinstance(profile, DetectorEvaluator):
+        first = self.by_profile[0]
+        if not isinstance(first, DetectorEvaluator):
             return np.zeros(len(sets))
-        estimates = profile.detected.estimates(sets, frames.tolist())
+        estimates = first.detected.estimates(sets, frames.tolist())  # by IoU threshold
         aps = [np.asarray(np.mean([estimates[iou].ap for iou in IOUS], axis=0))]
         aps += [drawing.mean_ap(sets, frames) for drawing in self.drawings]
         return np.asarray(np.mean(aps, axis=0))
@@ -160,11 +176,11 @@ class CasesEvaluator:
         every resample has its worst profile. progress: called with the number of frames done.
         """
         profiles = self.at_profiles(sets, frames, progress)
-        shares = self.cases.shares(profiles.ap)
+        profile_weights = self.cases.shares(profiles.ap)  # profiles × sets
         return Evaluated(
-            (shares * profiles.ap).sum(axis=0),
-            (shares * profiles.kbit).sum(axis=0),
-            self.cases.over_errors(profiles.resamples),
+            ap=(profile_weights * profiles.ap).sum(axis=0),
+            kbit=(profile_weights * profiles.kbit).sum(axis=0),
+            resamples=self.cases.over_errors(profiles.resamples),
         )
 
     def at_profiles(self, sets: Sets, frames: Frames, progress: Report | None = None) -> AtProfiles:
@@ -180,27 +196,28 @@ class CasesEvaluator:
         # levels without any of the frames are left out; undivided traffic is one part
         level_frames = [frames[np.isin(frames, level)] for level in self.levels]
         parts = [part for part in level_frames if len(part)] or [frames]
-        by_profile: list[list[Evaluated]] = []
+        figures_by_profile: list[list[Evaluated]] = []
         frames_begun = 0
 
         def report(done: int) -> None:
             if progress is not None:
-                progress((frames_begun + done) // len(self.profiles))
+                progress((frames_begun + done) // len(self.by_profile))
 
-        for profile in self.profiles:
-            by_profile.append([])
+        for evaluator in self.by_profile:
+            figures_by_profile.append([])
             for part in parts:
-                by_profile[-1].append(profile.at_thresholds(rows, part, report))
+                figures_by_profile[-1].append(evaluator.at_thresholds(rows, part, report))
                 frames_begun += len(part)
         aps = []
         kbits = []
         resamples = []
-        share = np.array([len(part) for part in parts]) / len(frames)
-        for evaluated in by_profile:
-            aps.append([level.ap for level in evaluated])
+        share = np.array([len(part) for part in parts]) / len(frames)  # frames of each part
+        for level_figures in figures_by_profile:
+            aps.append([level.ap for level in level_figures])
             # the first rows are the intact sets; kbit per frame is weighted by frames of a level
-            kbits.append(share @ np.array([level.kbit for level in evaluated])[:, : len(sets)])
-            resamples.append([level.resamples for level in evaluated])
+            level_kbit = np.array([level.kbit for level in level_figures])[:, : len(sets)]
+            kbits.append(share @ level_kbit)
+            resamples.append([level.resamples for level in level_figures])
         figures = AtProfiles(
             ap=self.cases.at_profiles(np.array(aps), owners),
             kbit=np.array(kbits),
@@ -252,29 +269,29 @@ class DetectorEvaluator:
         detected = self.detected.at(self.ious[0], self.ious)
         classes = detected.classes
         numbers = frames.tolist()
-        rows = [tuple(np.flatnonzero(row).tolist()) for row in sets]
+        subsets = [tuple(np.flatnonzero(row).tolist()) for row in sets]
         # equal sets, such as what failures leave of several, are detected once
-        outcomes = detected.outcomes(dict.fromkeys(rows), numbers, progress)
+        outcomes = detected.outcomes(dict.fromkeys(subsets), numbers, progress)
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
-        truths = []
+        class_truths = []  # objects to find in each frame
         for label in classes.labels:
             counts = [detected.to_find(k, label).sum() for k in numbers]
-            truths.append(np.array(counts, np.int64))
+            class_truths.append(np.array(counts, np.int64))
         shape = (len(self.ious), len(sets))
         ap = np.empty(shape)
         resamples = np.empty((*shape, len(draws)))
         kbit = np.empty(len(sets))
-        for n, row in enumerate(rows):
-            kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[row]]) / 1000
-            for i, threshold in enumerate(map(detected.ious.index, self.ious)):
-                tallies = []
-                for label, truth in zip(classes.labels, truths, strict=True):
-                    class_outcomes = [outcome.of_class(label) for outcome in outcomes[row]]
-                    tallies.append(Tally.of(class_outcomes, truth, threshold))
+        for n, subset in enumerate(subsets):
+            kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[subset]]) / 1000
+            for i, iou_index in enumerate(map(detected.ious.index, self.ious)):
+                tallies = []  # one for each class
+                for label, truths in zip(classes.labels, class_truths, strict=True):
+                    class_outcomes = [outcome.of_class(label) for outcome in outcomes[subset]]
+                    tallies.append(Tally.of(class_outcomes, truths, iou_index))
                 ap[i, n] = classes.combined(np.array([[tally.ap for tally in tallies]]))[0]
-                drawn = np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1)
-                resamples[i, n] = classes.combined(drawn)
-        return Evaluated(ap, kbit, resamples)
+                class_aps = np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1)
+                resamples[i, n] = classes.combined(class_aps)
+        return Evaluated(ap=ap, kbit=kbit, resamples=resamples)
 
 
 class FastEvaluator:
@@ -291,12 +308,13 @@ class FastEvaluator:
         self._preparation = preparation
         self._seed = seed
         self.frames = len(preparation.traffic)
-        self._seen: dict[bytes, Visibility] = {}
+        self._visibilities: dict[bytes, Visibility] = {}  # by the indices of candidates
 
     def count_objects(self, frames: Frames) -> int:
         """Number of objects to be found in these frames."""
         # any candidate will do: visibility has a column for every object
-        return int(np.isin(self._look(np.array([0])).frame, frames).sum())
+        any_visibility = self._find_visibility(np.array([0]))
+        return int(np.isin(any_visibility.frame, frames).sum())
 
     def at_thresholds(
         self, sets: Sets, frames: Frames, progress: Report | None = None
@@ -307,48 +325,53 @@ class FastEvaluator:
         """
         # candidates of any set; the empty set needs one too, to have the objects
         members = np.flatnonzero(sets.any(axis=0)) if sets.any() else np.array([0])
-        estimates = self._score(sets, members, frames)
+        estimates = self._estimate(sets, members, frames)
         blocks = frames // BLOCK_FRAMES
         distinct = np.unique(blocks)
         # batch of each frame: whole blocks in order, nearly as many in each batch
-        batch = np.searchsorted(distinct, blocks) * min(MAX_BATCHES, len(distinct)) // len(distinct)
-        batches = [self._score(sets, members, frames[batch == b]) for b in np.unique(batch)]
-        draws = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
+        batch_count = min(MAX_BATCHES, len(distinct))
+        batch = np.searchsorted(distinct, blocks) * batch_count // len(distinct)
+        # estimates of each batch
+        batches = [self._estimate(sets, members, frames[batch == b]) for b in np.unique(batch)]
+        # weight of each batch in each resample's mean: resamples × batches
+        weights = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
         ap = _stack_ap(estimates)
         # axes: IoU, set, batch
         batch_ap = np.stack([_stack_ap(batch_estimates) for batch_estimates in batches], axis=2)
-        resamples = batch_ap @ draws.T
+        resamples = batch_ap @ weights.T
         if progress is not None:
             progress(len(frames))
+        # the mean over batches differs from the AP on all frames together
         shift = (batch_ap.mean(axis=2) - ap)[:, :, None]
-        return Evaluated(ap, estimates[0].kbit, resamples - shift)
+        # kbit does not depend on the threshold
+        return Evaluated(ap=ap, kbit=estimates[0].kbit, resamples=resamples - shift)
 
-    def _score(
+    def _estimate(
         self, sets: Sets, members: Int64[np.ndarray, " u"], frames: Frames
     ) -> list[Estimate]:
-        # an estimate per IoU threshold; members: candidates that the sets are made of
+        """Estimate of the sets on these frames at each IoU threshold.
+
+        members: indices of all candidates that any set has, ascending."""
         preparation = self._preparation
-        selection = preparation.at(
-            preparation.setting.pool.select(members),
-            of_frames(self._look(members), np.sort(frames)),
-        )
+        visibility = of_frames(self._find_visibility(members), np.sort(frames))
+        selection = preparation.at(preparation.setting.pool.select(members), visibility)
         fidelities = selection.at_thresholds(self.name, preparation.setting.cases.profiles[0])
         return [fidelity(sets[:, members]) for fidelity in fidelities]
 
-    def _look(self, members: Int64[np.ndarray, " u"]) -> Visibility:
-        # what these candidates see in all frames, kept for the next call with the same ones
+    def _find_visibility(self, members: Int64[np.ndarray, " u"]) -> Visibility:
+        """Points of some candidates (indices) on the objects in all frames.
+
+        It is kept for the next call with the same candidates."""
         key = members.tobytes()
         preparation = self._preparation
-        if key not in self._seen:
-            run = replace(preparation.run, progress=None)
-            labels = preparation.setting.counted.labels
-            self._seen[key] = see(
+        if key not in self._visibilities:
+            self._visibilities[key] = see(
                 preparation.traffic,
                 preparation.setting.pool.select(members),
-                labels=labels,
-                run=run,
+                labels=preparation.setting.counted.labels,
+                run=replace(preparation.run, progress=None),
             )
-        return self._seen[key]
+        return self._visibilities[key]
 
 
 def _stack_ap(estimates: list[Estimate]) -> Float64[np.ndarray, "ious n"]:
@@ -393,13 +416,13 @@ class TimedEvaluator:
         """
         while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
             next_frames = frames[self.done : self.done + self.at_once]
-            self.evaluator.evaluate(sets, next_frames)
+            self.evaluator.evaluate(sets, next_frames)  # for its detections, which are kept
             self.done += len(next_frames)
             if progress is not None:
                 progress(self.done)
-        counted = min(self.done, len(frames))
-        evaluated = self.evaluator.evaluate(sets, frames[:counted])
-        return evaluated._replace(frames=None if counted == len(frames) else counted)
+        used_count = min(self.done, len(frames))
+        evaluated = self.evaluator.evaluate(sets, frames[:used_count])
+        return evaluated._replace(frames=None if used_count == len(frames) else used_count)
 
 
 Timed = CasesEvaluator | TimedEvaluator
@@ -407,9 +430,12 @@ Timed = CasesEvaluator | TimedEvaluator
 
 @dataclass(frozen=True)
 class Schedule:
-    """Seconds for everything from now on, None for no limit.
+    """Time for searches, race and assessment of a portfolio.
 
-    at_once: frames between two looks at the clock.
+    Attributes:
+        seconds: Time for everything (s), None for no limit.
+        at_once: Frames between two looks at the clock.
+        began: Begin by the monotonic clock (s).
     """
 
     seconds: float | None = None
@@ -417,21 +443,24 @@ class Schedule:
     began: float = field(default_factory=time.monotonic)
 
     @staticmethod
-    def of(seconds: float | None, processes: Processes) -> "Schedule":
-        """Schedule from now on, with as many frames between looks as keep the processes busy.
+    def from_processes(seconds: float | None, processes: Processes) -> "Schedule":
+        """Schedule from now on, for frames that are evaluated in these processes.
+
+        Between two looks at the clock there are enough frames to keep all processes busy.
 
         seconds: time for everything, None for no limit.
         """
         if processes.ray:
-            return Schedule(seconds, 16)
-        return Schedule(seconds, 1 if processes.alone else 2 * processes.count)
+            return Schedule(seconds, at_once=RAY_FRAMES)
+        # 2: so that no process waits while another one finishes
+        return Schedule(seconds, at_once=1 if processes.alone else 2 * processes.count)
 
     @property
     def left(self) -> float:
         """Remaining seconds, infinite without a limit."""
         return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
 
-    def searching(self, searches: int) -> float | None:
+    def search_seconds(self, searches: int) -> float | None:
         """Seconds of each search if this number of searches share their part of the time.
 
         None without a limit.
@@ -441,7 +470,8 @@ class Schedule:
     def frames(self, frames: int) -> int:
         """Number of frames of one part of traffic that fit into the time, in whole blocks.
 
-        frames: number without a limit, which comes back from `FULL_TRAFFIC_S` seconds on.
+        frames: number of frames without a limit, which is returned for `FULL_TRAFFIC_S` seconds or
+        more.
         """
         if self.seconds is None or self.seconds >= FULL_TRAFFIC_S:
             return frames
@@ -457,4 +487,5 @@ class Schedule:
         """
         if self.seconds is None:
             return evaluator
-        return TimedEvaluator(evaluator, time.monotonic() + share * self.left, self.at_once, least)
+        until = time.monotonic() + share * self.left
+        return TimedEvaluator(evaluator, until=until, at_once=self.at_once, least=least)

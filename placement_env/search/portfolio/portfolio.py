@@ -16,6 +16,7 @@ from placement_env.analysis.agreement import StageFigure, check_agreement
 from placement_env.analysis.intervals import (
     AP_TOLERANCE,
     BLOCK_FRAMES,
+    Interval,
     is_comparable,
     share_beyond_reach,
 )
@@ -24,7 +25,8 @@ from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.racing import Contest, RaceRules, Resampled, race_until
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import (
     DEFAULT_NEIGHBOURS,
     Effort,
@@ -95,6 +97,8 @@ class Judging:
     ) -> tuple[CasesEvaluator, CasesEvaluator]:
         """Evaluators of race and assessment, on parts 1 and 2 of the run's traffic.
 
+        Part 0 is the traffic of the searches.
+
         schedule: gives fewer frames if time is short; seed: for the resamples. Raises ValueError
         without a site to simulate traffic.
         """
@@ -146,17 +150,24 @@ def search(
     check_whole("budget", budget, least=1)
     objective.setting.check_budget(budget)
     limits = Limits(seconds, evaluations)
-    schedule = Schedule.of(seconds, objective.run)
+    schedule = Schedule.from_processes(seconds, objective.run)
     racing, final = judging.build_evaluators(objective, schedule, seed=seed)
-    effort = Effort((budget,), schedule.searching(SEARCH_COUNT), evaluations, judging.neighbours)
+    effort = Effort(
+        sizes=(budget,),
+        seconds=schedule.search_seconds(SEARCH_COUNT),
+        evaluations=evaluations,
+        neighbours=judging.neighbours,
+    )
     entrants = _find_entrants(objective, effort, seed, checkpoint)
     limits.count = entrants.considered
     if not len(entrants.sets):
-        return _answer(objective, [], "no search found a set that may be built and pays", limits)
+        note = "no search found a set that may be built and pays"
+        return _build_result(objective, [], note, limits)
     race = contest(
         objective,
         entrants.sets,
-        schedule.limit(racing, 1 / 2, 1),  # half of the time left; the assessment gets the rest
+        # half of the time left; the assessment gets the rest
+        schedule.limit(racing, share=1 / 2, least=1),
         confidence=judging.confidence,
         seed=seed,
         most=MAX_SET_FRAMES if seconds is None else math.inf,
@@ -167,7 +178,7 @@ def search(
             f"by the {racing.name} none of the {len(entrants.sets)} compared sets is worth "
             "what it costs"
         )
-        return _answer(objective, [], note, limits)
+        return _build_result(objective, [], note, limits)
     members = np.flatnonzero(entrants.sets[race.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     note = (
@@ -175,7 +186,7 @@ def search(
         "out the others"
     )
     return replace(
-        _answer(objective, members, note, limits),
+        _build_result(objective, members, note, limits),
         assessment=_assess(objective, entrants, race, (final, schedule), judging),
     )
 
@@ -188,31 +199,33 @@ def _find_entrants(
     Unless the cases are plain (one IoU threshold, no failures, undivided traffic), intact sets in
     all traffic are searched for too, because their best may be the best in the worst case.
 
-    seed: for all searches; checkpoint: keeps the progress of both rounds of searches."""
+    objective: objective of the searches; effort: their limits; seed: for all searches; checkpoint:
+    keeps the progress of both rounds of searches."""
     others = at_other_ious(objective)
     entrants = keep_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     preparation = objective.preparation
     if preparation is None or objective.setting.cases.plain:
         return entrants
-    intact = Objective(
-        replace(preparation.plain.setting, candidates=objective.candidates), preparation.run
+    intact_setting = replace(preparation.plain.setting, candidates=objective.candidates)
+    intact_objective = Objective(intact_setting, preparation.run)
+    intact_entrants = keep_entrants(
+        intact_objective, effort, seed=seed, checkpoint=checkpoint.part("intact")
     )
-    intact_entrants = keep_entrants(intact, effort, seed=seed, checkpoint=checkpoint.part("intact"))
     return join_entrants([objective], [entrants, intact_entrants])
 
 
-def _answer(objective: Objective, members: list[int], note: str, limits: Limits) -> Result:
+def _build_result(objective: Objective, members: list[int], note: str, limits: Limits) -> Result:
     """Return the result for a set, without an assessment.
 
     members: indices of its candidates; note: explains why this set; limits: history so far."""
     best = objective.score(members)
     return Result(
-        "portfolio",
-        best,
-        limits.history(best.reward),
-        Certificate("none", best.reward, note=note),
-        limits.count,
-        limits.elapsed,
+        method="portfolio",
+        best=best,
+        history=limits.history(best.reward),
+        certificate=Certificate("none", best.reward, note=note),
+        evaluations=limits.count,
+        seconds=limits.elapsed,
         origin=objective.describe_origin(best.subset),
     )
 
@@ -245,26 +258,34 @@ def contest(
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
-        # rewards of sets on the first frames of the race, with resamples, for `race_until`
-        evaluated = evaluator.evaluate(
-            rows, frames, objective.run.stage("frames raced", len(frames))
-        )
+        """Rewards of sets (rows) on the first frames of a race, with resamples; for `race_until`.
+
+        The set with the greatest reward is reported to the objective's watcher."""
+        report = objective.run.stage("frames raced", len(frames))
+        evaluated = evaluator.evaluate(rows, frames, report)
+        used_frames = frames[: evaluated.frames]  # all unless time ran out
         cost = weigh_costs(objective, rows, evaluated.kbit)
-        blocks = float(len(np.unique(frames[: evaluated.frames] // BLOCK_FRAMES)))
+        reward = evaluated.ap - cost
         if objective.watch is not None:
-            best = int((evaluated.ap - cost).argmax())
-            ahead = tuple(np.flatnonzero(rows[best]).tolist())
-            objective.watch(
-                ahead, float(evaluated.ap[best] - cost[best]), len(frames[: evaluated.frames])
-            )
+            best = int(reward.argmax())
+            members = tuple(np.flatnonzero(rows[best]).tolist())
+            objective.watch(members, float(reward[best]), len(used_frames))
         return Resampled(
-            evaluated.ap - cost, evaluated.resamples - cost[:, None], evaluated.frames, blocks
+            figure=reward,
+            resamples=evaluated.resamples - cost[:, None],
+            frames=evaluated.frames,
+            blocks=float(len(np.unique(used_frames // BLOCK_FRAMES))),
         )
 
     order = race_order(evaluator.frames, seed=seed)[:frames]
     first_rung = min(FIRST_RUNG_FRAMES, evaluator.frames)
     rules = RaceRules(
-        confidence, AP_TOLERANCE, first_rung, RUNG_GROWTH, least=MIN_RACE_FRAMES, most=most
+        confidence=confidence,
+        tolerance=AP_TOLERANCE,
+        first=first_rung,
+        eta=RUNG_GROWTH,
+        least=MIN_RACE_FRAMES,
+        most=most,
     )
     race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
     close = np.flatnonzero(
@@ -285,8 +306,9 @@ def weigh_costs(
 ) -> Float64[np.ndarray, " n"]:
     """Costs of communication and building of each set, in AP.
 
-    kbit: total that each set sends per frame; the weight applies to its mean over the sensors."""
-    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)
+    objective: gives weights and prices; sets: rows of booleans; kbit: total that each set sends per
+    frame; the weight applies to its mean over the sensors."""
+    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)  # the empty set counts as one sensor
     return np.asarray(
         objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets)
     )
@@ -304,7 +326,12 @@ def _assess(
     Contenders are the answers of the searches, judged if `Judging.contenders` asks for it. Raises
     ValueError if race and judgement of the winner exclude each other.
 
-    judge: evaluator of the third part, and the schedule with the time left."""
+    Args:
+        objective: Objective of the searches.
+        entrants: Sets that raced.
+        race: Finished race, the winner first.
+        judge: Evaluator of the third part of the traffic, and the schedule with the time left.
+        judging: Confidence that was asked for, and whether contenders are judged."""
     winner = int(race.ranking[0])
     final, schedule = judge
     rows = np.array([winner])
@@ -315,24 +342,22 @@ def _assess(
         entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
     )
     contenders = []
+    # fewer figures than rows if time ran out
     for row, ap, resamples in zip(
         rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False
     ):
         interval = final.interval(ap, resamples, frames)
-        members = tuple(np.flatnonzero(entrants.sets[row]).tolist())
-        contenders.append(
-            Contender(
-                entrants.searches[row], members, float(entrants.predicted[row]), ap, *interval
-            )
-        )
+        contenders.append(_build_contender(entrants, row, ap, interval))
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
     objects = final.count_objects(frames)
     cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
     race_frames = int(race.frames[0])
-    if final.name == "detector" and final.cases.plain and len(final.profiles) == 1:
+    if final.name == "detector" and final.cases.plain and len(final.by_profile) == 1:
         names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
-        judged_figure = StageFigure("in the judgement", answer.ap, objects, len(frames))
+        judged_figure = StageFigure(
+            stage="in the judgement", ap=answer.ap, objects=objects, frames=len(frames)
+        )
         _check_race(names, race, cost, judged_figure)
     confidence = math.nan
     if is_comparable(race_frames, objects):
@@ -362,15 +387,33 @@ def _assess(
     )
 
 
+def _build_contender(entrants: Entrants, row: int, ap: float, interval: Interval) -> Contender:
+    """Contender from the row of a set among the entrants, and its judged AP with the interval."""
+    return Contender(
+        searches=entrants.searches[row],
+        subset=tuple(np.flatnonzero(entrants.sets[row]).tolist()),
+        predicted=float(entrants.predicted[row]),
+        ap=ap,
+        low=interval.low,
+        high=interval.high,
+    )
+
+
 def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigure) -> None:
     """Raise ValueError if race and judgement of the winner exclude each other.
 
-    names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower."""
-    race_frames = int(race.frames[0])
+    names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower; judged:
+    AP of the winner in the judgement."""
+    race_frames = int(race.frames[0])  # frames that scored the winner
     # the race did not count its objects: as many per frame as in the judgement
     race_objects = round(judged.objects * race_frames / judged.frames)
-    race_ap = float(race.figures[0]) + cost
-    check_agreement(names, StageFigure("in the race", race_ap, race_objects, race_frames), judged)
+    race_figure = StageFigure(
+        stage="in the race",
+        ap=float(race.figures[0]) + cost,
+        objects=race_objects,
+        frames=race_frames,
+    )
+    check_agreement(names, race_figure, judged)
 
 
 def aps_at_profiles(
@@ -378,18 +421,20 @@ def aps_at_profiles(
 ) -> list[tuple[ProfileAP, ...]]:
     """AP of each set at each of several error profiles, with intervals; empty for one profile.
 
-    frames: frame numbers of the evaluator's traffic."""
-    if len(final.profiles) == 1:
+    The list has an entry for each set, with the profiles in their order.
+
+    final: evaluator of the sets; frames: frame numbers of the evaluator's traffic."""
+    if len(final.by_profile) == 1:
         return [()] * len(sets)
-    profiles = final.at_profiles(sets, frames)
+    figures = final.at_profiles(sets, frames)  # profiles × sets
     by_set = []
     for n in range(len(sets)):
-        figures = []
-        for row, name in enumerate(final.cases.names):
-            ap = float(profiles.ap[row, n])
-            interval = final.interval(ap, profiles.resamples[row, n], frames)
-            figures.append(ProfileAP(name, ap, *interval))
-        by_set.append(tuple(figures))
+        profile_aps = []
+        for k, name in enumerate(final.cases.names):
+            ap = float(figures.ap[k, n])
+            interval = final.interval(ap, figures.resamples[k, n], frames)
+            profile_aps.append(ProfileAP(name, ap, low=interval.low, high=interval.high))
+        by_set.append(tuple(profile_aps))
     return by_set
 
 
@@ -403,17 +448,18 @@ def _judge_in_time(
 
     report: called with the number of frames done, None for silence.
     """
-    frame_numbers = np.arange(final.frames)
     if schedule.seconds is None:
-        return final.evaluate(sets, frame_numbers, report), frame_numbers
+        all_frames = np.arange(final.frames)
+        return final.evaluate(sets, all_frames, report), all_frames
     order = race_order(final.frames)
-    frames = order[: schedule.limit(final).evaluate(sets[:1], order, report).frames]
+    first_evaluated = schedule.limit(final).evaluate(sets[:1], order, report)
+    frames = order[: first_evaluated.frames]  # None: time sufficed for all
     judged_count = 1
     for row in sets[1:]:
-        if (
-            schedule.left <= 0
-            or schedule.limit(final).evaluate(row[None], frames).frames is not None
-        ):
+        if schedule.left <= 0:
+            break
+        evaluated = schedule.limit(final).evaluate(row[None], frames)
+        if evaluated.frames is not None:
             break
         judged_count += 1
     return final.evaluate(sets[:judged_count], frames), frames

@@ -41,7 +41,7 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
     from placement_env.fidelity.preparation import Preparation
     from placement_env.objective import Objective
     from placement_env.report.planning.judging import Judge
-    from placement_env.search.portfolio.entrants import Effort, entrants
+    from placement_env.search.portfolio.entrants import Effort, find_entrants
 
     path = out / f"{name}.npz"
     kept: dict[str, Any] = dict(np.load(path)) if path.exists() else {}
@@ -49,7 +49,7 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
     setting = Setting(site, candidates=place.candidates(site))
     if "sets" not in kept:
         objective = Objective(setting, Run(frames=60, seed=place.seed))
-        found = entrants(objective, Effort(SIZES, evaluations=20_000, neighbours=OF_EACH_SIZE))
+        found = find_entrants(objective, Effort(SIZES, evaluations=20_000, neighbours=OF_EACH_SIZE))
         rows = []
         for size in SIZES:
             own = np.flatnonzero(found.sets.sum(axis=1) == size)

@@ -141,14 +141,14 @@ def test_programmes_cover_as_much_as_any_set(make, views, capacity, most):
     covered = [int((seen[row].sum(axis=0) >= views).sum()) for row in sets]
     found = cpsat.cover_most(
         seen,
-        Poles.of(objective),
+        Poles.from_objective(objective),
         4,
         views=views,
-        may_stand=objective.allowed([]),
-        prices=Prices.of(objective),
+        is_buildable=objective.allowed([]),
+        prices=Prices.from_objective(objective),
     )
-    assert (found.figure, found.bound, found.optimal) == (max(covered), max(covered), True)
-    assert objective.feasible(objective.row(found.chosen)[None])[0]
+    assert (found.value, found.bound, found.optimal) == (max(covered), max(covered), True)
+    assert objective.feasible(objective.row(found.members)[None])[0]
 
 
 @pytest.mark.parametrize("capacity", [2000.0, 1200.0])
@@ -161,12 +161,14 @@ def test_the_cheapest_set_pays_a_shared_mount_once(make, capacity):
     need = 24
     able = sets[np.array([seen[row].any(axis=0).sum() >= need for row in sets])]
     ones = np.ones((1, seen.shape[1]), np.int64)
-    programme = Programme.of(objective, 4, Levels(seen.astype(np.int64), ones, ones, ones > 0))
+    programme = Programme.from_objective(
+        objective, 4, Levels(seen.astype(np.int64), ones, ones, ones > 0)
+    )
     found = solve(programme, at_least=need, cost=Prices.in_units(objective, 1e-6))
     least = objective.price(able).min()
     assert found.optimal
-    assert objective.price(objective.row(found.chosen)[None])[0] == pytest.approx(least)
-    assert found.figure == found.bound == pytest.approx(least * 1e6, abs=8)
+    assert objective.price(objective.row(found.members)[None])[0] == pytest.approx(least)
+    assert found.value == found.bound == pytest.approx(least * 1e6, abs=8)
 
 
 @pytest.mark.parametrize("capacity", [2000.0, 1000.0])

@@ -182,7 +182,9 @@ def test_episodes_draw_their_traffic_where_asked():
     def seeds(env, episodes):
         for seed in range(episodes):
             env.reset(seed=seed)
-        return {made.objective.run.seed for made in env.unwrapped.task.scenarios._made.values()}
+        return {
+            made.objective.run.seed for made in env.unwrapped.task.scenarios._scenarios.values()
+        }
 
     assert seeds(fixed, 3) == {0}
     assert seeds(several, 8) == {0, 11 * 1_000_003}

@@ -7,6 +7,7 @@ import torch
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.envs.state import GLOBAL
 from placement_env.rl import training as learning
+from placement_env.rl.learning import Learning
 from placement_env.rl.policy_network import FEATURES, CandidateNetwork, distinct
 
 SLOTS = 5
@@ -51,7 +52,7 @@ def test_observations_in_any_order_are_judged_alike(network):
 
 def test_choosing_one_after_another_is_learnt_with_it_and_all_else_is_not(make, tmp_path):
     objective = make(5, 2)
-    small = learning.Learning(envs=2, rollout=32, batch=32, epochs=2, width=16)
+    small = Learning(envs=2, rollout=32, batch=32, epochs=2, width=16)
 
     def network_of(actions: str) -> torch.nn.Module:
         def make_env() -> SensorSelectEnv:

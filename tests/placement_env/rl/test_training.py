@@ -7,12 +7,14 @@ import torch
 
 from placement_env.envs.select import SensorSelectEnv
 from placement_env.rl import training as learning
-from placement_env.search.checkpoint import NOWHERE, Checkpoint
+from placement_env.rl.learning import Learning
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.exact import exhaustive
 from placement_env.setting import Weights
 
 pytest.importorskip("sb3_contrib")
-SMALL = learning.Learning(envs=2, rollout=32, batch=32, epochs=2, width=16)
+SMALL = Learning(envs=2, rollout=32, batch=32, epochs=2, width=16)
 VALUE = np.array([0.1, 0.2, 0.6, 0.3])
 
 
@@ -104,7 +106,7 @@ def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
 
 def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):
     told = []
-    quick = learning.Learning(
+    quick = Learning(
         envs=4, rollout=64, batch=64, epochs=8, learning_rate=3e-3, entropy=0.0, width=16
     )
     policy = learning.train_policy(

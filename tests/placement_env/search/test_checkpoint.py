@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from placement_env.search import cmaes, greedy, swap
-from placement_env.search.checkpoint import NOWHERE, Checkpoint, open_checkpoint
-from placement_env.search.portfolio.entrants import Effort, entrants
+from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.checkpoint_folder import NOWHERE, open_checkpoint
+from placement_env.search.portfolio.entrants import Effort, find_entrants
 from placement_env.search.progress import Limits, Progress
 from placement_env.setting import Weights
 
@@ -109,7 +110,7 @@ def test_values_come_back_and_states_are_saved_as_often_as_asked(tmp_path):
     assert Checkpoint(tmp_path, depends_on=b"another").load() is None
     checkpoint = Checkpoint(tmp_path, every=60.0)
     checkpoint.offer(lambda: pytest.fail("too early"))
-    checkpoint._saved -= 61.0
+    checkpoint._saved_at -= 61.0
     checkpoint.offer(lambda: {"a": 1})
     assert checkpoint.load() == {"a": 1}
     checkpoint.offer(lambda: pytest.fail("too early"))
@@ -182,11 +183,11 @@ def test_the_searches_of_a_portfolio_are_not_run_twice(street, tmp_path, monkeyp
         monkeypatch.setattr(module, "search", counted)
     effort = Effort((1, 2, 3))
     with pytest.raises(Killed):
-        entrants(street.objective, effort, checkpoint=Checkpoint(tmp_path))
+        find_entrants(street.objective, effort, checkpoint=Checkpoint(tmp_path))
     before = list(ran)
-    again = entrants(street.objective, effort, checkpoint=Checkpoint(tmp_path))
+    again = find_entrants(street.objective, effort, checkpoint=Checkpoint(tmp_path))
     after = ran[len(before) :]
-    whole = entrants(street.objective, effort)
+    whole = find_entrants(street.objective, effort)
     assert before[:3] + after == ran[len(before) + len(after) :]
     assert np.array_equal(again.sets, whole.sets)
     assert (again.searches, again.considered) == (whole.searches, whole.considered)

@@ -31,7 +31,7 @@ def test_a_pool_that_can_be_searched_stays_whole(few):
 def test_poles_and_poses_that_see_most_go_on(few, monkeypatch):
     monkeypatch.setattr(first_look, "MAX_POSES", 200)
     pool = few.setting.pool
-    chosen = first_look._choose_seeing(few)
+    chosen = first_look._choose_at_first_look(few)
     assert chosen is not None
     assert len(chosen) == 200
     assert (np.diff(chosen) > 0).all()

@@ -15,7 +15,7 @@ from placement_env.search import greedy, swap
 from placement_env.search.exact import cheapest, cpsat, exhaustive, hits
 from placement_env.search.exact.cheapest import Demand
 from placement_env.search.exclusions import explain_kept
-from placement_env.search.portfolio.entrants import Effort, entrants
+from placement_env.search.portfolio.entrants import Effort, find_entrants
 from placement_env.search.progress import Progress
 from placement_env.setting import Setting, Weights
 from placement_env.subsets import all_subsets
@@ -75,7 +75,7 @@ def test_searches_agree_with_trying_all(junction, fidelity, most, seed):
     grown = greedy.search(objective, 3).best
     assert objective.feasible(objective.row(grown.subset)[None])[0]
     assert best - 0.15 < grown.reward <= best
-    found = entrants(objective, Effort((1, 2, 3)))
+    found = find_entrants(objective, Effort((1, 2, 3)))
     assert objective.keeps(found.sets).all()
     assert found.predicted.max() == pytest.approx(objective.scores(sets).ap.max())
 

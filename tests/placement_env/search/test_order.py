@@ -8,7 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.search.order import SearchOrder
 from placement_env.search.search_run import run_search
-from placement_env.setting import AP_ONLY, Setting, Weights
+from placement_env.setting import Setting, Weights
 from toolkit.display import format_share
 from toolkit.objects import Detections
 from toolkit.runtime.run import Run
@@ -21,7 +21,7 @@ SITE = load_site("tjunction")
 
 @pytest.fixture(scope="module")
 def common(tmp_path_factory):
-    def order(cases=Cases(), detector=None, fidelity="coverage", weights=AP_ONLY, **fields):
+    def order(cases=Cases(), detector=None, fidelity="coverage", weights=Weights(), **fields):
         setting = Setting(SITE, fidelity=fidelity, cases=cases, detector=detector, weights=weights)
         run = Run(frames=2, seed=3, cache=cache)
         return SearchOrder(

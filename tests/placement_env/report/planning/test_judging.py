@@ -7,7 +7,8 @@ import pytest
 
 from placement_env.analysis.intervals import Tally, percentiles
 from placement_env.cases import Cases
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import PlanOption
 from placement_env.report.planning.choice import Choice

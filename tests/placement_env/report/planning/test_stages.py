@@ -14,7 +14,8 @@ from placement_env.analysis.intervals import Tally
 from placement_env.candidates.candidates import Axes
 from placement_env.candidates.sensor_catalogue import PricedModel, SensorCatalogue
 from placement_env.cases import Cases
-from placement_env.classes import VEHICLES, Classes
+from placement_env.classes import Classes
+from placement_env.defaults import VEHICLES
 from placement_env.fidelity.detector import FALSE_ALARM, IGNORED, Detected
 from placement_env.fidelity.traffic import Traffic
 from placement_env.handover.ground import GroundGrid
@@ -59,7 +60,7 @@ from placement_env.report.planning.planning import plan
 from placement_env.report.planning.prepared_judge import PreparedJudge, prepare_judge
 from placement_env.search.portfolio.entrants import Entrants
 from placement_env.search.portfolio.portfolio import NEAR_TIE_AP
-from placement_env.setting import AP_ONLY
+from placement_env.setting import Weights
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.run import Run
 from toolkit.sensors.error_profiles import PAPER_ERRORS, POOR
@@ -105,7 +106,7 @@ def staged(ask, street, monkeypatch):
             self.plain = "plain"
 
     def moved(preparation, candidates, visibility, weights):
-        assert weights == AP_ONLY
+        assert weights == Weights()
         return replace_objective(preparation)
 
     def replace_objective(preparation):

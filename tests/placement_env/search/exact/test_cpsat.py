@@ -42,8 +42,8 @@ def test_equals_trying_all(seed, mounts, poses, budget, views, density):
     seen = rng.random((len(mount), 25)) < density
     cover = cpsat.cover_most(seen, single(mount), budget, views=views)
     assert cover.optimal
-    assert cover.figure == cover.bound == most(seen, mount, budget, views)
-    assert len(set(mount[cover.chosen])) == len(cover.chosen) <= budget
+    assert cover.value == cover.bound == most(seen, mount, budget, views)
+    assert len(set(mount[cover.members])) == len(cover.members) <= budget
 
 
 def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
@@ -51,11 +51,11 @@ def test_stopped_early_it_has_a_bound_and_merging_keeps_objects():
     start = cpsat.greedy_cover(seen, np.ones(400, np.int64), mount, 5, 1)
     cover = cpsat.cover_most(seen, single(mount), 5, limits=programme.SolverLimits(seconds=1e-3))
     assert (
-        (seen[cover.chosen].sum(axis=0) > 0).sum()
-        == cover.figure
+        (seen[cover.members].sum(axis=0) > 0).sum()
+        == cover.value
         >= (seen[start].sum(axis=0) > 0).sum()
     )
-    assert cover.figure <= cover.bound <= 400
+    assert cover.value <= cover.bound <= 400
     assert not cover.optimal
     seen = np.array([[1, 1, 0, 0, 1], [0, 0, 1, 0, 1]], bool)
     ones = np.ones((1, 5), np.int64)
@@ -71,11 +71,11 @@ def test_stopped_early_it_pays_for_shared_poles():
     seen = np.eye(4, dtype=np.bool_)
     mount = np.array([0, 0, 1, 1])
     poles = programme.Poles(mount, np.full(4, 2), np.zeros(4, np.int64))
-    prices = programme.Prices(np.full(4, 10), np.full(4, 100), mount, most=120)
+    prices = programme.Prices(np.full(4, 10), np.full(4, 100), mount, limit=120)
     no_time = programme.SolverLimits(effort=0.0)
     stopped = cpsat.cover_most(seen, poles, 2, prices=prices, limits=no_time)
-    assert prices.total(stopped.chosen) <= 120
-    assert stopped.figure <= cpsat.cover_most(seen, poles, 2, prices=prices).figure == 2
+    assert prices.total(stopped.members) <= 120
+    assert stopped.value <= cpsat.cover_most(seen, poles, 2, prices=prices).value == 2
 
 
 @pytest.mark.parametrize("views", [1, 2])
@@ -84,7 +84,7 @@ def test_bound_holds_wherever_it_is_taken(seed, views):
     seen, mount = np.random.default_rng(seed).random((12, 30)) < 0.3, np.repeat(np.arange(4), 3)
     weight = np.ones(30, np.int64)
     for chosen in ([], [0], [0, 4], cpsat.greedy_cover(seen, weight, mount, 3, views)):
-        assert cpsat.prove_bound(seen, weight, mount, 3, views=views, chosen=chosen) >= most(
+        assert cpsat.prove_bound(seen, weight, mount, 3, views=views, members=chosen) >= most(
             seen, mount, 3, views
         )
 
@@ -130,7 +130,9 @@ def test_other_objectives_and_seeds_have_their_answers(make):
     )
     assert first == again
     seen = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
-    cover = cpsat.cover_most(seen, single(np.arange(3)), 1, may_stand=np.array([False, True, True]))
-    assert cover.figure == 1
-    assert cover.chosen is not None
-    assert 0 not in cover.chosen
+    cover = cpsat.cover_most(
+        seen, single(np.arange(3)), 1, is_buildable=np.array([False, True, True])
+    )
+    assert cover.value == 1
+    assert cover.members is not None
+    assert 0 not in cover.members

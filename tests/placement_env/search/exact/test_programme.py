@@ -17,8 +17,8 @@ from placement_env.search.exact.programme import (
     Prices,
     Programme,
     SolverLimits,
-    cp_model,
     levels_of_hits,
+    load_cp_model,
     solve,
 )
 from placement_env.search.progress import Progress
@@ -76,19 +76,19 @@ def test_equals_trying_all(seed, budget, failing):
     best = max((worth(chosen) for chosen in sets), default=0)
     programme = Programme(levels, budget, single(mount), stands, failing=failing)
     found = solve(programme)
-    assert (found.figure, found.bound, found.optimal) == (best, best, True)
-    assert not found.chosen or worth(found.chosen) == best
+    assert (found.value, found.bound, found.optimal) == (best, best, True)
+    assert not found.members or worth(found.members) == best
     prices, need = rng.integers(1, 9, 6), max(1, best // 2)
     able = [chosen for chosen in sets if worth(chosen) >= need]
     cheapest = solve(programme, at_least=need, cost=priced(prices, mount))
     if not able:
-        assert (cheapest.chosen, cheapest.optimal) == (None, True)
+        assert (cheapest.members, cheapest.optimal) == (None, True)
         return
     least = min(prices[chosen].sum() for chosen in able)
-    assert (cheapest.figure, cheapest.bound, cheapest.optimal) == (least, least, True)
-    assert worth(cheapest.chosen) >= need
+    assert (cheapest.value, cheapest.bound, cheapest.optimal) == (least, least, True)
+    assert worth(cheapest.members) >= need
     fewest = min(len(chosen) for chosen in able if prices[chosen].sum() == least)
-    assert len(cheapest.chosen) == fewest
+    assert len(cheapest.members) == fewest
 
 
 @settings(max_examples=10, deadline=None)
@@ -103,16 +103,16 @@ def test_what_is_left_without_some_equals_trying_all(seed):
 
     sets = list(every(mount, 3))
     need = max(1, max(map(left, sets)) // 2)
-    programme = Programme(levels, 3, single(mount), np.ones(6, bool), lost=lost)
+    programme = Programme(levels, 3, single(mount), np.ones(6, bool), lost_cases=lost)
     found = solve(programme, at_least=need, cost=priced(prices, mount))
     able = [int(prices[chosen].sum()) for chosen in sets if left(chosen) >= need]
     if not able:
-        assert (found.chosen, found.optimal) == (None, True)
+        assert (found.members, found.optimal) == (None, True)
         return
-    assert left(found.chosen) >= need
-    assert (found.figure, found.bound, found.optimal) == (min(able), min(able), True)
+    assert left(found.members) >= need
+    assert (found.value, found.bound, found.optimal) == (min(able), min(able), True)
     most = solve(programme)
-    assert (most.figure, most.optimal) == (max(map(left, sets)), True)
+    assert (most.value, most.optimal) == (max(map(left, sets)), True)
 
 
 def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
@@ -125,7 +125,7 @@ def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
     assert (
         surviving(levels, [0, 1, 2]) == 3
     )  # without the first the first object is lost, and so on
-    assert (surviving(levels, [0]), levels.whole) == (0, 4)
+    assert (surviving(levels, [0]), levels.max_worth) == (0, 4)
     levels = levels_of_coverage(np.random.default_rng(0).random((200, 300)) < 0.05)
     mount = np.arange(200)
     programme = Programme(levels, 20, single(mount), np.ones(200, bool))
@@ -135,7 +135,7 @@ def test_steps_are_worth_no_less_and_survive_failures_or_stay_unproven():
         at_least=290,
         cost=priced(np.ones(200, np.int64), mount),
     )
-    assert (found.chosen, found.optimal) == (None, False)
+    assert (found.members, found.optimal) == (None, False)
 
 
 @pytest.mark.parametrize("floor", [0.0, 30.0])
@@ -149,11 +149,13 @@ def test_steps_of_hits_lie_above_the_curve_or_cut_it(floor):
     for chosen in ([0], [1, 3], [0, 1, 2, 3, 4]):
         p = model.probability(powers[chosen].sum(axis=0), powers[chosen].sum(axis=0))
         assert above.worth(chosen) >= p.mean() * GAIN_UNITS
-        reached = above.known[chosen].sum(axis=0) >= above.threshold
+        reached = above.evidence[chosen].sum(axis=0) >= above.threshold
         assert ((above.gain * reached).sum(axis=0) * 40 / GAIN_UNITS >= p - 1e-6).all()
         if not floor:
             steps = (
-                (middle.gain * (middle.known[chosen].sum(axis=0) >= middle.threshold)).sum(axis=0)
+                (middle.gain * (middle.evidence[chosen].sum(axis=0) >= middle.threshold)).sum(
+                    axis=0
+                )
                 * 40
                 / GAIN_UNITS
             )
@@ -198,7 +200,7 @@ def test_limits_and_seed_are_those_asked_for():
 def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ortools.sat.python", None)
     with pytest.raises(ImportError, match="pip install coview"):
-        cp_model()
+        load_cp_model()
 
 
 PRICES = Prices(np.array([5, 7, 20]), np.array([10, 10, 0]), np.array([0, 0, 1]), 40)
@@ -214,17 +216,17 @@ def test_shared_poles_are_paid_once(make):
     assert PRICES.total([1]) == 17
     assert PRICES.total([]) == 0
     some = PRICES.select(np.array([1, 2]))
-    assert (some.total([0]), some.most, some.total([0, 1])) == (17, 40, 37)
+    assert (some.total([0]), some.limit, some.total([0, 1])) == (17, 40, 37)
     objective = make(3, 2)
-    assert Prices.of(objective) is None
+    assert Prices.from_objective(objective) is None
     price = objective.candidates.prices
-    prices = Prices.of(
+    prices = Prices.from_objective(
         objective.with_weights(objective.weights, most_price=float(price[0] + price[2]))
     )
     assert prices is not None
-    assert prices.total([0, 2]) <= prices.most < prices.total([0, 2]) + 2**20
-    assert prices.shared.tolist() == [0] * 6
+    assert prices.total([0, 2]) <= prices.limit < prices.total([0, 2]) + 2**20
+    assert prices.per_mount.tolist() == [0] * 6
 
 
 def test_places_of_a_pole_are_apart_for_bounds():
-    assert POLES.apart.tolist() == [2, 3, 4, 1]
+    assert POLES.exclusive_mount.tolist() == [2, 3, 4, 1]

@@ -31,7 +31,7 @@ def test_searches_go_on_where_the_checkpoint_left_them(street, monkeypatch, tmp_
 
     monkeypatch.setattr(curve, "keep_entrants", noted)
     effort = Effort((1,), neighbours=0)
-    assert len(list(curve._groups(street.objective, effort, (), 7, kept))) == 1
+    assert len(list(curve._search_budgets(street.objective, effort, (), 7, kept))) == 1
     assert asked == [{"others": {}, "seed": 7, "checkpoint": kept}]
 
 
@@ -313,9 +313,9 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypat
         efforts.append(effort)
         return keep(objective, effort, **named)
 
-    def limited(schedule, evaluator, share=1.0, *least):
-        shares.append((share, *least))
-        return limit(schedule, evaluator, share, *least)
+    def limited(schedule, evaluator, share=1.0, **least):
+        shares.append((share, *least.values()))
+        return limit(schedule, evaluator, share, **least)
 
     monkeypatch.setattr(curve, "contest", raced)
     monkeypatch.setattr(curve, "keep_entrants", kept)

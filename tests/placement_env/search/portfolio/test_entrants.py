@@ -21,7 +21,7 @@ from placement_env.search.portfolio.entrants import (
     THRIFT_AP,
     Effort,
     Entrants,
-    entrants,
+    find_entrants,
     join_entrants,
     keep_entrants,
 )
@@ -36,7 +36,7 @@ TWO = Effort((1, 2))
 
 
 def test_every_size_has_the_best_set_for_the_money(street):
-    found = entrants(street.objective, Effort((1, 2, 3)))
+    found = find_entrants(street.objective, Effort((1, 2, 3)))
     assert street.objective.feasible(found.sets).all()
     sizes = found.sets.sum(axis=1)
     assert (np.diff(sizes) >= 0).all()
@@ -59,12 +59,12 @@ def test_every_size_has_the_best_set_for_the_money(street):
             most_price=22.0,
         )
     )
-    found = entrants(tight, Effort((1, 2, 3, 4)))
+    found = find_entrants(tight, Effort((1, 2, 3, 4)))
     assert tight.price(found.sets).max() == 22.0
     assert found.sets.sum(axis=1).max() == 2
     first, again = (
-        entrants(street.objective, Effort((1, 2)), seed=3),
-        entrants(street.objective, Effort((1, 2)), seed=3),
+        find_entrants(street.objective, Effort((1, 2)), seed=3),
+        find_entrants(street.objective, Effort((1, 2)), seed=3),
     )
     assert np.array_equal(first.sets, again.sets)
     assert (first.searches, first.considered) == (again.searches, again.considered)
@@ -76,7 +76,7 @@ def test_every_size_has_the_best_set_for_the_money(street):
             most_price=1.0,
         )
     )
-    found = entrants(poor, Effort((1, 2)))
+    found = find_entrants(poor, Effort((1, 2)))
     assert (found.sets.shape, found.predicted.shape, found.searches) == ((0, 4), (0,), ())
 
 
@@ -87,7 +87,7 @@ def test_poles_that_must_carry_a_sensor_do_so_in_sets_of_just_as_many_and_more(s
         scheme="late",
         keep=("post1", "post2"),
     )
-    found = entrants(Objective(setting), Effort((1, 2, 3)))
+    found = find_entrants(Objective(setting), Effort((1, 2, 3)))
     assert sorted(set(found.sets.sum(axis=1).tolist())) == [2, 3]
     assert found.sets[found.sets.sum(axis=1) == 2].astype(int).tolist() == [[0, 1, 1, 0]]
     assert found.sets[:, [1, 2]].all()
@@ -98,7 +98,7 @@ def test_large_pools(make):
     objective = Objective(
         make(mounts=6, poses=4).setting, Run(progress=lambda *stage: stages.append(stage))
     )
-    found = entrants(objective, Effort((1, 2), neighbours=3))
+    found = find_entrants(objective, Effort((1, 2), neighbours=3))
     done = [(done, total) for name, done, total in stages if name == "searches"]
     assert [each for each, _ in done] == sorted(each for each, _ in done)
     assert done[0][0] == 0
@@ -111,7 +111,7 @@ def test_a_required_ap_brings_the_cheapest_sets_around_it(street):
     """Sensors 0 and 1 cost 11, 2 costs 10.5; one finds half, two find three quarters, three find
     all."""
     usual, asked = (
-        entrants(street.objective, Effort((1, 2, 3), min_ap=each)) for each in (None, 0.5)
+        find_entrants(street.objective, Effort((1, 2, 3), min_ap=each)) for each in (None, 0.5)
     )
     names = {name for each in asked.searches for name in each}
     assert {"swap for AP 0.45", "swap for AP 0.5", "swap for AP 0.55", "swap for AP 0.6"} <= names
@@ -137,7 +137,7 @@ def test_entrants_of_several_searches_are_joined(street):
 def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
     cache = Cache()
     first = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
-    assert first.searches == entrants(street.objective, TWO, seed=1).searches
+    assert first.searches == find_entrants(street.objective, TWO, seed=1).searches
     rich = Objective(
         Setting(
             candidates=street.candidates,
@@ -147,7 +147,8 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
         )
     )
     monkeypatch.setattr(
-        "placement_env.search.portfolio.entrants.entrants", lambda *_, **__: pytest.fail("searched")
+        "placement_env.search.portfolio.entrants.find_entrants",
+        lambda *_, **__: pytest.fail("searched"),
     )
     again = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert np.array_equal(first.sets, again.sets)
@@ -200,10 +201,12 @@ def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, m
         return search(objective, size, **given)
 
     monkeypatch.setattr(swap, "search", noted)
-    entrants(street.objective, Effort((2,), seconds=50.0, evaluations=40, neighbours=0), seed=7)
+    find_entrants(
+        street.objective, Effort((2,), seconds=50.0, evaluations=40, neighbours=0), seed=7
+    )
     assert [each[1:] for each in asked] == [(7, swap.DEFAULT_STARTS, 40, 50.0)] * len(asked)
     assert [price for price, *_ in asked if price] == [pytest.approx(THRIFT_AP / 13.875)]
-    entrants(street.objective, Effort((2,)), seed=7)
+    find_entrants(street.objective, Effort((2,)), seed=7)
     assert {most for *_, most, _ in asked[len(asked) // 2 :]} == {SWAP_EVALUATIONS}
 
 
@@ -211,7 +214,7 @@ def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, m
 def test_all_sets_are_scored_up_to_a_number_of_them(street, monkeypatch, most, searched):
     """Of four sensors there are 4 + 6 sets of one or two."""
     monkeypatch.setattr("placement_env.search.portfolio.entrants.MAX_EXHAUSTIVE_SETS", most)
-    found = entrants(street.objective, Effort((2,)))
+    found = find_entrants(street.objective, Effort((2,)))
     assert any("exhaustive" in names for names in found.searches) == searched
 
 
@@ -237,7 +240,7 @@ def searches(street, monkeypatch):
             return f"part {name}"
 
     def listed(effort, size=2, objective=street.objective, others=None):
-        found = module_of_entrants._searches(objective, size, effort, 7, Part(), others or {})
+        found = module_of_entrants._list_searches(objective, size, effort, 7, Part(), others or {})
         return [(name, run()) for name, run in found]
 
     return listed
@@ -371,7 +374,7 @@ def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
     objective = make(mounts=4, poses=2, seed=5)
     answer = np.zeros((1, 8), bool)
     answer[0, [0, 2]] = True
-    rows, considered = module_of_entrants._neighbours(objective, answer, 3)
+    rows, considered = module_of_entrants._choose_neighbours(objective, answer, 3)
     near = neighbours(np.array([0, 2]), 8)[1:]
     near = near[objective.feasible(near)]
     assert considered == len(near)
@@ -380,7 +383,7 @@ def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
         best.setdefault(tuple(np.flatnonzero(near[i].reshape(4, 2).any(axis=1)).tolist()), near[i])
     assert [row.tolist() for row in rows] == [row.tolist() for row in list(best.values())[:3]]
     monkeypatch.setattr(module_of_entrants, "MAX_SCORED_NEIGHBOURS", 4)
-    few, fewer = module_of_entrants._neighbours(objective, answer, 3)
+    few, fewer = module_of_entrants._choose_neighbours(objective, answer, 3)
     some = neighbours(np.array([0, 2]), 8)[1:5]
     assert fewer == objective.feasible(some).sum()
     assert 1 <= len(few) <= fewer
@@ -424,13 +427,13 @@ def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_aga
 
     monkeypatch.setattr(
         module_of_entrants,
-        "_searches",
+        "_list_searches",
         lambda objective, size, *_: [answer("a", (0,), 7), answer("b", (1,), 5)],
     )
     near = np.array([[0, 0, 1, 0]], bool)
-    monkeypatch.setattr(module_of_entrants, "_neighbours", lambda *_: (list(near), 3))
+    monkeypatch.setattr(module_of_entrants, "_choose_neighbours", lambda *_: (list(near), 3))
     for _ in range(2):
-        found = entrants(street.objective, TWO, checkpoint=Checkpoint(tmp_path, every=0.0))
+        found = find_entrants(street.objective, TWO, checkpoint=Checkpoint(tmp_path, every=0.0))
         assert found.considered == 30
         assert found.searches == (("a",), ("b",), ())
         assert found.sets.astype(int).tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
@@ -474,7 +477,9 @@ def test_half_of_the_neighbours_are_those_that_no_other_beats(
     monkeypatch.setattr(exhaustive, "find_front", front)
     setting = Setting(candidates=candidates, fidelity=Coverage(seen, "early"), scheme="early")
     objective = Objective(setting, visibility=seen)
-    rows, considered = module_of_entrants._neighbours(objective, as_rows([[0, 1]], 12), count)
+    rows, considered = module_of_entrants._choose_neighbours(
+        objective, as_rows([[0, 1]], 12), count
+    )
     near = neighbours(np.array([0, 1]), 12)[1:]
     near = near[objective.feasible(near)]
     assert considered == len(near)
@@ -496,7 +501,7 @@ def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(
 ):
     objective = make(mounts=8, seed=4)
     monkeypatch.setattr(module_of_entrants, "MAX_FRONT_NEIGHBOURS", 2)
-    rows, _ = module_of_entrants._neighbours(objective, as_rows([[0, 1]], 8), 9)
+    rows, _ = module_of_entrants._choose_neighbours(objective, as_rows([[0, 1]], 8), 9)
     near = neighbours(np.array([0, 1]), 8)[1:]
     near = near[objective.feasible(near)]
     best = near[np.argsort(-objective.scores(near).reward, kind="stable")[:2]]
@@ -521,14 +526,14 @@ def answering(monkeypatch, answers):
             best = SimpleNamespace(subset=members)
             yield f"search {n}", lambda best=best: SimpleNamespace(best=best, evaluations=1)
 
-    monkeypatch.setattr(module_of_entrants, "_searches", searches)
+    monkeypatch.setattr(module_of_entrants, "_list_searches", searches)
     return searched
 
 
 def test_sets_that_may_not_be_built_do_not_enter(street, monkeypatch):
     poor = street.objective.with_weights(street.objective.weights, most_price=22.0)
     answering(monkeypatch, {2: [(0, 3), (), (0, 1)]})
-    found = entrants(poor, Effort((2,), neighbours=0))
+    found = find_entrants(poor, Effort((2,), neighbours=0))
     assert found.searches == (("search 2",),)
     assert found.sets.tolist() == [[True, True, False, False]]
     assert found.considered >= 3
@@ -536,7 +541,7 @@ def test_sets_that_may_not_be_built_do_not_enter(street, monkeypatch):
 
 def test_where_no_set_of_a_size_was_found_larger_ones_are_not_searched(street, monkeypatch):
     searched = answering(monkeypatch, {1: [(0,)], 2: [(), ()], 3: [(0, 1, 2)]})
-    found = entrants(street.objective, Effort((1, 2, 3), neighbours=0))
+    found = find_entrants(street.objective, Effort((1, 2, 3), neighbours=0))
     assert searched == [1, 2]
     assert found.sets.sum(axis=1).tolist() == [1]
 
@@ -548,7 +553,7 @@ def test_neighbours_of_several_answers_are_ranked_together(make):
     pairs = every[every.sum(axis=1) == 2]
     by_reward = pairs[np.argsort(objective.scores(pairs).reward, kind="stable")]
     answers = np.stack([by_reward[0], by_reward[-1]])
-    rows, considered = module_of_entrants._neighbours(objective, answers, 5)
+    rows, considered = module_of_entrants._choose_neighbours(objective, answers, 5)
     near = np.concatenate([neighbours(np.flatnonzero(answer), 7)[1:] for answer in answers])
     near = near[objective.feasible(near)]
     assert considered == len(near)
@@ -583,8 +588,8 @@ def test_seeds_are_0_unless_given(street, monkeypatch):
         asked.append(seed)
         return ()
 
-    monkeypatch.setattr(module_of_entrants, "_searches", searches)
+    monkeypatch.setattr(module_of_entrants, "_list_searches", searches)
     for seed in ({}, {"seed": 0}, {"seed": 4}):
-        entrants(street.objective, TWO, **seed)
+        find_entrants(street.objective, TWO, **seed)
         keep_entrants(street.objective, TWO, **seed)
     assert asked == [0] * 4 + [4] * 2

@@ -84,7 +84,7 @@ def test_a_fast_fidelity_scores_the_frames_together_and_in_batches(
     prepared, small_traffic, blocks_of_four
 ):
     evaluator = build_evaluator(prepared(), "coverage", seed=2)
-    assert isinstance(evaluator.profiles[0], FastEvaluator)
+    assert isinstance(evaluator.by_profile[0], FastEvaluator)
     sets = np.eye(4, dtype=bool)[[0, 2]] | np.eye(4, dtype=bool)[[3, 3]]
     found = evaluator.evaluate(sets, np.arange(5))
     seen = see(small_traffic, paper_candidates(small_traffic.site))
@@ -226,7 +226,7 @@ def test_each_profile_is_rendered_with_its_errors(prepared, street):
     cases = Cases(errors=("paper", "poor"))
     over = build_evaluator(prepared(detector=Blind(), cases=cases), "detector", seed=7)
     assert over.cases == cases
-    profiles = [each for each in over.profiles if isinstance(each, DetectorEvaluator)]
+    profiles = [each for each in over.by_profile if isinstance(each, DetectorEvaluator)]
     assert [each.seed for each in profiles] == [7, 7]
     assert [each.detected.renders.errors for each in profiles] == [PAPER_ERRORS, POOR]  # type: ignore[attr-defined]
 

@@ -32,7 +32,7 @@ VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in t
 class Truth:
     """AP of a set: the sum of its sensors' values, in frames with noise."""
 
-    name, profiles, cases = "detector", ("itself",), Cases()
+    name, by_profile, cases = "detector", ("itself",), Cases()
 
     def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
@@ -374,9 +374,9 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
 def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
     most, contest, shares, limit = [], portfolio.contest, [], Schedule.limit
 
-    def limited(schedule, evaluator, share=1.0, *least):
-        shares.append((share, *least))
-        return limit(schedule, evaluator, share, *least)
+    def limited(schedule, evaluator, share=1.0, **least):
+        shares.append((share, *least.values()))
+        return limit(schedule, evaluator, share, **least)
 
     monkeypatch.setattr(Schedule, "limit", limited)
 

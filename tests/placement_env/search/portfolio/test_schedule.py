@@ -71,9 +71,9 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     assert Schedule(1.0).frames(6) == 6
     cluster = SimpleNamespace(ray="local", alone=False, count=1)
     runs = (Run(), Run(workers=4), cluster)
-    assert [Schedule.of(9.0, run).at_once for run in runs] == [1, 8, 16]
+    assert [Schedule.from_processes(9.0, run).at_once for run in runs] == [1, 8, 16]
     whole, slow = Schedule(100.0), Slow()
-    assert whole.searching(5) == pytest.approx(6.0)
+    assert whole.search_seconds(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []
     for each, seconds in (
         *(
@@ -87,7 +87,7 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
         least.append(each.least)
     assert least == [1, 1, 8]
     free = Schedule()
-    assert (free.searching(5), free.left) == (None, np.inf)
+    assert (free.search_seconds(5), free.left) == (None, np.inf)
     assert vars(free.limit(slow)) is vars(slow)
 
 
