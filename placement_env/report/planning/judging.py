@@ -132,7 +132,7 @@ class Judge:
         )
         drawing_evaluators = tuple(drawing.evaluator for drawing in self.drawings)
         return CasesEvaluator(
-            profiles=profile_evaluators,
+            by_profile=profile_evaluators,
             cases=self.cases,
             levels=self.levels,
             drawings=drawing_evaluators,
