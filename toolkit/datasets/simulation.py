@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
@@ -34,7 +34,6 @@ from toolkit.sites.files import format_site, load_site
 from toolkit.sites.random import random_sensors, random_site
 from toolkit.sites.site import Site
 from toolkit.traffic.continuous import ContinuousTraffic, simulate_continuously
-from toolkit.traffic.flow import Flow
 from toolkit.traffic.snapshots import (
     INTERVAL,
     MOST_OBJECTS,
@@ -43,7 +42,6 @@ from toolkit.traffic.snapshots import (
     simulate,
     take_continuous,
 )
-from toolkit.traffic.sumo import STEP_S
 from toolkit.traffic.supply import Supply
 
 if TYPE_CHECKING:
@@ -70,8 +68,7 @@ def simulate_dataset(
     sensors: Sequence[Sensor] | None = None,
     fleet: Fleet | None = None,
     interval: float = INTERVAL,
-    strays: float = 0.0,
-    flow: Flow | Literal["drawn"] | None = None,
+    mix: Mix = Mix(),
     overwrite: bool = False,
 ) -> int:
     """Simulate frames at a site and write them to HDF5.
@@ -83,10 +80,8 @@ def simulate_dataset(
     (`DEFAULT_FRAMES` by default), seed and processes, which change no byte; with several, a script
     must call it under `if __name__ == "__main__":`; sensors: None for the site's; fleet: all bodies
     drawn by default, again for every block of frames; interval: seconds between frames, 5 or e.g.
-    0.1; traffic is continuous below 1 s, else it restarts every `FRAMES_PER_BLOCK` frames; strays:
-    share of road users that are anywhere, see `Mix`, if traffic is not continuous; flow: demand of
-    continuous traffic, at any interval, drawn if it is "drawn" or None; overwrite: replace a file,
-    or drop an unfinished run, of another plan.
+    0.1; traffic is continuous below 1 s, else it restarts every `FRAMES_PER_BLOCK` frames; mix:
+    who is on the roads; overwrite: replace a file, or drop an unfinished run, of another plan.
 
     Returns the number of frames simulated now: 0 if `out` was complete already. Raises ValueError
     for arguments that do not fit; FileExistsError if `out`, or an unfinished run, has another plan;
@@ -101,8 +96,7 @@ def simulate_dataset(
         frames=frames,
         seed=int(run.seed),
         interval=float(interval),
-        strays=strays,
-        flow=flow,
+        mix=mix,
     )
     out = Path(os.path.realpath(out))  # the target of a link is written
     shards = ShardFolder(out.with_name(out.name + ".parts"), job.plan)
@@ -135,9 +129,7 @@ class Job:
         frames: number of frames.
         seed: seed of all random numbers.
         interval: time between frames (s).
-        strays: share of road users that are anywhere.
-        flow: demand of continuous traffic, "drawn" to draw it; None for traffic that is
-            continuous, and drawn, only below 1 s between frames.
+        mix: who is on the roads.
         bodies: bodies of continuous traffic, once it is simulated.
         traffic: all its frames, once it is simulated.
     """
@@ -148,20 +140,15 @@ class Job:
     frames: int
     seed: int
     interval: float = INTERVAL
-    strays: float = 0.0
-    flow: Flow | Literal["drawn"] | None = None
+    mix: Mix = Mix()
     bodies: tuple[Body, ...] = ()
     traffic: ContinuousTraffic | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError for an impossible interval or share, and for no or misnamed sensors."""
         check_interval(self.interval)
-        if self.is_continuous and self.strays:
-            raise ValueError(
-                f"strays are no part of continuous traffic, got a share of {self.strays:g}: leave "
-                "them out, or take frames 5 s apart without a flow"
-            )
-        self.mix  # noqa: B018  # raises for an impossible share
+        if self.is_continuous:
+            self.mix.check_continuous()
         if not self.sensors:
             remedy = "coview plan or coview search --out says which to build, coview site import"
             raise ValueError(
@@ -176,7 +163,7 @@ class Job:
     @property
     def is_continuous(self) -> bool:
         """True if road users come in at the border and leave there."""
-        return self.flow is not None or self.interval < STEP_S
+        return self.mix.is_continuous(self.interval)
 
     @property
     def seconds(self) -> int:
@@ -196,15 +183,10 @@ class Job:
             frames=self.frames,
             interval=self.interval,
             max_parked=self.mix.most_parked,
-            flow=self.flow if isinstance(self.flow, Flow) else None,
+            flow=self.mix.demand,
             progress=progress,
         )
         return replace(self, bodies=bodies, traffic=traffic)
-
-    @property
-    def mix(self) -> Mix:
-        """Numbers of moving and parked objects and strays in the traffic."""
-        return Mix(strays=self.strays)
 
     @property
     def blocks(self) -> int:
@@ -237,9 +219,15 @@ class Job:
         if self.interval != INTERVAL:
             plan["interval"] = self.interval
         if self.is_continuous:
-            plan["flow"] = _digest(self.flow.text()) if isinstance(self.flow, Flow) else "drawn"
-        if self.strays:
-            plan["strays"] = self.strays
+            demand = self.mix.demand
+            plan["flow"] = "drawn" if demand is None else _digest(demand.text())
+        if self.mix.strays:
+            plan["strays"] = self.mix.strays
+        usual = Mix()
+        if (self.mix.most, self.mix.most_parked) != (usual.most, usual.most_parked):
+            plan["objects"] = f"{self.mix.most}, {self.mix.most_parked} of them parked"
+        if self.mix.stay is not None:
+            plan["parked for"] = self.mix.stay
         return plan
 
     @property

@@ -11,6 +11,7 @@ be `Strays`."""
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -55,7 +56,9 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Mix:
-    """Numbers of moving and parked objects and strays. Raises ValueError for impossible ones.
+    """Who is on the roads: numbers of objects, or the demand of continuous traffic.
+
+    Raises ValueError for impossible numbers, and for strays in continuous traffic.
 
     Attributes:
         most: largest number of objects at a time.
@@ -63,12 +66,16 @@ class Mix:
         stay: frames until all parked vehicles are replaced, for independent blocks; None if each
             leaves at random.
         strays: share of the objects that are anywhere, whatever their class, see
-            `toolkit.traffic.strays`."""
+            `toolkit.traffic.strays`.
+        flow: demand of continuous traffic (`toolkit.traffic.continuous`), "drawn" to draw it; None
+            for continuous traffic, with a drawn demand, only below 1 s between frames. Of the
+            numbers only that of parked vehicles counts then."""
 
     most: int = MOST_OBJECTS
     parked: int | None = None
     stay: int | None = None
     strays: float = 0.0
+    flow: Flow | Literal["drawn"] | None = None
 
     def __post_init__(self) -> None:
         # raises ValueError for a field that is out of range
@@ -80,6 +87,27 @@ class Mix:
             raise ValueError(f"stay must be one frame or more, got {self.stay}")
         if not 0 <= self.strays <= 1:
             raise ValueError(f"strays must be a share from 0 to 1, got {self.strays}")
+        if self.flow is not None:
+            self.check_continuous()
+
+    def is_continuous(self, interval: float) -> bool:
+        """True if road users come in at the border and leave there.
+
+        interval: time between frames (s)."""
+        return self.flow is not None or interval < STEP_S
+
+    def check_continuous(self) -> None:
+        """Raise ValueError for strays, which are no part of continuous traffic."""
+        if self.strays:
+            raise ValueError(
+                f"strays are no part of continuous traffic, got a share of {self.strays:g}: leave "
+                "them out, or take frames 5 s apart without a flow"
+            )
+
+    @property
+    def demand(self) -> Flow | None:
+        """Demand of continuous traffic, None to draw it."""
+        return self.flow if isinstance(self.flow, Flow) else None
 
     @property
     def most_parked(self) -> int:
@@ -96,13 +124,11 @@ def simulate(
     interval: float = INTERVAL,
     mix: Mix | None = None,
     once: bool = False,
-    flow: Flow | None = None,
 ) -> Generator[Snapshot, None, None]:
     """Simulate `frames` snapshots of traffic on a site, `interval` (s) apart.
 
-    Below 1 s, and with a flow, traffic is continuous (`toolkit.traffic.continuous`): road users
-    come in at the border of the network and leave there. flow: their demand, drawn if it is None;
-    of `mix` only the number of parked vehicles counts then. once: no body is used again before all
+    Below 1 s, and with a flow in `mix`, traffic is continuous (`toolkit.traffic.continuous`): road
+    users come in at the border of the network and leave there. once: no body is used again before all
     of its class have been, as is right for a fleet drawn for one recording; some pedestrians walk
     in groups then. Same seed, same bytes. One simulation runs at a time in a process: use up or
     close() the iterator before the next.
@@ -123,9 +149,10 @@ def simulate(
         )
     mix = mix or Mix()
     supply = Supply(bodies, np.random.default_rng(seed), once=once)
-    if flow is None and interval >= STEP_S:
+    if not mix.is_continuous(interval):
         return _run(site, supply, Obstacles(site), mix, frames, interval)
-    return _run_continuously(site, supply, mix, frames, interval, flow)
+    mix.check_continuous()
+    return _run_continuously(site, supply, mix, frames, interval)
 
 
 def check_interval(interval: float) -> None:
@@ -142,11 +169,11 @@ def check_interval(interval: float) -> None:
 
 
 def _run_continuously(
-    site: Site, supply: Supply, mix: Mix, frames: int, interval: float, flow: Flow | None
+    site: Site, supply: Supply, mix: Mix, frames: int, interval: float
 ) -> Generator[Snapshot, None, None]:
     """Yield the snapshots of continuous traffic. Arguments are as in `simulate`."""
     traffic = simulate_continuously(
-        site, supply, frames=frames, interval=interval, max_parked=mix.most_parked, flow=flow
+        site, supply, frames=frames, interval=interval, max_parked=mix.most_parked, flow=mix.demand
     )
     for k in range(frames):
         yield take_continuous(traffic, k)

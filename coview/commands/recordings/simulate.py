@@ -60,6 +60,7 @@ def simulate_command(
     from toolkit.datasets.simulation import DEFAULT_FRAMES, simulate_dataset
     from toolkit.sites.files import load_site
     from toolkit.traffic.flow import Flow
+    from toolkit.traffic.snapshots import Mix
 
     demand: Flow | Literal["drawn"] | None = None
     if flow is not None:
@@ -84,8 +85,7 @@ def simulate_command(
             run=run,
             fleet=fleet,
             interval=every,
-            strays=bodies.strays,
-            flow=demand,
+            mix=Mix(strays=bodies.strays, flow=demand),
             overwrite=writing.overwrite,
         )
     seconds = perf_counter() - started

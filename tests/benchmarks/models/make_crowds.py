@@ -19,18 +19,15 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 CHILDREN, E_SCOOTERS = 0.35, 0.42
 
 
-def crowd(most: int, pedestrians: float, cyclists: float, prams: float) -> None:
+def crowd(pedestrians: float, cyclists: float, prams: float) -> None:
     """Change the traffic of this process."""
     from toolkit.bodies import drawn_bodies, drawn_people, drawn_two_wheelers, fleet
-    from toolkit.datasets.simulation import Job
     from toolkit.mesh import stand
     from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-    from toolkit.traffic import obstacles, snapshots, strays
+    from toolkit.traffic import obstacles, strays
 
     strays.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
     strays.COMPANION_SHARE, strays.MIN_STRAY_GAP_M, obstacles.BODY_GAP_M = 0.45, 0.1, 0.05
-    shares = property(lambda self: snapshots.Mix(most=most, parked=5, strays=self.strays))
-    Job.mix = shares  # type: ignore[method-assign, assignment]
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}
     fleet._SPAWNED = {
         label: (int(n * more[label]), per * more[label])
@@ -77,15 +74,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name, share in (("pedestrians", 0.55), ("cyclists", 0.35), ("prams", 0.27)):
         parser.add_argument(f"--{name}", type=float, default=share)
     asked = parser.parse_args(arguments)
-    crowd(asked.most, asked.pedestrians, asked.cyclists, asked.prams)
+    crowd(asked.pedestrians, asked.cyclists, asked.prams)
 
     from toolkit.bodies.fleet import fleet_named
     from toolkit.datasets.simulation import simulate_dataset
     from toolkit.runtime.run import Simulation
+    from toolkit.traffic.snapshots import Mix
 
     # other processes would not know of the crowd
     run = Simulation(frames=asked.frames, seed=asked.seed, workers=1)
-    simulate_dataset(asked.site, asked.out, run=run, fleet=fleet_named("even"), strays=0.9)
+    mix = Mix(most=asked.most, parked=5, strays=0.9)
+    simulate_dataset(asked.site, asked.out, run=run, fleet=fleet_named("even"), mix=mix)
 
 
 if __name__ == "__main__":
