@@ -11,7 +11,8 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64
-from toolkit.detection.codec import Codec, Parameters
+from toolkit.detection.codec import Codec
+from toolkit.detection.parameters import Parameters
 from toolkit.detection.view import Fused as Fused, View
 
 

@@ -18,7 +18,8 @@ from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.place import CROP_HEIGHT_M, Stand, crop_points
 from toolkit.calibration.recording_scenes import Scenes
-from toolkit.detection.codec import PAPER, Codec, ImageCodec, Origin, RangeImage
+from toolkit.detection.codec import PAPER, Codec, ImageCodec
+from toolkit.detection.messages import Origin, RangeImage
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import LEVEL
 from toolkit.objects import Detections, Detector, Objects

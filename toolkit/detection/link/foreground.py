@@ -19,10 +19,10 @@ import numpy as np
 from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
-from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.range_images import RangeImages, from_steps, sent_header, to_steps
+from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import Counts, DetectsOnce
 from toolkit.detection.view import Captured, Cloud, Fused, Lift, Sent, View
 from toolkit.frame import unproject

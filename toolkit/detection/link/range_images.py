@@ -13,9 +13,11 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64, ImageMask, ImageRanges, ImageSteps
 from toolkit.boxes import check_boxes
-from toolkit.detection.codec import PAPER, Amount, Codec, Message, Origin, Parameters, RangeImage
+from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_bits, write_bits
+from toolkit.detection.messages import Amount, Message, Origin, RangeImage
+from toolkit.detection.parameters import Parameters
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
