@@ -8,6 +8,8 @@ converts the image that arrives to points."""
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from toolkit.arrays import Float32, ImageRanges, Points
 from toolkit.detection.messages import Amount, Message, Origin, RangeImage
 from toolkit.detection.paper_codec import PaperCodec
