@@ -55,8 +55,8 @@ def list_ious(comparison: Comparison) -> dict[str, tuple[float, ...]]:
     """IoU thresholds of each class, by its name.
 
     Raises ValueError if there is no scheme, sensor set, class or threshold to evaluate."""
-    numbers = dict.fromkeys(map(label_index, comparison.classes))
-    labels = [LABELS[number] for number in numbers]
+    class_numbers = dict.fromkeys(map(label_index, comparison.classes))  # without repetition
+    labels = [LABELS[number] for number in class_numbers]
     ious = {label: class_thresholds(comparison.iou_thresholds, label) for label in labels}
     is_empty = not len(comparison.schemes) or not len(comparison.sensor_sets)
     if is_empty or not ious or not all(ious.values()):
@@ -74,6 +74,7 @@ def name_schemes(schemes: Sequence[Scheme | str | None]) -> dict[str, Scheme | N
     for scheme_or_name in schemes:
         scheme = None if scheme_or_name is None else find_scheme(scheme_or_name)
         name = ALL_CLOUDS if scheme is None else scheme.name
+        # setdefault returns the scheme that has the name already, if there is one
         if by_name.setdefault(name, scheme) != scheme:
             raise ValueError(
                 f"two schemes are called {name!r}, {by_name[name]} and {scheme}: rename one"

@@ -54,9 +54,8 @@ class PaperCodec(Parameters):
     def bits(
         self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1
     ) -> Float64[np.ndarray, "*shape"]:
-        """Bits of points and boxes, in any number of messages."""
-        bits = (
-            np.asarray(points, np.float64) * self.bits_per_point
-            + np.asarray(boxes) * self.bits_per_box
-        )
-        return np.asarray(bits)
+        """Return the bits of points and boxes; a message itself costs nothing.
+
+        points, boxes: numbers of points and boxes in all messages. Arrays are broadcast."""
+        point_bits = np.asarray(points, np.float64) * self.bits_per_point
+        return np.asarray(point_bits + np.asarray(boxes) * self.bits_per_box)

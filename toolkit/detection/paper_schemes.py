@@ -44,9 +44,8 @@ class Late(Parameters):
         """Pool the boxes that each sensor (index, ascending) detects in its points."""
         sent = view.share_boxes(sensors)
         boxes = view.suppress([message.arrived for message in sent])
-        return Fused(
-            boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
-        )
+        bits = np.array([message.bits for message in sent], np.int64)
+        return Fused(boxes.detections, bits=bits, ms=boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return zeros: no points are sent."""
@@ -80,17 +79,17 @@ class Hybrid(Parameters):
 
         sensors: indices, ascending. A sensor's bits count its boxes and its far points."""
         radius = self.find_radius(view.site)
-        far = partial(is_beyond, radius=radius, metric=self.metric)
-        name = f"beyond {radius} m, {self.metric}"
-        point_messages = view.share_points(sensors, name, far)
-        centre = view.suppress([view.detect([message.arrived for message in point_messages])])
+        keep_far = partial(is_beyond, radius=radius, metric=self.metric)
+        name = f"beyond {radius} m, {self.metric}"  # of the selection, for the view's cache
+        point_messages = view.share_points(sensors, part=name, keep=keep_far)
+        far_clouds = [message.arrived for message in point_messages]
+        centre_boxes = view.suppress([view.detect(far_clouds)])
         box_messages = view.share_boxes(sensors)
-        arrived = [message.arrived for message in box_messages]
-        boxes = view.suppress([*arrived, centre])
-        bits = [
-            box.bits + point.bits for box, point in zip(box_messages, point_messages, strict=True)
-        ]
-        return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
+        sensor_boxes = [message.arrived for message in box_messages]
+        boxes = view.suppress([*sensor_boxes, centre_boxes])
+        point_bits = np.array([message.bits for message in point_messages], np.int64)
+        box_bits = np.array([message.bits for message in box_messages], np.int64)
+        return Fused(boxes.detections, bits=box_bits + point_bits, ms=boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
         """Return the number of points beyond the site's hybrid radius.

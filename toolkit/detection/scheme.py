@@ -112,7 +112,8 @@ def estimate_bits(
 
     codec: codec of the messages, unless the scheme brings another; counts: points of each candidate
     in each frame; boxes: number of detections of each candidate in all frames."""
-    codec = scheme_codec(scheme, codec)
-    points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
-    boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
-    return np.rint(codec.bits(points=points, boxes=boxes, messages=counts.sent.shape[1]))
+    used_codec = scheme_codec(scheme, codec)
+    sent_points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
+    sent_boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
+    messages = counts.sent.shape[1]  # one in each frame
+    return np.rint(used_codec.bits(points=sent_points, boxes=sent_boxes, messages=messages))

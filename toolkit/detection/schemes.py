@@ -59,4 +59,5 @@ def fuse_frame(
     )
     fused = find_scheme(scheme).fuse(view, sorted(indices))
     # bits are in ascending order of indices: argsort twice (the rank) puts them in the given order
-    return Fused(fused.detections, fused.bits[np.argsort(np.argsort(indices))], fused.ms)
+    ranks = np.argsort(np.argsort(indices))
+    return Fused(fused.detections, bits=fused.bits[ranks], ms=fused.ms)

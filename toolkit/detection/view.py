@@ -96,9 +96,9 @@ class Captured:
         if self.crop_pixels is not None:
             return self.crop_pixels
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        return crop_image(
-            self.sensor, self.measurement, Crop.of(self.area, self.height), shift=shift
-        )[1]
+        crop = Crop.of(self.area, self.height)
+        _, pixels = crop_image(self.sensor, self.measurement, crop, shift=shift)
+        return pixels
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
         """Return a range image to send: the measurements of some pixels, 0 in all others.
@@ -115,9 +115,9 @@ class Captured:
 
         image: measurements (m), such as restored by the centre; pixels without a return give no
         point. The points (m) are in row order of their pixels."""
-        xyz, valid = unproject(
-            self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None
-        )
+        shift = self.frame.shifts[self.index] if self.frame.shifts else None
+        # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
+        xyz, valid = unproject(self.sensor, image, shift)
         points = np.ascontiguousarray(xyz[:, valid].T)
         return points if self.lift is None else self.lift(points)
 
@@ -215,24 +215,29 @@ class View:
 
     def cloud(self, sensor: int) -> Cloud:
         """Cropped points of a sensor (index), measured at the first call."""
-        if (sensor, ()) not in self._clouds:
+        key = sensor, ()  # no step was applied to the points yet
+        if key not in self._clouds:
             start = perf_counter()
-            self._clouds[sensor, ()] = Cloud(sensor, (), self._measure(sensor), _ms_since(start))
-        return self._clouds[sensor, ()]
+            points = self._measure(sensor)
+            self._clouds[key] = Cloud(sensor, history=(), points=points, ms=_ms_since(start))
+        return self._clouds[key]
 
     def part(self, cloud: Cloud, name: str, keep: Keep) -> Cloud:
         """Return the points of a cloud that `keep` selects.
 
         name: name of the selection. The result is cached by it, so one name must always mean one
         selection; keep: returns the mask of the points to keep, given points and sensor."""
-        key = cloud.sensor, (*cloud.history, name)
-        if key not in self._clouds:
+        sensor = cloud.sensor
+        history = (*cloud.history, name)
+        if (sensor, history) not in self._clouds:
             start = perf_counter()
-            selected = np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor]))
-            rows = selected if cloud.rows is None else cloud.rows[selected]
-            points = cloud.points[selected]
-            self._clouds[key] = Cloud(*key, points, cloud.ms + _ms_since(start), rows)
-        return self._clouds[key]
+            kept_rows = np.flatnonzero(keep(cloud.points, self.sensors[sensor]))
+            # rows among all cropped points of the sensor
+            rows = kept_rows if cloud.rows is None else cloud.rows[kept_rows]
+            points = cloud.points[kept_rows]
+            ms = cloud.ms + _ms_since(start)
+            self._clouds[sensor, history] = Cloud(sensor, history, points, ms=ms, rows=rows)
+        return self._clouds[sensor, history]
 
     def captured(self, sensor: int) -> Captured:
         """Image behind a sensor's points, by the sensor's index.
@@ -270,7 +275,7 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send a sensor's measurement over a link that the caller provides, once per name.
+        """Return a sensor's points as they arrive over a link that the caller provides.
 
         sensor: index of the sensor; name: states everything except the measurement that the message
         depends on, as the result is cached by it; through: encodes, decodes and returns the points
@@ -279,25 +284,25 @@ class View:
             measured = self.cloud(sensor)
             start = perf_counter()
             points, bits = through()
-            self._sent_clouds[sensor, name] = Sent(
-                Cloud(sensor, (name,), points, measured.ms + _ms_since(start)), bits
-            )
+            ms = measured.ms + _ms_since(start)
+            arrived = Cloud(sensor, history=(name,), points=points, ms=ms)
+            self._sent_clouds[sensor, name] = Sent(arrived, bits)
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
         """Detect in the joined points of one or more clouds.
 
         Boxes of a single cloud are cached; boxes of several are not."""
-        # None for several clouds, a key that the cache never holds
-        key = (clouds[0].sensor, clouds[0].history) if len(clouds) == 1 else None
-        if key in self._detected:
-            return self._detected[key]
         start = perf_counter()
-        sensor = clouds[0].sensor if len(clouds) == 1 else None
-        boxes = Boxes(self._run(clouds), _last(clouds) + _ms_since(start), sensor)
-        if key is not None:
-            self._detected[key] = boxes
-        return boxes
+        if len(clouds) != 1:
+            return Boxes(self._run(clouds), ms=_last_ms(clouds) + _ms_since(start))
+        (cloud,) = clouds
+        key = cloud.sensor, cloud.history
+        if key not in self._detected:
+            detections = self._run(clouds)
+            ms = cloud.ms + _ms_since(start)
+            self._detected[key] = Boxes(detections, ms=ms, sensor=cloud.sensor)
+        return self._detected[key]
 
     def send_points(self, cloud: Cloud) -> Sent[Cloud]:
         """Send a cloud through the codec: as pixels of its image if possible, else as points.
@@ -309,15 +314,16 @@ class View:
                 captured = self.captured(cloud.sensor)
                 pixels = captured.pixels if cloud.rows is None else captured.pixels[cloud.rows]
                 message = self.codec.encode_image(captured.sending(pixels))
-                points = captured.points(self.codec.decode_image(message, captured.sensor))
+                decoded_image = self.codec.decode_image(message, captured.sensor)
+                points = captured.points(decoded_image)
             else:
                 message = self.codec.encode_points(cloud.points)
                 points = self.codec.decode_points(message)
             # A lossless codec returns the very array: the history stays, so detections are shared.
-            coded = () if points is cloud.points else (self.codec.digest,)
-            arrived = Cloud(
-                cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start)
-            )
+            is_lossless = points is cloud.points
+            history = cloud.history if is_lossless else (*cloud.history, self.codec.digest)
+            ms = cloud.ms + _ms_since(start)
+            arrived = Cloud(cloud.sensor, history=history, points=points, ms=ms)
             self._sent_clouds[cloud] = Sent(arrived, message.bits)
         return self._sent_clouds[cloud]
 
@@ -334,11 +340,11 @@ class View:
         if boxes not in self._sent_boxes:
             start = perf_counter()
             sensor = self.sensors[boxes.sensor]
-            origin = Origin(sensor, self._images.time, self._images.number)
+            origin = Origin(sensor, time=self._images.time, number=self._images.number)
             message = self.codec.encode_boxes(boxes.detections, origin)
-            arrived = Boxes(
-                self.codec.decode_boxes(message, sensor), boxes.ms + _ms_since(start), boxes.sensor
-            )
+            detections = self.codec.decode_boxes(message, sensor)
+            ms = boxes.ms + _ms_since(start)
+            arrived = Boxes(detections, ms=ms, sensor=boxes.sensor)
             self._sent_boxes[boxes] = Sent(arrived, message.bits)
         return self._sent_boxes[boxes]
 
@@ -347,8 +353,9 @@ class View:
     ) -> list[Sent[Cloud]]:
         """Send the cloud of each sensor (index), or only the points that `keep` selects.
 
-        part: name of the selection, see `part`; keep: returns the mask of the points to send, None
-        to send all points. Messages come back in the order of the sensors."""
+        part: name of the selection, by which its points are cached; keep: returns the mask of the
+        points to send, given a cloud's points and its sensor, None to send all points. Messages
+        come back in the order of the sensors."""
         clouds = [self.cloud(sensor) for sensor in sensors]
         return [
             self.send_points(cloud if keep is None else self.part(cloud, part, keep))
@@ -360,9 +367,8 @@ class View:
 
         sent: message of each sensor, in the order of the bits in the result."""
         boxes = self.suppress([self.detect([message.arrived for message in sent])])
-        return Fused(
-            boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
-        )
+        bits = np.array([message.bits for message in sent], np.int64)
+        return Fused(boxes.detections, bits=bits, ms=boxes.ms)
 
     def share_boxes(self, sensors: Sequence[int]) -> list[Sent[Boxes]]:
         """Send the boxes detected in the cloud of each sensor (index), in that order."""
@@ -373,10 +379,10 @@ class View:
 
         They are ready after the last of the inputs plus the time that pooling takes."""
         start = perf_counter()
-        merged = suppress(Detections.merge([boxes.detections for boxes in inputs]), self.nms_iou)
-        return Boxes(
-            merged, _last(inputs) + _ms_since(start), inputs[0].sensor if len(inputs) == 1 else None
-        )
+        merged = Detections.merge([boxes.detections for boxes in inputs])
+        detections = suppress(merged, self.nms_iou)
+        sensor = inputs[0].sensor if len(inputs) == 1 else None  # None for several sensors
+        return Boxes(detections, ms=_last_ms(inputs) + _ms_since(start), sensor=sensor)
 
 
 def frame_view(
@@ -399,14 +405,20 @@ def frame_view(
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(
-        lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index
+        capture=lambda sensor: Captured(frame, sensor, site, height),
+        scene=scene,
+        time=_sent_time(frame),
+        number=frame.index,
     )
-    view = partial(
-        View, site, frame.sensors, codec=codec, nms_iou=nms_iou, images=images, memory=memory
-    )
-    return view(
+    return View(
+        site,
+        frame.sensors,
         measure=lambda sensor: crop_sensor(frame, sensor, crop),
         run=lambda clouds: detect(together(clouds)),
+        codec=codec,
+        nms_iou=nms_iou,
+        images=images,
+        memory=memory,
     )
 
 
@@ -422,14 +434,13 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
     iou_threshold: BEV IoU above which the less sure is dropped. The rest come back best first.
     Equal scores are ordered by the values of box and label, so that the order of the input makes no
     difference."""
-    boxes = detections.boxes
-    scores = detections.scores
-    labels = detections.labels
-    order = np.lexsort((labels, *boxes.T))
-    return detections[order[nms(boxes[order], scores[order], iou_threshold, labels=labels[order])]]
+    # sorted by values first: nms keeps this order among equal scores
+    ordered = detections[np.lexsort((detections.labels, *detections.boxes.T))]
+    kept_rows = nms(ordered.boxes, ordered.scores, iou_threshold, labels=ordered.labels)
+    return ordered[kept_rows]
 
 
-def _last(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
+def _last_ms(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
     # Time (ms) at which the last source is ready, 0 without sources.
     return max((source.ms for source in sources), default=0.0)
 
@@ -472,20 +483,28 @@ def stand_view(
 
     @cache
     def show(k: int, scenes: Scenes) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        """Cropped points (level ground, m from the middle) of cloud `k`, and their image.
+        """Return the cropped points of cloud `k`, and their image.
 
-        Only points that the image of the cloud shows are kept."""
+        Points are in m from the middle of the area, on level ground. Only points that the image of
+        the cloud shows are kept."""
         cloud = frame.clouds[k]
         image = scenes.image(cloud)
         sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
+        # a frame with this sensor and its image only, so the sensor has index 0
         sensor_frame = Frame(
             (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
         )
         level_points = stand.lift(cloud.in_world()[image.shown])
         is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
-        return level_points[is_kept], Captured(
-            sensor_frame, 0, stand.area, CROP_HEIGHT_M, image.cells[image.shown][is_kept], lift
+        captured = Captured(
+            sensor_frame,
+            index=0,
+            area=stand.area,
+            height=CROP_HEIGHT_M,
+            crop_pixels=image.cells[image.shown][is_kept],
+            lift=lift,
         )
+        return level_points[is_kept], captured
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
