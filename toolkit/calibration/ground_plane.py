@@ -54,7 +54,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]
     plane: Plane = planes[int(np.argmax(_score_planes(planes, candidates, cells, rng)))]
     for band in _BANDS_M:
-        refined = _refit(plane, points, band)
+        refined = _refit_plane(plane, points, band)
         if refined is None or np.hypot(refined[0], refined[1]) > max_slope:
             return plane
         plane = refined
@@ -65,17 +65,19 @@ def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
     """Planes (a, b, c) through random triples of cells, and the level plane at their median height.
 
     Triples that are nearly on a line, seen from above, are left out."""
+    # (hypotheses, 3 cells, xyz)
     triples = candidates[rng.integers(len(candidates), size=(_HYPOTHESES, 3))]
     first_edge = triples[:, 1] - triples[:, 0]
     second_edge = triples[:, 2] - triples[:, 0]
     normals = np.cross(first_edge, second_edge)
     first_length = np.linalg.norm(first_edge, axis=1)
     second_length = np.linalg.norm(second_edge, axis=1)
+    # the z part of the normal is twice the area of the triangle seen from above
     is_wide = np.abs(normals[:, 2]) > 0.05 * first_length * second_length + 1e-9
     normals = normals[is_wide]
-    through = triples[is_wide, 0]
+    first_cell = triples[is_wide, 0]
     slopes = -normals[:, :2] / normals[:, 2:]
-    heights = through[:, 2] - (slopes * through[:, :2]).sum(axis=1)
+    heights = first_cell[:, 2] - (slopes * first_cell[:, :2]).sum(axis=1)  # at x = y = 0
     level_plane = [0.0, 0.0, float(np.median(candidates[:, 2]))]
     return np.concatenate([np.column_stack([slopes, heights]), [level_plane]])
 
@@ -105,21 +107,22 @@ def _score_planes(
     return support - _BELOW_WEIGHT * (excess * len(cells))
 
 
-def _refit(plane: Plane, points: Points, band: float) -> Plane | None:
+def _refit_plane(plane: Plane, points: Points, band: float) -> Plane | None:
     """Fit a plane again to the points within `band` (m) above and below it.
 
     Points are reduced to a median height for each cell, weighed by their distance from the plane.
     Returns None for fewer than 3 cells with points."""
     above = heights_above_plane(plane, points)
-    about = low_points(points[np.abs(above) < band], GROUND_CELL_M, share=0.5)
-    if len(about) < 3:
+    cells = low_points(points[np.abs(above) < band], GROUND_CELL_M, share=0.5)
+    if len(cells) < 3:
         return None
-    middle = about[:, :2].mean(axis=0)
-    columns = np.column_stack([about[:, :2] - middle, np.ones(len(about))])
-    weight = (1 - (heights_above_plane(plane, about) / band) ** 2) ** 2
-    prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(about)
+    middle = cells[:, :2].mean(axis=0)
+    # weighted least squares of z = a x + b y + c, with x and y counted from the middle
+    columns = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
+    weight = (1 - (heights_above_plane(plane, cells) / band) ** 2) ** 2
+    prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(cells)
     information = columns.T @ (columns * weight[:, None]) + prior
-    a, b, c = np.linalg.solve(information, columns.T @ (weight * about[:, 2]))
+    a, b, c = np.linalg.solve(information, columns.T @ (weight * cells[:, 2]))
     return np.array([a, b, c - a * middle[0] - b * middle[1]])
 
 

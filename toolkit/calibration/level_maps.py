@@ -77,14 +77,14 @@ def _extend_levels(
         levels: number of levels.
 
     Returns the map of each level, in order of their numbers."""
-    is_rest = number == levels
-    is_supported = links.linked.sum(axis=1) >= MIN_LINKS
+    is_rest = number == levels  # cells without a level so far
+    has_links = links.linked.sum(axis=1) >= MIN_LINKS
     surfaces = [_draw_surface(main, cells[number == k]) for k in range(levels)]
     for _ in range(EXTENSIONS):
         for k, surface in enumerate(surfaces):
-            elsewhere = on_main | (~is_rest & (number != k))
-            free = is_rest & is_supported
-            rows = _find_extension(surface, cells, number == k, elsewhere, free)
+            is_elsewhere = on_main | (~is_rest & (number != k))
+            is_free = is_rest & has_links
+            rows = _find_extension(surface, cells, number == k, is_elsewhere, is_free)
             if len(rows):
                 number[rows] = k
                 is_rest[rows] = False
@@ -111,21 +111,23 @@ def _join_levels(
     from scipy.spatial import cKDTree
 
     main = surfaces[-1]
+    xy = cells[:, :2]
     drawn_rows = np.flatnonzero(number >= 0)
-    grid = np.stack(np.meshgrid(*map(np.arange, main.heights.shape), indexing="ij"), axis=-1)
-    places = grid.reshape(-1, 2) * main.cell + main.origin
-    distance, nearest = cKDTree(cells[drawn_rows, :2]).query(places)
-    heights = np.stack([surface.heights.ravel() for surface in surfaces])
+    # x and y of all places of the grid, row by row
+    indices = np.meshgrid(*map(np.arange, main.heights.shape), indexing="ij")
+    places = np.stack(indices, axis=-1).reshape(-1, 2) * main.cell + main.origin
+    distance, nearest = cKDTree(xy[drawn_rows]).query(places)
     nearest_number = number[drawn_rows[nearest]]
-    joined = np.take_along_axis(heights, nearest_number[None], axis=0)[0]
-    banks = np.flatnonzero(np.isfinite(slopes[:, 0]))
-    if len(banks):
-        bank_distance, nearest_bank = cKDTree(cells[banks, :2]).query(places)
-        on_bank = (bank_distance < distance) & (bank_distance < main.cell)
-        rows = banks[nearest_bank[on_bank]]
-        offsets = places[on_bank] - cells[rows, :2]
-        joined[on_bank] = cells[rows, 2] + (offsets * slopes[rows]).sum(axis=1)
-    return HeightMap(main.origin, joined.reshape(main.heights.shape), main.cell)
+    heights = np.stack([surface.heights.ravel() for surface in surfaces])  # (surfaces, places)
+    joined_heights = np.take_along_axis(heights, nearest_number[None], axis=0)[0]
+    bank_rows = np.flatnonzero(np.isfinite(slopes[:, 0]))
+    if len(bank_rows):
+        bank_distance, nearest_bank = cKDTree(xy[bank_rows]).query(places)
+        is_on_bank = (bank_distance < distance) & (bank_distance < main.cell)
+        rows = bank_rows[nearest_bank[is_on_bank]]
+        rise = ((places[is_on_bank] - xy[rows]) * slopes[rows]).sum(axis=1)
+        joined_heights[is_on_bank] = cells[rows, 2] + rise
+    return HeightMap(main.origin, joined_heights.reshape(main.heights.shape), main.cell)
 
 
 def _find_extension(
@@ -148,16 +150,18 @@ def _find_extension(
         free: mask of cells that may be added."""
     from scipy.spatial import cKDTree
 
-    rows = np.flatnonzero(free & ~elsewhere)
-    on = np.abs(cells[rows, 2] - surface.at(cells[rows, :2])) < EXTENSION_M
-    rows = rows[on]
-    # infinite beyond MAX_GAP_M
-    distance = cKDTree(cells[members, :2]).query(cells[rows, :2], distance_upper_bound=MAX_GAP_M)[0]
-    rows = rows[np.isfinite(distance)]
-    distance = distance[np.isfinite(distance)]
+    xy = cells[:, :2]
+    free_rows = np.flatnonzero(free & ~elsewhere)
+    height_gap = np.abs(cells[free_rows, 2] - surface.at(xy[free_rows]))
+    level_rows = free_rows[height_gap < EXTENSION_M]
+    # distances beyond MAX_GAP_M are infinite
+    distance, _ = cKDTree(xy[members]).query(xy[level_rows], distance_upper_bound=MAX_GAP_M)
+    is_near = np.isfinite(distance)
+    near_rows = level_rows[is_near]
     if not elsewhere.any():
-        return rows
-    return rows[distance < 2 * cKDTree(cells[elsewhere, :2]).query(cells[rows, :2])[0]]
+        return near_rows
+    other_distance, _ = cKDTree(xy[elsewhere]).query(xy[near_rows])
+    return near_rows[distance[is_near] < 2 * other_distance]
 
 
 def _number_rest(
