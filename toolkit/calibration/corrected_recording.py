@@ -116,7 +116,7 @@ def _move_cameras(file: h5py.File, recording: CoopDataset, poses: Mapping[str, P
     for channel in recording.channels:
         if channel.sensor.name not in poses:
             continue
-        # the published layout keeps depth images in a group for each camera
+        # depth images of all cameras share a dataset; their poses are in a group for each camera
         node_name = channel.name
         if channel.depth_index is not None:
             node_name = f"cameras/{cameras[channel.depth_index]}"

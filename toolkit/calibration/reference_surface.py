@@ -153,7 +153,7 @@ def scene_points(
     surface in less than `least_share` (0 to 1) of the frames are left out."""
     model = scene.model
     is_shown: ImageMask = (scene.first > 0) & (scene.share >= least_share)
-    # measurements count in lengths of a pixel's ray, which is 1 m for ranges but not for depths
+    # a point is at its measurement times its ray, which is longer than 1 in images of depth
     rays = model.rays().astype(np.float64)[is_shown]
     ray_length = np.linalg.norm(rays, axis=1)
     frame_count = np.maximum(scene.share[is_shown] * scene.frames, 1)
