@@ -66,6 +66,7 @@ class Background:
                 "the background needs at least one point of the empty site, got none: crop less?"
             )
         size = np.ptp(points, axis=0)
+        # along each axis, 5 more voxels than the points fill: empty layers, and rounding
         if not np.isfinite(points).all() or np.prod(size / voxel + 5.0) > MAX_VOXELS:
             raise ValueError(
                 f"the background must be finite and small, got {size} m: crop to the area"
@@ -80,7 +81,7 @@ class Background:
         for axis in range(3):
             occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
         ground = _estimate_ground(points, origin, cell)
-        return Background(origin, voxel, occupied, cell, ground)
+        return Background(origin, voxel, occupied=occupied, cell=cell, ground=ground)
 
     def holds(self, points: Points) -> Mask:
         """Mask of points (m) in an occupied voxel; points outside the grid are not."""
@@ -117,13 +118,14 @@ def _estimate_ground(
     their neighbours."""
     from scipy.ndimage import minimum_filter
 
-    x_y_index = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
-    shape = x_y_index.max(axis=0) + 1
-    cell_index = x_y_index[:, 0] * shape[1] + x_y_index[:, 1]  # in the flat grid
+    x_index, y_index = ((points[:, :2] - origin[:2]) / cell).astype(np.int64).T
+    shape = (int(x_index.max()) + 1, int(y_index.max()) + 1)
+    cell_index = x_index * shape[1] + y_index  # in the flat grid
     # sort points by cell, and by height in each cell
     height = points[:, 2]
     order = np.lexsort((height, cell_index))
     cells, starts, counts = np.unique(cell_index[order], return_index=True, return_counts=True)
+    # a twentieth of the cell's points are below its low point
     low_height = height[order[starts + counts // 20]].astype(np.float64)
     is_raised = low_height > np.median(low_height) + 0.5
     ground = np.full(shape, np.inf)  # infinite in cells without points
@@ -131,6 +133,7 @@ def _estimate_ground(
     # fill unknown cells from their neighbours, one ring of cells in each round
     while np.isinf(ground).any():
         ground = np.where(np.isinf(ground), minimum_filter(ground, 3, mode="nearest"), ground)
+    # minimum over 5 x 5 cells: two to either side
     return np.asarray(minimum_filter(ground, 5, mode="nearest"))
 
 
@@ -195,7 +198,8 @@ class KnownBackground:
         """Detect in several unions of the same clouds, each cloud compared with the site once.
 
         clouds: points (m) of each of C sensors; unions: mask (U, C) of the clouds in each union.
-        Returns the detections in each union."""
+        Returns the detections in each union, without those of the background."""
+        # candidates are road users, and parts of the background by mistake
         if isinstance(self._candidate_detector, UnionDetector):
             union_detections = self._candidate_detector.unions(clouds, unions)
         else:
@@ -247,12 +251,12 @@ def recording_background(recording: "CoopDataset") -> Background:
 def empty_sweeps(recording: "CoopDataset") -> Iterator[Float32[np.ndarray, "_ 3"]]:
     """Yield the points of each sensor in each of four noisy sweeps of the empty site.
 
-    Road users are left out of the scene. Points (m) are cropped to the site and rotated onto level
-    ground. The seed of the noise is fixed."""
-    empty = empty_scene(recording)
+    Road users are left out of the scene. Points (m) are cropped to the site; z is counted from the
+    plane of its slope. The seed of the noise is fixed."""
+    empty_frame = empty_scene(recording)
     rng = np.random.default_rng(0)
     for _ in range(EMPTY_SWEEPS):
-        for points in frame_points(empty, area=recording.site, rng=rng):
+        for points in frame_points(empty_frame, area=recording.site, rng=rng):
             yield level_rows(points, recording.site.relief.slope)
 
 
@@ -262,14 +266,15 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of a site's scenery on level ground.
+    """Return the background of a site's scenery, with z counted from the plane of its slope.
 
-    Points are drawn at random, with a fixed seed, on all surfaces in the area."""
+    Points are drawn at random, with a fixed seed, on all surfaces in the area, on average
+    `POINTS_PER_FACE` on a surface as large as a side of a voxel."""
     crop = Crop.of(site)
     slope = site.relief.slope
     voxel = choose_voxel(crop)
     mesh = build_scenery(site)
-    # corners of triangles on level ground, (triangles, 3 corners, xyz)
+    # corners of triangles, z counted from the slope, (triangles, 3 corners, xyz)
     level_corners = level_rows(mesh.vertices, slope)[mesh.triangles]
     xmin, ymin, xmax, ymax = crop.area
     is_near = (level_corners.max(axis=1) >= [xmin, ymin, _MIN_HEIGHT_M]).all(axis=1)
@@ -283,13 +288,14 @@ def site_background(site: Site) -> Background:
     triangles = np.repeat(np.arange(len(point_counts)), point_counts)
     points = [np.zeros((0, 3), np.float32)]
     for start in range(0, len(triangles), _BATCH_POINTS):  # random points on all triangles
-        triangle = triangles[start : start + _BATCH_POINTS]
-        weights = rng.random((len(triangle), 2))
+        batch = triangles[start : start + _BATCH_POINTS]
+        weights = rng.random((len(batch), 2))  # of both edges
         # points of the parallelogram beyond the triangle are mirrored into it
         weights = np.where(weights.sum(axis=1, keepdims=True) > 1, 1 - weights, weights)
-        offsets = (weights[:, :, None] * edges[triangle]).sum(axis=1)
-        sample = (corners[triangle, 0] + offsets).astype(np.float32)
-        points.append(level_rows(sample[crop.holds(sample, _MIN_HEIGHT_M)], slope))
+        offsets = (weights[:, :, None] * edges[batch]).sum(axis=1)
+        batch_points = (corners[batch, 0] + offsets).astype(np.float32)
+        is_kept = crop.holds(batch_points, _MIN_HEIGHT_M)
+        points.append(level_rows(batch_points[is_kept], slope))
     return Background.learn(np.concatenate(points), voxel)
 
 

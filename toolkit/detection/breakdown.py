@@ -284,7 +284,9 @@ def _score_centres(samples: Sequence[Judged], label: str) -> list[GroupRow]:
     for distance in CENTRE_DISTANCES_M:
         matched = by_centre(samples, distance, label_index(label))
         truth_count = matched.truths  # the same at every distance
-        ap = nuscenes_ap(precision_recall(*matched)) if truth_count else float("nan")
+        ap = float("nan")
+        if truth_count:
+            ap = nuscenes_ap(precision_recall(matched.scores, matched.hits, truths=truth_count))
         aps.append(ap)
         measure = f"centre {distance:g} m"
         rows.append(GroupRow(label, "nuScenes", measure, among="all", ap=ap, truths=truth_count))
@@ -360,7 +362,8 @@ def _format_ap(row: GroupRow | None) -> str:
 def format_rows(rows: Sequence[GroupRow]) -> str:
     """Format rows as tables, one for each class and protocol.
 
-    A table has a line for each group of objects and a column for each measure."""
+    A table has a line for each group of objects (`among`) and a column for each measure. Classes
+    are in the order of `LABELS`."""
     tables = []
     # dict.fromkeys: without repetition, in the order of the rows
     table_keys = dict.fromkeys((row.label, row.protocol) for row in rows)

@@ -44,6 +44,8 @@ MIN_WHOLE_LENGTH_M = 0.75 * CAR_SIZE_M[0]  # a longer car shows both ends and ne
 DOUBT_WEIGHT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
 REACH_TOLERANCE_SHARE = 1e-9  # so that cells exactly at the reach are neighbours despite rounding
 SIDE_DEPTH_M = 0.2  # distance from a side of a rectangle within which points are on the side
+# ends at which a car may grow, along the first and the second axis: True for the upper one
+_GROWN_ENDS = np.array([[False, False], [False, True], [True, False], [True, True]])
 MAX_CAR_IOU = 0.1  # IoU above which the worse of two cars is dropped
 
 
@@ -120,7 +122,7 @@ class ClusterDetector:
         non_cars = np.flatnonzero(labels != VEHICLE)
         scores[cars] *= [np.prod(np.minimum(fitted[k].size / CAR_SIZE_M, 1)) for k in cars]
         height[cars] = np.maximum(height[cars], MIN_CAR_HEIGHT_M)
-        whole_cars = _complete([fitted[k] for k in cars], points[is_background])
+        whole_cars = _complete_cars([fitted[k] for k in cars], points[is_background])
         completed = dict(zip(cars.tolist(), whole_cars, strict=True))
         rectangles = [completed.get(k, rectangle) for k, rectangle in enumerate(fitted)]
         size = np.maximum(np.column_stack([[r.size for r in rectangles], height]), 0.2)
@@ -134,14 +136,15 @@ class ClusterDetector:
     ) -> list[np.ndarray]:
         """Return the points (k, 3) of each cluster.
 
-        reach: distances (m), descending. Cells within the first are connected; the others split a
-        cluster that is too large for a car."""
+        Points are gathered in square cells seen from above. reach: distances (m), descending. Cells
+        within the first are connected; the others split a cluster that is too large for a car.
+        Clusters with too few points (below `fewest`) are left out."""
         if len(points) < self.fewest:
             return []
-        # cell of each point seen from above, (n, 2)
-        index = ((points[:, :2] - points[:, :2].min(axis=0)) / self.cell).astype(np.int64)
-        # both indices in one number, the first above bit 32: quicker to sort than rows
-        keys, point_cells = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
+        xy = points[:, :2]
+        column, row = ((xy - xy.min(axis=0)) / self.cell).astype(np.int64).T  # of each point's cell
+        # both indices in one number, the first above bit 32: quicker to sort than pairs
+        keys, point_cells = np.unique(column << 32 | row, return_inverse=True)
         # whole numbers, for exact distances, and a third axis that Open3D needs
         cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))])
         cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cells))
@@ -203,7 +206,8 @@ class _Rectangle(NamedTuple):
         """Return the same rectangle with yaw a quarter turn further.
 
         The second axis becomes the first; the first, reversed, becomes the second."""
-        # reversing an axis swaps its ends and changes their signs
+        # All are pairs, a number for each axis. Reversing an axis swaps its ends and changes their
+        # signs.
         return _Rectangle(
             yaw=self.yaw + np.pi / 2,
             low=np.array([self.low[1], -self.high[0]]),
@@ -228,6 +232,7 @@ def _fit_rectangle(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     yaw = float(yaws[closeness.argmax()])
     aligned = xy @ plane_rotation(yaw)  # in the axes of the best yaw
     low, high = np.quantile(aligned, [0.005, 0.995], axis=0)
+    # shares of the points near the lower and the upper side along both axes
     at_low = (aligned < low + SIDE_DEPTH_M).mean(axis=0)
     at_high = (aligned > high - SIDE_DEPTH_M).mean(axis=0)
     rectangle = _Rectangle(yaw, low=low, high=high, at_low=at_low, at_high=at_high)
@@ -242,38 +247,56 @@ def _end_distance(values: np.ndarray) -> np.ndarray:
     return np.minimum(values - low, high - values)
 
 
-def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
+class _GrownCar(NamedTuple):
+    """Car completed to the usual size in one of several ways.
+
+    rectangle: the whole car; doubt: sum of the shares of points at the sides that have grown, at
+    which the body seems to end."""
+
+    rectangle: _Rectangle
+    doubt: float
+
+
+def _grow_car(seen: _Rectangle) -> list[_GrownCar]:
+    """Ways to complete a car to the usual size, to either side along both axes.
+
+    seen: rectangle of the part that was seen. A short one may also be the front or rear of a car,
+    so that its axes swap."""
+    length, _ = seen.size
+    rectangles = [seen, seen.turn()] if length < MAX_CAR_WIDTH_M else [seen]
+    min_size = [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]]  # of a car that is seen whole along an axis
+    grown_cars = []
+    for rectangle in rectangles:
+        missing = np.where(rectangle.size < min_size, CAR_SIZE_M - rectangle.size, 0.0)
+        for at_high in _GROWN_ENDS:
+            low = rectangle.low - missing * ~at_high
+            high = rectangle.high + missing * at_high
+            end_shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
+            doubt = float(end_shares @ (missing > 0))
+            grown_cars.append(_GrownCar(rectangle._replace(low=low, high=high), doubt))
+    return grown_cars
+
+
+def _complete_cars(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
     """Complete cars to the usual size, into space in which the fewest background points are.
 
-    cars: rectangles of what was seen; background: points (m, world) of the empty site. Each car may
-    grow to either side along both axes, and a short one may also be the front or rear of a car, so
-    that its axes swap. Sides with many points rarely grow, as a body seems to end there."""
-    # starts: index of each car's first option, and the number of all options
-    options = list[_Rectangle]()
-    doubts = list[float]()
-    starts = [0]
-    for seen in cars:
-        for rectangle in [seen, seen.turn()] if seen.size[0] < MAX_CAR_WIDTH_M else [seen]:
-            missing = np.where(
-                rectangle.size < [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]],
-                CAR_SIZE_M - rectangle.size,
-                0.0,
-            )
-            for at_high in np.array([[False, False], [False, True], [True, False], [True, True]]):
-                low = rectangle.low - missing * ~at_high
-                high = rectangle.high + missing * at_high
-                options.append(rectangle._replace(low=low, high=high))
-                shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
-                doubts.append(float(shares @ (missing > 0)))
+    cars: rectangles of what was seen; background: points (m, world) of the empty site. Sides with
+    many points rarely grow, as a body seems to end there."""
+    options = list[_GrownCar]()
+    starts = [0]  # index of each car's first option, and the number of all options
+    for car in cars:
+        options += _grow_car(car)
         starts.append(len(options))
     # boxes 15 cm narrower at each side and 100 m high, to count points in them from above
-    columns = [
-        (*option.centre, 0.0, *np.maximum(option.size - 0.3, 0.1), 100.0, option.yaw)
-        for option in options
-    ]
-    hidden = count_points(background, np.array(columns).reshape(-1, 7))
-    cost = hidden + DOUBT_WEIGHT * np.array(doubts)
-    return [options[start + int(cost[start:end].argmin())] for start, end in pairwise(starts)]
+    boxes = []
+    for rectangle, _ in options:
+        length, width = np.maximum(rectangle.size - 0.3, 0.1)
+        boxes.append((*rectangle.centre, 0.0, length, width, 100.0, rectangle.yaw))
+    hidden_points = count_points(background, np.array(boxes).reshape(-1, 7))
+    cost = hidden_points + DOUBT_WEIGHT * np.array([option.doubt for option in options])
+    # the cheapest option of each car, the first of several
+    best = [start + int(cost[start:end].argmin()) for start, end in pairwise(starts)]
+    return [options[index].rectangle for index in best]
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:

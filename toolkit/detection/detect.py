@@ -110,10 +110,8 @@ def write_detections(
                 text = json.dumps(openlabel_content(frame, result.detections), indent=1)
                 write_text(folder / f"{file_name(frame.name)}.json", text)
             else:
-                write_text(
-                    folder / f"{file_name(frame.name)}.txt",
-                    kitti_text(frame, found=result.detections),
-                )
+                text = kitti_text(frame, found=result.detections)
+                write_text(folder / f"{file_name(frame.name)}.txt", text)
             yield result
 
 
@@ -214,6 +212,8 @@ class ImportedDetector:
         self.site = site
         target = resolve_detector(name)
         possible_arguments = {"site": site, "area": tuple(site.area.tolist())}
+        # A factory makes the detector: it is a class, takes the site or its area, or takes no
+        # argument. Anything else is the detector itself.
         try:
             parameters = inspect.signature(target).parameters
             arguments = {

@@ -142,10 +142,11 @@ def _pool_results(
 def _score_frames(job: ScoringJob, first: Frame, total: int, run: Processes) -> list[FrameResult]:
     """Return the results of all frames, in order, scored by the processes of `run`.
 
-    first: frame 0, read already; total: number of frames. All frames are scored in this process if
-    a scheme needs earlier messages, as these are kept from frame to frame. Warns in that case of
-    ground that is not level in frame 0."""
-    progress = run.stage("frame", total)
+    job: scores frames; first: frame 0, read already; total: number of frames. All frames are scored
+    in this process if `run` has no other, or if a scheme needs earlier messages (`Chained`), as
+    these are kept from frame to frame. Warns in that case of ground that is not level in
+    frame 0."""
+    progress = run.stage("frame", total)  # called with the number of frames done, None for nothing
     results = list[FrameResult]()
     if run.alone or any(isinstance(scheme, Chained) for scheme in job.schemes.values()):
         frames = chain([first], (job.recording[k] for k in range(1, total)))

@@ -69,7 +69,8 @@ def draw_example(
     the area do not count. recording: frames of a known site; out: file to write; seed: seed of the
     sensors' noise."""
     site = recording.site
-    frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
+    fullest_frame = max(recording, key=lambda frame: len(frame.objects))
+    frame = with_errors(fullest_frame, PAPER_ERRORS, seed)
     truth = frame.objects
     detections = fuse_frame("early", frame, detector, site=site).detections
     is_in_area = has_centre_inside(truth.boxes, site.area)

@@ -90,15 +90,16 @@ class ScoringJob:
     def score(self, frames: Iterable[Frame], numbers: Iterable[int]) -> Iterator[FrameResult]:
         """Yield the results of each frame, in order.
 
-        numbers: number of each frame in the recording, which messages carry. The state of the
-        links is kept from frame to frame as long as the sensors' names stay the same."""
+        numbers: number of each frame in the recording, which messages carry. What sensors and
+        centre remember of earlier messages is kept from frame to frame as long as the sensors'
+        names stay the same."""
         # away from the site, sensors in no set are dropped: their points do not find the ground
         if None not in self.comparison.sensor_sets and not self.at_site:
             set_names = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
             frames = (frame.seen_by(set_names) for frame in frames)
         memory = LinkMemory()
         previous_names = list[str]()
-        stands = self.place.stands(frames, self.site)
+        stands = self.place.stands(frames, self.site)  # each frame with its ground and area
         for number, (frame, stand) in zip(numbers, stands, strict=True):
             names = [sensor.name for sensor in frame.sensors]
             if names != previous_names:
@@ -167,6 +168,7 @@ class ScoringJob:
         # one view of points and one of images, each shared by all schemes and sets
         @cache
         def view(as_images: bool) -> View:
+            """View of the frame, with clouds as images of their sensors or as points."""
             return stand_view(
                 frame,
                 self.detector,

@@ -134,9 +134,10 @@ class Reliability:
         """Expected calibration error: mean gap between score and share of true detections.
 
         Bins are weighted by their numbers of detections; 0 without detections."""
-        filled = self.count > 0
-        gap = np.abs(self.score[filled] - self.true[filled])
-        return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
+        has_detections = self.count > 0
+        count = self.count[has_detections]
+        gap = np.abs(self.score[has_detections] - self.true[has_detections])
+        return float((gap * count).sum() / max(self.count.sum(), 1))
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
@@ -370,6 +371,8 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
 def average_precision(curve: Curve) -> float:
     """Return the all-point interpolated AP (paper equations 4 and 5).
 
+    curve: precision and recall, with ascending recall.
+
     >>> hits = np.array([True, False, True])
     >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), hits, truths=2))
     0.8333333333333333
@@ -385,12 +388,12 @@ def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarra
     iou: IoU of n detections, best score first, with m truths. In this order, each takes the truth
     of greatest IoU that is still free, if the IoU is at least `threshold`."""
     matched = np.full(len(iou), -1)
-    free = iou.copy()
+    free_iou = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
-        truth = free[row].argmax()
-        if free[row, truth] >= threshold:
+        truth = free_iou[row].argmax()
+        if free_iou[row, truth] >= threshold:
             matched[row] = truth
-            free[:, truth] = 0  # below any threshold: the truth is taken
+            free_iou[:, truth] = 0  # below any threshold: the truth is taken
     return matched
 
 
@@ -401,11 +404,11 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
     IoU, truth 0 if it overlaps nothing. Only the first to claim a truth may take it, if the IoU is
     above `threshold`."""
     matched = np.full(len(iou), -1)
-    if iou.shape[1]:
+    if iou.shape[1]:  # there are truths
         # claimed truths, and the first row that claims each
-        claimed, claimants = np.unique(iou.argmax(axis=1), return_index=True)
-        hit = iou[claimants, claimed] > threshold
-        matched[claimants[hit]] = claimed[hit]
+        truths, first_rows = np.unique(iou.argmax(axis=1), return_index=True)
+        is_hit = iou[first_rows, truths] > threshold
+        matched[first_rows[is_hit]] = truths[is_hit]
     return matched
 
 
@@ -465,10 +468,11 @@ class _Overlaps(NamedTuple):
     protocol: Protocol
 
     def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
-        """Match at one IoU threshold.
+        """Match detections and truths at one IoU threshold, by the rule of the protocol.
 
         Returns for each detection the column of the truth that it hit (an index in `columns`), or
-        -1, and a mask of ignored detections."""
+        -1, and a mask of ignored detections: they hit nothing and are outside the scored area or on
+        an object that is present but not scored."""
         match = claim_then_test if self.protocol == "published" else greedy
         matched = match(self.iou, threshold)
         # with objects that are present but not scored

@@ -42,12 +42,14 @@ class SetResults:
         self.scheme = scheme
         self.sensors = sensors
         self.truths = [result.truth for result in results]
-        fused = [result.fused[scheme, sensors] for result in results]
+        fused = [result.fused[scheme, sensors] for result in results]  # of each frame
         self.detections = [frame_fused.detections for frame_fused in fused]
-        self.bits = [frame_fused.bits for frame_fused in fused]
+        self.bits = [frame_fused.bits for frame_fused in fused]  # of each sensor, by frame
         self.ms = float(np.median([frame_fused.ms for frame_fused in fused]))
+        # mean of the sensors in each frame, then of the frames
         kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]
         self.kbit = float(np.mean(kbits))
+        # detections outside the area are treated apart only by the rule for recorded labels
         self.outside: list[Mask] | None = None
         if job.protocol == "measured":
             self.outside = _find_outside(self.truths, self.detections)
@@ -160,8 +162,9 @@ class SetResults:
 
         load: load on a link, None without one. If sensors send images of clouds, `images` counts
         the points of each sensor's clouds, and the points that its images leave out, by kind."""
+        # sum of the counters of all frames, beginning with an empty one
         problems = sum((Counter(result.problems) for result in self.results), Counter[str]())
-        has_bits = any(len(bits) for bits in self.bits)
+        has_bits = any(len(bits) for bits in self.bits)  # False without messages
         summary: dict[str, Any] = {
             "samples": len(self.results),
             "detections": sum(len(detections.boxes) for detections in self.detections),

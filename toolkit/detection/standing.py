@@ -119,8 +119,9 @@ def _is_still(first: Frame, frame: Frame) -> bool:
     first_poses = [*(sensor.pose for sensor in first.sensors), first.map_SE3_world]
     poses = [*(sensor.pose for sensor in frame.sensors), frame.map_SE3_world]
     for first_pose, pose in zip(first_poses, poses, strict=True):
-        turn = first_pose[:3, :3].T @ pose[:3, :3]
-        angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))  # of the rotation
+        rotation = first_pose[:3, :3].T @ pose[:3, :3]
+        # the trace of a rotation is 1 + 2 cos(angle)
+        angle = np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))
         distance = np.linalg.norm(first_pose[:3, 3] - pose[:3, 3])
         if distance > MAX_STILL_SENSOR_M or angle > MAX_STILL_TURN_RAD:
             return False
@@ -131,11 +132,11 @@ def _off_ground_mask(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n
     """Mask of points well above the lowest point of their square (2 m) seen from above.
 
     Ground would look the same wherever a sensor moves."""
-    x_y = points[:, :2]
+    xy = points[:, :2]
     height = points[:, 2]
-    x_y_index = np.floor((x_y - x_y.min(axis=0)) / _SQUARE_M).astype(np.int64)
+    column, row = np.floor((xy - xy.min(axis=0)) / _SQUARE_M).astype(np.int64).T
     # both indices in one number, the first above bit 32; square: number of each point's square
-    _, square = np.unique(x_y_index[:, 0] << 32 | x_y_index[:, 1], return_inverse=True)
+    _, square = np.unique(column << 32 | row, return_inverse=True)
     lowest_height = np.full(square.max() + 1, np.inf)
     np.minimum.at(lowest_height, square, height)
     return height > lowest_height[square] + _OFF_GROUND_M

@@ -67,7 +67,8 @@ class Survey:
             raise ValueError(
                 f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}"
             )
-        return self.by_class[label][:, list(sensors)].sum(axis=1)
+        counts = self.by_class[label]  # of each sensor on each object, (objects, sensors)
+        return counts[:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
         """Share (0 to 1) of objects without a point from any sensor of a set (indices).
@@ -229,7 +230,7 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     site: site whose area limits the objects and points that count, None for all of them; codec:
     gives the bits of the points."""
     objects = frame.objects
-    count = count_points
+    count = count_points  # of points in boxes
     if site is None:
         clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
     else:
@@ -239,7 +240,8 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
         clouds = dict(zip(names, frame_points(frame, area=site), strict=True))
     agree_count = 0
     compared_count = 0
-    # boxes, and the number of points in each that the data set states, None if it states none
+    # boxes, and the number of points in each that the data set states, None if it states none;
+    # `others` are labelled objects of other classes
     cuboids = [(frame.objects.boxes, frame.counts), (frame.others.boxes, frame.others.counts)]
     for boxes, stated_counts in cuboids:
         if stated_counts is not None:
