@@ -77,7 +77,8 @@ class Hybrid(Parameters):
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Pool the boxes of each sensor with the centre's detections in all far points, joined.
 
-        sensors: indices, ascending. A sensor's bits count its boxes and its far points."""
+        Far points are beyond the hybrid radius of the sensor that measured them. sensors: indices,
+        ascending. A sensor's bits count its boxes and its far points."""
         radius = self.find_radius(view.site)
         keep_far = partial(is_beyond, radius=radius, metric=self.metric)
         name = f"beyond {radius} m, {self.metric}"  # of the selection, for the view's cache

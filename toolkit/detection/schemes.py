@@ -24,9 +24,10 @@ def schemes_in_steps(step: float) -> dict[str, Scheme]:
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
-    """Return a scheme by its name, or the scheme itself. Raises ValueError for others."""
+    """Return a fusion scheme by its name, or the scheme itself. Raises ValueError for others."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
+    # an unknown name, a class instead of an instance, or an object that is no scheme
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):
         alternative = (
             f"an object with the members of toolkit.detection.scheme.Scheme, got {scheme!r}"

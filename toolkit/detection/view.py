@@ -95,6 +95,7 @@ class Captured:
         """Flat index (row by row) of each cropped point's pixel, in the order of the points."""
         if self.crop_pixels is not None:
             return self.crop_pixels
+        # distances (m) of the points from their pixels' rays, if the frame has any
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         crop = Crop.of(self.area, self.height)
         _, pixels = crop_image(self.sensor, self.measurement, crop, shift=shift)
@@ -115,6 +116,7 @@ class Captured:
 
         image: measurements (m), such as restored by the centre; pixels without a return give no
         point. The points (m) are in row order of their pixels."""
+        # distances (m) of the points from their pixels' rays, if the frame has any
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
         # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
         xyz, valid = unproject(self.sensor, image, shift)
@@ -226,8 +228,9 @@ class View:
         """Return the points of a cloud that `keep` selects.
 
         name: name of the selection. The result is cached by it, so one name must always mean one
-        selection; keep: returns the mask of the points to keep, given points and sensor."""
-        sensor = cloud.sensor
+        selection; keep: returns the mask of the points to keep, given points and sensor. The time
+        `ms` at which the points are ready is the cloud's plus the time that the selection takes."""
+        sensor = cloud.sensor  # an index
         history = (*cloud.history, name)
         if (sensor, history) not in self._clouds:
             start = perf_counter()
@@ -253,7 +256,7 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor, by the sensor's index.
+        """Empty scene of a sensor (its image without objects), by the sensor's index.
 
         Raises ValueError if the view knows no scenes."""
         if self._images.scene is None:
@@ -292,7 +295,8 @@ class View:
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
         """Detect in the joined points of one or more clouds.
 
-        Boxes of a single cloud are cached; boxes of several are not."""
+        Boxes are ready (`ms`) after the last of the clouds plus the time that detection takes.
+        Boxes of a single cloud are cached; boxes of several are not, and have no sensor."""
         start = perf_counter()
         if len(clouds) != 1:
             return Boxes(self._run(clouds), ms=_last_ms(clouds) + _ms_since(start))
@@ -307,7 +311,8 @@ class View:
     def send_points(self, cloud: Cloud) -> Sent[Cloud]:
         """Send a cloud through the codec: as pixels of its image if possible, else as points.
 
-        Returns the points that the centre decodes, and the bits of the message."""
+        Returns the points that the centre decodes, and the bits of the message. They are ready
+        (`ms`) after the cloud plus the time that coding takes. The result is cached."""
         if cloud not in self._sent_clouds:
             start = perf_counter()
             if isinstance(self.codec, ImageCodec) and self._images.capture is not None:
@@ -330,8 +335,9 @@ class View:
     def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
         """Send a sensor's detections through the codec.
 
-        Returns the boxes that the centre decodes, and the bits of the message. Raises ValueError
-        for boxes detected in the points of several sensors."""
+        Returns the boxes that the centre decodes, and the bits of the message. They are ready
+        (`ms`) after the detections plus the time that coding takes. The result is cached. Raises
+        ValueError for boxes detected in the points of several sensors."""
         if boxes.sensor is None:
             raise ValueError(
                 "boxes are sent by the sensor that detected them, got those of several: send "
