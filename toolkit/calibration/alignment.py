@@ -97,7 +97,7 @@ def align(
             if np.abs(step).max() < registration.CONVERGED * radius:
                 break
     hidden = system.hidden_motions(_find_common_motions(poses))
-    shared, scatter = _count_rows(pairs, count)
+    shared, scatter = _count_pairs(pairs, count)
     return Alignment(tuple(poses), system.covariance(), hidden, shared, scatter)
 
 
@@ -118,12 +118,12 @@ def _find_common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
     return orthonormal.T
 
 
-def _count_rows(
+def _count_pairs(
     pairs: Sequence[Pairs], sensors: int
 ) -> tuple[Int64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
     """Count used pairs by sensors, and measure the scatter of each sensor's residuals.
 
-    sensors: number of sensors. Returns a symmetric matrix of counts, and robust standard deviations
+    pairs: pairs of points or objects, of two sensors each; sensors: number of sensors. Returns a symmetric matrix of counts, and robust standard deviations
     (m, from the median of the absolute residuals), 0 for a sensor without pairs."""
     shared = np.zeros((sensors, sensors), np.int64)
     # absolute residuals of the pairs of each sensor

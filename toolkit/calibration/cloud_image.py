@@ -64,9 +64,9 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     else:
         row, in_rows = _find_near_rows(elevation, np.array(model.elevations))
     # azimuth from the middle of the columns, -pi to pi
-    turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
+    offset = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
     column_width = model.azimuth_fov / model.columns
-    unbounded_column = np.floor(turned / column_width + model.columns / 2).astype(np.int64)
+    unbounded_column = np.floor(offset / column_width + model.columns / 2).astype(np.int64)
     column = np.clip(unbounded_column, 0, model.columns - 1)
     in_columns = (unbounded_column == column) | (model.azimuth_fov >= 2 * np.pi)
     ranges = distance.astype(np.float32)

@@ -48,7 +48,7 @@ class Corrected(RecordingView):
         sensors = []
         measurements = []
         for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
-            correction = self.corrections.get(sensor.name)
+            correction = self.corrections.get(sensor.name)  # believed_SE3_found
             if correction is None:
                 sensors.append(sensor)
                 measurements.append(measurement)

@@ -75,11 +75,13 @@ class EmptyScene:
     frames: int
 
     def __post_init__(self) -> None:
+        shape = self.model.shape
         for name in SCENE_IMAGES:
             image: Float[np.ndarray, "..."] = getattr(self, name)
-            if image.shape != (shape := self.model.shape) or image.dtype != np.float32:
+            if image.shape != shape or image.dtype != np.float32:
                 got = f"{image.dtype} of {image.shape}"
                 raise ValueError(f"{name} of {self.name!r} must be float32 of {shape}, got {got}")
+            # NaN only means that a pixel has no second surface
             values = image[~np.isnan(image)] if name == "second" else image
             if not (np.isfinite(values).all() and (values >= 0).all()):
                 raise ValueError(
@@ -160,11 +162,15 @@ class SceneLearner:
         self.sample = sample
         self.frames = 0
         self._step = 1  # frames from one kept image to the next, a power of two
-        self._kept = list[np.ndarray]()
+        self._kept = list[np.ndarray]()  # images, at most `sample`
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
-        """Add the next image of the sensor. Raises ValueError for another shape."""
-        if measurement.shape != (shape := self.sensor.model.shape):
+        """Add the next image of the sensor; it is kept if it is due.
+
+        If the images are too many, every other one is dropped and the step between kept images
+        doubles. Raises ValueError for an image of another shape."""
+        shape = self.sensor.model.shape
+        if measurement.shape != shape:
             raise ValueError(
                 f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}"
             )

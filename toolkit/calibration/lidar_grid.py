@@ -89,9 +89,9 @@ class _Columns(NamedTuple):
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in some of its clouds.
+    """Find the rows and columns of one lidar in some of its clouds.
 
-    Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
+    The range of its model has a margin beyond the farthest point. Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
     filled_clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = filled_clouds[0].name if filled_clouds else "the sensor"
     angles = [_measure_angles(cloud) for cloud in filled_clouds]
@@ -132,8 +132,9 @@ def nearest_row(
     """Index of the row with the nearest elevation, for each point.
 
     elevation: each point's (rad); rows: elevations of the rows (rad), descending."""
-    # negated, since searchsorted needs ascending limits; they are halfway between two rows
-    return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
+    # limits are halfway between two rows; negated, since searchsorted needs ascending ones
+    negated_limits = -(rows[1:] + rows[:-1]) / 2
+    return np.searchsorted(negated_limits, -elevation, side="left").astype(np.int64)
 
 
 def _measure_angles(cloud: SensorCloud) -> _Angles:
@@ -156,7 +157,8 @@ def _join_azimuths(angles: Sequence[_Angles]) -> Float64[np.ndarray, " n"]:
 def _find_rows(angles: Sequence[_Angles]) -> _Rows:
     """Find rows by lasers, else by elevations at which points crowd, else make even ones.
 
-    angles: angles of each cloud of one sensor. Lasers count only if all clouds name them."""
+    angles: angles of each cloud of one sensor, whose `ring` is the laser of each point. Lasers
+    count only if all clouds name them."""
     point_elevations = np.concatenate([cloud_angles.elevation for cloud_angles in angles])
     rings = [cloud_angles.ring for cloud_angles in angles if cloud_angles.ring is not None]
     if len(rings) == len(angles):

@@ -108,7 +108,9 @@ class LinkedCells:
 
     @staticmethod
     def from_cells(cells: Float64[np.ndarray, "n 3"]) -> "LinkedCells":
-        """Link each cell with the near ones at about its height."""
+        """Link each cell with the near ones at about its height.
+
+        cells: low points (x, y, z in m) of a grid's squares."""
         from scipy.spatial import cKDTree
 
         xy = cells[:, :2]
@@ -202,7 +204,7 @@ class LinkedCells:
             above: height (m) of each such cell above the main ground.
             covered: mask of the same cells; True if points of the main ground are below it, as
                 under a roof."""
-        is_core = np.abs(above) > OFF_M
+        is_core = np.abs(above) > OFF_M  # cells clearly off the main ground
         xy = self.cells[rows[is_core], :2]
         is_sunken = np.median(above[is_core]) < 0
         min_cells = MIN_SUNKEN_CELLS if is_sunken else MIN_RAISED_CELLS

@@ -103,9 +103,11 @@ def find_clusters(
     # (pixels, n): a row for each pixel, in order of time; infinite without a return
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T
     clusters = _split_clusters(np.sort(in_time), model)
-    size = clusters.size
-    is_enough = size >= min(n, max(2, int(np.ceil(MIN_CLUSTER_SHARE * n))))
-    # clusters of a pixel are numbered near to far, so the highest number is the farthest
+    size = clusters.size  # number of measurements in each cluster of any pixel
+    min_size = min(n, max(2, int(np.ceil(MIN_CLUSTER_SHARE * n))))
+    is_enough = size >= min_size
+    # `pick` takes for each pixel the cluster of highest rank. Clusters of a pixel are numbered near
+    # to far, so the highest number is the farthest.
     cluster_index = np.arange(len(size))
     far = clusters.pick(np.where(is_enough, cluster_index, size), is_enough)
     is_nearer = is_enough & (cluster_index < far[clusters.pixel])
@@ -230,24 +232,28 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
     narrowed = PixelMode(*(image.copy() for image in mode))
     broad_pixels = np.flatnonzero(mode.spread > MAX_SPREAD_RATIO * usual)
     for start in range(0, len(broad_pixels), _BATCH_PX):
-        broad = broad_pixels[start : start + _BATCH_PX]
-        least = mode.least.ravel()[broad][:, None]
-        greatest = mode.greatest.ravel()[broad][:, None]
-        spread = usual.ravel()[broad]
-        values = np.stack([image.ravel()[broad] for image in images], axis=1)
-        # members of the cluster first, infinite values last
-        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
-        begin, size = _find_densest(values, 2 * SCENE_SIGMAS * spread)
-        row = np.arange(len(broad))
-        lower_middle = values[row, begin + (size - 1) // 2]
-        median = (lower_middle + values[row, begin + size // 2]) / 2
+        pixels = broad_pixels[start : start + _BATCH_PX]
+        least = mode.least.ravel()[pixels][:, None]
+        greatest = mode.greatest.ravel()[pixels][:, None]
+        spread = usual.ravel()[pixels]
+        # (pixels, n) measurements over time, then sorted: members of the cluster first, infinite
+        # values last
+        in_time = np.stack([image.ravel()[pixels] for image in images], axis=1)
+        is_in_cluster = (in_time >= least) & (in_time <= greatest)
+        values = np.sort(np.where(is_in_cluster, in_time, np.inf))
+        first, size = _find_densest(values, 2 * SCENE_SIGMAS * spread)
+        row = np.arange(len(pixels))
+        # the median is the mean of the two middle values, which are one value if the size is odd
+        lower_middle = values[row, first + (size - 1) // 2]
+        median = (lower_middle + values[row, first + size // 2]) / 2
         rank = np.arange(values.shape[1])
-        is_member = (rank >= begin[:, None]) & (rank < (begin + size)[:, None])
+        is_member = (rank >= first[:, None]) & (rank < (first + size)[:, None])
         deviations = np.sort(np.where(is_member, np.abs(values - median[:, None]), np.inf))
         deviation = _MAD_TO_SIGMA * deviations[row, (size - 1) // 2]
-        narrowed.median.ravel()[broad] = median
-        narrowed.spread.ravel()[broad] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
-        narrowed.share.ravel()[broad] = size / len(images)
+        # ravel gives views of the copied images
+        narrowed.median.ravel()[pixels] = median
+        narrowed.spread.ravel()[pixels] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
+        narrowed.share.ravel()[pixels] = size / len(images)
     return narrowed
 
 
@@ -280,19 +286,19 @@ def mark_continuation(near: PixelMode, far: ImageRanges) -> ImageMask:
     Args:
         near: nearer cluster of each pixel.
         far: median of each pixel's farthest cluster, 0 for nothing returned."""
-    within = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
+    max_gap = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     # NaN and repeated edges, so that all slices below have the image's shape
-    padded = np.pad(far, REACH_PX, constant_values=np.nan)
-    opposite = np.pad(inverse, REACH_PX, mode="edge")
+    padded_far = np.pad(far, REACH_PX, constant_values=np.nan)
+    padded_inverse = np.pad(inverse, REACH_PX, mode="edge")
     rows, columns = far.shape
     continues = np.zeros(far.shape, bool)
     for down, right in product(range(-REACH_PX, REACH_PX + 1), repeat=2):
-        beyond = padded[REACH_PX + down :, REACH_PX + right :][:rows, :columns]
-        # neighbour on the other side of the pixel, and inverse depth of the plane through both at
-        # the place of the first neighbour
-        opposite_inverse = opposite[REACH_PX - down :, REACH_PX - right :][:rows, :columns]
+        # the neighbour this many pixels down and right, and the one on the other side of the pixel
+        neighbour = padded_far[REACH_PX + down :, REACH_PX + right :][:rows, :columns]
+        opposite_inverse = padded_inverse[REACH_PX - down :, REACH_PX - right :][:rows, :columns]
+        # inverse depth, at the neighbour, of the plane through the opposite pixel and the pixel
         plane_inverse = 2 * inverse - opposite_inverse
-        is_other_surface = np.abs(plane_inverse * beyond - 1) > MIN_SURFACE_GAP_SHARE
-        continues |= (np.abs(beyond - near.median) <= within) & is_other_surface
+        is_other_surface = np.abs(plane_inverse * neighbour - 1) > MIN_SURFACE_GAP_SHARE
+        continues |= (np.abs(neighbour - near.median) <= max_gap) & is_other_surface
     return continues
