@@ -123,8 +123,9 @@ def _count_pairs(
 ) -> tuple[Int64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
     """Count used pairs by sensors, and measure the scatter of each sensor's residuals.
 
-    pairs: pairs of points or objects, of two sensors each; sensors: number of sensors. Returns a symmetric matrix of counts, and robust standard deviations
-    (m, from the median of the absolute residuals), 0 for a sensor without pairs."""
+    pairs: pairs of points or objects, of two sensors each; sensors: number of sensors. Returns a
+    symmetric matrix of counts, and robust standard deviations (m, from the median of the absolute
+    residuals), 0 for a sensor without pairs."""
     shared = np.zeros((sensors, sensors), np.int64)
     # absolute residuals of the pairs of each sensor
     residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]

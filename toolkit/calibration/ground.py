@@ -46,13 +46,13 @@ class Ground:
         z = 0."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
-        # matrix of the cross product that turns the normal to z (Rodrigues' formula)
-        cross = np.array(
-            [[0.0, 0.0, -normal[0]], [0.0, 0.0, -normal[1]], [normal[0], normal[1], 0.0]]
-        )
+        nx, ny, nz = normal
+        # Rodrigues' formula for the turn from the normal to z: matrix of their cross product, and
+        # the cosine nz of the angle between them
+        cross_matrix = np.array([[0.0, 0.0, -nx], [0.0, 0.0, -ny], [nx, ny, 0.0]])
         motion = np.eye(4)
-        motion[:3, :3] += cross + cross @ cross / (1 + normal[2])
-        motion[2, 3] = -c * normal[2]
+        motion[:3, :3] += cross_matrix + cross_matrix @ cross_matrix / (1 + nz)
+        motion[2, 3] = -c * nz
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:

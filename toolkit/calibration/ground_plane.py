@@ -40,7 +40,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
     Returns a, b (m per m) and c (m). Raises ValueError if fewer than three cells of the grid might
     be ground."""
     cells = low_points(points, GROUND_CELL_M)
-    cells = cells[support_mask(cells, _KERB_M, 0.3, min_supporters=3)]
+    cells = cells[support_mask(cells, step=_KERB_M, slope=0.3, min_supporters=3)]
     max_slope = float(np.tan(max_tilt))
     candidates = cells[lowest_mask(cells, max_slope, _KERB_M)]
     if len(candidates) < 3:
@@ -51,13 +51,14 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
         raise ValueError(f"no ground found in {len(points)} points: {problem}: give more points")
     rng = np.random.default_rng(seed)
     planes = _draw_planes(candidates, rng)
-    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]
-    plane: Plane = planes[int(np.argmax(_score_planes(planes, candidates, cells, rng)))]
-    for band in _BANDS_M:
-        refined = _refit_plane(plane, points, band)
-        if refined is None or np.hypot(refined[0], refined[1]) > max_slope:
+    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]  # of a and b
+    scores = _score_planes(planes, candidates, cells, rng)
+    plane: Plane = planes[int(np.argmax(scores))]
+    for band in _BANDS_M:  # ever narrower
+        refitted = _refit_plane(plane, points, band)
+        if refitted is None or np.hypot(refitted[0], refitted[1]) > max_slope:
             return plane
-        plane = refined
+        plane = refitted
     return plane
 
 
@@ -72,7 +73,8 @@ def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
     normals = np.cross(first_edge, second_edge)
     first_length = np.linalg.norm(first_edge, axis=1)
     second_length = np.linalg.norm(second_edge, axis=1)
-    # the z part of the normal is twice the area of the triangle seen from above
+    # the z part of the normal is twice the triangle's area seen from above: the lengths of both
+    # edges times the sine of the angle between them, which must be above 0.05
     is_wide = np.abs(normals[:, 2]) > 0.05 * first_length * second_length + 1e-9
     normals = normals[is_wide]
     first_cell = triples[is_wide, 0]
@@ -139,12 +141,13 @@ def _share_on_planes(
 ) -> Float64[np.ndarray, " k"]:
     """Share of the cells on each plane, 0 to 1.
 
-    A cell counts 1 on the plane, less the farther off it is, and 0 from `_INLIER_M` on."""
-    off = _heights_above(planes, cells)  # changed in place below, to save memory
-    off /= _INLIER_M
-    off *= off
-    np.subtract(1, off, out=off)
-    return np.clip(off, 0, None, out=off).mean(axis=1)
+    A cell counts 1 - (distance / `_INLIER_M`)²: 1 on the plane, and 0 from `_INLIER_M` on."""
+    # (planes, cells) heights, which become the counts in place, to save memory
+    counts = _heights_above(planes, cells)
+    counts /= _INLIER_M
+    counts *= counts
+    np.subtract(1, counts, out=counts)
+    return np.clip(counts, 0, None, out=counts).mean(axis=1)
 
 
 def heights_above_plane(plane: Plane, points: Points) -> Float64[np.ndarray, " n"]:

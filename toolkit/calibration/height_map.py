@@ -101,19 +101,20 @@ def lowest_mask(
         return np.empty(0, bool)
     index = np.floor(cells[:, :2] / GROUND_CELL_M).astype(np.int64)
     index -= index.min(axis=0)
+    row, column = index.T
     rows, columns = (index.max(axis=0) + 1).tolist()
     if rows * columns > _MAX_CELLS:
         extent = f"{rows * GROUND_CELL_M:.0f} by {columns * GROUND_CELL_M:.0f} m"
         raise ValueError(f"the points cover {extent}: crop them to the place in question")
     image = np.full((rows, columns), _NO_HEIGHT_M)
-    image[index[:, 0], index[:, 1]] = cells[:, 2]
+    image[row, column] = cells[:, 2]
     reach = round(window / GROUND_CELL_M)
     # Erosion takes the smallest height less `rise`, that is, height plus slope times distance.
     # One pass along each axis gives the same as a square window.
     rise = -slope * GROUND_CELL_M * np.abs(np.arange(-reach, reach + 1))
     along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NO_HEIGHT_M)
     allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NO_HEIGHT_M)
-    return cells[:, 2] <= allowed[index[:, 0], index[:, 1]] + step
+    return cells[:, 2] <= allowed[row, column] + step
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,8 @@ class JointSystem:
         that moves most has a unit motion. Information about held sensors is 0."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
+            # (pairs, 12) growth of each residual per unit of motion, and the 12 numbers of both
+            # sensors among the 6 n numbers of all motions
             rows, columns = pair.system_rows
             information[np.ix_(columns, columns)] += rows.T @ (rows * pair.weight[:, None])
         information[~self.free] = 0.0
@@ -115,8 +117,8 @@ class JointSystem:
     def step(self) -> Float64[np.ndarray, " m"]:
         """Motion (m,) of all sensors that brings the pairs together, turns times `LEVER_M`.
 
-        Numbers that the pairs do not determine move back to their believed values; numbers of held
-        sensors are 0."""
+        Numbers that the pairs do not determine move back to their believed values, from which they
+        are `off` so far; numbers of held sensors are 0."""
         vectors = self.modes.vectors
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:

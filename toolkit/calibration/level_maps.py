@@ -206,27 +206,40 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
     Args:
         grid: map whose places the result has; its heights are not used.
         cells: low points (x, y, z in m) on the surface."""
-    last = np.array(grid.heights.shape) - 1
-    # nearest place of each cell
-    i, j = np.clip(np.round((cells[:, :2] - grid.origin) / grid.cell).astype(np.int64), 0, last).T
-    middle = cells[:, :2].mean(axis=0)
-    flat = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
-    # pulls both slopes slightly to level, so that cells on one line have a solution
-    prior = np.diag([1e-3, 1e-3, 0.0]) * len(cells)
-    a, b, c = np.linalg.solve(flat.T @ flat + prior, flat.T @ cells[:, 2])
-    rows, columns = grid.heights.shape
-    x = grid.origin[0] + grid.cell * np.arange(rows) - middle[0]
-    y = grid.origin[1] + grid.cell * np.arange(columns) - middle[1]
-    heights = a * x[:, None] + b * y[None] + c
+    xy = cells[:, :2]
+    # row and column of the place nearest to each cell
+    nearest = np.round((xy - grid.origin) / grid.cell).astype(np.int64)
+    row, column = np.clip(nearest, 0, np.array(grid.heights.shape) - 1).T
+    heights = _draw_plane(grid, cells)
     for scale in _SCALES_M:
-        above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(cells[:, :2])
-        weights = np.zeros(heights.shape)
-        sums = np.zeros(heights.shape)
+        above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(xy)
         kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf  # infinite: all weights are 1
         weight = weigh_ground(above, kerb)
-        np.add.at(weights, (i, j), weight)
-        np.add.at(sums, (i, j), weight * above)
+        # sums of weights, and of weights times heights above the surface, at each place
+        weights = np.zeros(heights.shape)
+        sums = np.zeros(heights.shape)
+        np.add.at(weights, (row, column), weight)
+        np.add.at(sums, (row, column), weight * above)
         weight_around = sum_around(weights, scale / grid.cell)
         sum_of_heights = sum_around(sums, scale / grid.cell)
         heights = heights + sum_of_heights / (weight_around + _TRUST)
     return HeightMap(grid.origin, heights, grid.cell)
+
+
+def _draw_plane(
+    grid: HeightMap, cells: Float64[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "rows columns"]:
+    """Heights (m) of the plane fitted to cells, at the places of a map.
+
+    grid: map whose places count; cells: low points (x, y, z in m)."""
+    middle = cells[:, :2].mean(axis=0)
+    # least squares of z = a x + b y + c, with x and y counted from the middle
+    columns_of_cells = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
+    # pulls both slopes slightly to level, so that cells on one line have a solution
+    prior = np.diag([1e-3, 1e-3, 0.0]) * len(cells)
+    squares = columns_of_cells.T @ columns_of_cells + prior
+    a, b, c = np.linalg.solve(squares, columns_of_cells.T @ cells[:, 2])
+    rows, columns = grid.heights.shape
+    x = grid.origin[0] + grid.cell * np.arange(rows) - middle[0]
+    y = grid.origin[1] + grid.cell * np.arange(columns) - middle[1]
+    return a * x[:, None] + b * y[None] + c

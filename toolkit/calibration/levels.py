@@ -72,7 +72,8 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
 def describe_levels(levels: tuple[GroundLevel, ...]) -> str | None:
     """Describe the doubtful surfaces in one line, else the further levels of ground.
 
-    Returns None if neither have `MIN_DOUBT_SHARE` of the points."""
+    Doubtful are surfaces that the map of heights does not follow (`followed`). Returns None if
+    neither kind has `MIN_DOUBT_SHARE` of the points."""
     for followed in (False, True):  # doubtful surfaces first
         kind_levels = [level for level in levels if level.followed == followed]
         share = sum(level.share for level in kind_levels)

@@ -91,7 +91,8 @@ class _Columns(NamedTuple):
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     """Find the rows and columns of one lidar in some of its clouds.
 
-    The range of its model has a margin beyond the farthest point. Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
+    The range of its model has a margin beyond the farthest point. Raises ValueError below
+    `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
     filled_clouds = [cloud for cloud in clouds if len(cloud.points)]
     name = filled_clouds[0].name if filled_clouds else "the sensor"
     angles = [_measure_angles(cloud) for cloud in filled_clouds]

@@ -158,6 +158,7 @@ class Place:
             start = perf_counter()
             ground = still_ground
             warning = None
+            # points are read only if the ground is not known yet
             points = frame.points() - [*middle, 0.0] if still_ground is None else np.zeros((0, 3))
             if method == "none":
                 warning = level_warning(points) if len(points) else None

@@ -93,14 +93,14 @@ def find_poses(
 
 
 def _check_frames(count: int) -> None:
-    """Refuse to learn empty scenes from too few frames."""
+    """Raise ValueError for too few frames to learn empty scenes from."""
     if count < MIN_FRAMES:
         problem = f"{count} frames are too few to tell what stands still from who passes"
         raise ValueError(f"{problem}: give {MIN_FRAMES} or more")
 
 
 def _check_several(sensors: Sequence[Sensor]) -> None:
-    """Refuse to fit a single sensor to others."""
+    """Raise ValueError for fewer than two sensors, which cannot be fitted to each other."""
     if len(sensors) < 2:
         names = ", ".join(sensor.name for sensor in sensors) or "none"
         raise ValueError(
@@ -211,23 +211,28 @@ def _find_in_clouds(
     The points are learnt from the first `count` frames. If sensors move or frames are few, they are
     all points of the first frame with any. Raises ValueError if no frame has a point."""
     first_frames = [recording[k] for k in range(min(count, GRID_FRAMES))]
-    points: dict[str, Points] = {}
+    points_by_name: dict[str, Points] = {}
     if len(first_frames) >= MIN_FRAMES and not _sensors_move(first_frames):
-        learnt = learn_sample_scenes(recording[k] for k in range(count))
-        points = {name: scene_points(scene.scene)[0] for name, scene in learnt.items()}
+        scenes = learn_sample_scenes(recording[k] for k in range(count))
+        for name, learnt in scenes.items():
+            points_by_name[name], _ = scene_points(learnt.scene)
     else:
         for frame in first_frames:
-            points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
-            if points:
+            filled_clouds = [cloud for cloud in frame.clouds if len(cloud.points)]
+            points_by_name = {cloud.name: cloud.in_sensor() for cloud in filled_clouds}
+            if points_by_name:
                 break
-        if not points:
+        if not points_by_name:
             raise ValueError("no frame has a point to find a pose by")
-    poses = {}  # in the first frame with a cloud of the sensor
+    # in the first frame with a cloud of the sensor, which is read last
+    poses = {}
     for frame in reversed(first_frames):
         for cloud in frame.clouds:
             poses[cloud.name] = cloud.world_SE3_sensor
-    sensors = tuple(Sensor(name, RowLidar(), poses[name]) for name in points)
-    return sensors, [_StandingPoints(sensor_points, None) for sensor_points in points.values()]
+    # clouds do not tell the model, and only the poses count
+    sensors = tuple(Sensor(name, RowLidar(), poses[name]) for name in points_by_name)
+    standing_points = [_StandingPoints(points, None) for points in points_by_name.values()]
+    return sensors, standing_points
 
 
 def _sensors_move(frames: Sequence[Frame]) -> bool:

@@ -175,11 +175,11 @@ class _CloudSceneLearner:
         self.points = 0
         self.left_out = Counter[str]()
         self._first_position: Float64[np.ndarray, "3"] | None = None  # x, y, z (m) in the map
-        # fewer images than `sample` if they are large, to limit memory
+        # fewer images than `sample` if they are large, to limit memory, but at least 16
         rows, columns = grid.model.shape
         max_images = max(16, _MAX_KEPT_PX // (rows * columns))
-        sensor = Sensor(name, grid.model, np.eye(4))
-        self.learner = SceneLearner(sensor, max(2, min(sample, max_images)))
+        sensor = Sensor(name, grid.model, np.eye(4))  # its pose is not used
+        self.learner = SceneLearner(sensor, sample=max(2, min(sample, max_images)))
 
     def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
         """Add the next cloud.

@@ -86,28 +86,27 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     Normals are exact and roughness is 0. seed: seed of the random points."""
     solids = tuple(solid for solid in site.solids if solid.kind not in LEAFY_KINDS)
     mesh = build_scenery(replace(site, solids=solids))
-    corners = mesh.vertices[mesh.triangles]
+    corners = mesh.vertices[mesh.triangles]  # (triangles, 3 corners, xyz)
     # normal of each triangle, twice its area long
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(across, axis=1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_area = np.linalg.norm(normals, axis=1)
     low = site.area[:2] - OUTSKIRTS_M
     high = site.area[2:] + OUTSKIRTS_M
     middle = corners.mean(axis=1)[:, :2]
-    in_reach = (size > 0) & ((middle > low) & (middle < high)).all(axis=1)
+    in_reach = (double_area > 0) & ((middle > low) & (middle < high)).all(axis=1)
     corners = corners[in_reach]
-    across = across[in_reach]
-    size = size[in_reach]
+    unit_normals = normals[in_reach] / double_area[in_reach, None]
     rng = np.random.default_rng(seed)
-    share = size / 2 / SURFACE_SPACING_M**2
+    mean_count = double_area[in_reach] / 2 / SURFACE_SPACING_M**2
     # points of each triangle, rounded at random so that their mean is in proportion to its area
-    count = np.floor(share + rng.random(len(share))).astype(np.int64)
+    count = np.floor(mean_count + rng.random(len(mean_count))).astype(np.int64)
     triangles = np.repeat(np.arange(len(count)), count)
     # square root, so that points are even over a triangle; do not change the order of the draws
     u = np.sqrt(rng.random(len(triangles)))
     v = rng.random(len(triangles))
-    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
-    points = np.einsum("nk,nkd->nd", weights, corners[triangles])
-    return Surface(points, across[triangles] / size[triangles, None], np.zeros(len(points)))
+    corner_weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    points = np.einsum("nk,nkd->nd", corner_weights, corners[triangles])
+    return Surface(points, normals=unit_normals[triangles], roughness=np.zeros(len(points)))
 
 
 def cloud_surface(points: Points) -> Surface:

@@ -236,7 +236,8 @@ class _System:
     def modes(self) -> MotionModes:
         """Six independent motions, with the information about each.
 
-        A motion is observed if enough pairs with weight resist it."""
+        A motion is observed if enough pairs with weight resist it. `rows` are the growth of each
+        pair's residual per unit of the motion's six numbers."""
         values, vectors = np.linalg.eigh(self.rows.T @ (self.rows * self.weight[:, None]))
         # (pairs, modes): squared growth of each residual along each mode
         squared_growth = (self.rows @ vectors) ** 2
@@ -254,7 +255,8 @@ class _System:
     def step(self) -> Motion:
         """Motion that brings the points onto their planes, turns times `LEVER_M`.
 
-        It is 0 along motions that the points do not determine."""
+        It is 0 along motions that the points do not determine. `rows` are the growth of each pair's
+        residual (m) per unit of the motion's six numbers."""
         vectors = self.modes.vectors
         observed = self.modes.observed
         gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))  # along each mode
