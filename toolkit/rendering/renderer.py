@@ -64,15 +64,15 @@ class Moment:
         self.boxes = boxes
         self._threads = threads
         self._slope = np.array(slope)
-        self._turns = _yaw_matrices(boxes[:, 6])
+        self._turns = _yaw_matrices(boxes[:, 6])  # of each object, to turn row vectors by its yaw
         self.ground = self._find_footprints()
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
-            # row vectors: @ turn rotates by yaw
-            turned = body.vertices.astype(np.float64)
-            turned[:, :2] = turned[:, :2] @ turn
-            turned[:, 2] += turned[:, :2] @ self._slope
-            vertices.append(turned + box[:3])
+            # from the body's frame: turned by yaw, sheared with the ground, moved to the box
+            body_vertices = body.vertices.astype(np.float64)
+            body_vertices[:, :2] = body_vertices[:, :2] @ turn
+            body_vertices[:, 2] += body_vertices[:, :2] @ self._slope
+            vertices.append(body_vertices + box[:3])
         # triangles are rows of their body's vertices: the row of its first vertex is added
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
@@ -104,7 +104,7 @@ class Moment:
         return self._triangle_object.take(next_triangle), cast["t_hit"].numpy()
 
     def _find_footprints(self) -> Footprints:
-        """Footprints of the objects, of their bodies' whole meshes."""
+        """Return the footprints and heights of the objects, of their bodies' whole meshes."""
         centres = self.boxes[:, :2]
         outlines = [_body_outline(body) for body in self.bodies]
         points = [
@@ -127,7 +127,7 @@ class Moment:
         ends_by_body = np.array(ends).reshape(-1, 2, 2)
         middle = np.einsum("ni,nij->nj", ends_by_body.mean(axis=1), self._turns) + centres
         half_sizes = np.ptp(ends_by_body, axis=1) / 2
-        cos_sin = self._turns[:, 0]  # first row of each matrix
+        cos_sin = self._turns[:, 0]  # first row of each matrix: cos and sin of yaw
         return Footprints(
             points=np.concatenate([np.zeros((0, 2)), *points]),
             first=np.cumsum([0, *map(len, points)]),
@@ -271,9 +271,8 @@ class Renderer:
         boxes = snapshot.objects.boxes
         self._check_sizes(boxes, snapshot.bodies)
         world_corners = self.outer_corners(snapshot.bodies, boxes)
-        scenes = [
-            _body_scene(self.bodies[body], self._threads) for body in snapshot.bodies.tolist()
-        ]
+        # snapshot.bodies: row in `bodies` of each object's body
+        scenes = [_body_scene(self.bodies[row], self._threads) for row in snapshot.bodies.tolist()]
         movers = list(zip(scenes, map(self.body_from_world, boxes), strict=True))
         measurements = []
         hits = []

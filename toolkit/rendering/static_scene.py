@@ -38,8 +38,10 @@ def build_scenery(site: Site) -> Mesh:
     """Build the mesh of everything static at a site (m, site frame).
 
     Raises ValueError for solids of endless size."""
-    # one generator for all solids: what a solid draws depends on the solids before it
+    # One generator for all solids: what a solid draws depends on the solids before it. Its seed is
+    # the sum of the bytes of the site's name.
     rng = np.random.default_rng(sum(site.name.encode()))
+    # area (m²) of walls, roofs and leaves to draw
     skin = sum(_measure_skin(solid) for solid in site.solids)
     if not skin <= MAX_SKIN_M2:  # `not`, so that NaN is refused too
         limit = f"where {MAX_SKIN_M2:g} m² can be drawn (a plant's counts four times)"
@@ -94,8 +96,8 @@ def ground(site: Site) -> Mesh:
     ponds = shapely.union_all(shapes)
     shapely.prepare(ponds)
     cells = _make_cells(site.area)
-    low, high = np.split(np.array(ponds.bounds), 2)  # NaN without ponds
-    upper_right = cells[:, 1]
+    low, high = np.split(np.array(ponds.bounds), 2)  # x and y each, NaN without ponds
+    upper_right = cells[:, 1]  # corners are lower right, upper right, upper left, lower left
     lower_left = cells[:, 3]
     # only cells that meet the box around all ponds; comparisons with NaN choose none
     near_rows = np.flatnonzero(((lower_left <= high) & (upper_right >= low)).all(axis=1))
@@ -137,14 +139,15 @@ def _cell_borders(low: float, high: float) -> Float64[np.ndarray, " k"]:
 
 
 def _measure_skin(solid: Solid) -> float:
-    """Skin of a solid (m²) as `MAX_SKIN_M2` counts it, 0 for a plain prism.
+    """Area of a solid's sides and top (m²) as `MAX_SKIN_M2` counts it, 0 for a plain prism.
 
     A plant's counts four times."""
     if solid.kind not in SKINNED_KINDS:
         return 0.0
     outline = shapely.Polygon(solid.footprint)
     weight = 1 if solid.kind == "building" else 4
-    return (outline.length * (solid.top - solid.base) + outline.area) * weight
+    sides = outline.length * (solid.top - solid.base)
+    return (sides + outline.area) * weight
 
 
 def _make_building(solid: Solid) -> Mesh:
@@ -179,9 +182,10 @@ def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) ->
     def corners(i: np.ndarray, j: np.ndarray, depth: float) -> np.ndarray:
         """Corners (cells, 4, 3) of the wall's cells in columns i and rows j of its grid.
 
-        depth: how far inwards, as a multiple of `RECESS`: 1 for panes, 0 for the wall."""
+        depth: how far inwards, as a multiple of `RECESS`: 1 for panes, 0 for the wall. The grid has
+        borders at x (m along the wall, in the direction `ahead` from its start) and z (m)."""
         points = []
-        for di, dj in _CORNERS:
+        for di, dj in _CORNERS:  # 0 or 1: the border before or after the cell
             xy = start + x[i + di][..., None] * ahead + depth * inwards
             points.append(np.concatenate([xy, z[j + dj][..., None]], axis=-1))
         return np.stack(points, axis=1)
@@ -227,12 +231,16 @@ def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
 
 
 def _draw_bush(solid: Solid, rng: Rng) -> Mesh:
-    """Draw a bush: a dense core like a hedge, and sprays of leaves over it."""
+    """Draw a bush: a dense core like a hedge, and sprays of leaves over it.
+
+    Both are narrower and lower than the solid, as leaves reach beyond their outline."""
     middle = solid.footprint.mean(axis=0)
     offsets = solid.footprint - middle
     core_top = solid.base + 0.8 * (solid.top - solid.base)
-    core = Solid(middle + 0.75 * offsets, solid.base, core_top)
-    leaves = Solid(middle + 0.85 * offsets, solid.base, solid.top - LEAF_M / 3)
+    core = Solid(middle + 0.75 * offsets, base=solid.base, top=core_top)
+    leaves_top = solid.top - LEAF_M / 3
+    leaves = Solid(middle + 0.85 * offsets, base=solid.base, top=leaves_top)
+    # the core draws its random numbers first
     return merge([_draw_hedge(core, rng), _draw_crown(leaves, rng)])
 
 

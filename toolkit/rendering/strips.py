@@ -363,31 +363,35 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
 
     It is generous: footprints count as circles. sectors: all pairs of viewpoint and object, in
     the order of `find_sectors`."""
-    shape = len(viewpoints), len(ground.low)
-    may = np.zeros((*shape, shape[1]), np.bool_)
-    # below, entries (viewpoint, object) with None on the second axis are of the other
-    half = (sectors.width * sectors.columns / 2).reshape(shape)
-    middle = sectors.start.reshape(shape) + half
-    radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])
-    step = max(1, PAIRS_AT_ONCE // max(1, shape[1] ** 2))
-    for first in range(0, shape[0], step):
-        block = slice(first, first + step)
-        distance = np.hypot(
-            *(ground.rectangles[:, :2] - viewpoints[block, None, :2]).transpose(2, 0, 1)
-        )
+    viewpoint_count = len(viewpoints)
+    objects = np.arange(len(ground.low))
+    mask = np.zeros((viewpoint_count, len(objects), len(objects)), np.bool_)
+    # azimuths (viewpoint, object): half the width and the middle of each object
+    half_width = (sectors.width * sectors.columns / 2).reshape(viewpoint_count, len(objects))
+    middle = sectors.start.reshape(half_width.shape) + half_width
+    x_y = ground.rectangles[:, :2]
+    radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])  # of half sizes
+    step = max(1, PAIRS_AT_ONCE // max(1, len(objects) ** 2))
+    for start in range(0, viewpoint_count, step):
+        block = slice(start, start + step)
+        dx, dy = (x_y - viewpoints[block, None, :2]).transpose(2, 0, 1)
+        distance = np.hypot(dx, dy)
         near = np.maximum(distance - radius, 0)
         far = distance + radius
-        below, above = (height - viewpoints[block, 2:] for height in (ground.low, ground.high))
+        below = ground.low - viewpoints[block, 2:]
+        above = ground.high - viewpoints[block, 2:]
         low = np.arctan2(below, np.where(below < 0, near, far))
         high = np.arctan2(above, np.where(above < 0, far, near))
-        # difference of azimuths, wrapped to 0..pi
-        apart = np.abs((middle[block, :, None] - middle[block, None] + np.pi) % (2 * np.pi) - np.pi)
-        may[block] = apart <= half[block, :, None] + half[block, None] + OVERLAP_SLACK
-        may[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
-        may[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
-        may[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
-    may[:, np.arange(shape[1]), np.arange(shape[1])] = False
-    return may
+        # [:, :, None] is of the object, [:, None] of the other
+        turn = middle[block, :, None] - middle[block, None]
+        azimuth_gap = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)  # 0 to pi
+        reach = half_width[block, :, None] + half_width[block, None]
+        mask[block] = azimuth_gap <= reach + OVERLAP_SLACK
+        mask[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
+        mask[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
+        mask[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
+    mask[:, objects, objects] = False  # no object hides itself
+    return mask
 
 
 def find_touching(ground: Footprints) -> Mask:
