@@ -75,6 +75,7 @@ class SendsForeground(DetectsOnce):
             message, restored = self.exchange(view, sensor, image, missing=foreground.missing)
             sent_points = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
             drawn = draw_scene(captured, scene)
+            # the centre draws the scene in all pixels that were neither sent nor missing
             shows_scene = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
             return np.concatenate([sent_points, drawn.points[shows_scene]]), 8 * len(message)
 

@@ -63,28 +63,29 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
 
     start: index in `data` at which they begin. Raises ValueError for more than `max_count` numbers,
     or bytes that `pack_integers` does not write."""
-    count, start = read_varint(data, start)
+    count, length_start = read_varint(data, start)
     if count > max_count:
         raise ValueError(f"at most {max_count} packed numbers are possible, got {count}")
-    length, start = read_varint(data, start)
+    length, symbols_start = read_varint(data, length_start)
+    symbols_end = symbols_start + length
     opener = zlib.decompressobj(-15)  # a bare deflate stream, without header and checksum
     try:
         # one byte more than expected: enough to notice excess, without inflating all of it
-        content = opener.decompress(data[start : start + length], count + 1)
+        content = opener.decompress(data[symbols_start:symbols_end], count + 1)
     except zlib.error as error:
         raise ValueError(f"packed numbers cannot be inflated ({error})") from None
     if len(content) != count or not opener.eof or opener.unused_data:
         raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
     symbols = np.frombuffer(content, np.uint8).astype(np.int64)
-    if len(symbols) and symbols.max() > _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1:
-        raise ValueError(
-            f"packed numbers have symbols up to {_SMALL_NUMBERS + 57}, got {symbols.max()}"
-        )
+    # of a number of 32 bits whose second highest bit is 1
+    max_symbol = _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1
+    if len(symbols) and symbols.max() > max_symbol:
+        raise ValueError(f"packed numbers have symbols up to {max_symbol}, got {symbols.max()}")
     # undo the symbols of large numbers; values of small ones are discarded by both np.where
     is_small = symbols < _SMALL_NUMBERS
     extra_bits, second_bit = np.divmod(symbols - _SMALL_NUMBERS, 2)
     low_count = np.where(is_small, 0, extra_bits + _MIN_LARGE_BITS - 2)
-    low_bits, end = read_bits(data, start=start + length, width=low_count)
+    low_bits, end = read_bits(data, start=symbols_end, width=low_count)
     # 2 + second_bit are the two highest bits: the highest is always 1
     return np.where(is_small, symbols, (2 + second_bit << low_count) | low_bits), end
 
@@ -116,7 +117,7 @@ def read_bits(
     bits = np.unpackbits(coded).astype(np.int64)
     if bits[total:].any():
         raise ValueError("the last byte must be filled with zeros: the message is damaged")
-    # a number is the sum of its bits' powers of two: a difference of cumulative sums
+    # a number is the sum of its bits times their powers of two: a difference of cumulative sums
     sums = np.concatenate([[0], np.cumsum(bits[:total] << _bit_exponents(width))])
     ends = np.cumsum(width)
     return sums[ends] - sums[ends - width], end
@@ -251,7 +252,7 @@ def encode_values(steps: ImageSteps, mask: ImageMask, known_mask: ImageMask | No
             f"measurements must be 0 to {MAX_RANGE_STEPS - 1} steps, got {values.min()} to "
             f"{values.max()}"
         )
-    residuals = values - predict_residuals(steps, mask, known_mask)
+    residuals = values - predict_steps(steps, mask, known_mask)
     return pack_integers(fold(residuals))  # packed numbers must not be below 0
 
 
@@ -287,7 +288,7 @@ def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
-def predict_residuals(
+def predict_steps(
     steps: np.ndarray, mask: np.ndarray, known_mask: np.ndarray | None = None
 ) -> np.ndarray:
     """Predict the steps of a mask's pixels from the pixels before them, row after row.
@@ -351,7 +352,7 @@ def add_residuals(
         if left >= 0 and up >= 0:
             lower = min(left, up)
             higher = max(left, up)
-            # the same predictor as in `predict_residuals`
+            # the same predictor as in `predict_steps`
             if upper_left < 0:
                 value = (left + up) >> 1
             elif upper_left >= higher:
