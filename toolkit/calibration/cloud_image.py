@@ -88,7 +88,7 @@ def _find_laser_rows(
     ring: laser of each point; rings: laser of each row. Other points get any row."""
     row_rings = np.array(rings)
     order = np.argsort(row_rings)
-    # position of the point's laser among the sorted ones, if it is one of them
+    # position of the point's laser among the sorted ones, if it is there
     position = np.minimum(np.searchsorted(row_rings[order], ring), len(row_rings) - 1)
     row = order[position].astype(np.int64)
     return row, row_rings[row] == ring
@@ -117,7 +117,7 @@ def _mark_nearest(
     cells, ranges: flat index of the cell, and range (m), of each point."""
     rows = np.flatnonzero(inside)
     order = rows[np.lexsort((ranges[rows], cells[rows]))]  # by cell, then by range
-    is_first = np.diff(cells[order], prepend=-1) > 0  # of its cell, in this order
+    is_first = np.diff(cells[order], prepend=-1) > 0  # point of its cell in this order
     is_nearest = np.zeros(len(cells), bool)
     is_nearest[order[is_first]] = True
     return is_nearest

@@ -126,8 +126,8 @@ class EmptyScene:
     ) -> ImageMask:
         """Mark pixels that show the scene: within `sigmas` spreads of one of its medians.
 
-        A pixel without a return shows it if one of its medians is no return. measurement: an image
-        of the same sensor."""
+        A pixel without a return shows it if one of its medians is no return. measurement: image
+        by the same sensor."""
         self.check_shape(measurement)
         is_measured = is_return(measurement, self.model.max_range)
         is_scene = np.abs(measurement - self.first) <= sigmas * self.spread

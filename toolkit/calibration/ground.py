@@ -139,8 +139,8 @@ def plain_points(cloud: object) -> Points:
 
     cloud: a cloud of Open3D, tensor or legacy, or an array (n, 3) or (n, 4), whose fourth column is
     left out. Integers become float64. Raises ValueError for another shape or type."""
-    tensors = getattr(cloud, "point", None)  # of a tensor cloud
-    legacy_points = getattr(cloud, "points", None)  # of a legacy cloud
+    tensors = getattr(cloud, "point", None)  # attribute of tensor clouds
+    legacy_points = getattr(cloud, "points", None)  # attribute of legacy clouds
     if tensors is not None:
         points = tensors.positions.cpu().numpy() if "positions" in tensors else np.empty((0, 3))
     else:

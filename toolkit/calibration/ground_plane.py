@@ -51,7 +51,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
         raise ValueError(f"no ground found in {len(points)} points: {problem}: give more points")
     rng = np.random.default_rng(seed)
     planes = _draw_planes(candidates, rng)
-    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]  # of a and b
+    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]  # slopes a and b
     scores = _score_planes(planes, candidates, cells, rng)
     plane: Plane = planes[int(np.argmax(scores))]
     for band in _BANDS_M:  # ever narrower

@@ -51,9 +51,9 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
     row, column = (index - index.min(axis=0)).T
     cell_key = row * (int(column.max()) + 1) + column
     order = np.lexsort((finite_points[:, 2], cell_key))  # by cell, then by height
-    first = np.flatnonzero(np.diff(cell_key[order], prepend=-1))  # of each cell in this order
+    first = np.flatnonzero(np.diff(cell_key[order], prepend=-1))  # each cell's lowest point
     count = np.diff(np.append(first, len(order)))
-    rank = np.floor(share * (count - 1)).astype(np.int64)  # of the low point in its cell
+    rank = np.floor(share * (count - 1)).astype(np.int64)  # the low point's rank in its cell
     return finite_points[order[first + rank]]
 
 

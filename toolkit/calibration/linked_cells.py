@@ -27,7 +27,7 @@ OFF_M = 0.3
 EDGE_M = 0.1
 SECTORS = 8  # equal sectors around a cell
 MIN_SECTORS = 6  # least number of sectors with a neighbour in the ring, for a cell inside a road
-RING_M = (2.3, 5.0)  # inner and outer radius of that ring
+RING_M = (2.3, 5.0)  # inner and outer radius of the ring
 # least number of cells inside a raised road, and its least length (m)
 MIN_RAISED_CELLS = 20
 MIN_RAISED_M = 28.0
@@ -70,7 +70,7 @@ class CellPoints(NamedTuple):
         # number sorts by square, then by height.
         height_mm = np.round((kept_points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
         order = np.argsort(square_key * round(3000 * MAX_HEIGHT_M) + height_mm)
-        first = np.flatnonzero(np.diff(square_key[order], prepend=-1))  # of each square
+        first = np.flatnonzero(np.diff(square_key[order], prepend=-1))  # each square's lowest point
         count = np.diff(np.append(first, len(order)))
         return CellPoints(
             z=kept_points[order, 2],

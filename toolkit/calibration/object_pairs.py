@@ -100,7 +100,7 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
             _match_boxes(frame[first], frame[second], poses[first], poses[second], gate)
             for frame in seen
         ]
-        # of all frames; the empty arrays are for none
+        # matches of all frames; empty arrays in case there are no frames
         joined = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
         count = len(joined.turn)
         if not count:

@@ -131,7 +131,7 @@ class Place:
             return level(points, method=method)
         half = np.array(self.half)
         xy = points[:, :2]
-        column, row = np.floor(xy.T)  # of each point's square, a metre wide
+        column, row = np.floor(xy.T)  # indices of each point's square, a metre wide
         for margin in GROUND_MARGINS_M:
             is_inside = (np.abs(xy) <= half + margin).all(axis=1)
             # one number for each square, far quicker to sort than pairs of numbers

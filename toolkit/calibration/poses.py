@@ -229,7 +229,7 @@ def _find_in_clouds(
     for frame in reversed(first_frames):
         for cloud in frame.clouds:
             poses[cloud.name] = cloud.world_SE3_sensor
-    # clouds do not tell the model, and only the poses count
+    # the model is unknown from clouds, and only the poses count
     sensors = tuple(Sensor(name, RowLidar(), poses[name]) for name in points_by_name)
     standing_points = [_StandingPoints(points, None) for points in points_by_name.values()]
     return sensors, standing_points
@@ -242,7 +242,7 @@ def _sensors_move(frames: Sequence[Frame]) -> bool:
     for frame in frames:
         for cloud in frame.clouds:
             position = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
-            # setdefault stores the position only if the sensor has none yet
+            # setdefault stores the position only for a new sensor
             first_position = first_positions.setdefault(cloud.name, position)
             if np.linalg.norm(position - first_position) > MAX_STILL_SENSOR_M:
                 return True

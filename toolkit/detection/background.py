@@ -198,7 +198,7 @@ class KnownBackground:
         """Detect in several unions of the same clouds, each cloud compared with the site once.
 
         clouds: points (m) of each of C sensors; unions: mask (U, C) of the clouds in each union.
-        Returns the detections in each union, without those of the background."""
+        Returns the detections in each union, background left out."""
         # candidates are road users, and parts of the background by mistake
         if isinstance(self._candidate_detector, UnionDetector):
             union_detections = self._candidate_detector.unions(clouds, unions)
@@ -289,7 +289,7 @@ def site_background(site: Site) -> Background:
     points = [np.zeros((0, 3), np.float32)]
     for start in range(0, len(triangles), _BATCH_POINTS):  # random points on all triangles
         batch = triangles[start : start + _BATCH_POINTS]
-        weights = rng.random((len(batch), 2))  # of both edges
+        weights = rng.random((len(batch), 2))  # share of each edge
         # points of the parallelogram beyond the triangle are mirrored into it
         weights = np.where(weights.sum(axis=1, keepdims=True) > 1, 1 - weights, weights)
         offsets = (weights[:, :, None] * edges[batch]).sum(axis=1)

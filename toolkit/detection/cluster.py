@@ -142,7 +142,7 @@ class ClusterDetector:
         if len(points) < self.fewest:
             return []
         xy = points[:, :2]
-        column, row = ((xy - xy.min(axis=0)) / self.cell).astype(np.int64).T  # of each point's cell
+        column, row = ((xy - xy.min(axis=0)) / self.cell).astype(np.int64).T  # each point's cell
         # both indices in one number, the first above bit 32: quicker to sort than pairs
         keys, point_cells = np.unique(column << 32 | row, return_inverse=True)
         # whole numbers, for exact distances, and a third axis that Open3D needs
@@ -264,7 +264,7 @@ def _grow_car(seen: _Rectangle) -> list[_GrownCar]:
     so that its axes swap."""
     length, _ = seen.size
     rectangles = [seen, seen.turn()] if length < MAX_CAR_WIDTH_M else [seen]
-    min_size = [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]]  # of a car that is seen whole along an axis
+    min_size = [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]]  # from which a car is seen whole along an axis
     grown_cars = []
     for rectangle in rectangles:
         missing = np.where(rectangle.size < min_size, CAR_SIZE_M - rectangle.size, 0.0)
@@ -315,7 +315,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
         ]
         sweeps.append(np.concatenate([np.zeros((0, 3)), *clouds]))
     half_x, half_y = place.half
-    method = place.level or "map"  # of finding the ground
+    method = place.level or "map"  # way to find the ground
     ground = None if method == "none" else place.find_ground(sweeps[0] - [*centre, 0.0], method)
     area = (-half_x, -half_y, half_x, half_y)
     stand = Stand(area, centre, ground)

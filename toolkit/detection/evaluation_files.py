@@ -27,8 +27,9 @@ def curve_files(
 ) -> dict[str, tuple[str, float]]:
     """Return the class and IoU threshold of each picture of PR curves, by file name.
 
-    classes: names of the classes; iou_thresholds: thresholds of all of them, None for the usual
-    ones of each class. Vehicles have no class in the name: pr_0.7.png, but pr_cyclist_0.5.png."""
+    classes: names of the classes; iou_thresholds: thresholds of all classes, None for
+    each class's usual ones. Vehicles have no class in the name: pr_0.7.png, but
+    pr_cyclist_0.5.png."""
     curves_by_file = dict[str, tuple[str, float]]()
     for label in classes:
         prefix = "pr_" if label == LABELS[VEHICLE] else f"pr_{label}_"

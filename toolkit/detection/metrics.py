@@ -385,8 +385,8 @@ def average_precision(curve: Curve) -> float:
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
     """Column of the truth that each detection takes, or -1 for none.
 
-    iou: IoU of n detections, best score first, with m truths. In this order, each takes the truth
-    of greatest IoU that is still free, if the IoU is at least `threshold`."""
+    iou: IoU of n detections, best score first, with m truths. In this order, each detection takes
+    the truth of greatest IoU that is still free, if the IoU is at least `threshold`."""
     matched = np.full(len(iou), -1)
     free_iou = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):

@@ -81,7 +81,7 @@ class Hybrid(Parameters):
         ascending. A sensor's bits count its boxes and its far points."""
         radius = self.find_radius(view.site)
         keep_far = partial(is_beyond, radius=radius, metric=self.metric)
-        name = f"beyond {radius} m, {self.metric}"  # of the selection, for the view's cache
+        name = f"beyond {radius} m, {self.metric}"  # names the selection in the view's cache
         point_messages = view.share_points(sensors, part=name, keep=keep_far)
         far_clouds = [message.arrived for message in point_messages]
         centre_boxes = view.suppress([view.detect(far_clouds)])

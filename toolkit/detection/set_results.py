@@ -42,9 +42,9 @@ class SetResults:
         self.scheme = scheme
         self.sensors = sensors
         self.truths = [result.truth for result in results]
-        fused = [result.fused[scheme, sensors] for result in results]  # of each frame
+        fused = [result.fused[scheme, sensors] for result in results]  # result of each frame
         self.detections = [frame_fused.detections for frame_fused in fused]
-        self.bits = [frame_fused.bits for frame_fused in fused]  # of each sensor, by frame
+        self.bits = [frame_fused.bits for frame_fused in fused]  # by frame, then by sensor
         self.ms = float(np.median([frame_fused.ms for frame_fused in fused]))
         # mean of the sensors in each frame, then of the frames
         kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]

@@ -67,7 +67,7 @@ class Survey:
             raise ValueError(
                 f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}"
             )
-        counts = self.by_class[label]  # of each sensor on each object, (objects, sensors)
+        counts = self.by_class[label]  # points on each object from each sensor
         return counts[:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
@@ -230,7 +230,7 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     site: site whose area limits the objects and points that count, None for all of them; codec:
     gives the bits of the points."""
     objects = frame.objects
-    count = count_points  # of points in boxes
+    count = count_points  # counts the points in boxes
     if site is None:
         clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
     else:

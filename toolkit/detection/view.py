@@ -13,7 +13,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Float32, ImageRanges, Int64, Mask
+from toolkit.arrays import Float32, ImageRanges, Int64, Mask, Pose
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.place import CROP_HEIGHT_M, Stand, crop_points
@@ -483,53 +483,12 @@ def stand_view(
         return frame_view(
             frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory
         )
-    lift = None if stand.ground is None else stand.ground.points
-    middle_SE3_world = np.eye(4)
-    middle_SE3_world[:2, 3] = -stand.middle
-
-    @cache
-    def show(k: int, scenes: Scenes) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        """Return the cropped points of cloud `k`, and their image.
-
-        Points are in m from the middle of the area, on level ground. Only points that the image of
-        the cloud shows are kept."""
-        cloud = frame.clouds[k]
-        image = scenes.image(cloud)
-        sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
-        # a frame with this sensor and its image only, so the sensor has index 0
-        sensor_frame = Frame(
-            (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
-        )
-        level_points = stand.lift(cloud.in_world()[image.shown])
-        is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
-        captured = Captured(
-            sensor_frame,
-            index=0,
-            area=stand.area,
-            height=CROP_HEIGHT_M,
-            crop_pixels=image.cells[image.shown][is_kept],
-            lift=lift,
-        )
-        return level_points[is_kept], captured
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
-    level_SE3_world = (
-        middle_SE3_world
-        if stand.ground is None
-        else stand.ground.level_SE3_frame @ middle_SE3_world
-    )
-    models = [
-        sensor.model if scenes is None else scenes.grid(sensor.name).model
-        for sensor in frame.sensors
-    ]
-    placed = zip(frame.clouds, models, strict=True)
-    sensors = tuple(
-        Sensor(lidar.name, model, level_SE3_world @ lidar.world_SE3_sensor)
-        for lidar, model in placed
-    )
+    sensors = _level_sensors(frame, stand, scenes)
     view = partial(View, stand.area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory)
     images = Images(time=_sent_time(frame), number=frame.index)
     if scenes is None:
@@ -537,9 +496,67 @@ def stand_view(
             measure=lambda k: crop_points(stand.lift(frame.clouds[k].in_world()), stand.area),
             images=images,
         )
+    show = cache(partial(_show_cloud, frame, stand, scenes))
     images = replace(
         images,
-        capture=lambda k: show(k, scenes)[1],
+        capture=lambda k: show(k).captured,
         scene=lambda k: scenes[frame.sensors[k].name].scene,
     )
-    return view(measure=lambda k: show(k, scenes)[0], images=images)
+    return view(measure=lambda k: show(k).points, images=images)
+
+
+def _middle_SE3_world(stand: Stand) -> Pose:
+    """Motion from the world frame to the frame that is counted from the middle of the area."""
+    middle_SE3_world = np.eye(4)
+    middle_SE3_world[:2, 3] = -stand.middle
+    return middle_SE3_world
+
+
+def _level_sensors(frame: Frame, stand: Stand, scenes: Scenes | None) -> tuple[Sensor, ...]:
+    """Sensors of a frame of clouds, at their poses above level ground.
+
+    stand: area and ground of the frame; positions are counted from the area's middle. scenes: give
+    the sensors' rows and columns, None to keep the models of the frame."""
+    level_SE3_world = _middle_SE3_world(stand)
+    if stand.ground is not None:
+        level_SE3_world = stand.ground.level_SE3_frame @ level_SE3_world
+    sensors = []
+    for cloud, sensor in zip(frame.clouds, frame.sensors, strict=True):
+        model = sensor.model if scenes is None else scenes.grid(sensor.name).model
+        sensors.append(Sensor(cloud.name, model, level_SE3_world @ cloud.world_SE3_sensor))
+    return tuple(sensors)
+
+
+class _ShownCloud(NamedTuple):
+    """Cropped points of a cloud that its image shows, and the image.
+
+    points: x, y and z (m) from the middle of the area, on level ground."""
+
+    points: Float32[np.ndarray, "n 3"]
+    captured: Captured
+
+
+def _show_cloud(frame: Frame, stand: Stand, scenes: Scenes, cloud_index: int) -> _ShownCloud:
+    """Return the cropped points of one cloud of a frame, and their image.
+
+    stand: area and ground of the frame; scenes: give the sensors' rows and columns. Only points
+    that the image of the cloud shows are kept."""
+    cloud = frame.clouds[cloud_index]
+    image = scenes.image(cloud)
+    middle_SE3_sensor = _middle_SE3_world(stand) @ cloud.world_SE3_sensor
+    sensor = Sensor(cloud.name, image.grid.model, middle_SE3_sensor)
+    # a frame with this sensor and its image only, so the sensor has index 0
+    sensor_frame = Frame(
+        (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
+    )
+    level_points = stand.lift(cloud.in_world()[image.shown])
+    is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
+    captured = Captured(
+        sensor_frame,
+        index=0,
+        area=stand.area,
+        height=CROP_HEIGHT_M,
+        crop_pixels=image.cells[image.shown][is_kept],
+        lift=None if stand.ground is None else stand.ground.points,
+    )
+    return _ShownCloud(level_points[is_kept], captured)

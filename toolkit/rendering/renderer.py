@@ -64,7 +64,7 @@ class Moment:
         self.boxes = boxes
         self._threads = threads
         self._slope = np.array(slope)
-        self._turns = _yaw_matrices(boxes[:, 6])  # of each object, to turn row vectors by its yaw
+        self._turns = _yaw_matrices(boxes[:, 6])  # turn row vectors by each object's yaw
         self.ground = self._find_footprints()
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
@@ -183,8 +183,8 @@ class SightLines:
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Mask:
         """Mask of the ends (world frame, m) that are in sight of the start.
 
-        An end nearer than `NEAR` is never in sight. Surfaces nearer than `NEAR`, or within `GRAZE`
-        of the end, block nothing."""
+        An end nearer than `NEAR` is never in sight. Surfaces nearer than `NEAR` to the start,
+        or within `GRAZE` of the end, block nothing."""
         offset = ends - start
         length = np.linalg.norm(offset, axis=1)
         is_far = length > NEAR

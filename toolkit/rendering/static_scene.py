@@ -31,7 +31,7 @@ LEAVES_PER_M2 = 11.0  # sprays on a crown's outline
 SKINNED_KINDS = ("building", "hedge", "bush", "tree")
 
 _HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a quadrilateral
-_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # of a cell, counter-clockwise
+_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # corners of a cell, counter-clockwise
 
 
 def build_scenery(site: Site) -> Mesh:
@@ -255,7 +255,7 @@ def _draw_crown(solid: Solid, rng: Rng) -> Mesh:
     stations = rng.uniform(0, 1, count)  # along the outline, 0 to 1
     edge_points = shapely.line_interpolate_point(polygon.exterior, stations, normalized=True)
     middle = shapely.get_coordinates(polygon.centroid)[0]
-    shares = rng.uniform(0.25, 1, count) ** 0.4  # of the way from the middle to the outline
+    shares = rng.uniform(0.25, 1, count) ** 0.4  # share of the way from the middle to the outline
     xy = middle + (shapely.get_coordinates(edge_points) - middle) * shares[:, None]
     z = solid.base + height * rng.uniform(0, 1, count)
     # offsets of a spray's three corners from its place, (sprays, corners, xyz)

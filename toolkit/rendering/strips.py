@@ -126,7 +126,7 @@ def cast_strips(
         elevation: direction of each ray (rad)."""
         lines = np.empty((len(window), 6), np.float32)
         lines[:, :3] = start.take(window, axis=0)
-        horizontal_length = np.cos(elevation)  # of the unit direction
+        horizontal_length = np.cos(elevation)  # horizontal part of the unit direction
         np.multiply(horizontal_length, np.cos(azimuth), out=lines[:, 3])
         np.multiply(horizontal_length, np.sin(azimuth), out=lines[:, 4])
         np.sin(elevation, out=lines[:, 5])
@@ -370,7 +370,9 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
     half_width = (sectors.width * sectors.columns / 2).reshape(viewpoint_count, len(objects))
     middle = sectors.start.reshape(half_width.shape) + half_width
     x_y = ground.rectangles[:, :2]
-    radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])  # of half sizes
+    radius = np.hypot(
+        ground.rectangles[:, 2], ground.rectangles[:, 3]
+    )  # from half length and half width
     step = max(1, PAIRS_AT_ONCE // max(1, len(objects) ** 2))
     for start in range(0, viewpoint_count, step):
         block = slice(start, start + step)

@@ -316,10 +316,10 @@ def _crop_scene(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None
 def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
     """Return the mask of the gone pixels that have enough gone neighbours within 5 x 5 pixels.
 
-    is_gone: mask of pixels in which the sensor lacks a point of the empty scene; is_expected: mask
-    of pixels that should show a point of the scene. Enough are at least half of the expected pixels
-    around, and at least `MIN_MISSING_NEIGHBOURS` or all of them. All gone pixels are kept if every
-    expected one is gone, and no pixel if every expected one shows a point."""
+    is_gone: pixels in which the sensor lacks a point of the empty scene; is_expected: pixels that
+    should show a point of the scene. Enough are at least half of the expected pixels around, and at
+    least `MIN_MISSING_NEIGHBOURS` or all. All gone pixels are kept if every expected one is gone,
+    and no pixel if every expected one shows a point."""
     is_missing = is_gone & is_expected
     if not is_missing.any():
         return np.zeros_like(is_gone)

@@ -77,7 +77,7 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
     if len(content) != count or not opener.eof or opener.unused_data:
         raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
     symbols = np.frombuffer(content, np.uint8).astype(np.int64)
-    # of a number of 32 bits whose second highest bit is 1
+    # symbol of a number of 32 bits whose second highest bit is 1
     max_symbol = _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1
     if len(symbols) and symbols.max() > max_symbol:
         raise ValueError(f"packed numbers have symbols up to {max_symbol}, got {symbols.max()}")
@@ -143,7 +143,7 @@ def write_varint(number: int) -> bytes:
 def read_varint(data: bytes, start: int) -> tuple[int, int]:
     """Read the number of `write_varint` that begins at index `start`.
 
-    A byte holds 7 bits of it, the lowest bits first; the highest bit of a byte is set if more
+    A byte holds 7 bits, the lowest bits first; the highest bit of a byte is set if more
     follow. Returns the number and the index after it. Raises ValueError if it has no last byte."""
     number = 0
     for byte_index in range(5):  # 5 x 7 bits are enough for 32
@@ -157,7 +157,7 @@ def read_varint(data: bytes, start: int) -> tuple[int, int]:
 
 
 class CodedPixels(NamedTuple):
-    """Pixels decoded from a message: measurements in whole steps, and the mask of these pixels.
+    """Pixels decoded from a message: measurements in whole steps, and their mask.
 
     steps: 0 outside the mask; end: index after the last byte of the pixels in the message."""
 
