@@ -46,13 +46,13 @@ class Ground:
         z = 0."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
-        nx, ny, nz = normal
-        # Rodrigues' formula for the turn from the normal to z: matrix of their cross product, and
-        # the cosine nz of the angle between them
-        cross_matrix = np.array([[0.0, 0.0, -nx], [0.0, 0.0, -ny], [nx, ny, 0.0]])
+        x, y, z = normal
+        # Rodrigues' formula for the turn from the normal to the z axis: matrix of their cross
+        # product, and z as the cosine of the angle between them
+        cross_matrix = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
         motion = np.eye(4)
-        motion[:3, :3] += cross_matrix + cross_matrix @ cross_matrix / (1 + nz)
-        motion[2, 3] = -c * nz
+        motion[:3, :3] += cross_matrix + cross_matrix @ cross_matrix / (1 + z)
+        motion[2, 3] = -c * z
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
@@ -62,20 +62,20 @@ class Ground:
         plane_height = xy @ self.plane[:2] + self.plane[2]
         plane_points = np.column_stack([xy, plane_height])
         level_points = transform(self.level_SE3_frame, plane_points)
-        return plane_height + self._deviation_at(level_points[:, :2])
+        return plane_height + self._find_deviation(level_points[:, :2])
 
     def points(self, points: Points) -> Points:
         """Return points of the ground's frame in the level one, with z as height above the ground.
 
         The type of the numbers stays."""
         level_points = transform(self.level_SE3_frame, np.asarray(points, np.float64))
-        level_points[:, 2] -= self._deviation_at(level_points[:, :2])
+        level_points[:, 2] -= self._find_deviation(level_points[:, :2])
         return level_points.astype(points.dtype)
 
     def points_back(self, points: Points) -> Points:
         """Return points of the level frame in the ground's frame, the inverse of `points`."""
         raised = np.array(points, np.float64)
-        raised[:, 2] += self._deviation_at(raised[:, :2])
+        raised[:, 2] += self._find_deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
@@ -104,7 +104,7 @@ class Ground:
         rows[:, 6] = np.arctan2(heading[:, 1], heading[:, 0])
         return rows
 
-    def _deviation_at(self, xy: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+    def _find_deviation(self, xy: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         # height (m) of the ground above the plane at places of the level frame
         return np.zeros(len(xy)) if self.deviation is None else self.deviation.at(xy)
 

@@ -210,8 +210,8 @@ class LinkedCells:
         min_cells = MIN_SUNKEN_CELLS if is_sunken else MIN_RAISED_CELLS
         min_length = MIN_SUNKEN_M if is_sunken else MIN_RAISED_M
         inside_count = _count_inside(xy)
-        # the first row of the last matrix is the direction in which the cells extend farthest
-        _, _, directions = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False)
+        # the first right singular vector is the direction in which the cells extend farthest
+        directions = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False).Vh
         length = float(np.ptp(xy @ directions[0]))
         is_roof = not is_sunken and covered[is_core].mean() > 0.5
         return inside_count >= min_cells and length >= min_length and not is_roof
