@@ -10,7 +10,7 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >=
    threshold with it; it takes the one of greatest IoU. IoU is that of volumes ("3d") or of
    footprints ("bev"), exact for rotated boxes.
-3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object
+3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it is on an object
    that is present but not scored: IoU >= threshold with it, or more than half of the detection's
    footprint on its footprint (detectors see large vehicles in part). Not scored are heavy vehicles
    when vehicles are scored, and whatever `counted` excludes. A detection outside the scored area

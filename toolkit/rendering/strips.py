@@ -2,7 +2,7 @@
 
 From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its
 footprint. In each column some rays are cast, evenly spaced in elevation; where two neighbours
-differ in what they show of the object bisection finds the edge between them. A strip lies between
+differ in what they show of the object bisection finds the edge between them. A strip is between
 two such edges. Other objects and the static scene hide as they do in `toolkit.rendering.renderer`,
 ray for ray; only below `STRIP_WIDTH` is anything lost.
 
