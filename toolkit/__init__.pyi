@@ -23,7 +23,9 @@ from .detection.background import (
     site_background as site_background,
 )
 from .detection.cluster import ClusterDetector as ClusterDetector
-from .detection.codec import Codec as Codec, PaperCodec as PaperCodec, RangeImage as RangeImage
+from .detection.codec import Codec as Codec
+from .detection.messages import RangeImage as RangeImage
+from .detection.paper_codec import PaperCodec as PaperCodec
 from .detection.comparison import Comparison as Comparison
 from .detection.evaluation import evaluate_recording as evaluate_recording
 from .detection.evaluation_tables import format_table as format_table

@@ -23,11 +23,11 @@ from examples.differences.reference import (
 )
 from toolkit.arrays import ImageMask
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground, image_coding as coding
 from toolkit.detection.link.foreground import Restored
 from toolkit.detection.link.message import MessageKind, read_message, step_in_mm
 from toolkit.detection.link.range_images import to_steps
+from toolkit.detection.messages import RangeImage
 
 RefersTo = Literal["previous", "key"]
 REFERS_TO: tuple[RefersTo, ...] = ("previous", "key")

@@ -17,9 +17,9 @@ from examples.differences.messages import (
 )
 from toolkit.arrays import ImageMask
 from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
-from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground
 from toolkit.detection.link.foreground import Restored
+from toolkit.detection.messages import RangeImage
 from toolkit.detection.view import View
 
 

@@ -24,11 +24,13 @@ from placement_env.search import cmaes, greedy
 from placement_env.setting import Setting
 from placement_env.subsets import all_subsets
 from toolkit.boxes import count_points
-from toolkit.detection.codec import PAPER, Codec, Message
+from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.comparison import Comparison
 from toolkit.detection.evaluation import evaluate_recording
+from toolkit.detection.messages import Message
+from toolkit.detection.paper_schemes import Hybrid
 from toolkit.detection.scheme import Fused, Scheme
-from toolkit.detection.schemes import Hybrid, fuse_frame
+from toolkit.detection.schemes import fuse_frame
 from toolkit.detection.survey import survey
 from toolkit.frame import Frame
 from toolkit.objects import Detections

@@ -50,8 +50,9 @@ class Alignment:
         """Orthonormal motions of one sensor that nothing determines, turns times `LEVER_M`.
 
         sensor: its number."""
-        of_sensor = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
-        _, size, motions = np.linalg.svd(of_sensor, full_matrices=False)
+        # the six columns of this sensor in the motions of all sensors
+        sensor_motions = self.unobserved[:, 6 * sensor : 6 * sensor + 6]
+        _, size, motions = np.linalg.svd(sensor_motions, full_matrices=False)
         # a size is the sensor's part, 0 to 1, in the joint unit motions; small ones are noise
         return motions[size > 0.3]
 
@@ -96,7 +97,7 @@ def align(
             if np.abs(step).max() < registration.CONVERGED * radius:
                 break
     hidden = system.hidden_motions(_find_common_motions(poses))
-    shared, scatter = _count_rows(pairs, count)
+    shared, scatter = _count_pairs(pairs, count)
     return Alignment(tuple(poses), system.covariance(), hidden, shared, scatter)
 
 
@@ -104,24 +105,29 @@ def _find_common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
     """Orthonormal motions of all sensors together, as if they were on one rigid frame.
 
     Three turns about the middle of the sensors, then three moves; m = 6 n numbers each."""
-    middle = np.mean([pose[:3, 3] for pose in poses], axis=0)
+    positions = [pose[:3, 3] for pose in poses]
+    middle = np.mean(positions, axis=0)
     motions = np.zeros((6, len(poses), 6))  # motion, sensor, number
     for axis, direction in enumerate(np.eye(3)):
-        for sensor, pose in enumerate(poses):
+        for sensor, position in enumerate(positions):
+            # a common turn about an axis also moves sensors that are away from the middle
             motions[axis, sensor, :3] = direction * LEVER_M
-            motions[axis, sensor, 3:] = np.cross(direction, pose[:3, 3] - middle)
+            motions[axis, sensor, 3:] = np.cross(direction, position - middle)
             motions[3 + axis, sensor, 3:] = direction
-    return np.linalg.qr(motions.reshape(6, -1).T)[0].T
+    orthonormal, _ = np.linalg.qr(motions.reshape(6, -1).T)
+    return orthonormal.T
 
 
-def _count_rows(
+def _count_pairs(
     pairs: Sequence[Pairs], sensors: int
 ) -> tuple[Int64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
     """Count used pairs by sensors, and measure the scatter of each sensor's residuals.
 
-    sensors: number of sensors. Returns a symmetric matrix of counts, and robust standard deviations
-    (m, from the median of the absolute residuals), 0 for a sensor without pairs."""
+    pairs: pairs of points or objects, of two sensors each; sensors: number of sensors. Returns a
+    symmetric matrix of counts, and robust standard deviations (m, from the median of the absolute
+    residuals), 0 for a sensor without pairs."""
     shared = np.zeros((sensors, sensors), np.int64)
+    # absolute residuals of the pairs of each sensor
     residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]
     for pair in pairs:
         is_used = pair.weight > 0
@@ -129,11 +135,12 @@ def _count_rows(
         for sensor in (pair.one, pair.other):
             residuals[sensor].append(np.abs(pair.residual[is_used]))
     scatter = np.zeros(sensors)
-    for sensor, arrays in enumerate(residuals):
-        pooled = np.concatenate(arrays)
+    for sensor, sensor_residuals in enumerate(residuals):
+        pooled = np.concatenate(sensor_residuals)
         if len(pooled):
             # 1.4826 makes the median deviation of normal noise its standard deviation
             scatter[sensor] = 1.4826 * float(np.median(pooled))
+    # pairs of sensors 0 and 1 are counted at (0, 1) and at (1, 0): both searched for the other
     return shared + shared.T, scatter
 
 
@@ -161,11 +168,11 @@ def pair_surfaces(
     Returns the pairs of every ordered two sensors: (0, 1) and (1, 0) pair different points."""
     pairs = []
     for one, other in permutations(range(len(surfaces)), 2):
-        pairs.append(_pair_two(surfaces, (one, other), thinned[one], poses, limits))
+        pairs.append(_pair_sensors(surfaces, (one, other), thinned[one], poses, limits))
     return pairs
 
 
-def _pair_two(
+def _pair_sensors(
     surfaces: Sequence[Surface],
     numbers: tuple[int, int],
     rows: Int64[np.ndarray, " k"],

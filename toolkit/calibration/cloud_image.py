@@ -64,9 +64,9 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     else:
         row, in_rows = _find_near_rows(elevation, np.array(model.elevations))
     # azimuth from the middle of the columns, -pi to pi
-    turned = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
+    offset = (azimuth - model.heading + np.pi) % (2 * np.pi) - np.pi
     column_width = model.azimuth_fov / model.columns
-    unbounded_column = np.floor(turned / column_width + model.columns / 2).astype(np.int64)
+    unbounded_column = np.floor(offset / column_width + model.columns / 2).astype(np.int64)
     column = np.clip(unbounded_column, 0, model.columns - 1)
     in_columns = (unbounded_column == column) | (model.azimuth_fov >= 2 * np.pi)
     ranges = distance.astype(np.float32)
@@ -75,7 +75,9 @@ def rasterize_cloud(cloud: SensorCloud, grid: LidarGrid) -> CloudImage:
     shown = _mark_nearest(cells, ranges, inside)
     image = np.zeros(len(model.elevations) * model.columns, np.float32)
     image[cells[shown]] = ranges[shown]
-    return CloudImage(grid, image.reshape(model.shape), cells, inside, shown)
+    return CloudImage(
+        grid, measurement=image.reshape(model.shape), cells=cells, inside=inside, shown=shown
+    )
 
 
 def _find_laser_rows(
@@ -84,11 +86,12 @@ def _find_laser_rows(
     """Row of each point's laser, and a mask of the points whose laser has a row.
 
     ring: laser of each point; rings: laser of each row. Other points get any row."""
-    numbers = np.array(rings)
-    order = np.argsort(numbers)
-    position = np.minimum(np.searchsorted(numbers[order], ring), len(numbers) - 1)
+    row_rings = np.array(rings)
+    order = np.argsort(row_rings)
+    # position of the point's laser among the sorted ones, if it is there
+    position = np.minimum(np.searchsorted(row_rings[order], ring), len(row_rings) - 1)
     row = order[position].astype(np.int64)
-    return row, numbers[row] == ring
+    return row, row_rings[row] == ring
 
 
 def _find_near_rows(
@@ -99,11 +102,11 @@ def _find_near_rows(
     These are no farther from it than the wider one of the gaps to the rows next to it; all are if
     there is a single row. elevation: each point's (rad); rows: each row's (rad), top first."""
     row = nearest_row(elevation, rows)
-    gaps = -np.diff(rows)
-    widest = np.full(1, np.inf)
+    gaps = -np.diff(rows)  # rows descend
+    wider_gap = np.full(1, np.inf)  # next to each row
     if len(gaps):
-        widest = np.maximum(np.append(gaps, 0), np.insert(gaps, 0, 0))
-    return row, np.abs(elevation - rows[row]) <= widest[row]
+        wider_gap = np.maximum(np.append(gaps, 0), np.insert(gaps, 0, 0))
+    return row, np.abs(elevation - rows[row]) <= wider_gap[row]
 
 
 def _mark_nearest(
@@ -113,8 +116,8 @@ def _mark_nearest(
 
     cells, ranges: flat index of the cell, and range (m), of each point."""
     rows = np.flatnonzero(inside)
-    order = rows[np.lexsort((ranges[rows], cells[rows]))]
-    nearest = np.zeros(len(cells), bool)
-    # first point of each cell in the order
-    nearest[order[np.diff(cells[order], prepend=-1) > 0]] = True
-    return nearest
+    order = rows[np.lexsort((ranges[rows], cells[rows]))]  # by cell, then by range
+    is_first = np.diff(cells[order], prepend=-1) > 0  # point of its cell in this order
+    is_nearest = np.zeros(len(cells), bool)
+    is_nearest[order[is_first]] = True
+    return is_nearest

@@ -48,15 +48,19 @@ class Corrected(RecordingView):
         sensors = []
         measurements = []
         for sensor, measurement in zip(frame.sensors, frame.measurements, strict=True):
-            correction = self.corrections.get(sensor.name)
-            if correction is not None:
-                if isinstance(measurement, SensorCloud):
-                    in_sensor = measurement.in_own_frame()
-                    corrected_pose = in_sensor.world_SE3_sensor @ correction
-                    measurement = replace(in_sensor, world_SE3_sensor=corrected_pose)
-                sensor = Sensor(sensor.name, sensor.model, sensor.pose @ correction)
-            sensors.append(sensor)
-            measurements.append(measurement)
+            correction = self.corrections.get(sensor.name)  # believed_SE3_found
+            if correction is None:
+                sensors.append(sensor)
+                measurements.append(measurement)
+                continue
+            sensors.append(Sensor(sensor.name, sensor.model, sensor.pose @ correction))
+            if isinstance(measurement, SensorCloud):
+                # with points in the sensor's frame, only the pose changes
+                cloud = measurement.in_own_frame()
+                corrected_pose = cloud.world_SE3_sensor @ correction
+                measurements.append(replace(cloud, world_SE3_sensor=corrected_pose))
+            else:
+                measurements.append(measurement)
         return replace(frame, sensors=tuple(sensors), measurements=tuple(measurements))
 
 
@@ -112,6 +116,7 @@ def _move_cameras(file: h5py.File, recording: CoopDataset, poses: Mapping[str, P
     for channel in recording.channels:
         if channel.sensor.name not in poses:
             continue
+        # depth images of all cameras share a dataset; their poses are in a group for each camera
         node_name = channel.name
         if channel.depth_index is not None:
             node_name = f"cameras/{cameras[channel.depth_index]}"
@@ -143,8 +148,9 @@ def _note_plan(file: h5py.File, poses: Mapping[str, Pose]) -> None:
     group = file.get("coview")
     if group is None or "plan" not in group.attrs:
         return
-    rounded = {}
+    rounded_poses = {}
     for name in sorted(poses):
-        rounded[name] = np.asarray(poses[name])[:3].ravel().round(6).tolist()
+        # the last row of a pose is always 0, 0, 0, 1
+        rounded_poses[name] = np.asarray(poses[name])[:3].ravel().round(6).tolist()
     plan = parse_json(str(group.attrs["plan"]))
-    group.attrs["plan"] = json.dumps({**plan, "calibrated": rounded})
+    group.attrs["plan"] = json.dumps({**plan, "calibrated": rounded_poses})

@@ -75,11 +75,13 @@ class EmptyScene:
     frames: int
 
     def __post_init__(self) -> None:
+        shape = self.model.shape
         for name in SCENE_IMAGES:
             image: Float[np.ndarray, "..."] = getattr(self, name)
-            if image.shape != (shape := self.model.shape) or image.dtype != np.float32:
+            if image.shape != shape or image.dtype != np.float32:
                 got = f"{image.dtype} of {image.shape}"
                 raise ValueError(f"{name} of {self.name!r} must be float32 of {shape}, got {got}")
+            # NaN only means that a pixel has no second surface
             values = image[~np.isnan(image)] if name == "second" else image
             if not (np.isfinite(values).all() and (values >= 0).all()):
                 raise ValueError(
@@ -97,21 +99,24 @@ class EmptyScene:
         model's noise."""
         first = np.where(is_return(image, sensor.model.max_range), image, 0).astype(np.float32)
         spread = np.where(first > 0, sensor.model.deviation(first), 0).astype(np.float32)
-        always = np.ones_like(first)
-        never = np.zeros_like(first)
-        none = np.full(first.shape, np.nan, np.float32)
+        zeros = np.zeros_like(first)
         return EmptyScene(
-            sensor.name, sensor.model, first, spread, always, none, never, never.copy(), 1
+            sensor.name,
+            sensor.model,
+            first=first,
+            spread=spread,
+            share=np.ones_like(first),
+            second=np.full(first.shape, np.nan, np.float32),  # no second surface
+            second_spread=zeros,
+            second_share=zeros.copy(),
+            frames=1,
         )
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the scene's contents, in hexadecimal digits."""
-        digest = sha256(
-            json.dumps(
-                [self.name, describe_model(self.model), self.frames], sort_keys=True
-            ).encode()
-        )
+        head = [self.name, describe_model(self.model), self.frames]
+        digest = sha256(json.dumps(head, sort_keys=True).encode())
         for image in SCENE_IMAGES:
             digest.update(np.ascontiguousarray(getattr(self, image)).tobytes())
         return digest.hexdigest()
@@ -121,8 +126,8 @@ class EmptyScene:
     ) -> ImageMask:
         """Mark pixels that show the scene: within `sigmas` spreads of one of its medians.
 
-        A pixel without a return shows it if one of its medians is no return. measurement: an image
-        of the same sensor."""
+        A pixel without a return shows it if one of its medians is no return. measurement: image
+        by the same sensor."""
         self.check_shape(measurement)
         is_measured = is_return(measurement, self.model.max_range)
         is_scene = np.abs(measurement - self.first) <= sigmas * self.spread
@@ -156,21 +161,24 @@ class SceneLearner:
         self.sensor = sensor
         self.sample = sample
         self.frames = 0
-        self._every = 1
-        self._kept = list[np.ndarray]()
+        self._step = 1  # frames from one kept image to the next, a power of two
+        self._kept = list[np.ndarray]()  # images, at most `sample`
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
-        """Add the next image of the sensor. Raises ValueError for another shape."""
-        if measurement.shape != (shape := self.sensor.model.shape):
+        """Add the next image of the sensor; it is kept if it is due.
+
+        If the images are too many, every other one is dropped and the step between kept images
+        doubles. Raises ValueError for an image of another shape."""
+        shape = self.sensor.model.shape
+        if measurement.shape != shape:
             raise ValueError(
                 f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}"
             )
-        # `_every` is a power of two: step between the images that are kept
-        if self.frames % self._every == 0:
+        if self.frames % self._step == 0:
             if len(self._kept) == self.sample:
                 self._kept = self._kept[::2]
-                self._every = self._every * 2
-            if self.frames % self._every == 0:
+                self._step = self._step * 2
+            if self.frames % self._step == 0:  # again, since the step may have doubled
                 self._kept.append(np.array(measurement, np.float32))
         self.frames += 1
 
@@ -214,22 +222,23 @@ class SceneLearner:
 
         Returns both, and a mask of the pixels whose nearer cluster comes and goes."""
         rows, columns = self.sensor.model.shape
-        height = max(1, _BLOCK_VALUES // (len(self._kept) * columns))
+        block_rows = max(1, _BLOCK_VALUES // (len(self._kept) * columns))
         images = np.stack(self._kept)
-        fars = []
-        nears = []
-        masks = []
-        for top in range(0, rows, height):
-            block = images[:, top : top + height]
+        far_blocks = []
+        near_blocks = []
+        flicker_blocks = []
+        for top in range(0, rows, block_rows):
+            block = images[:, top : top + block_rows]
             far, near, flickers = find_clusters(block, self.sensor.model)
-            fars.append(far)
-            nears.append(near)
-            masks.append(flickers)
-        return _stack_modes(fars), _stack_modes(nears), np.concatenate(masks)
+            far_blocks.append(far)
+            near_blocks.append(near)
+            flicker_blocks.append(flickers)
+        return _stack_modes(far_blocks), _stack_modes(near_blocks), np.concatenate(flicker_blocks)
 
 
 def _stack_modes(blocks: Sequence[PixelMode]) -> PixelMode:
     """Join the clusters of blocks of rows, top first, into clusters of the whole image."""
+    # zip gathers the same image (medians, spreads, ...) of all blocks
     return PixelMode(*map(np.concatenate, zip(*blocks, strict=True)))
 
 
@@ -250,9 +259,11 @@ def learn_empty_scenes(
             f"there must be a frame to learn the empty scene from, got {frames} of {len(recording)}"
         )
     learners: list[SceneLearner] = []
-    for k in np.unique(np.linspace(0, count - 1, min(sample, count)).astype(int)):
-        frame = recording[int(k)]
-        learners = learners or [SceneLearner(sensor, max(sample, 2)) for sensor in frame.sensors]
+    # evenly spread over the frames; np.unique removes repetitions
+    for frame_index in np.unique(np.linspace(0, count - 1, min(sample, count)).astype(int)):
+        frame = recording[int(frame_index)]
+        if not learners:
+            learners = [SceneLearner(sensor, max(sample, 2)) for sensor in frame.sensors]
         for learner, measurement in zip(learners, frame.images, strict=True):
             learner.add(measurement)
     return tuple(learner.scene() for learner in learners)

@@ -66,39 +66,40 @@ class FoundPose:
     def __str__(self) -> str:
         if self.registration is None:
             return f"{self.sensor.name}: not found: {self.refusal}"
-        turn, move = self.deviation
-        unseen = "; ".join(map(describe_motion, self.registration.unobserved))
-        turned = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn):.2f}°)"
-        moved = f"moved by {self.distance * 100:.1f} cm (± {move * 100:.1f} cm)"
-        return (
-            f"{self.sensor.name}: {turned}, "
-            f"{moved}{unseen and f'; not observed, so left as believed: {unseen}'}"
-        )
+        turn_deviation, move_deviation = self.deviation
+        turned = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn_deviation):.2f}°)"
+        moved = f"moved by {self.distance * 100:.1f} cm (± {move_deviation * 100:.1f} cm)"
+        text = f"{self.sensor.name}: {turned}, {moved}"
+        unobserved = "; ".join(map(describe_motion, self.registration.unobserved))
+        return f"{text}; not observed, so left as believed: {unobserved}" if unobserved else text
 
     def as_dict(self) -> dict[str, object]:
         """Return the pose and its figures as plain values for files (degrees, metres, world axes).
 
         Deviations are infinite for motions that are not observed."""
-        poses: dict[str, object] = {"world_SE3_sensor": self.pose.tolist()}
-        poses["believed_world_SE3_sensor"] = self.sensor.pose.tolist()
-        if self.registration is None:
+        poses = {
+            "world_SE3_sensor": self.pose.tolist(),
+            "believed_world_SE3_sensor": self.sensor.pose.tolist(),
+        }
+        registration = self.registration
+        if registration is None:
             return {**poses, "found": False, "why": self.refusal}
-        turn, move = np.split(self.registration.deviations, 2)
-        figures = poses | {
+        # three turns (rad), then three moves (m)
+        turn_deviations, move_deviations = np.split(registration.deviations, 2)
+        return {
+            **poses,
             "found": True,
             "turned_deg": float(np.rad2deg(self.turn)),
             "moved_m": self.distance,
-        }
-        figures["drifted"] = self.has_drifted
-        figures["standard_deviation"] = {
-            "turn_deg": np.rad2deg(turn).tolist(),
-            "move_m": move.tolist(),
-        }
-        figures["covariance_rad_m"] = self.registration.covariance.tolist()
-        figures["unobserved"] = [describe_motion(motion) for motion in self.registration.unobserved]
-        return figures | {
-            "overlap": self.registration.overlap,
-            "scatter_m": self.registration.scatter,
+            "drifted": self.has_drifted,
+            "standard_deviation": {
+                "turn_deg": np.rad2deg(turn_deviations).tolist(),
+                "move_m": move_deviations.tolist(),
+            },
+            "covariance_rad_m": registration.covariance.tolist(),
+            "unobserved": [describe_motion(motion) for motion in registration.unobserved],
+            "overlap": registration.overlap,
+            "scatter_m": registration.scatter,
         }
 
 
@@ -106,12 +107,12 @@ def describe_motion(motion: Float64[np.ndarray, "6"]) -> str:
     """Describe a unit motion in words, as the share of each number that is above a tenth.
 
     motion: turns times `LEVER_M`, and moves. Its sign does not matter."""
-    motion = motion * (-1 if motion[np.argmax(np.abs(motion))] < 0 else 1)
-    parts = [
-        f"{name} {share:.2f}"
-        for name, share in zip(MOTION_NAMES, motion, strict=True)
-        if abs(share) > 0.1
-    ]
+    # the sign that makes the largest share positive
+    sign = -1 if motion[np.argmax(np.abs(motion))] < 0 else 1
+    parts = []
+    for name, share in zip(MOTION_NAMES, motion * sign, strict=True):
+        if abs(share) > 0.1:
+            parts.append(f"{name} {share:.2f}")
     return ", ".join(parts)
 
 

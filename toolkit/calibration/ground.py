@@ -46,58 +46,65 @@ class Ground:
         z = 0."""
         a, b, c = self.plane.tolist()
         normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
-        # matrix of the cross product that turns the normal to z (Rodrigues' formula)
-        cross = np.array(
-            [[0.0, 0.0, -normal[0]], [0.0, 0.0, -normal[1]], [normal[0], normal[1], 0.0]]
-        )
+        x, y, z = normal
+        # Rodrigues' formula for the turn from the normal to the z axis: matrix of their cross
+        # product, and z as the cosine of the angle between them
+        cross_matrix = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
         motion = np.eye(4)
-        motion[:3, :3] += cross + cross @ cross / (1 + normal[2])
-        motion[2, 3] = -c * normal[2]
+        motion[:3, :3] += cross_matrix + cross_matrix @ cross_matrix / (1 + z)
+        motion[2, 3] = -c * z
         return motion
 
     def height(self, xy: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         """Height z (m) of the ground at each x and y, all in the ground's frame."""
         xy = np.asarray(xy, np.float64)
         # the deviation is looked up at the plane's points with these x and y
-        on_plane = np.column_stack([xy, xy @ self.plane[:2] + self.plane[2]])
-        return on_plane[:, 2] + self._deviation(transform(self.level_SE3_frame, on_plane)[:, :2])
+        plane_height = xy @ self.plane[:2] + self.plane[2]
+        plane_points = np.column_stack([xy, plane_height])
+        level_points = transform(self.level_SE3_frame, plane_points)
+        return plane_height + self._find_deviation(level_points[:, :2])
 
     def points(self, points: Points) -> Points:
         """Return points of the ground's frame in the level one, with z as height above the ground.
 
         The type of the numbers stays."""
-        level = transform(self.level_SE3_frame, np.asarray(points, np.float64))
-        level[:, 2] -= self._deviation(level[:, :2])
-        return level.astype(points.dtype)
+        level_points = transform(self.level_SE3_frame, np.asarray(points, np.float64))
+        level_points[:, 2] -= self._find_deviation(level_points[:, :2])
+        return level_points.astype(points.dtype)
 
     def points_back(self, points: Points) -> Points:
         """Return points of the level frame in the ground's frame, the inverse of `points`."""
         raised = np.array(points, np.float64)
-        raised[:, 2] += self._deviation(raised[:, :2])
+        raised[:, 2] += self._find_deviation(raised[:, :2])
         return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
-        """Return boxes of the ground's frame in the level one.
+        """Return boxes of the ground's frame in the level one; yaw is turned with the plane.
 
-        z is the height of their centres above the ground, yaw is turned with the plane."""
+        boxes: x, y, z, length, width, height (m) and yaw (rad) of each. In the result, z is the
+        height of the centre above the ground."""
         rows = check_boxes(boxes).copy()
-        ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6])])
-        # headings rise with the plane
-        ahead = np.column_stack([ahead, ahead @ self.plane[:2]]) @ self.level_SE3_frame[:3, :3].T
+        yaw = rows[:, 6]
+        heading = np.column_stack([np.cos(yaw), np.sin(yaw)])
+        rise = heading @ self.plane[:2]  # headings rise with the plane
+        level_heading = np.column_stack([heading, rise]) @ self.level_SE3_frame[:3, :3].T
         rows[:, :3] = self.points(rows[:, :3])
-        rows[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
+        rows[:, 6] = np.arctan2(level_heading[:, 1], level_heading[:, 0])
         return rows
 
     def boxes_back(self, boxes: BoxRows) -> BoxRows:
-        """Return boxes of the level frame in the ground's frame, the inverse of `boxes`."""
+        """Return boxes of the level frame in the ground's frame, the inverse of `boxes`.
+
+        boxes: x, y, z, length, width, height (m) and yaw (rad) of each."""
         rows = check_boxes(boxes).copy()
-        ahead = np.column_stack([np.cos(rows[:, 6]), np.sin(rows[:, 6]), np.zeros(len(rows))])
-        ahead = ahead @ self.level_SE3_frame[:3, :3]
+        yaw = rows[:, 6]
+        level_heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(rows))])
+        heading = level_heading @ self.level_SE3_frame[:3, :3]
         rows[:, :3] = self.points_back(rows[:, :3])
-        rows[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
+        rows[:, 6] = np.arctan2(heading[:, 1], heading[:, 0])
         return rows
 
-    def _deviation(self, xy: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
+    def _find_deviation(self, xy: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         # height (m) of the ground above the plane at places of the level frame
         return np.zeros(len(xy)) if self.deviation is None else self.deviation.at(xy)
 
@@ -122,8 +129,9 @@ def level(
     ground = Ground(fit_plane(points, max_tilt=max_tilt))
     if method == "plane":
         return ground
-    lifted = ground.points(points.astype(np.float64))
-    return Ground(ground.plane, *add_levels(fit_map(lifted), lifted))
+    level_points = ground.points(points.astype(np.float64))
+    deviation, levels = add_levels(fit_map(level_points), level_points)
+    return Ground(ground.plane, deviation=deviation, levels=levels)
 
 
 def plain_points(cloud: object) -> Points:
@@ -131,17 +139,14 @@ def plain_points(cloud: object) -> Points:
 
     cloud: a cloud of Open3D, tensor or legacy, or an array (n, 3) or (n, 4), whose fourth column is
     left out. Integers become float64. Raises ValueError for another shape or type."""
-    tensors = getattr(cloud, "point", None)
-    legacy = getattr(cloud, "points", None)
+    tensors = getattr(cloud, "point", None)  # attribute of tensor clouds
+    legacy_points = getattr(cloud, "points", None)  # attribute of legacy clouds
     if tensors is not None:
         points = tensors.positions.cpu().numpy() if "positions" in tensors else np.empty((0, 3))
     else:
-        points = np.asarray(cloud if legacy is None else legacy)
-    if (
-        points.ndim != 2
-        or not 3 <= points.shape[1] <= _MAX_COLUMNS
-        or points.dtype.kind not in "fiu"
-    ):
+        points = np.asarray(cloud if legacy_points is None else legacy_points)
+    has_columns = points.ndim == 2 and 3 <= points.shape[1] <= _MAX_COLUMNS
+    if not has_columns or points.dtype.kind not in "fiu":  # floats, integers, unsigned integers
         hint = ": pass points.T?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ValueError(f"points must have shape (n, 3), got {points.shape}{hint}")
     return points[:, :3] if points.dtype.kind == "f" else points[:, :3].astype(np.float64)

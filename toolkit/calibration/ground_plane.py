@@ -40,7 +40,7 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
     Returns a, b (m per m) and c (m). Raises ValueError if fewer than three cells of the grid might
     be ground."""
     cells = low_points(points, GROUND_CELL_M)
-    cells = cells[support_mask(cells, _KERB_M, 0.3, min_supporters=3)]
+    cells = cells[support_mask(cells, step=_KERB_M, slope=0.3, min_supporters=3)]
     max_slope = float(np.tan(max_tilt))
     candidates = cells[lowest_mask(cells, max_slope, _KERB_M)]
     if len(candidates) < 3:
@@ -51,13 +51,14 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
         raise ValueError(f"no ground found in {len(points)} points: {problem}: give more points")
     rng = np.random.default_rng(seed)
     planes = _draw_planes(candidates, rng)
-    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]
-    plane: Plane = planes[int(np.argmax(_score_planes(planes, candidates, cells, rng)))]
-    for band in _BANDS_M:
-        refined = _refit(plane, points, band)
-        if refined is None or np.hypot(refined[0], refined[1]) > max_slope:
+    planes = planes[np.hypot(planes[:, 0], planes[:, 1]) <= max_slope]  # slopes a and b
+    scores = _score_planes(planes, candidates, cells, rng)
+    plane: Plane = planes[int(np.argmax(scores))]
+    for band in _BANDS_M:  # ever narrower
+        refitted = _refit_plane(plane, points, band)
+        if refitted is None or np.hypot(refitted[0], refitted[1]) > max_slope:
             return plane
-        plane = refined
+        plane = refitted
     return plane
 
 
@@ -65,17 +66,20 @@ def _draw_planes(candidates: _Cells, rng: Rng) -> Float64[np.ndarray, "k 3"]:
     """Planes (a, b, c) through random triples of cells, and the level plane at their median height.
 
     Triples that are nearly on a line, seen from above, are left out."""
+    # (hypotheses, 3 cells, xyz)
     triples = candidates[rng.integers(len(candidates), size=(_HYPOTHESES, 3))]
     first_edge = triples[:, 1] - triples[:, 0]
     second_edge = triples[:, 2] - triples[:, 0]
     normals = np.cross(first_edge, second_edge)
     first_length = np.linalg.norm(first_edge, axis=1)
     second_length = np.linalg.norm(second_edge, axis=1)
+    # the z part of the normal is twice the triangle's area seen from above: the lengths of both
+    # edges times the sine of the angle between them, which must be above 0.05
     is_wide = np.abs(normals[:, 2]) > 0.05 * first_length * second_length + 1e-9
     normals = normals[is_wide]
-    through = triples[is_wide, 0]
+    first_cell = triples[is_wide, 0]
     slopes = -normals[:, :2] / normals[:, 2:]
-    heights = through[:, 2] - (slopes * through[:, :2]).sum(axis=1)
+    heights = first_cell[:, 2] - (slopes * first_cell[:, :2]).sum(axis=1)  # at x = y = 0
     level_plane = [0.0, 0.0, float(np.median(candidates[:, 2]))]
     return np.concatenate([np.column_stack([slopes, heights]), [level_plane]])
 
@@ -105,21 +109,22 @@ def _score_planes(
     return support - _BELOW_WEIGHT * (excess * len(cells))
 
 
-def _refit(plane: Plane, points: Points, band: float) -> Plane | None:
+def _refit_plane(plane: Plane, points: Points, band: float) -> Plane | None:
     """Fit a plane again to the points within `band` (m) above and below it.
 
     Points are reduced to a median height for each cell, weighed by their distance from the plane.
     Returns None for fewer than 3 cells with points."""
     above = heights_above_plane(plane, points)
-    about = low_points(points[np.abs(above) < band], GROUND_CELL_M, share=0.5)
-    if len(about) < 3:
+    cells = low_points(points[np.abs(above) < band], GROUND_CELL_M, share=0.5)
+    if len(cells) < 3:
         return None
-    middle = about[:, :2].mean(axis=0)
-    columns = np.column_stack([about[:, :2] - middle, np.ones(len(about))])
-    weight = (1 - (heights_above_plane(plane, about) / band) ** 2) ** 2
-    prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(about)
+    middle = cells[:, :2].mean(axis=0)
+    # weighted least squares of z = a x + b y + c, with x and y counted from the middle
+    columns = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
+    weight = (1 - (heights_above_plane(plane, cells) / band) ** 2) ** 2
+    prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(cells)
     information = columns.T @ (columns * weight[:, None]) + prior
-    a, b, c = np.linalg.solve(information, columns.T @ (weight * about[:, 2]))
+    a, b, c = np.linalg.solve(information, columns.T @ (weight * cells[:, 2]))
     return np.array([a, b, c - a * middle[0] - b * middle[1]])
 
 
@@ -136,12 +141,13 @@ def _share_on_planes(
 ) -> Float64[np.ndarray, " k"]:
     """Share of the cells on each plane, 0 to 1.
 
-    A cell counts 1 on the plane, less the farther off it is, and 0 from `_INLIER_M` on."""
-    off = _heights_above(planes, cells)  # changed in place below, to save memory
-    off /= _INLIER_M
-    off *= off
-    np.subtract(1, off, out=off)
-    return np.clip(off, 0, None, out=off).mean(axis=1)
+    A cell counts 1 - (distance / `_INLIER_M`)²: 1 on the plane, and 0 from `_INLIER_M` on."""
+    # (planes, cells) heights, which become the counts in place, to save memory
+    counts = _heights_above(planes, cells)
+    counts /= _INLIER_M
+    counts *= counts
+    np.subtract(1, counts, out=counts)
+    return np.clip(counts, 0, None, out=counts).mean(axis=1)
 
 
 def heights_above_plane(plane: Plane, points: Points) -> Float64[np.ndarray, " n"]:

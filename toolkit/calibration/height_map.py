@@ -44,16 +44,17 @@ def low_points(points: Points, cell: float, share: float = 0.1) -> _Cells:
         share: share of the cell's points that are below its low point, 0 for the lowest.
 
     Returns the points (m, 3) in order of their cells, along x, then along y."""
-    points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
-    if not len(points):
+    finite_points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    if not len(finite_points):
         return np.empty((0, 3))
-    index = np.floor(points[:, :2] / cell).astype(np.int64)
-    index -= index.min(axis=0)
-    key = index[:, 0] * (int(index[:, 1].max()) + 1) + index[:, 1]
-    order = np.lexsort((points[:, 2], key))  # by cell, then by height
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    index = np.floor(finite_points[:, :2] / cell).astype(np.int64)
+    row, column = (index - index.min(axis=0)).T
+    cell_key = row * (int(column.max()) + 1) + column
+    order = np.lexsort((finite_points[:, 2], cell_key))  # by cell, then by height
+    first = np.flatnonzero(np.diff(cell_key[order], prepend=-1))  # each cell's lowest point
     count = np.diff(np.append(first, len(order)))
-    return points[order[first + np.floor(share * (count - 1)).astype(np.int64)]]
+    rank = np.floor(share * (count - 1)).astype(np.int64)  # the low point's rank in its cell
+    return finite_points[order[first + rank]]
 
 
 def support_mask(
@@ -73,10 +74,13 @@ def support_mask(
     count = min(13, len(cells))  # the cell itself and twelve others
     if count <= min_supporters:
         return np.ones(len(cells), bool)
-    distance, neighbours = cKDTree(cells[:, :2]).query(cells[:, :2], count)
-    rise = np.abs(cells[neighbours, 2] - cells[:, None, 2])
-    alike = (rise < step + slope * distance) & (distance < _NEIGHBOUR_M)
-    return alike[:, 1:].sum(axis=1) >= min_supporters
+    xy = cells[:, :2]
+    z = cells[:, 2]
+    distance, neighbours = cKDTree(xy).query(xy, count)
+    rise = np.abs(z[neighbours] - z[:, None])
+    is_supporter = (rise < step + slope * distance) & (distance < _NEIGHBOUR_M)
+    # the first neighbour is the cell itself
+    return is_supporter[:, 1:].sum(axis=1) >= min_supporters
 
 
 def lowest_mask(
@@ -97,19 +101,20 @@ def lowest_mask(
         return np.empty(0, bool)
     index = np.floor(cells[:, :2] / GROUND_CELL_M).astype(np.int64)
     index -= index.min(axis=0)
+    row, column = index.T
     rows, columns = (index.max(axis=0) + 1).tolist()
     if rows * columns > _MAX_CELLS:
         extent = f"{rows * GROUND_CELL_M:.0f} by {columns * GROUND_CELL_M:.0f} m"
         raise ValueError(f"the points cover {extent}: crop them to the place in question")
     image = np.full((rows, columns), _NO_HEIGHT_M)
-    image[index[:, 0], index[:, 1]] = cells[:, 2]
+    image[row, column] = cells[:, 2]
     reach = round(window / GROUND_CELL_M)
     # Erosion takes the smallest height less `rise`, that is, height plus slope times distance.
     # One pass along each axis gives the same as a square window.
     rise = -slope * GROUND_CELL_M * np.abs(np.arange(-reach, reach + 1))
     along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NO_HEIGHT_M)
     allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NO_HEIGHT_M)
-    return cells[:, 2] <= allowed[index[:, 0], index[:, 1]] + step
+    return cells[:, 2] <= allowed[row, column] + step
 
 
 @dataclass(frozen=True)
@@ -145,28 +150,30 @@ def fit_map(points: Points, *, reach: float = GROUND_REACH_M) -> HeightMap:
     ValueError unless `reach` is above 0 and finite."""
     if not 0 < reach < np.inf:
         raise ValueError(f"reach must be above 0 m, got {reach}")
-    near = points[np.abs(points[:, 2]) < _BAND_M]
-    if not len(near):
+    band_points = points[np.abs(points[:, 2]) < _BAND_M]
+    if not len(band_points):
         return HeightMap(np.zeros(2), np.zeros((1, 1)))
-    middle = np.median(near[:, :2], axis=0).astype(np.float64)
-    near = near[np.abs(near[:, :2] - middle).max(axis=1) <= reach]
+    middle = np.median(band_points[:, :2], axis=0).astype(np.float64)
+    is_in_reach = np.abs(band_points[:, :2] - middle).max(axis=1) <= reach
+    ground_points = band_points[is_in_reach]
+    xy = ground_points[:, :2]
     # middle of the first cell; the grid has a place in the middle of every cell
-    origin = (
-        np.floor(near[:, :2].min(axis=0).astype(np.float64) / GROUND_CELL_M) * GROUND_CELL_M
-        + GROUND_CELL_M / 2
-    )
-    shape = np.floor((near[:, :2].max(axis=0) - origin) / GROUND_CELL_M).astype(np.int64) + 2
-    low = low_points(near, GROUND_CELL_M)
-    low = low[support_mask(low, _KERB_M, _SLOPE, min_supporters=4)]
-    low = low[lowest_mask(low, _SLOPE, _KERB_M, window=_WINDOW_M)]
-    low = low[support_mask(low, _KERB_M, _SLOPE, min_supporters=6)]
+    first_corner = np.floor(xy.min(axis=0).astype(np.float64) / GROUND_CELL_M) * GROUND_CELL_M
+    origin = first_corner + GROUND_CELL_M / 2
+    shape = np.floor((xy.max(axis=0) - origin) / GROUND_CELL_M).astype(np.int64) + 2
+    cells = low_points(ground_points, GROUND_CELL_M)
+    cells = cells[support_mask(cells, _KERB_M, _SLOPE, min_supporters=4)]
+    cells = cells[lowest_mask(cells, _SLOPE, _KERB_M, window=_WINDOW_M)]
+    cells = cells[support_mask(cells, _KERB_M, _SLOPE, min_supporters=6)]
     # drawn again and again through the cells near it, with ever stricter limits
     surface = HeightMap(origin, np.zeros(tuple(shape)))
     for max_above, kerb in _DRAWINGS:
-        surface = redraw_map(surface, low, max_above, kerb)
+        surface = redraw_map(surface, cells, max_above, kerb)
     # low points are biased downwards: the last drawing is through medians of points on the ground
-    on = np.abs(near[:, 2] - surface.at(near[:, :2])) < _DRAWINGS[-1][0]
-    return redraw_map(surface, low_points(near[on], GROUND_CELL_M, share=0.5), *_DRAWINGS[-1])
+    max_above, kerb = _DRAWINGS[-1]
+    is_on_ground = np.abs(ground_points[:, 2] - surface.at(xy)) < max_above
+    medians = low_points(ground_points[is_on_ground], GROUND_CELL_M, share=0.5)
+    return redraw_map(surface, medians, max_above, kerb)
 
 
 def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float) -> HeightMap:
@@ -178,14 +185,16 @@ def redraw_map(surface: HeightMap, cells: _Cells, max_above: float, kerb: float)
         max_above: height (m) above the map up to which cells count; below it, twice that.
         kerb: height (m) above the map at which a cell counts half, infinite for equal weights."""
     above = cells[:, 2] - surface.at(cells[:, :2])
-    near = (above < max_above) & (above > -2 * max_above)
-    weight = weigh_ground(above[near], kerb)
-    cells = cells[near]
+    is_near = (above < max_above) & (above > -2 * max_above)
+    weight = weigh_ground(above[is_near], kerb)
+    near_cells = cells[is_near]
+    # sums of weights, and of weights times heights, at the place nearest to each cell
     weights = np.zeros(surface.heights.shape)
     sums = np.zeros(surface.heights.shape)
-    i, j = np.round((cells[:, :2] - surface.origin) / surface.cell).astype(np.int64).T
-    np.add.at(weights, (i, j), weight)
-    np.add.at(sums, (i, j), weight * cells[:, 2])
+    index = np.round((near_cells[:, :2] - surface.origin) / surface.cell).astype(np.int64)
+    row, column = index.T
+    np.add.at(weights, (row, column), weight)
+    np.add.at(sums, (row, column), weight * near_cells[:, 2])
     heights = np.zeros(surface.heights.shape)
     # the finer mean takes over where cells are dense, the wider one stays between them
     for scale in _SCALES_M:
@@ -208,6 +217,6 @@ def sum_around(
     wide: standard deviation (cells)."""
     from scipy.ndimage import gaussian_filter
 
-    return np.asarray(
-        gaussian_filter(image, wide, mode="constant", truncate=3.0) * (2 * np.pi * wide**2)
-    )
+    mean = gaussian_filter(image, wide, mode="constant", truncate=3.0)
+    # the weights of the mean begin at 1 / (2 π wide²)
+    return np.asarray(mean * (2 * np.pi * wide**2))

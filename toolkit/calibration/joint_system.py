@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64, Pose
 from toolkit.calibration import registration
-from toolkit.calibration.motions import LEVER_M
+from toolkit.calibration.motions import LEVER_M, MotionModes
 
 # least part of a unit motion across a pair's plane that resists it: less is the noise of normals
 _MIN_RESISTANCE = 0.1
@@ -74,13 +74,15 @@ class JointSystem:
     off: Float64[np.ndarray, " m"]
 
     @cached_property
-    def modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues (m,) and eigenvectors (columns) of the information, and a mask of observed.
+    def modes(self) -> MotionModes:
+        """Independent motions of all sensors together, with the information about each.
 
         A mode is observed if enough pairs resist it: it counts as a motion in which the sensor
-        that moves most has a unit motion."""
+        that moves most has a unit motion. Information about held sensors is 0."""
         information = np.zeros((len(self.free), len(self.free)))
         for pair in self.pairs:
+            # (pairs, 12) growth of each residual per unit of motion, and the 12 numbers of both
+            # sensors among the 6 n numbers of all motions
             rows, columns = pair.system_rows
             information[np.ix_(columns, columns)] += rows.T @ (rows * pair.weight[:, None])
         information[~self.free] = 0.0
@@ -88,48 +90,54 @@ class JointSystem:
         values, vectors = np.linalg.eigh(information)
         # size of each mode in the sensor that moves most
         largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
-        resists = np.zeros(len(values))
+        resistance_sum = np.zeros(len(values))
         for pair in self.pairs:
             rows, columns = pair.system_rows
-            along = (rows[pair.weight > 0] @ (vectors[columns] / largest)) ** 2
-            resists += np.where(along > _MIN_RESISTANCE**2, along, 0.0).sum(axis=0)
-        return values, vectors, (resists > _MIN_RESISTING_POINTS) & (values > 0)
+            # (pairs, modes): squared growth of each residual along each mode
+            squared_growth = (rows[pair.weight > 0] @ (vectors[columns] / largest)) ** 2
+            resisting = np.where(squared_growth > _MIN_RESISTANCE**2, squared_growth, 0.0)
+            resistance_sum += resisting.sum(axis=0)
+        observed = (resistance_sum > _MIN_RESISTING_POINTS) & (values > 0)
+        return MotionModes(values, vectors, observed=observed)
 
     @cached_property
     def _posterior(self) -> Float64[np.ndarray, "m m"]:
         """Information (m, m) of the observed motions plus the usual errors of believed poses."""
-        values, vectors, observed = self.modes
-        return (vectors * np.where(observed, values, 0.0)) @ vectors.T + np.diag(self._usual)
+        vectors = self.modes.vectors
+        values = np.where(self.modes.observed, self.modes.values, 0.0)
+        return (vectors * values) @ vectors.T + np.diag(self._mounting_information)
 
     @property
-    def _usual(self) -> Float64[np.ndarray, " m"]:
+    def _mounting_information(self) -> Float64[np.ndarray, " m"]:
         """Inverse variance of the usual mounting error, for each of the 6 n numbers."""
-        of_sensor = np.repeat([(LEVER_M * USUAL_TURN_RAD) ** -2, USUAL_MOVE_M**-2], 3)
-        return np.tile(of_sensor, len(self.free) // 6)
+        # three turns, then three moves, of each sensor
+        sensor_information = np.repeat([(LEVER_M * USUAL_TURN_RAD) ** -2, USUAL_MOVE_M**-2], 3)
+        return np.tile(sensor_information, len(self.free) // 6)
 
     def step(self) -> Float64[np.ndarray, " m"]:
         """Motion (m,) of all sensors that brings the pairs together, turns times `LEVER_M`.
 
-        Numbers that the pairs do not determine move back to their believed values; numbers of held
-        sensors are 0."""
-        _, vectors, observed = self.modes
+        Numbers that the pairs do not determine move back to their believed values, from which they
+        are `off` so far; numbers of held sensors are 0."""
+        vectors = self.modes.vectors
         gradient = np.zeros(len(self.free))
         for pair in self.pairs:
             rows, columns = pair.system_rows
             gradient[columns] += rows.T @ (pair.weight * pair.residual)
         along_modes = vectors.T @ np.where(self.free, gradient, 0.0)
-        determined = vectors @ np.where(observed, along_modes, 0.0)
-        slope = determined + self._usual * self.off
+        observed_gradient = vectors @ np.where(self.modes.observed, along_modes, 0.0)
+        # pull of the pairs, and of the believed poses
+        total_gradient = observed_gradient + self._mounting_information * self.off
         motion = np.zeros(len(self.free))
-        free = np.ix_(self.free, self.free)
-        motion[self.free] = -np.linalg.solve(self._posterior[free], slope[self.free])
+        free_block = np.ix_(self.free, self.free)  # rows and columns of the free numbers
+        motion[self.free] = -np.linalg.solve(self._posterior[free_block], total_gradient[self.free])
         return motion
 
     def covariance(self) -> Float64[np.ndarray, "m m"]:
         """Covariance (m, m) of all sensors' motions in rad and m, zero for held sensors."""
-        covariance = np.zeros((len(self.free),) * 2)
-        free = np.ix_(self.free, self.free)
-        covariance[free] = np.linalg.inv(self._posterior[free])
+        covariance = np.zeros((len(self.free), len(self.free)))
+        free_block = np.ix_(self.free, self.free)  # rows and columns of the free numbers
+        covariance[free_block] = np.linalg.inv(self._posterior[free_block])
         # from turns times LEVER_M to rad
         unit = np.tile(np.repeat([1 / LEVER_M, 1.0], 3), len(self.free) // 6)
         return unit[:, None] * covariance * unit
@@ -139,9 +147,10 @@ class JointSystem:
 
         common: orthonormal motions of all sensors together. They are left out if no sensor is held,
         since nothing can determine them."""
-        _, vectors, observed = self.modes
-        hidden = np.where(self.free[:, None], vectors[:, ~observed], 0.0).T
+        unobserved_vectors = self.modes.vectors[:, ~self.modes.observed]
+        hidden = np.where(self.free[:, None], unobserved_vectors, 0.0).T  # 0 for held sensors
         if self.free.all():
+            # without the part along the common motions
             hidden = hidden - hidden @ common.T @ common
         _, size, motions = np.linalg.svd(hidden, full_matrices=False)
         # smaller ones are what rounding, held sensors or the common motions left over

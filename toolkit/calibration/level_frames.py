@@ -1,6 +1,7 @@
 """Frames on level ground, ready to train a network."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +38,10 @@ def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
     Frames without points are left out, and frames without ground if a ground is looked for. Points
     outside the region with complete labels, in KITTI outside the camera's image, are left out:
     nobody labelled them, so they must not be learnt as background."""
-    x, y = place.half
+    half_x, half_y = place.half
     method = place.level or "map"
-    for frame, stand in Place(method, place.still, place.area).stands(frames):
+    map_place = replace(place, level=method)
+    for frame, stand in map_place.stands(frames):
         if not any(len(cloud.points) for cloud in frame.clouds):
             continue
         if stand.ground is None and method != "none":
@@ -47,14 +49,21 @@ def level_frames(frames: Iterable[Frame], place: Place) -> Iterator[LevelFrame]:
         clouds = []
         for cloud in frame.clouds:
             points = cloud.in_world()
-            # a point is in the region with complete labels if a small box around it is
-            small = np.column_stack([points, np.full((len(points), 3), 0.1), np.zeros(len(points))])
-            complete = points[frame.complete.covers(small)]
-            clouds.append(crop_points(stand.lift(complete), stand.area))
+            # a point is in the region with complete labels if a small box (10 cm) around it is
+            sizes = np.full((len(points), 3), 0.1)
+            small_boxes = np.column_stack([points, sizes, np.zeros(len(points))])
+            labelled_points = points[frame.complete.covers(small_boxes)]
+            clouds.append(crop_points(stand.lift(labelled_points), stand.area))
+        # only x and y, the first two columns of boxes, are counted from the middle
         boxes = frame.objects.boxes - np.array([*stand.middle, 0, 0, 0, 0, 0])
         if stand.ground is not None and len(boxes):
             boxes = stand.ground.boxes(boxes)
-        is_near = (np.abs(boxes[:, :2]) <= np.array([x, y]) + OBJECT_MARGIN_M).all(axis=1)
+        max_distance = np.array([half_x, half_y]) + OBJECT_MARGIN_M
+        is_near = (np.abs(boxes[:, :2]) <= max_distance).all(axis=1)
         objects = Objects(boxes, frame.objects.labels, frame.objects.ids)[np.asarray(is_near)]
-        names = tuple(sensor.name for sensor in frame.sensors)
-        yield LevelFrame(names, tuple(clouds), objects, (-x, -y, x, y))
+        yield LevelFrame(
+            sensors=tuple(sensor.name for sensor in frame.sensors),
+            clouds=tuple(clouds),
+            objects=objects,
+            area=(-half_x, -half_y, half_x, half_y),
+        )

@@ -77,14 +77,14 @@ def _extend_levels(
         levels: number of levels.
 
     Returns the map of each level, in order of their numbers."""
-    is_rest = number == levels
-    is_supported = links.linked.sum(axis=1) >= MIN_LINKS
+    is_rest = number == levels  # cells without a level so far
+    has_links = links.linked.sum(axis=1) >= MIN_LINKS
     surfaces = [_draw_surface(main, cells[number == k]) for k in range(levels)]
     for _ in range(EXTENSIONS):
         for k, surface in enumerate(surfaces):
-            elsewhere = on_main | (~is_rest & (number != k))
-            free = is_rest & is_supported
-            rows = _find_extension(surface, cells, number == k, elsewhere, free)
+            is_elsewhere = on_main | (~is_rest & (number != k))
+            is_free = is_rest & has_links
+            rows = _find_extension(surface, cells, number == k, is_elsewhere, is_free)
             if len(rows):
                 number[rows] = k
                 is_rest[rows] = False
@@ -111,21 +111,23 @@ def _join_levels(
     from scipy.spatial import cKDTree
 
     main = surfaces[-1]
+    xy = cells[:, :2]
     drawn_rows = np.flatnonzero(number >= 0)
-    grid = np.stack(np.meshgrid(*map(np.arange, main.heights.shape), indexing="ij"), axis=-1)
-    places = grid.reshape(-1, 2) * main.cell + main.origin
-    distance, nearest = cKDTree(cells[drawn_rows, :2]).query(places)
-    heights = np.stack([surface.heights.ravel() for surface in surfaces])
+    # x and y of all places of the grid, row by row
+    indices = np.meshgrid(*map(np.arange, main.heights.shape), indexing="ij")
+    places = np.stack(indices, axis=-1).reshape(-1, 2) * main.cell + main.origin
+    distance, nearest = cKDTree(xy[drawn_rows]).query(places)
     nearest_number = number[drawn_rows[nearest]]
-    joined = np.take_along_axis(heights, nearest_number[None], axis=0)[0]
-    banks = np.flatnonzero(np.isfinite(slopes[:, 0]))
-    if len(banks):
-        bank_distance, nearest_bank = cKDTree(cells[banks, :2]).query(places)
-        on_bank = (bank_distance < distance) & (bank_distance < main.cell)
-        rows = banks[nearest_bank[on_bank]]
-        offsets = places[on_bank] - cells[rows, :2]
-        joined[on_bank] = cells[rows, 2] + (offsets * slopes[rows]).sum(axis=1)
-    return HeightMap(main.origin, joined.reshape(main.heights.shape), main.cell)
+    heights = np.stack([surface.heights.ravel() for surface in surfaces])  # (surfaces, places)
+    joined_heights = np.take_along_axis(heights, nearest_number[None], axis=0)[0]
+    bank_rows = np.flatnonzero(np.isfinite(slopes[:, 0]))
+    if len(bank_rows):
+        bank_distance, nearest_bank = cKDTree(xy[bank_rows]).query(places)
+        is_on_bank = (bank_distance < distance) & (bank_distance < main.cell)
+        rows = bank_rows[nearest_bank[is_on_bank]]
+        rise = ((places[is_on_bank] - xy[rows]) * slopes[rows]).sum(axis=1)
+        joined_heights[is_on_bank] = cells[rows, 2] + rise
+    return HeightMap(main.origin, joined_heights.reshape(main.heights.shape), main.cell)
 
 
 def _find_extension(
@@ -148,16 +150,18 @@ def _find_extension(
         free: mask of cells that may be added."""
     from scipy.spatial import cKDTree
 
-    rows = np.flatnonzero(free & ~elsewhere)
-    on = np.abs(cells[rows, 2] - surface.at(cells[rows, :2])) < EXTENSION_M
-    rows = rows[on]
-    # infinite beyond MAX_GAP_M
-    distance = cKDTree(cells[members, :2]).query(cells[rows, :2], distance_upper_bound=MAX_GAP_M)[0]
-    rows = rows[np.isfinite(distance)]
-    distance = distance[np.isfinite(distance)]
+    xy = cells[:, :2]
+    free_rows = np.flatnonzero(free & ~elsewhere)
+    height_gap = np.abs(cells[free_rows, 2] - surface.at(xy[free_rows]))
+    level_rows = free_rows[height_gap < EXTENSION_M]
+    # distances beyond MAX_GAP_M are infinite
+    distance, _ = cKDTree(xy[members]).query(xy[level_rows], distance_upper_bound=MAX_GAP_M)
+    is_near = np.isfinite(distance)
+    near_rows = level_rows[is_near]
     if not elsewhere.any():
-        return rows
-    return rows[distance < 2 * cKDTree(cells[elsewhere, :2]).query(cells[rows, :2])[0]]
+        return near_rows
+    other_distance, _ = cKDTree(xy[elsewhere]).query(xy[near_rows])
+    return near_rows[distance[is_near] < 2 * other_distance]
 
 
 def _number_rest(
@@ -202,27 +206,40 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
     Args:
         grid: map whose places the result has; its heights are not used.
         cells: low points (x, y, z in m) on the surface."""
-    last = np.array(grid.heights.shape) - 1
-    # nearest place of each cell
-    i, j = np.clip(np.round((cells[:, :2] - grid.origin) / grid.cell).astype(np.int64), 0, last).T
-    middle = cells[:, :2].mean(axis=0)
-    flat = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
-    # pulls both slopes slightly to level, so that cells on one line have a solution
-    prior = np.diag([1e-3, 1e-3, 0.0]) * len(cells)
-    a, b, c = np.linalg.solve(flat.T @ flat + prior, flat.T @ cells[:, 2])
-    rows, columns = grid.heights.shape
-    x = grid.origin[0] + grid.cell * np.arange(rows) - middle[0]
-    y = grid.origin[1] + grid.cell * np.arange(columns) - middle[1]
-    heights = a * x[:, None] + b * y[None] + c
+    xy = cells[:, :2]
+    # row and column of the place nearest to each cell
+    nearest = np.round((xy - grid.origin) / grid.cell).astype(np.int64)
+    row, column = np.clip(nearest, 0, np.array(grid.heights.shape) - 1).T
+    heights = _draw_plane(grid, cells)
     for scale in _SCALES_M:
-        above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(cells[:, :2])
-        weights = np.zeros(heights.shape)
-        sums = np.zeros(heights.shape)
+        above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(xy)
         kerb = KERB_M if scale < MIN_FREE_SCALE_M else np.inf  # infinite: all weights are 1
         weight = weigh_ground(above, kerb)
-        np.add.at(weights, (i, j), weight)
-        np.add.at(sums, (i, j), weight * above)
+        # sums of weights, and of weights times heights above the surface, at each place
+        weights = np.zeros(heights.shape)
+        sums = np.zeros(heights.shape)
+        np.add.at(weights, (row, column), weight)
+        np.add.at(sums, (row, column), weight * above)
         weight_around = sum_around(weights, scale / grid.cell)
         sum_of_heights = sum_around(sums, scale / grid.cell)
         heights = heights + sum_of_heights / (weight_around + _TRUST)
     return HeightMap(grid.origin, heights, grid.cell)
+
+
+def _draw_plane(
+    grid: HeightMap, cells: Float64[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "rows columns"]:
+    """Heights (m) of the plane fitted to cells, at the places of a map.
+
+    grid: map whose places count; cells: low points (x, y, z in m)."""
+    middle = cells[:, :2].mean(axis=0)
+    # least squares of z = a x + b y + c, with x and y counted from the middle
+    columns_of_cells = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
+    # pulls both slopes slightly to level, so that cells on one line have a solution
+    prior = np.diag([1e-3, 1e-3, 0.0]) * len(cells)
+    squares = columns_of_cells.T @ columns_of_cells + prior
+    a, b, c = np.linalg.solve(squares, columns_of_cells.T @ cells[:, 2])
+    rows, columns = grid.heights.shape
+    x = grid.origin[0] + grid.cell * np.arange(rows) - middle[0]
+    y = grid.origin[1] + grid.cell * np.arange(columns) - middle[1]
+    return a * x[:, None] + b * y[None] + c

@@ -25,23 +25,23 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
     than `_MIN_POINTS` finite points, gets none."""
     points = plain_points(cloud)
     points = points[np.isfinite(points).all(axis=1)]
-    within = (points[:, 2] > 0) & (points[:, 2] < _CROP_M)
-    if len(points) < _MIN_POINTS or within.all():
+    is_in_crop = (points[:, 2] > 0) & (points[:, 2] < _CROP_M)
+    if len(points) < _MIN_POINTS or is_in_crop.all():
         return None
-    counted = f"{within.mean():.0%} of {len(points)} points lie between 0 and {_CROP_M:g} m"
+    share = is_in_crop.mean()
+    counted = f"{share:.0%} of {len(points)} points lie between 0 and {_CROP_M:g} m"
     try:
         ground = Ground(fit_plane(points))
-    except ValueError:
-        return (
-            None
-            if within.mean() > _MAX_FEW_SHARE
-            else f"{counted}, and no ground is found in them: check their frame"
-        )
-    on = points[np.abs(heights_above_plane(ground.plane, points)) < LEVEL_TOLERANCE_M, 2]
-    if (np.abs(on) < LEVEL_TOLERANCE_M).mean() >= 0.5:
+    except ValueError:  # no ground was found
+        if share > _MAX_FEW_SHARE:
+            return None
+        return f"{counted}, and no ground is found in them: check their frame"
+    is_on_ground = np.abs(heights_above_plane(ground.plane, points)) < LEVEL_TOLERANCE_M
+    ground_z = points[is_on_ground, 2]
+    if (np.abs(ground_z) < LEVEL_TOLERANCE_M).mean() >= 0.5:
         return None
     seems = (
-        f"their ground seems to lie at z = {np.median(on):.2f} m, tilted by "
+        f"their ground seems to lie at z = {np.median(ground_z):.2f} m, tilted by "
         f"{np.rad2deg(ground.tilt):.1f}°"
     )
     return f"{counted}: {seems}: level the points first"

@@ -47,34 +47,39 @@ def add_levels(main: HeightMap, points: Points) -> tuple[HeightMap, tuple[Ground
         return main, ()
     squares = CellPoints.from_points(main, points)
     cells = squares.low
-    surface = LinkedCells.from_cells(cells)
-    above = cells[:, 2] - main.at(cells[:, :2])
-    numbers = surface.number_levels(above)
+    linked_cells = LinkedCells.from_cells(cells)
+    main_height = main.at(cells[:, :2])
+    above = cells[:, 2] - main_height
+    numbers = linked_cells.number_levels(above)  # level of each cell, -1 for none
     count = numbers.max(initial=-1) + 1
     shares = squares.count_near(numbers, count) / max(1, len(points))
-    covered = squares.least < main.at(cells[:, :2]) + ON_GROUND_M
+    has_ground_below = squares.least < main_height + ON_GROUND_M
     levels: list[GroundLevel] = []
-    followed: list[Int64[np.ndarray, " k"]] = []
+    followed_rows: list[Int64[np.ndarray, " k"]] = []
     for number, share in enumerate(shares.tolist()):
         rows = np.flatnonzero(numbers == number)
-        is_ground = surface.is_ground(rows, above[rows], covered[rows])
+        is_ground = linked_cells.is_ground(rows, above[rows], has_ground_below[rows])
         height = float(np.median(above[rows]))
         if is_ground:
-            followed.append(rows)
+            followed_rows.append(rows)
         if is_ground or height > MIN_DOUBT_M:
-            levels.append(GroundLevel(height, share, is_ground))
-    return (draw_levels(main, cells, followed, surface) if followed else main), tuple(levels)
+            levels.append(GroundLevel(height, share, followed=is_ground))
+    if followed_rows:
+        main = draw_levels(main, cells, followed_rows, linked_cells)
+    return main, tuple(levels)
 
 
 def describe_levels(levels: tuple[GroundLevel, ...]) -> str | None:
     """Describe the doubtful surfaces in one line, else the further levels of ground.
 
-    Returns None if neither have `MIN_DOUBT_SHARE` of the points."""
-    for followed in (False, True):
-        same_kind = [level for level in levels if level.followed == followed]
-        share = sum(ground_level.share for ground_level in same_kind)
+    Doubtful are surfaces that the map of heights does not follow (`followed`). Returns None if
+    neither kind has `MIN_DOUBT_SHARE` of the points."""
+    for followed in (False, True):  # doubtful surfaces first
+        kind_levels = [level for level in levels if level.followed == followed]
+        share = sum(level.share for level in kind_levels)
         if share >= MIN_DOUBT_SHARE:
-            height = max(same_kind, key=lambda ground_level: ground_level.share).height_m
+            largest_level = max(kind_levels, key=lambda level: level.share)
+            height = largest_level.height_m
             side = "above" if height > 0 else "below"
             points = f"{share:.0%} of the points are {abs(height):.1f} m {side} the ground found"
             if followed:

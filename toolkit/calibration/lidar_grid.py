@@ -89,12 +89,13 @@ class _Columns(NamedTuple):
 
 
 def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
-    """Find the grid of one sensor in some of its clouds.
+    """Find the rows and columns of one lidar in some of its clouds.
 
-    Raises ValueError below `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
-    clouds = [cloud for cloud in clouds if len(cloud.points)]
-    name = clouds[0].name if clouds else "the sensor"
-    angles = [_measure_angles(cloud) for cloud in clouds]
+    The range of its model has a margin beyond the farthest point. Raises ValueError below
+    `MIN_GRID_POINTS` points and above `MAX_GRID_PX` cells."""
+    filled_clouds = [cloud for cloud in clouds if len(cloud.points)]
+    name = filled_clouds[0].name if filled_clouds else "the sensor"
+    angles = [_measure_angles(cloud) for cloud in filled_clouds]
     total = sum(len(cloud_angles.distance) for cloud_angles in angles)
     if total < MIN_GRID_POINTS:
         problem = f"{total} points of {name} say nothing of its rows"
@@ -106,10 +107,10 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
         raise ValueError(f"the image of {name} would have {size}: are its points in its own frame?")
     farthest = max(float(cloud_angles.distance.max(initial=0.0)) for cloud_angles in angles)
     model = RowLidar(
-        tuple(rows.elevations.tolist()),
-        columns.number,
-        columns.width,
-        columns.heading,
+        elevations=tuple(rows.elevations.tolist()),
+        columns=columns.number,
+        azimuth_fov=columns.width,
+        heading=columns.heading,
         max_range=float(max(_MIN_REACH_M, np.ceil(REACH_RATIO * farthest))),
     )
     return LidarGrid(model, rows.rings)
@@ -118,10 +119,12 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
 def compute_angles(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3 n"]:
     """Elevation, azimuth (rad) and range (m), a row each, of points in the sensor's frame.
 
-    The azimuth is counted from x towards y."""
+    The elevation is the angle above the horizontal plane; the azimuth is counted from x towards
+    y."""
     x, y, z = points.T
-    across = np.hypot(x, y)
-    return np.stack([np.arctan2(z, across), np.arctan2(y, x), np.hypot(across, z)])
+    horizontal_length = np.hypot(x, y)
+    elevation = np.arctan2(z, horizontal_length)
+    return np.stack([elevation, np.arctan2(y, x), np.hypot(horizontal_length, z)])
 
 
 def nearest_row(
@@ -130,17 +133,21 @@ def nearest_row(
     """Index of the row with the nearest elevation, for each point.
 
     elevation: each point's (rad); rows: elevations of the rows (rad), descending."""
-    # negated, since searchsorted needs ascending limits; they are halfway between two rows
-    return np.searchsorted(-(rows[1:] + rows[:-1]) / 2, -elevation, side="left").astype(np.int64)
+    # limits are halfway between two rows; negated, since searchsorted needs ascending ones
+    negated_limits = -(rows[1:] + rows[:-1]) / 2
+    return np.searchsorted(negated_limits, -elevation, side="left").astype(np.int64)
 
 
 def _measure_angles(cloud: SensorCloud) -> _Angles:
     """Angles, ranges and lasers of a cloud's points farther than `MIN_RANGE_M`."""
-    angles = compute_angles(cloud.in_sensor())
-    is_far = angles[2] > MIN_RANGE_M
-    elevation, azimuth, distance = angles[:, is_far]
-    ring = None if cloud.ring is None else cloud.ring[is_far]
-    return _Angles(elevation, azimuth, distance, ring)
+    elevation, azimuth, distance = compute_angles(cloud.in_sensor())
+    is_far = distance > MIN_RANGE_M
+    return _Angles(
+        elevation=elevation[is_far],
+        azimuth=azimuth[is_far],
+        distance=distance[is_far],
+        ring=None if cloud.ring is None else cloud.ring[is_far],
+    )
 
 
 def _join_azimuths(angles: Sequence[_Angles]) -> Float64[np.ndarray, " n"]:
@@ -151,24 +158,25 @@ def _join_azimuths(angles: Sequence[_Angles]) -> Float64[np.ndarray, " n"]:
 def _find_rows(angles: Sequence[_Angles]) -> _Rows:
     """Find rows by lasers, else by elevations at which points crowd, else make even ones.
 
-    angles: angles of each cloud of one sensor. Lasers count only if all clouds name them."""
-    elevation = np.concatenate([cloud_angles.elevation for cloud_angles in angles])
+    angles: angles of each cloud of one sensor, whose `ring` is the laser of each point. Lasers
+    count only if all clouds name them."""
+    point_elevations = np.concatenate([cloud_angles.elevation for cloud_angles in angles])
     rings = [cloud_angles.ring for cloud_angles in angles if cloud_angles.ring is not None]
     if len(rings) == len(angles):
-        elevations, numbers = _find_ring_rows(elevation, np.concatenate(rings))
+        row_elevations, row_rings = _find_ring_rows(point_elevations, np.concatenate(rings))
         steps = [
-            _steps_in_rows(cloud_angles.azimuth, ring)
+            _azimuth_steps(cloud_angles.azimuth, ring)
             for cloud_angles, ring in zip(angles, rings, strict=True)
         ]
-        return _Rows(elevations, _usual_step(steps), numbers)
-    crowded = _find_crowded_rows(elevation)
-    if crowded is None:
+        return _Rows(row_elevations, step=_median_step(steps), rings=row_rings)
+    crowded_rows = _find_crowded_rows(point_elevations)
+    if crowded_rows is None:
         return _make_even_rows(angles)
-    steps = [
-        _steps_in_rows(cloud_angles.azimuth, nearest_row(cloud_angles.elevation, crowded))
-        for cloud_angles in angles
-    ]
-    return _Rows(crowded, _usual_step(steps))
+    steps = []
+    for cloud_angles in angles:
+        row = nearest_row(cloud_angles.elevation, crowded_rows)
+        steps.append(_azimuth_steps(cloud_angles.azimuth, row))
+    return _Rows(crowded_rows, step=_median_step(steps))
 
 
 def _find_ring_rows(
@@ -177,42 +185,43 @@ def _find_ring_rows(
     """Median elevation (rad) of each laser, top first, and the lasers in this order.
 
     elevation, ring: elevation and laser of each point."""
-    numbers = np.unique(ring)
-    medians = np.array([np.median(elevation[ring == number]) for number in numbers])
-    order = np.argsort(-medians, kind="stable")
+    lasers = np.unique(ring)
+    medians = np.array([np.median(elevation[ring == laser]) for laser in lasers])
+    order = np.argsort(-medians, kind="stable")  # negated: top first
     rows = medians[order]
     # two lasers at one elevation stay two rows, since rows must descend
     for k in range(1, len(rows)):
         rows[k] = min(rows[k], np.nextafter(rows[k - 1], -np.inf) - 1e-9)
-    return rows, tuple(numbers[order].tolist())
+    return rows, tuple(lasers[order].tolist())
 
 
 def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"] | None:
-    """Elevations (rad), top first, at which points crowd; None if they do not.
+    """Elevations (rad) of rows at which points crowd, top first; None if they do not crowd.
 
-    elevation: elevations of all points (rad)."""
+    elevation: elevations of all points (rad). Peaks of their histogram are tried as rows, with ever
+    wider smoothing."""
     from scipy.ndimage import gaussian_filter1d
 
     # histogram with 100 empty bins at either end, so that smoothing leaves the ends free
     low = elevation.min() - 100 * _BIN_RAD
     counts = np.bincount(((elevation - low) / _BIN_RAD).astype(np.int64))
     counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
-    for bins in _SMOOTHING_BINS:
-        smoothed = gaussian_filter1d(counts, bins)
+    for deviation_bins in _SMOOTHING_BINS:
+        smoothed = gaussian_filter1d(counts, deviation_bins)
         rises = smoothed[1:-1] > smoothed[:-2]
         falls = smoothed[1:-1] >= smoothed[2:]
         peaks = np.flatnonzero(rises & falls) + 1
         if not len(peaks):
             continue
-        peaks = peaks[smoothed[peaks] >= _MIN_PEAK_SHARE * np.median(smoothed[peaks])]
-        rows = (low + (peaks + 0.5) * _BIN_RAD)[::-1]  # top first
-        rows = _take_medians(elevation, rows)
-        if len(rows) > 1 and _share_in_rows(elevation, rows) >= _MIN_CROWDED_SHARE:
+        high_peaks = peaks[smoothed[peaks] >= _MIN_PEAK_SHARE * np.median(smoothed[peaks])]
+        peak_elevations = (low + (high_peaks + 0.5) * _BIN_RAD)[::-1]  # middles of bins, top first
+        rows = _row_medians(elevation, peak_elevations)
+        if len(rows) > 1 and _share_near_rows(elevation, rows) >= _MIN_CROWDED_SHARE:
             return rows
     return None
 
 
-def _take_medians(
+def _row_medians(
     elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
 ) -> Float64[np.ndarray, " m"]:
     """Median elevation (rad) of the points nearest to each row; a row without points stays.
@@ -226,34 +235,38 @@ def _take_medians(
     return medians
 
 
-def _share_in_rows(elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]) -> float:
+def _share_near_rows(
+    elevation: Float64[np.ndarray, " n"], rows: Float64[np.ndarray, " m"]
+) -> float:
     """Share of the points near a row, 0 to 1: at most a third of the way to the next row.
 
     elevation: each point's (rad); rows: elevations, top first (rad)."""
     row = nearest_row(elevation, rows)
     gaps = -np.diff(rows)
-    to_next = np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf))
-    return float((np.abs(elevation - rows[row]) <= 1 / 3 * to_next[row]).mean())
+    # from each row to the nearer one of its two neighbours
+    row_gap = np.minimum(np.append(gaps, np.inf), np.insert(gaps, 0, np.inf))
+    is_near = np.abs(elevation - rows[row]) <= 1 / 3 * row_gap[row]
+    return float(is_near.mean())
 
 
-def _steps_in_rows(
+def _azimuth_steps(
     azimuth: Float64[np.ndarray, " n"], row: Int64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " k"]:
     """Steps of the azimuth (rad) between neighbours in a row, of all rows.
 
     azimuth, row: azimuth and row of each point of one cloud."""
-    order = np.lexsort((azimuth, row))
+    order = np.lexsort((azimuth, row))  # by row, then by azimuth
     is_same_row = row[order][1:] == row[order][:-1]
     return np.diff(azimuth[order])[is_same_row]
 
 
-def _usual_step(steps: Sequence[np.ndarray]) -> float:
+def _median_step(steps: Sequence[np.ndarray]) -> float:
     """Median of the steps (rad) above `_MIN_STEP_RAD`, a full turn without any.
 
     steps: steps of the azimuth in each cloud."""
     pooled = np.concatenate(steps)
-    pooled = pooled[pooled > _MIN_STEP_RAD]
-    return float(np.median(pooled)) if len(pooled) else 2 * np.pi
+    counted = pooled[pooled > _MIN_STEP_RAD]
+    return float(np.median(counted)) if len(counted) else 2 * np.pi
 
 
 def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
@@ -264,44 +277,47 @@ def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
     from scipy.spatial import cKDTree
 
     largest = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
-    # on a plane in which distances are about the angles between points
-    flat = np.column_stack([largest.elevation, largest.azimuth * np.cos(largest.elevation)])
-    sample = np.random.default_rng(0).permutation(len(flat))[:_SAMPLED_POINTS]
-    neighbour_distances = cKDTree(flat).query(flat[sample], k=2)[0][:, 1]
-    low, middle, high = np.quantile(neighbour_distances, [0.1, 0.5, 0.9]).tolist()
+    # places on a plane in which distances are about the angles between points
+    places = np.column_stack([largest.elevation, largest.azimuth * np.cos(largest.elevation)])
+    sample = np.random.default_rng(0).permutation(len(places))[:_SAMPLED_POINTS]
+    # the nearest place is the point itself, the second nearest its neighbour
+    distances, _ = cKDTree(places).query(places[sample], k=2)
+    low, median, high = np.quantile(distances[:, 1], [0.1, 0.5, 0.9]).tolist()
     is_random = high > _MIN_RANDOM_RATIO * max(low, 1e-9)
-    step = float(max(middle * (2 if is_random else 1), _MIN_STEP_RAD))
+    step = float(max(median * (2 if is_random else 1), _MIN_STEP_RAD))
     top = float(max(cloud_angles.elevation.max() for cloud_angles in angles))
     bottom = float(min(cloud_angles.elevation.min() for cloud_angles in angles))
     count = max(2, int(np.ceil((top - bottom) / step)) + 1)
+    # rows are even about the middle of all elevations, top first
     offsets = (count - 1) / 2 - np.arange(count)
-    return _Rows((top + bottom) / 2 + offsets * step, step)
+    return _Rows((top + bottom) / 2 + offsets * step, step=step)
 
 
 def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
     """Find columns all around, or from one side of the widest gap to the other.
 
     azimuth: azimuths of all points (rad); step: usual step between neighbours (rad)."""
-    heading, span = _find_span(azimuth)
+    middle, span = _find_span(azimuth)
     if span is not None:
         count = max(1, int(np.ceil(span / step - 0.5)) + 1)
-        return _Columns(count, min(count * step, 2 * np.pi), heading)
+        return _Columns(count, width=min(count * step, 2 * np.pi), heading=middle)
     count = max(1, round(2 * np.pi / step))
     # The phase is a multiple of 2 pi for an azimuth in the middle of a column, if the heading is 0.
     # If azimuths are the same in all clouds, so are phases, and their mean gives the heading.
     phase = azimuth * count - np.pi * (count - 1)
-    mean = np.exp(1j * phase).mean()
-    heading = float(np.angle(mean) / count) if abs(mean) > _MIN_PHASE else 0.0
-    return _Columns(count, 2 * np.pi, heading)
+    mean_phasor = np.exp(1j * phase).mean()  # its length is 1 if all phases agree
+    heading = float(np.angle(mean_phasor) / count) if abs(mean_phasor) > _MIN_PHASE else 0.0
+    return _Columns(count, width=2 * np.pi, heading=heading)
 
 
 def _find_span(azimuth: Float64[np.ndarray, " n"]) -> tuple[float, float | None]:
     """Middle and width of the observed azimuths (rad), 0 and None if they are all around."""
     ordered = np.sort(azimuth)
-    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
+    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)  # the last one goes across -pi and pi
     widest = int(gaps.argmax())
     if gaps[widest] < MIN_SEAM_RAD:
         return 0.0, None
     span = 2 * np.pi - float(gaps[widest])
     middle = float(ordered[(widest + 1) % len(ordered)]) + span / 2
+    # to -pi..pi
     return float(np.arctan2(np.sin(middle), np.cos(middle))), span

@@ -27,7 +27,7 @@ OFF_M = 0.3
 EDGE_M = 0.1
 SECTORS = 8  # equal sectors around a cell
 MIN_SECTORS = 6  # least number of sectors with a neighbour in the ring, for a cell inside a road
-RING_M = (2.3, 5.0)  # inner and outer radius of that ring
+RING_M = (2.3, 5.0)  # inner and outer radius of the ring
 # least number of cells inside a raised road, and its least length (m)
 MIN_RAISED_CELLS = 20
 MIN_RAISED_M = 28.0
@@ -62,19 +62,22 @@ class CellPoints(NamedTuple):
         rows, columns = grid.heights.shape
         index = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
         in_grid = ((index >= 0) & (index < [rows, columns])).all(axis=1)
-        inside = in_grid & (np.abs(points[:, 2]) < MAX_HEIGHT_M)
-        points = points[inside]
-        index = index[inside].astype(np.int64)
-        key = index[:, 0] * columns + index[:, 1]
-        # mm from 0 to 200,000, so that one number sorts by square, then by height
-        height = np.round((points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
-        order = np.argsort(key * round(3000 * MAX_HEIGHT_M) + height)
-        sorted_key = key[order]
-        first = np.flatnonzero(np.diff(sorted_key, prepend=-1))
+        is_kept = in_grid & (np.abs(points[:, 2]) < MAX_HEIGHT_M)
+        kept_points = points[is_kept]
+        row_index, column_index = index[is_kept].astype(np.int64).T
+        square_key = row_index * columns + column_index
+        # Heights are mm from 0 to 200,000 and a square's step is larger (300,000), so that one
+        # number sorts by square, then by height.
+        height_mm = np.round((kept_points[:, 2] + MAX_HEIGHT_M) * 1000).astype(np.int64)
+        order = np.argsort(square_key * round(3000 * MAX_HEIGHT_M) + height_mm)
+        first = np.flatnonzero(np.diff(square_key[order], prepend=-1))  # each square's lowest point
         count = np.diff(np.append(first, len(order)))
-        square = np.repeat(np.arange(len(first)), count)
-        low = points[order[first + count // 10]]
-        return CellPoints(points[order, 2], square, low, points[order[first], 2])
+        return CellPoints(
+            z=kept_points[order, 2],
+            square=np.repeat(np.arange(len(first)), count),
+            low=kept_points[order[first + count // 10]],
+            least=kept_points[order[first], 2],
+        )
 
     def count_near(
         self, numbers: Int64[np.ndarray, " m"], count: int
@@ -82,9 +85,9 @@ class CellPoints(NamedTuple):
         """Count the points on each surface, within `ON_GROUND_M` of their square's low point.
 
         numbers: (m,) number of each square's surface, -1 for none; count: number of surfaces."""
-        on = np.abs(self.z - self.low[self.square, 2]) < ON_GROUND_M
-        number = numbers[self.square[on]]
-        return np.bincount(number[number >= 0], minlength=count)
+        is_low = np.abs(self.z - self.low[self.square, 2]) < ON_GROUND_M
+        point_numbers = numbers[self.square[is_low]]
+        return np.bincount(point_numbers[point_numbers >= 0], minlength=count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,18 +108,24 @@ class LinkedCells:
 
     @staticmethod
     def from_cells(cells: Float64[np.ndarray, "n 3"]) -> "LinkedCells":
-        """Link each cell with the near ones at about its height."""
+        """Link each cell with the near ones at about its height.
+
+        cells: low points (x, y, z in m) of a grid's squares."""
         from scipy.spatial import cKDTree
 
+        xy = cells[:, :2]
+        z = cells[:, 2]
         count = min(MAX_NEIGHBOURS + 1, len(cells))
-        distance, neighbours = cKDTree(cells[:, :2]).query(cells[:, :2], count)
+        distance, neighbours = cKDTree(xy).query(xy, count)
+        # the first neighbour is the cell itself; query drops the axis if count is 1
         distance = distance.reshape(len(cells), count)[:, 1:]
         neighbours = neighbours.reshape(len(cells), count)[:, 1:]
-        rise = np.abs(cells[neighbours, 2] - cells[:, None, 2])
-        near = distance < LINK_M
-        linked = near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
-        flat = (linked.sum(axis=1) >= 3) & (linked.sum(axis=1) >= FLAT_SHARE * near.sum(axis=1))
-        return LinkedCells(cells, neighbours, linked, flat)
+        rise = np.abs(z[neighbours] - z[:, None])
+        is_near = distance < LINK_M
+        linked = is_near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
+        link_count = linked.sum(axis=1)
+        flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
+        return LinkedCells(cells, other=neighbours, linked=linked, flat=flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
         """Number the linked surfaces off the main ground.
@@ -128,20 +137,24 @@ class LinkedCells:
 
         # 1 above the main ground, -1 below it, 0 on it
         side = np.where(np.abs(above) > EDGE_M, np.sign(above), 0.0)
-        member = self.flat & (side != 0)
-        both_members = member[:, None] & member[self.other]
+        is_member = self.flat & (side != 0)
+        both_members = is_member[:, None] & is_member[self.other]
         same_side = side[self.other] == side[:, None]
         cell, column = np.nonzero(self.linked & both_members & same_side)
-        edges = (np.ones(len(cell), bool), (cell, self.other[cell, column]))
-        _, group = connected_components(coo_array(edges, (len(above), len(above))))
-        core = member & (np.abs(above) > OFF_M)
-        enough = np.bincount(group[core], minlength=group.max(initial=0) + 1) >= MIN_SUNKEN_CELLS
-        is_numbered = member & enough[group]
+        # sparse matrix of the links: values, then rows and columns
+        links = (np.ones(len(cell), bool), (cell, self.other[cell, column]))
+        _, group = connected_components(coo_array(links, (len(above), len(above))))
+        # a group needs enough cells that are clearly off the main ground
+        is_core = is_member & (np.abs(above) > OFF_M)
+        core_counts = np.bincount(group[is_core], minlength=group.max(initial=0) + 1)
+        is_large = core_counts >= MIN_SUNKEN_CELLS
+        is_numbered = is_member & is_large[group]
         numbers = np.full(len(above), -1)
-        numbers[is_numbered] = np.unique(group[is_numbered], return_inverse=True)[1]
-        return self._join(numbers, side)
+        # numbers of the groups left, from 0 without gaps
+        _, numbers[is_numbered] = np.unique(group[is_numbered], return_inverse=True)
+        return self._join_pieces(numbers, side)
 
-    def _join(
+    def _join_pieces(
         self, numbers: Int64[np.ndarray, " n"], side: Float64[np.ndarray, " n"]
     ) -> Int64[np.ndarray, " n"]:
         """Give pieces of one road the same number if road users and their shadows separate them.
@@ -191,17 +204,17 @@ class LinkedCells:
             above: height (m) of each such cell above the main ground.
             covered: mask of the same cells; True if points of the main ground are below it, as
                 under a roof."""
-        core = np.abs(above) > OFF_M
-        xy = self.cells[rows[core], :2]
-        sunken = np.median(above[core]) < 0
-        min_cells = MIN_SUNKEN_CELLS if sunken else MIN_RAISED_CELLS
-        min_length = MIN_SUNKEN_M if sunken else MIN_RAISED_M
-        inside = _count_inside(xy)
-        # direction in which the cells extend farthest
-        along = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False)[2][0]
-        extent = float(np.ptp(xy @ along))
-        hides = not sunken and covered[core].mean() > 0.5
-        return inside >= min_cells and extent >= min_length and not hides
+        is_core = np.abs(above) > OFF_M  # cells clearly off the main ground
+        xy = self.cells[rows[is_core], :2]
+        is_sunken = np.median(above[is_core]) < 0
+        min_cells = MIN_SUNKEN_CELLS if is_sunken else MIN_RAISED_CELLS
+        min_length = MIN_SUNKEN_M if is_sunken else MIN_RAISED_M
+        inside_count = _count_inside(xy)
+        # the first right singular vector is the direction in which the cells extend farthest
+        directions = np.linalg.svd(xy - xy.mean(axis=0), full_matrices=False).Vh
+        length = float(np.ptp(xy @ directions[0]))
+        is_roof = not is_sunken and covered[is_core].mean() > 0.5
+        return inside_count >= min_cells and length >= min_length and not is_roof
 
 
 def _count_inside(xy: Float64[np.ndarray, "n 2"]) -> int:
@@ -211,12 +224,15 @@ def _count_inside(xy: Float64[np.ndarray, "n 2"]) -> int:
     have another one in the ring `RING_M`."""
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(xy).query_pairs(RING_M[1], output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])  # each pair in both directions
-    offset = xy[pairs[:, 1]] - xy[pairs[:, 0]]
-    is_far = np.hypot(*offset.T) > RING_M[0]
-    turn_share = np.arctan2(offset[is_far, 1], offset[is_far, 0]) / (2 * np.pi) + 0.5
-    sector = np.floor(turn_share * SECTORS).astype(int) % SECTORS
+    inner_radius, outer_radius = RING_M
+    pairs = cKDTree(xy).query_pairs(outer_radius, output_type="ndarray")
+    # each pair in both directions
+    cell, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    dx, dy = (xy[other] - xy[cell]).T
+    is_in_ring = np.hypot(dx, dy) > inner_radius
+    # direction from the cell to the other one, in turns from 0 to 1
+    turn_share = np.arctan2(dy[is_in_ring], dx[is_in_ring]) / (2 * np.pi) + 0.5
+    sector = np.floor(turn_share * SECTORS).astype(int) % SECTORS  # the end of a turn is its start
     is_filled = np.zeros((len(xy), SECTORS), bool)
-    is_filled[pairs[is_far, 0], sector] = True
+    is_filled[cell[is_in_ring], sector] = True
     return int((is_filled.sum(axis=1) >= MIN_SECTORS).sum())

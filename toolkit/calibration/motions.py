@@ -6,9 +6,11 @@ A motion is turns (rad) about the world's axes through the sensor, and moves (m)
 
 Turns are counted times `LEVER_M`, so that all six numbers are metres."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from toolkit.arrays import Float64, Points, Pose
+from toolkit.arrays import Bool, Float64, Points, Pose
 from toolkit.sensors.error_terms import make_rotation
 
 Motion = Float64[np.ndarray, "6"]  # turns times `LEVER_M` and moves, m
@@ -21,6 +23,19 @@ MOTION_NAMES = (
     "move along z",
 )
 LEVER_M = 10.0  # m: a turn is compared with a move as the move of a point this far off
+
+
+class MotionModes(NamedTuple):
+    """Independent motions, as eigenvectors of the information that pairs of points give.
+
+    Attributes:
+        values: eigenvalue of each mode: the information about it.
+        vectors: (m, m) unit motion of each mode in its column, turns times `LEVER_M`.
+        observed: mask of the modes that enough pairs resist."""
+
+    values: Float64[np.ndarray, " m"]
+    vectors: Float64[np.ndarray, "m m"]
+    observed: Bool[np.ndarray, " m"]
 
 
 def apply_motion(pose: Pose, motion: Motion) -> Pose:
@@ -55,4 +70,6 @@ def resistance(
         normals: unit normal of the plane at each point, world axes.
 
     Columns are the motion's six numbers, turns times `LEVER_M` and moves."""
-    return np.concatenate([np.cross(points - position, normals) / LEVER_M, normals], axis=1)
+    by_turns = np.cross(points - position, normals) / LEVER_M
+    by_moves = normals
+    return np.concatenate([by_turns, by_moves], axis=1)

@@ -46,9 +46,12 @@ class SensorBoxes:
         """Return boxes, given in the world frame, in the frame of their sensor.
 
         believed: world_SE3_sensor that the boxes were detected with."""
-        # column 6 of boxes is yaw (rad)
-        ahead = np.column_stack([np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.zeros(len(boxes))])
-        return cls(transform(invert(believed), boxes[:, :3]), ahead @ believed[:3, :3])
+        centre = boxes[:, :3]
+        yaw = boxes[:, 6]
+        world_ahead = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(boxes))])
+        return cls(
+            centres=transform(invert(believed), centre), ahead=world_ahead @ believed[:3, :3]
+        )
 
 
 class _Matches(NamedTuple):
@@ -70,14 +73,14 @@ def detect_boxes(
     """Detect objects in the cloud of each sensor.
 
     Returns, for each frame, the boxes of its sensors in order, each in the sensor's frame."""
-    detected: list[list[SensorBoxes]] = []
+    boxes_by_frame: list[list[SensorBoxes]] = []
     for frame in frames:
         frame_boxes = []
         for cloud, sensor in zip(frame_points(frame, area=site), frame.sensors, strict=True):
             boxes = detect_on_ground(detector, cloud, site).boxes
             frame_boxes.append(SensorBoxes.from_boxes(boxes, sensor.pose))
-        detected.append(frame_boxes)
-    return detected
+        boxes_by_frame.append(frame_boxes)
+    return boxes_by_frame
 
 
 def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: float) -> list[Pairs]:
@@ -97,6 +100,7 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
             _match_boxes(frame[first], frame[second], poses[first], poses[second], gate)
             for frame in seen
         ]
+        # matches of all frames; empty arrays in case there are no frames
         joined = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
         count = len(joined.turn)
         if not count:
@@ -122,10 +126,12 @@ def _centre_rows(centres: Float64[np.ndarray, "n 3"], pose: Pose) -> Float64[np.
     centres: (n, 3) m, world frame; pose: world_SE3_sensor. Returns m = 4 n rows: all centres along
     x, along y, along z, and all headings; columns are turns times `LEVER_M`, and moves."""
     count = len(centres)
-    axes = np.repeat(np.eye(3), count, axis=0)
-    along_axes = resistance(np.tile(centres, (3, 1)), pose[:3, 3], axes)
-    about_z = np.tile([0.0, 0.0, 1 / LEVER_M, 0.0, 0.0, 0.0], (count, 1))
-    return np.concatenate([along_axes, about_z])
+    # a plane across each axis through each centre: all x, then y, then z
+    normals = np.repeat(np.eye(3), count, axis=0)
+    centre_rows = resistance(np.tile(centres, (3, 1)), position=pose[:3, 3], normals=normals)
+    # headings change with turns about z only
+    heading_rows = np.tile([0.0, 0.0, 1 / LEVER_M, 0.0, 0.0, 0.0], (count, 1))
+    return np.concatenate([centre_rows, heading_rows])
 
 
 def _match_boxes(
@@ -143,6 +149,7 @@ def _match_boxes(
     second_centres = transform(other_pose, theirs.centres)
     if not (len(first_centres) and len(second_centres)):
         return _Matches(*_NO_MATCH)
+    # x and y from each second centre to each first one, (first, second, 2)
     offsets = first_centres[:, None, :2] - second_centres[None, :, :2]
     distance = np.hypot(offsets[:, :, 0], offsets[:, :, 1])
     nearest = distance.argmin(axis=1)
@@ -155,7 +162,9 @@ def _match_boxes(
     turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
     is_matched = is_mutual & (np.abs(turn) < _MAX_HEADING_GAP_RAD)
     return _Matches(
-        first_centres[is_matched], second_centres[nearest[is_matched]], turn[is_matched]
+        first=first_centres[is_matched],
+        second=second_centres[nearest[is_matched]],
+        turn=turn[is_matched],
     )
 
 

@@ -81,12 +81,14 @@ class _Clusters(NamedTuple):
     ) -> Int64[np.ndarray, " pixels"]:
         """Pick each pixel's eligible cluster of highest rank, the farthest of several.
 
-        A pixel without an eligible cluster gets the highest rank of the others. Returns cluster
-        indices, one for each pixel."""
-        number = np.arange(len(self.starts))
-        order = np.lexsort((number, rank, eligible, self.pixel))
+        rank: rank of each cluster; eligible: mask of clusters. A pixel without an eligible cluster
+        gets the highest rank of the others. Returns cluster indices, one for each pixel."""
+        # the last key counts first: by pixel, the best cluster of each last
+        cluster_index = np.arange(len(self.starts))
+        order = np.lexsort((cluster_index, rank, eligible, self.pixel))
         pixels = np.arange(len(self.values))
-        return order[np.searchsorted(self.pixel[order], pixels, side="right") - 1]
+        last_of_pixel = np.searchsorted(self.pixel[order], pixels, side="right") - 1
+        return order[last_of_pixel]
 
 
 def find_clusters(
@@ -101,23 +103,40 @@ def find_clusters(
     # (pixels, n): a row for each pixel, in order of time; infinite without a return
     in_time = np.where(is_return(images, model.max_range), images, np.inf).reshape(n, -1).T
     clusters = _split_clusters(np.sort(in_time), model)
-    size = clusters.size
-    is_enough = size >= min(n, max(2, int(np.ceil(MIN_CLUSTER_SHARE * n))))
-    number = np.arange(len(size))
-    far = clusters.pick(np.where(is_enough, number, size), is_enough)
-    is_nearer = is_enough & (number < far[clusters.pixel])
+    size = clusters.size  # number of measurements in each cluster of any pixel
+    min_size = min(n, max(2, int(np.ceil(MIN_CLUSTER_SHARE * n))))
+    is_enough = size >= min_size
+    # `pick` takes for each pixel the cluster of highest rank. Clusters of a pixel are numbered near
+    # to far, so the highest number is the farthest.
+    cluster_index = np.arange(len(size))
+    far = clusters.pick(np.where(is_enough, cluster_index, size), is_enough)
+    is_nearer = is_enough & (cluster_index < far[clusters.pixel])
     near = clusters.pick(size, is_nearer)
-    nearest = clusters.values.ravel()[clusters.starts[near]][:, None]
-    farthest = clusters.values.ravel()[clusters.ends[near] - 1][:, None]
-    is_present = (in_time >= nearest) & (in_time <= farthest)
-    share = is_present.mean(axis=1)
-    # Times that the nearer cluster appears after another one. Independent draws with this share
-    # would give share * (1 - share) * n.
-    arrivals = (is_present[:, 1:] & ~is_present[:, :-1]).sum(axis=1) + is_present[:, 0]
-    flickers = is_nearer[near] & (arrivals >= MIN_FLICKER_RATE * share * (1 - share) * n)
+    has_near = is_nearer[near]
+    flickers = has_near & _comes_and_goes(clusters, near, in_time)
     far_mode = _measure_mode(clusters, far, model).reshape(shape)
-    near_mode = _measure_mode(clusters, np.where(is_nearer[near], near, -1), model).reshape(shape)
+    near_mode = _measure_mode(clusters, np.where(has_near, near, -1), model).reshape(shape)
     return far_mode, near_mode, flickers.reshape(shape)
+
+
+def _comes_and_goes(
+    clusters: _Clusters,
+    near: Int64[np.ndarray, " pixels"],
+    in_time: Float32[np.ndarray, "pixels n"],
+) -> Bool[np.ndarray, " pixels"]:
+    """Mark pixels in which a cluster appears often enough for a part of the scene.
+
+    near: index of one cluster of each pixel; in_time: measurements of each pixel in order of time,
+    infinite without a return."""
+    values = clusters.values.ravel()
+    least = values[clusters.starts[near]][:, None]
+    greatest = values[clusters.ends[near] - 1][:, None]
+    is_present = (in_time >= least) & (in_time <= greatest)
+    share = is_present.mean(axis=1)
+    # Times that the cluster appears after another one. Independent draws with this share would
+    # give share * (1 - share) * n.
+    arrivals = (is_present[:, 1:] & ~is_present[:, :-1]).sum(axis=1) + is_present[:, 0]
+    return arrivals >= MIN_FLICKER_RATE * share * (1 - share) * in_time.shape[1]
 
 
 def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel) -> _Clusters:
@@ -132,8 +151,13 @@ def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel)
     with np.errstate(invalid="ignore"):  # two missing returns are infinity less infinity: no gap
         begins[:, 1:] = values[:, 1:] - values[:, :-1] > gap
     starts = np.flatnonzero(begins)
-    ends = np.append(starts[1:], values.size)
-    return _Clusters(values, solid, starts, ends, starts // values.shape[1])
+    return _Clusters(
+        values=values,
+        solid=solid,
+        starts=starts,
+        ends=np.append(starts[1:], values.size),
+        pixel=starts // values.shape[1],
+    )
 
 
 def _measure_mode(
@@ -145,26 +169,27 @@ def _measure_mode(
     Returns flat images, one value for each pixel."""
     n = clusters.values.shape[1]
     values = clusters.solid.ravel()
-    first = clusters.starts[numbers]
-    last = clusters.ends[numbers]
-    size = last - first
-    median = (values[first + (size - 1) // 2] + values[first + size // 2]) / 2
+    start = clusters.starts[numbers]
+    end = clusters.ends[numbers]
+    size = end - start
+    # the median is the mean of the two middle values, which are one value if the size is odd
+    median = (values[start + (size - 1) // 2] + values[start + size // 2]) / 2
+    # (pixels, n): no cluster has more than n members, so most rows end with non-members
     offset = np.arange(n)
     is_member = offset < size[:, None]
-    members = values[np.minimum(first[:, None] + offset, len(values) - 1)]
+    members = values[np.minimum(start[:, None] + offset, len(values) - 1)]
     deviations = np.where(is_member, np.abs(members - median[:, None]), np.float32(np.inf))
-    deviations = np.sort(deviations)
+    deviations = np.sort(deviations)  # non-members are infinite and come last
     row = np.arange(len(numbers))
-    # median absolute deviation; non-members are infinite and come last
-    typical = (deviations[row, (size - 1) // 2] + deviations[row, size // 2]) / 2
-    spread = np.maximum(_MAD_TO_SIGMA * typical, np.asarray(model.deviation(median)))
+    median_deviation = (deviations[row, (size - 1) // 2] + deviations[row, size // 2]) / 2
+    spread = np.maximum(_MAD_TO_SIGMA * median_deviation, np.asarray(model.deviation(median)))
     exists = numbers >= 0
     return PixelMode(
         median=np.where(exists, median, np.nan).astype(np.float32),
         spread=np.where(exists & (median > 0), spread, 0).astype(np.float32),
         share=np.where(exists, size / n, 0).astype(np.float32),
-        least=np.where(exists, values[first], 0),
-        greatest=np.where(exists, values[last - 1], 0),
+        least=np.where(exists, values[start], 0),
+        greatest=np.where(exists, values[end - 1], 0),
     )
 
 
@@ -175,20 +200,20 @@ def usual_spread(far: PixelMode, model: SensorModel) -> Callable[[ImageRanges], 
     model's noise. far: farthest cluster of each pixel; only pixels that see it in at least
     `MIN_OPEN_SHARE` of the frames count."""
     is_clear = (far.share >= MIN_OPEN_SHARE) & (far.median > 0)
-    distance = np.log(far.median[is_clear])
+    log_distance = np.log(far.median[is_clear])
     spread = far.spread[is_clear]
-    if not len(distance):
+    if not len(log_distance):
         return lambda median: np.broadcast_to(model.deviation(np.nan_to_num(median)), median.shape)
-    edges = np.linspace(distance.min(), distance.max() + 1e-6, DISTANCE_STEPS + 1)
-    step = np.digitize(distance, edges)
-    steps = np.unique(step)
-    usual = [np.median(spread[step == k]) for k in steps]
-    middle = [np.median(distance[step == k]) for k in steps]
+    edges = np.linspace(log_distance.min(), log_distance.max() + 1e-6, DISTANCE_STEPS + 1)
+    step = np.digitize(log_distance, edges)
+    steps = np.unique(step)  # steps without a pixel are left out
+    step_spread = [np.median(spread[step == k]) for k in steps]
+    step_log_distance = [np.median(log_distance[step == k]) for k in steps]
 
     def interpolate(median: ImageRanges) -> ImageRanges:
         # usual spread at each median, with the logarithm of 1 for pixels without a return
-        log_distance = np.log(np.where(median > 0, median, 1))
-        spreads = np.interp(log_distance, middle, usual)
+        pixel_log_distance = np.log(np.where(median > 0, median, 1))
+        spreads = np.interp(pixel_log_distance, step_log_distance, step_spread)
         return np.maximum(spreads, model.deviation(np.nan_to_num(median))).astype(np.float32)
 
     return interpolate
@@ -207,24 +232,28 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
     narrowed = PixelMode(*(image.copy() for image in mode))
     broad_pixels = np.flatnonzero(mode.spread > MAX_SPREAD_RATIO * usual)
     for start in range(0, len(broad_pixels), _BATCH_PX):
-        broad = broad_pixels[start : start + _BATCH_PX]
-        least = mode.least.ravel()[broad][:, None]
-        greatest = mode.greatest.ravel()[broad][:, None]
-        spread = usual.ravel()[broad]
-        values = np.stack([image.ravel()[broad] for image in images], axis=1)
-        # members of the cluster first, infinite values last
-        values = np.sort(np.where((values >= least) & (values <= greatest), values, np.inf))
-        begin, size = _find_densest(values, 2 * SCENE_SIGMAS * spread)
-        row = np.arange(len(broad))
-        lower_middle = values[row, begin + (size - 1) // 2]
-        median = (lower_middle + values[row, begin + size // 2]) / 2
+        pixels = broad_pixels[start : start + _BATCH_PX]
+        least = mode.least.ravel()[pixels][:, None]
+        greatest = mode.greatest.ravel()[pixels][:, None]
+        spread = usual.ravel()[pixels]
+        # (pixels, n) measurements over time, then sorted: members of the cluster first, infinite
+        # values last
+        in_time = np.stack([image.ravel()[pixels] for image in images], axis=1)
+        is_in_cluster = (in_time >= least) & (in_time <= greatest)
+        values = np.sort(np.where(is_in_cluster, in_time, np.inf))
+        first, size = _find_densest(values, 2 * SCENE_SIGMAS * spread)
+        row = np.arange(len(pixels))
+        # the median is the mean of the two middle values, which are one value if the size is odd
+        lower_middle = values[row, first + (size - 1) // 2]
+        median = (lower_middle + values[row, first + size // 2]) / 2
         rank = np.arange(values.shape[1])
-        is_member = (rank >= begin[:, None]) & (rank < (begin + size)[:, None])
+        is_member = (rank >= first[:, None]) & (rank < (first + size)[:, None])
         deviations = np.sort(np.where(is_member, np.abs(values - median[:, None]), np.inf))
         deviation = _MAD_TO_SIGMA * deviations[row, (size - 1) // 2]
-        narrowed.median.ravel()[broad] = median
-        narrowed.spread.ravel()[broad] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
-        narrowed.share.ravel()[broad] = size / len(images)
+        # ravel gives views of the copied images
+        narrowed.median.ravel()[pixels] = median
+        narrowed.spread.ravel()[pixels] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
+        narrowed.share.ravel()[pixels] = size / len(images)
     return narrowed
 
 
@@ -240,11 +269,11 @@ def _find_densest(
     row = np.arange(len(values))
     # (pixels, first value of a stretch, other value). The sum over the last axis also counts the
     # values before the first one, `rank` of them.
-    within = values[:, None, :] <= values[:, :, None] + width[:, None, None]
-    count = np.where(np.isfinite(values), within.sum(axis=2) - rank, 0)
+    is_in_stretch = values[:, None, :] <= values[:, :, None] + width[:, None, None]
+    count = np.where(np.isfinite(values), is_in_stretch.sum(axis=2) - rank, 0)
     # argmax takes the first of equal counts, so the reversed one gives the farthest
-    begin = rank[-1] - count[:, ::-1].argmax(axis=1)
-    return begin, count[row, begin]
+    start = rank[-1] - count[:, ::-1].argmax(axis=1)
+    return start, count[row, start]
 
 
 def mark_continuation(near: PixelMode, far: ImageRanges) -> ImageMask:
@@ -257,19 +286,19 @@ def mark_continuation(near: PixelMode, far: ImageRanges) -> ImageMask:
     Args:
         near: nearer cluster of each pixel.
         far: median of each pixel's farthest cluster, 0 for nothing returned."""
-    within = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
+    max_gap = np.maximum(SCENE_SIGMAS * near.spread, GAP_SHARE * near.median)
     inverse = np.where(far > 0, 1 / np.where(far > 0, far, 1), 0)
     # NaN and repeated edges, so that all slices below have the image's shape
-    padded = np.pad(far, REACH_PX, constant_values=np.nan)
-    opposite = np.pad(inverse, REACH_PX, mode="edge")
+    padded_far = np.pad(far, REACH_PX, constant_values=np.nan)
+    padded_inverse = np.pad(inverse, REACH_PX, mode="edge")
     rows, columns = far.shape
     continues = np.zeros(far.shape, bool)
     for down, right in product(range(-REACH_PX, REACH_PX + 1), repeat=2):
-        beyond = padded[REACH_PX + down :, REACH_PX + right :][:rows, :columns]
-        # neighbour on the other side of the pixel, and inverse depth of the plane through both at
-        # the place of the first neighbour
-        opposite_inverse = opposite[REACH_PX - down :, REACH_PX - right :][:rows, :columns]
+        # the neighbour this many pixels down and right, and the one on the other side of the pixel
+        neighbour = padded_far[REACH_PX + down :, REACH_PX + right :][:rows, :columns]
+        opposite_inverse = padded_inverse[REACH_PX - down :, REACH_PX - right :][:rows, :columns]
+        # inverse depth, at the neighbour, of the plane through the opposite pixel and the pixel
         plane_inverse = 2 * inverse - opposite_inverse
-        is_other_surface = np.abs(plane_inverse * beyond - 1) > MIN_SURFACE_GAP_SHARE
-        continues |= (np.abs(beyond - near.median) <= within) & is_other_surface
+        is_other_surface = np.abs(plane_inverse * neighbour - 1) > MIN_SURFACE_GAP_SHARE
+        continues |= (np.abs(neighbour - near.median) <= max_gap) & is_other_surface
     return continues

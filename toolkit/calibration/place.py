@@ -57,11 +57,11 @@ class Stand:
         return area + np.concatenate([self.middle, self.middle])
 
     def lift(self, points: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-        """Put points (world) on level ground, counted from the middle."""
-        near = points - [*self.middle, 0.0]
-        if self.ground is not None and len(near):
-            near = self.ground.points(near)
-        return near.astype(np.float32)
+        """Put points (m, world frame) on level ground, counted from the middle of the area."""
+        from_middle = points - [*self.middle, 0.0]
+        if self.ground is not None and len(from_middle):
+            from_middle = self.ground.points(from_middle)
+        return from_middle.astype(np.float32)
 
     def put_back(self, detections: Detections) -> Detections:
         """Return detections, made in lifted points, in the world frame.
@@ -72,6 +72,7 @@ class Stand:
         boxes = detections.boxes
         if self.ground is not None and len(detections):
             boxes = self.ground.boxes_back(boxes)
+        # only x and y, the first two columns of boxes, are counted from the middle
         return replace(detections, boxes=boxes + np.array([*self.middle, 0, 0, 0, 0, 0]))
 
 
@@ -109,8 +110,10 @@ class Place:
         sensors, the origin."""
         if self.area is not None:
             return (np.array(self.area[:2]) + np.array(self.area[2:])) / 2
-        places = [sensor.position[:2] for sensor in frame.sensors]
-        return np.asarray(np.round(np.mean(places, axis=0)), np.float64) if places else np.zeros(2)
+        positions = [sensor.position[:2] for sensor in frame.sensors]
+        if not positions:
+            return np.zeros(2)
+        return np.asarray(np.round(np.mean(positions, axis=0)), np.float64)
 
     def at(self, site: Site | None) -> bool:
         """Return True if detection uses the site's ground and area.
@@ -127,13 +130,14 @@ class Place:
         if self.area is None:
             return level(points, method=method)
         half = np.array(self.half)
-        column, row = np.floor(points[:, :2].T)
+        xy = points[:, :2]
+        column, row = np.floor(xy.T)  # indices of each point's square, a metre wide
         for margin in GROUND_MARGINS_M:
-            inside = (np.abs(points[:, :2]) <= half + margin).all(axis=1)
-            # one number each, far quicker to sort than rows
-            squares = column[inside] * ROW_STRIDE + row[inside]
+            is_inside = (np.abs(xy) <= half + margin).all(axis=1)
+            # one number for each square, far quicker to sort than pairs of numbers
+            squares = column[is_inside] * ROW_STRIDE + row[is_inside]
             if len(np.unique(squares)) >= MIN_GROUND_SQUARES:
-                return level(points[inside], method=method)
+                return level(points[is_inside], method=method)
         return level(points, method=method)
 
     def stands(
@@ -146,7 +150,7 @@ class Place:
         if site is not None and self.at(site):
             yield from ((frame, Stand(site, np.zeros(2))) for frame in frames)
             return
-        x, y = self.half
+        half_x, half_y = self.half
         still_ground: Ground | None = None
         method = self.level or ("map" if site is None else "none")
         for frame in frames:
@@ -154,6 +158,7 @@ class Place:
             start = perf_counter()
             ground = still_ground
             warning = None
+            # points are read only if the ground is not known yet
             points = frame.points() - [*middle, 0.0] if still_ground is None else np.zeros((0, 3))
             if method == "none":
                 warning = level_warning(points) if len(points) else None
@@ -165,7 +170,8 @@ class Place:
                     warning = f"not levelled: {error}"
             still_ground = ground if self.still else None
             ms = 1e3 * (perf_counter() - start)
-            yield frame, Stand(np.array([-x, -y, x, y]), middle, ground, warning, ms)
+            area = np.array([-half_x, -half_y, half_x, half_y])
+            yield frame, Stand(area, middle, ground=ground, warning=warning, ms=ms)
 
 
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:

@@ -93,14 +93,14 @@ def find_poses(
 
 
 def _check_frames(count: int) -> None:
-    """Refuse to learn empty scenes from too few frames."""
+    """Raise ValueError for too few frames to learn empty scenes from."""
     if count < MIN_FRAMES:
         problem = f"{count} frames are too few to tell what stands still from who passes"
         raise ValueError(f"{problem}: give {MIN_FRAMES} or more")
 
 
 def _check_several(sensors: Sequence[Sensor]) -> None:
-    """Refuse to fit a single sensor to others."""
+    """Raise ValueError for fewer than two sensors, which cannot be fitted to each other."""
     if len(sensors) < 2:
         names = ", ".join(sensor.name for sensor in sensors) or "none"
         raise ValueError(
@@ -113,8 +113,11 @@ def _find_in_images(recording: Frames, count: int, sample: int) -> list[_Standin
     """Points of each sensor's empty scene, learnt from the first `count` frames of images.
 
     sample: largest number of images kept of each sensor."""
-    scenes = learn_empty_scenes(recording, sample, frames=count)
-    return [_StandingPoints(*scene_points(scene)) for scene in scenes]
+    standing_points = []
+    for scene in learn_empty_scenes(recording, sample, frames=count):
+        points, deviation = scene_points(scene)
+        standing_points.append(_StandingPoints(points, deviation))
+    return standing_points
 
 
 def _pair_objects(recording: Frames, count: int, detector: Detector) -> MorePairs:
@@ -122,11 +125,12 @@ def _pair_objects(recording: Frames, count: int, detector: Detector) -> MorePair
 
     It takes poses and a search radius (m). Objects are detected here, once. Raises ValueError for a
     recording without a site."""
-    spread = np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)
+    # evenly spread over the frames
+    frame_indices = np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)
     site = getattr(recording, "site", None)
     if site is None:
         raise ValueError("a detector is for a recording of a known site: leave it out")
-    frames = [recording[k] for k in np.unique(spread).tolist()]
+    frames = [recording[k] for k in np.unique(frame_indices).tolist()]
     return partial(object_pairs, detect_boxes(frames, detector, site))
 
 
@@ -207,33 +211,39 @@ def _find_in_clouds(
     The points are learnt from the first `count` frames. If sensors move or frames are few, they are
     all points of the first frame with any. Raises ValueError if no frame has a point."""
     first_frames = [recording[k] for k in range(min(count, GRID_FRAMES))]
-    points: dict[str, Points] = {}
-    if len(first_frames) >= MIN_FRAMES and not _move(first_frames):
-        learnt = learn_sample_scenes(recording[k] for k in range(count))
-        points = {name: scene_points(scene.scene)[0] for name, scene in learnt.items()}
+    points_by_name: dict[str, Points] = {}
+    if len(first_frames) >= MIN_FRAMES and not _sensors_move(first_frames):
+        scenes = learn_sample_scenes(recording[k] for k in range(count))
+        for name, learnt in scenes.items():
+            points_by_name[name], _ = scene_points(learnt.scene)
     else:
         for frame in first_frames:
-            points = {cloud.name: cloud.in_sensor() for cloud in frame.clouds if len(cloud.points)}
-            if points:
+            filled_clouds = [cloud for cloud in frame.clouds if len(cloud.points)]
+            points_by_name = {cloud.name: cloud.in_sensor() for cloud in filled_clouds}
+            if points_by_name:
                 break
-        if not points:
+        if not points_by_name:
             raise ValueError("no frame has a point to find a pose by")
-    poses = {}  # in the first frame with a cloud of the sensor
+    # in the first frame with a cloud of the sensor, which is read last
+    poses = {}
     for frame in reversed(first_frames):
         for cloud in frame.clouds:
             poses[cloud.name] = cloud.world_SE3_sensor
-    sensors = tuple(Sensor(name, RowLidar(), poses[name]) for name in points)
-    return sensors, [_StandingPoints(sensor_points, None) for sensor_points in points.values()]
+    # the model is unknown from clouds, and only the poses count
+    sensors = tuple(Sensor(name, RowLidar(), poses[name]) for name in points_by_name)
+    standing_points = [_StandingPoints(points, None) for points in points_by_name.values()]
+    return sensors, standing_points
 
 
-def _move(frames: Sequence[Frame]) -> bool:
+def _sensors_move(frames: Sequence[Frame]) -> bool:
     """Return True if a sensor is ever more than `MAX_STILL_SENSOR_M` from its first place in the
     map."""
-    places = dict[str, np.ndarray]()
+    first_positions = dict[str, np.ndarray]()  # x, y, z (m) in the map, by name of the sensor
     for frame in frames:
         for cloud in frame.clouds:
             position = (frame.map_SE3_world @ cloud.world_SE3_sensor)[:3, 3]
-            first = places.setdefault(cloud.name, position)
-            if np.linalg.norm(position - first) > MAX_STILL_SENSOR_M:
+            # setdefault stores the position only for a new sensor
+            first_position = first_positions.setdefault(cloud.name, position)
+            if np.linalg.norm(position - first_position) > MAX_STILL_SENSOR_M:
                 return True
     return False

@@ -109,6 +109,7 @@ class Scenes:
         self.used = True
         if self.given is not None:
             return {scene.name: _wrap_scene(scene) for scene in self.given}
+        # a recording without frames takes this way too, which raises a ValueError
         if not (len(self.recording) and self.recording[0].has_images):
             frames = (self.recording[k] for k in range(len(self.recording)))
             return learn_sample_scenes(frames, sample=self.sample)
@@ -173,12 +174,12 @@ class _CloudSceneLearner:
         self.grid = grid
         self.points = 0
         self.left_out = Counter[str]()
-        self._place: Float64[np.ndarray, "3"] | None = None
-        # fewer images than `sample` if they are large, to limit memory
+        self._first_position: Float64[np.ndarray, "3"] | None = None  # x, y, z (m) in the map
+        # fewer images than `sample` if they are large, to limit memory, but at least 16
         rows, columns = grid.model.shape
         max_images = max(16, _MAX_KEPT_PX // (rows * columns))
-        sensor = Sensor(name, grid.model, np.eye(4))
-        self.learner = SceneLearner(sensor, max(2, min(sample, max_images)))
+        sensor = Sensor(name, grid.model, np.eye(4))  # its pose is not used
+        self.learner = SceneLearner(sensor, sample=max(2, min(sample, max_images)))
 
     def add(self, cloud: SensorCloud, map_SE3_sensor: Pose) -> None:
         """Add the next cloud.
@@ -186,12 +187,12 @@ class _CloudSceneLearner:
         map_SE3_sensor: pose of the sensor at that time. Raises ValueError if it has moved by more
         than `MAX_STILL_SENSOR_M` from the first one."""
         position = map_SE3_sensor[:3, 3]
-        if self._place is None:
-            self._place = position
-        moved_m = np.linalg.norm(position - self._place)
-        if moved_m > MAX_STILL_SENSOR_M:
+        if self._first_position is None:
+            self._first_position = position
+        distance = np.linalg.norm(position - self._first_position)
+        if distance > MAX_STILL_SENSOR_M:
             remedy = "only a sensor that stands still has an empty scene"
-            raise ValueError(f"{cloud.name} moves, by {moved_m:.1f} m: {remedy}")
+            raise ValueError(f"{cloud.name} moves, by {distance:.1f} m: {remedy}")
         image = rasterize_cloud(cloud, self.grid)
         self.left_out.update(image.left_out)
         self.points += len(cloud.points)
@@ -199,4 +200,5 @@ class _CloudSceneLearner:
 
     def finish(self) -> LearntScene:
         """Return the scene learnt so far, with its grid and the counts of points."""
-        return LearntScene(self.learner.scene(), self.grid, self.points, self.left_out)
+        scene = self.learner.scene()
+        return LearntScene(scene, self.grid, points=self.points, left_out=self.left_out)

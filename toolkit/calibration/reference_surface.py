@@ -86,28 +86,27 @@ def site_surface(site: Site, *, seed: int = 0) -> Surface:
     Normals are exact and roughness is 0. seed: seed of the random points."""
     solids = tuple(solid for solid in site.solids if solid.kind not in LEAFY_KINDS)
     mesh = build_scenery(replace(site, solids=solids))
-    corners = mesh.vertices[mesh.triangles]
+    corners = mesh.vertices[mesh.triangles]  # (triangles, 3 corners, xyz)
     # normal of each triangle, twice its area long
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(across, axis=1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_area = np.linalg.norm(normals, axis=1)
     low = site.area[:2] - OUTSKIRTS_M
     high = site.area[2:] + OUTSKIRTS_M
     middle = corners.mean(axis=1)[:, :2]
-    in_reach = (size > 0) & ((middle > low) & (middle < high)).all(axis=1)
+    in_reach = (double_area > 0) & ((middle > low) & (middle < high)).all(axis=1)
     corners = corners[in_reach]
-    across = across[in_reach]
-    size = size[in_reach]
+    unit_normals = normals[in_reach] / double_area[in_reach, None]
     rng = np.random.default_rng(seed)
-    share = size / 2 / SURFACE_SPACING_M**2
+    mean_count = double_area[in_reach] / 2 / SURFACE_SPACING_M**2
     # points of each triangle, rounded at random so that their mean is in proportion to its area
-    count = np.floor(share + rng.random(len(share))).astype(np.int64)
+    count = np.floor(mean_count + rng.random(len(mean_count))).astype(np.int64)
     triangles = np.repeat(np.arange(len(count)), count)
     # square root, so that points are even over a triangle; do not change the order of the draws
     u = np.sqrt(rng.random(len(triangles)))
     v = rng.random(len(triangles))
-    weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
-    points = np.einsum("nk,nkd->nd", weights, corners[triangles])
-    return Surface(points, across[triangles] / size[triangles, None], np.zeros(len(points)))
+    corner_weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    points = np.einsum("nk,nkd->nd", corner_weights, corners[triangles])
+    return Surface(points, normals=unit_normals[triangles], roughness=np.zeros(len(points)))
 
 
 def cloud_surface(points: Points) -> Surface:
@@ -120,18 +119,21 @@ def cloud_surface(points: Points) -> Surface:
     points = np.asarray(points, np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     check_flat(len(points))
-    dense = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud = dense.voxel_down_sample(SURFACE_SPACING_M)
-    around = o3d.geometry.KDTreeSearchParamHybrid(_NEIGHBOUR_M, _NEIGHBOURS)
-    cloud.estimate_normals(around)
-    cloud.estimate_covariances(around)
+    dense_cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud = dense_cloud.voxel_down_sample(SURFACE_SPACING_M)
+    neighbour_search = o3d.geometry.KDTreeSearchParamHybrid(_NEIGHBOUR_M, _NEIGHBOURS)
+    cloud.estimate_normals(neighbour_search)
+    cloud.estimate_covariances(neighbour_search)
     # (points, 3), ascending squares of the extents, so the ratios are squared too
-    extents = np.linalg.eigvalsh(np.asarray(cloud.covariances).reshape(-1, 3, 3))
-    is_thin = extents[:, 0] < _MAX_FLAT_RATIO**2 * extents[:, 1]
-    is_flat = is_thin & (extents[:, 1] > _MIN_PLANE_RATIO**2 * extents[:, 2])
+    squares = np.linalg.eigvalsh(np.asarray(cloud.covariances).reshape(-1, 3, 3))
+    least, middle, greatest = squares.T
+    is_flat = (least < _MAX_FLAT_RATIO**2 * middle) & (middle > _MIN_PLANE_RATIO**2 * greatest)
     check_flat(int(is_flat.sum()))
-    roughness = np.sqrt(extents[is_flat, 0].clip(0))
-    return Surface(np.asarray(cloud.points)[is_flat], np.asarray(cloud.normals)[is_flat], roughness)
+    return Surface(
+        points=np.asarray(cloud.points)[is_flat],
+        normals=np.asarray(cloud.normals)[is_flat],
+        roughness=np.sqrt(least[is_flat].clip(0)),
+    )
 
 
 def check_flat(count: int) -> None:
@@ -149,12 +151,14 @@ def scene_points(
     The deviation is for the mean of the frames that show the scene. Pixels that show its `first`
     surface in less than `least_share` (0 to 1) of the frames are left out."""
     model = scene.model
-    seen: ImageMask = (scene.first > 0) & (scene.share >= least_share)
-    rays = model.rays().astype(np.float64)[seen]
-    length = np.linalg.norm(rays, axis=1)
-    count = np.maximum(scene.share[seen] * scene.frames, 1)
-    deviation = scene.spread[seen] * length / np.sqrt(count)
-    return rays * scene.first[seen].astype(np.float64)[:, None], deviation.astype(np.float64)
+    is_shown: ImageMask = (scene.first > 0) & (scene.share >= least_share)
+    # a point is at its measurement times its ray, which is longer than 1 in images of depth
+    rays = model.rays().astype(np.float64)[is_shown]
+    ray_length = np.linalg.norm(rays, axis=1)
+    frame_count = np.maximum(scene.share[is_shown] * scene.frames, 1)
+    deviation = scene.spread[is_shown] * ray_length / np.sqrt(frame_count)
+    points = rays * scene.first[is_shown].astype(np.float64)[:, None]
+    return points, deviation.astype(np.float64)
 
 
 def thin_rows(points: Points, voxel: float) -> Int64[np.ndarray, " k"]:
@@ -163,5 +167,6 @@ def thin_rows(points: Points, voxel: float) -> Int64[np.ndarray, " k"]:
     points: (n, 3) m. So dense ground near a sensor is thinned."""
     cube = np.floor(points / voxel).astype(np.int64)
     cube -= cube.min(axis=0, initial=0)
-    key = np.ravel_multi_index(cube.T, cube.max(axis=0, initial=0) + 1)
-    return np.sort(np.unique(key, return_index=True)[1])
+    cube_number = np.ravel_multi_index(cube.T, cube.max(axis=0, initial=0) + 1)
+    _, first_rows = np.unique(cube_number, return_index=True)
+    return np.sort(first_rows)

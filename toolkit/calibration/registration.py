@@ -17,7 +17,14 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.arrays import Float, Float64, Points, Pose
-from toolkit.calibration.motions import LEVER_M, Motion, apply_motion, motion_between, resistance
+from toolkit.calibration.motions import (
+    LEVER_M,
+    Motion,
+    MotionModes,
+    apply_motion,
+    motion_between,
+    resistance,
+)
 from toolkit.calibration.reference_surface import Surface, thin_rows
 from toolkit.geometry import transform
 
@@ -91,17 +98,16 @@ def register(
         noise = np.maximum(deviation, MIN_SCALE_M)
     believed = np.array(believed, np.float64)
     starts = _find_starts(points, noise, surface, believed)
-    fine = [align_levels(points, noise, surface, start, _FINE) for start in starts]
-    best = max(system.agreement for _, system in fine)
-    as_good = [
-        candidate for candidate in fine if candidate[1].agreement >= best - _MAX_AGREEMENT_LOSS
-    ]
+    fits = [align_levels(points, noise, surface, start, _FINE) for start in starts]
+    best_agreement = max(system.agreement for _, system in fits)
+    good_fits = [fit for fit in fits if fit[1].agreement >= best_agreement - _MAX_AGREEMENT_LOSS]
 
-    def distance_from_believed(candidate: tuple[Pose, _System]) -> float:
+    def distance_from_believed(fit: tuple[Pose, _System]) -> float:
         # m; turns count as moves of points `LEVER_M` away
-        return float(np.linalg.norm(motion_between(believed, candidate[0])))
+        pose, _ = fit
+        return float(np.linalg.norm(motion_between(believed, pose)))
 
-    pose, system = min(as_good, key=distance_from_believed)
+    pose, system = min(good_fits, key=distance_from_believed)
     hidden = system.hidden_motions
     if len(hidden):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
@@ -109,21 +115,27 @@ def register(
         motion -= hidden.T @ (hidden @ motion)
         pose, system = align_levels(points, noise, surface, apply_motion(believed, motion), _FINE)
     return Registration(
-        pose, system.covariance(), system.hidden_motions, system.overlap, system.scatter
+        pose,
+        covariance=system.covariance(),
+        unobserved=system.hidden_motions,
+        overlap=system.overlap,
+        scatter=system.scatter,
     )
 
 
 def _find_starts(
     points: Points, noise: _Deviations, surface: Surface, believed: Pose
 ) -> list[np.ndarray]:
-    """Poses that the coarse levels find from several turns about z, without repetitions.
+    """Poses that a coarse registration finds from several turns about z, without repetitions.
 
-    noise: standard deviation of each point (m)."""
+    points: measured points in the sensor's frame (m); noise: standard deviation of each point (m);
+    surface: standing surfaces, world frame; believed: world_SE3_sensor, which is turned."""
     poses: list[np.ndarray] = []
     for turn in _START_TURNS_RAD:
-        start = apply_motion(believed, np.array([0, 0, turn * LEVER_M, 0, 0, 0]))
+        turn_about_z = np.array([0, 0, turn * LEVER_M, 0, 0, 0])
+        start = apply_motion(believed, turn_about_z)
         pose, _ = align_levels(points, noise, surface.thin, start, _COARSE)
-        gaps = [np.abs(motion_between(pose, earlier)).max() for earlier in poses]
+        gaps = [np.abs(motion_between(pose, earlier_pose)).max() for earlier_pose in poses]
         if all(gap > _MIN_START_GAP_M for gap in gaps):
             poses.append(pose)
     return poses
@@ -221,39 +233,44 @@ class _System:
         return float(tukey_weight(self.residual, _AGREEMENT_M).mean()) * self.overlap
 
     @cached_property
-    def modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues (6,) and eigenvectors (columns) of the information, and a mask of observed.
+    def modes(self) -> MotionModes:
+        """Six independent motions, with the information about each.
 
-        A motion is observed if enough pairs with weight resist it."""
+        A motion is observed if enough pairs with weight resist it. `rows` are the growth of each
+        pair's residual per unit of the motion's six numbers."""
         values, vectors = np.linalg.eigh(self.rows.T @ (self.rows * self.weight[:, None]))
         # (pairs, modes): squared growth of each residual along each mode
-        along = (self.rows @ vectors) ** 2
-        sound = self.weight > 0
-        resists = np.where(along > _MIN_RESISTANCE**2, along, 0.0)[sound].sum(axis=0)
-        return (
-            values,
-            vectors,
-            resists > max(_MIN_RESISTING_SHARE * sound.sum(), _MIN_RESISTING_POINTS),
-        )
+        squared_growth = (self.rows @ vectors) ** 2
+        has_weight = self.weight > 0
+        resisting = np.where(squared_growth > _MIN_RESISTANCE**2, squared_growth, 0.0)
+        resistance_sum = resisting[has_weight].sum(axis=0)
+        min_sum = max(_MIN_RESISTING_SHARE * has_weight.sum(), _MIN_RESISTING_POINTS)
+        return MotionModes(values, vectors, observed=resistance_sum > min_sum)
 
     @property
     def hidden_motions(self) -> Float64[np.ndarray, "k 6"]:
         """Unit motions (k, 6) that hardly any pair resists, turns times `LEVER_M`."""
-        _, vectors, observed = self.modes
-        return vectors[:, ~observed].T
+        return self.modes.vectors[:, ~self.modes.observed].T
 
     def step(self) -> Motion:
         """Motion that brings the points onto their planes, turns times `LEVER_M`.
 
-        It is 0 along motions that the points do not determine."""
-        values, vectors, observed = self.modes
-        gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))
-        return vectors @ np.where(observed, -gradient / np.where(observed, values, 1.0), 0.0)
+        It is 0 along motions that the points do not determine. `rows` are the growth of each pair's
+        residual (m) per unit of the motion's six numbers."""
+        vectors = self.modes.vectors
+        observed = self.modes.observed
+        gradient = vectors.T @ (self.rows.T @ (self.weight * self.residual))  # along each mode
+        # 1 in place of values that are not used, so that no division is by 0
+        divisors = np.where(observed, self.modes.values, 1.0)
+        return vectors @ np.where(observed, -gradient / divisors, 0.0)
 
     def covariance(self) -> Float64[np.ndarray, "6 6"]:
         """Covariance of the six numbers in rad and m, 0 along motions that are not observed."""
-        values, vectors, observed = self.modes
-        inverse = np.where(observed, CORRELATED_POINTS / np.where(observed, values, 1.0), 0.0)
+        vectors = self.modes.vectors
+        observed = self.modes.observed
+        # 1 in place of values that are not used, so that no division is by 0
+        divisors = np.where(observed, self.modes.values, 1.0)
+        variance = np.where(observed, CORRELATED_POINTS / divisors, 0.0)  # along each mode
         # from turns times LEVER_M to rad
         unit = np.repeat([1 / LEVER_M, 1.0], 3)
-        return unit[:, None] * ((vectors * inverse) @ vectors.T) * unit
+        return unit[:, None] * ((vectors * variance) @ vectors.T) * unit

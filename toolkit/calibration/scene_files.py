@@ -14,15 +14,13 @@ from toolkit.sensors.models import make_model
 
 def save_empty_scenes(path: str | Path, scenes: Sequence[EmptyScene]) -> None:
     """Write empty scenes as one .npz file with a checksum."""
-    heads = [
-        {"name": empty.name, "model": describe_model(empty.model), "frames": empty.frames}
-        for empty in scenes
-    ]
-    arrays = {
-        f"{k}_{image}": getattr(scene, image)
-        for k, scene in enumerate(scenes)
-        for image in SCENE_IMAGES
-    }
+    heads = []
+    arrays = {}
+    for k, scene in enumerate(scenes):
+        model = describe_model(scene.model)
+        heads.append({"name": scene.name, "model": model, "frames": scene.frames})
+        for image_name in SCENE_IMAGES:
+            arrays[f"{k}_{image_name}"] = getattr(scene, image_name)
     write_arrays(path, {"scenes": np.array(json.dumps(heads)), **arrays})
 
 
@@ -35,8 +33,9 @@ def load_empty_scenes(path: str | Path) -> tuple[EmptyScene, ...]:
     scenes = []
     try:
         for k, head in enumerate(parse_json(str(arrays["scenes"]))):
-            values = dict(head["model"])
-            model = make_model(values.pop("class"), values)
+            model_values = dict(head["model"])
+            class_name = model_values.pop("class")  # the other values are the model's fields
+            model = make_model(class_name, model_values)
             images = {name: arrays[f"{k}_{name}"] for name in SCENE_IMAGES}
             scenes.append(EmptyScene(head["name"], model, frames=head["frames"], **images))
         return tuple(scenes)

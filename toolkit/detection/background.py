@@ -66,20 +66,22 @@ class Background:
                 "the background needs at least one point of the empty site, got none: crop less?"
             )
         size = np.ptp(points, axis=0)
+        # along each axis, 5 more voxels than the points fill: empty layers, and rounding
         if not np.isfinite(points).all() or np.prod(size / voxel + 5.0) > MAX_VOXELS:
             raise ValueError(
                 f"the background must be finite and small, got {size} m: crop to the area"
             )
         # two empty layers around all points: one to grow into, one that is never occupied
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
-        # at least 2, but for rounding
-        index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)
-        occupied = np.zeros(index.max(axis=0) + 3, bool)
-        occupied[tuple(index.T)] = True
+        # voxel (x, y, z) of each point; 2 is the lowest but for rounding
+        voxel_index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)
+        occupied = np.zeros(voxel_index.max(axis=0) + 3, bool)
+        occupied[tuple(voxel_index.T)] = True
         # each turn also grows what the turns before added: a cube of 27 voxels around a point
         for axis in range(3):
             occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
-        return Background(origin, voxel, occupied, cell, _ground(points, origin, cell))
+        ground = _estimate_ground(points, origin, cell)
+        return Background(origin, voxel, occupied=occupied, cell=cell, ground=ground)
 
     def holds(self, points: Points) -> Mask:
         """Mask of points (m) in an occupied voxel; points outside the grid are not."""
@@ -105,26 +107,33 @@ class Background:
         return self.ground[tuple(cell_index.astype(np.int64).T)]
 
 
-def _ground(points: np.ndarray, origin: np.ndarray, cell: float) -> Float64[np.ndarray, "kx ky"]:
-    """Estimate the ground height (m) of each cell.
+def _estimate_ground(
+    points: np.ndarray, origin: np.ndarray, cell: float
+) -> Float64[np.ndarray, "kx ky"]:
+    """Estimate the ground height (m) of each cell, seen from above.
 
-    points: points of the empty site (m); origin: lowest corner of the grid (m); cell: edge of a
-    cell (m). A cell takes the 5 % quantile of its points' heights, then the minimum within two
-    cells. Cells without points, or more than 0.5 m above the median, take the height of others."""
+    points: x, y, z (m) of points of the empty site; origin: lowest corner of the grid (m); cell:
+    edge of a cell (m). A cell takes the 5 % quantile of its points' heights, then the minimum
+    within two cells. Cells without points, or more than 0.5 m above the median, take the height of
+    their neighbours."""
     from scipy.ndimage import minimum_filter
 
-    cell_index = ((points[:, :2] - origin[:2]) / cell).astype(np.int64)
+    x_index, y_index = ((points[:, :2] - origin[:2]) / cell).astype(np.int64).T
+    shape = (int(x_index.max()) + 1, int(y_index.max()) + 1)
+    cell_index = x_index * shape[1] + y_index  # in the flat grid
     # sort points by cell, and by height in each cell
-    shape = cell_index.max(axis=0) + 1
-    cell_keys = cell_index[:, 0] * shape[1] + cell_index[:, 1]
-    order = np.lexsort((points[:, 2], cell_keys))
-    keys, starts, counts = np.unique(cell_keys[order], return_index=True, return_counts=True)
-    low = points[order[starts + counts // 20], 2].astype(np.float64)
+    height = points[:, 2]
+    order = np.lexsort((height, cell_index))
+    cells, starts, counts = np.unique(cell_index[order], return_index=True, return_counts=True)
+    # a twentieth of the cell's points are below its low point
+    low_height = height[order[starts + counts // 20]].astype(np.float64)
+    is_raised = low_height > np.median(low_height) + 0.5
     ground = np.full(shape, np.inf)  # infinite in cells without points
-    ground.ravel()[keys] = np.where(low > np.median(low) + 0.5, np.inf, low)
+    ground.ravel()[cells] = np.where(is_raised, np.inf, low_height)
     # fill unknown cells from their neighbours, one ring of cells in each round
     while np.isinf(ground).any():
         ground = np.where(np.isinf(ground), minimum_filter(ground, 3, mode="nearest"), ground)
+    # minimum over 5 x 5 cells: two to either side
     return np.asarray(minimum_filter(ground, 5, mode="nearest"))
 
 
@@ -165,7 +174,7 @@ class KnownBackground:
         return hashlib.sha256(settings.encode()).hexdigest()
 
     @cached_property
-    def _unsure(self) -> Detector:
+    def _candidate_detector(self) -> Detector:
         """Detector that finds candidates: a variant for known sites if there is one.
 
         The variant reports more uncertain detections, which its `score_known` scores afterwards."""
@@ -178,45 +187,55 @@ class KnownBackground:
 
     def __call__(self, points: Points, /) -> Detections:
         """Detect in points (m), and drop detections of the background."""
-        detections = self._unsure(points)
-        return self._keep(detections, points, self._new(points)) if len(detections) else detections
+        detections = self._candidate_detector(points)
+        if not len(detections):
+            return detections
+        return self._keep(detections, points, self._foreground_points(points))
 
     def unions(
         self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> list[Detections]:
         """Detect in several unions of the same clouds, each cloud compared with the site once.
 
-        clouds: points (m) of each of C sensors; unions: mask (U, C) of the clouds in each union."""
-        if isinstance(self._unsure, UnionDetector):
-            union_detections = self._unsure.unions(clouds, unions)
+        clouds: points (m) of each of C sensors; unions: mask (U, C) of the clouds in each union.
+        Returns the detections in each union, background left out."""
+        # candidates are road users, and parts of the background by mistake
+        if isinstance(self._candidate_detector, UnionDetector):
+            union_detections = self._candidate_detector.unions(clouds, unions)
         else:
-            union_detections = [self._unsure(join_clouds(clouds, union)) for union in unions]
-        new = [self._new(cloud) for cloud in clouds]
-        detected = zip(union_detections, unions, strict=True)
-        return [
-            self._keep(detections, join_clouds(clouds, union), join_clouds(new, union))
-            for detections, union in detected
-        ]
+            union_detections = [
+                self._candidate_detector(join_clouds(clouds, union)) for union in unions
+            ]
+        foreground_clouds = [self._foreground_points(cloud) for cloud in clouds]
+        kept_detections = []
+        for detections, union in zip(union_detections, unions, strict=True):
+            points = join_clouds(clouds, union)
+            foreground_points = join_clouds(foreground_clouds, union)
+            kept_detections.append(self._keep(detections, points, foreground_points))
+        return kept_detections
 
-    def _new(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
+    def _foreground_points(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
         # Finite points outside the background.
-        finite = points[np.isfinite(points).all(axis=1)]
-        return finite[~self.background.holds(finite)]
+        finite_points = points[np.isfinite(points).all(axis=1)]
+        return finite_points[~self.background.holds(finite_points)]
 
     def _keep(
         self,
         detections: Detections,
         points: Float[np.ndarray, "p 3"],
-        new: Float[np.ndarray, "q 3"],
+        foreground_points: Float[np.ndarray, "q 3"],
     ) -> Detections:
-        """Keep detections with enough points outside the background, and rescore the rest.
+        """Keep detections with enough points outside the background, and score them again.
 
-        points: all points (m); new: the points that are outside the background."""
-        points_inside = count_points(points, detections.boxes)
-        new_inside = count_points(new, detections.boxes)
-        foreground = detections[(new_inside > 0) & (new_inside >= self.least * points_inside)]
-        rescore = getattr(self.detector, "score_known", None)  # networks know what is left then
-        return foreground if rescore is None else rescore(foreground)
+        points: all points (m), background included; foreground_points: those outside the
+        background. Enough is at least one, and the share `least` of all points in the box."""
+        point_count = count_points(points, detections.boxes)
+        foreground_count = count_points(foreground_points, detections.boxes)
+        is_enough = (foreground_count > 0) & (foreground_count >= self.least * point_count)
+        kept_detections = detections[is_enough]
+        # networks have other scores for detections that are known not to be background
+        rescore = getattr(self.detector, "score_known", None)
+        return kept_detections if rescore is None else rescore(kept_detections)
 
 
 def recording_background(recording: "CoopDataset") -> Background:
@@ -224,19 +243,20 @@ def recording_background(recording: "CoopDataset") -> Background:
 
     It is the scenery of the site if known, else whatever is behind all moving objects. Objects that
     park throughout become background."""
-    if recording.site.solids:
+    if recording.site.solids:  # buildings and other bodies of the scenery
         return site_background(recording.site)
     return Background.learn(np.concatenate(list(empty_sweeps(recording))))
 
 
 def empty_sweeps(recording: "CoopDataset") -> Iterator[Float32[np.ndarray, "_ 3"]]:
-    """Yield the points (m, levelled, cropped to the site) of each sensor in four noisy sweeps.
+    """Yield the points of each sensor in each of four noisy sweeps of the empty site.
 
-    Road users are left out of the scene. The seed of the noise is fixed."""
-    empty = empty_scene(recording)
+    Road users are left out of the scene. Points (m) are cropped to the site; z is counted from the
+    plane of its slope. The seed of the noise is fixed."""
+    empty_frame = empty_scene(recording)
     rng = np.random.default_rng(0)
     for _ in range(EMPTY_SWEEPS):
-        for points in frame_points(empty, area=recording.site, rng=rng):
+        for points in frame_points(empty_frame, area=recording.site, rng=rng):
             yield level_rows(points, recording.site.relief.slope)
 
 
@@ -246,18 +266,19 @@ def add_background(detector: Detector, site: Site) -> KnownBackground:
 
 
 def site_background(site: Site) -> Background:
-    """Return the background of a site's scenery on level ground.
+    """Return the background of a site's scenery, with z counted from the plane of its slope.
 
-    Points are drawn at random, with a fixed seed, on all surfaces in the area."""
+    Points are drawn at random, with a fixed seed, on all surfaces in the area, on average
+    `POINTS_PER_FACE` on a surface as large as a side of a voxel."""
     crop = Crop.of(site)
     slope = site.relief.slope
     voxel = choose_voxel(crop)
     mesh = build_scenery(site)
-    # corners (triangles, 3, 3) on level ground
-    level = level_rows(mesh.vertices, slope)[mesh.triangles]
+    # corners of triangles, z counted from the slope, (triangles, 3 corners, xyz)
+    level_corners = level_rows(mesh.vertices, slope)[mesh.triangles]
     xmin, ymin, xmax, ymax = crop.area
-    is_near = (level.max(axis=1) >= [xmin, ymin, _MIN_HEIGHT_M]).all(axis=1)
-    is_near &= (level.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
+    is_near = (level_corners.max(axis=1) >= [xmin, ymin, _MIN_HEIGHT_M]).all(axis=1)
+    is_near &= (level_corners.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
     corners = mesh.vertices[mesh.triangles[is_near]]
     rng = np.random.default_rng(0)
     # both edges from the first corner; their cross product is twice the triangle's area
@@ -267,13 +288,14 @@ def site_background(site: Site) -> Background:
     triangles = np.repeat(np.arange(len(point_counts)), point_counts)
     points = [np.zeros((0, 3), np.float32)]
     for start in range(0, len(triangles), _BATCH_POINTS):  # random points on all triangles
-        triangle = triangles[start : start + _BATCH_POINTS]
-        weights = rng.random((len(triangle), 2))
+        batch = triangles[start : start + _BATCH_POINTS]
+        weights = rng.random((len(batch), 2))  # share of each edge
         # points of the parallelogram beyond the triangle are mirrored into it
         weights = np.where(weights.sum(axis=1, keepdims=True) > 1, 1 - weights, weights)
-        offsets = (weights[:, :, None] * edges[triangle]).sum(axis=1)
-        sample = (corners[triangle, 0] + offsets).astype(np.float32)
-        points.append(level_rows(sample[crop.holds(sample, _MIN_HEIGHT_M)], slope))
+        offsets = (weights[:, :, None] * edges[batch]).sum(axis=1)
+        batch_points = (corners[batch, 0] + offsets).astype(np.float32)
+        is_kept = crop.holds(batch_points, _MIN_HEIGHT_M)
+        points.append(level_rows(batch_points[is_kept], slope))
     return Background.learn(np.concatenate(points), voxel)
 
 

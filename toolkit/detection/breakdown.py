@@ -33,6 +33,7 @@ MIN_RECALL = 0.1  # nuScenes
 MIN_PRECISION = 0.1  # nuScenes
 MIN_TRUTH_POINTS = 1  # on an object that counts
 MIN_REPEATED_IOU = 0.9  # 3D, of two labels of one object; no two bodies overlap that much
+MIN_RANGE_IOU = 0.1  # BEV, above which a detection takes the range of the object that it overlaps
 RANGE_EDGES_M = (0.0, 20.0, 35.0, 50.0, float("inf"))  # from the middle of the area
 POINT_EDGES = (1.0, 5.0, 20.0, 100.0, float("inf"))  # points on an object
 # usual IoU thresholds of a breakdown, by class; the middle one is used for groups
@@ -65,9 +66,12 @@ def kitti_ap(curve: Curve) -> float:
     if len(curve.recall) and np.isnan(curve.recall).all():
         return float("nan")
     recalls = np.arange(1, KITTI_RECALLS + 1) / KITTI_RECALLS
-    # 1e-12: a recall that equals one of the 40 but for rounding counts as reached
-    best = [curve.precision[curve.recall >= recall - 1e-12].max(initial=0.0) for recall in recalls]
-    return float(np.mean(best))
+    best_precisions = []
+    for recall in recalls:
+        # 1e-12: a recall that equals one of the 40 but for rounding counts as reached
+        is_reached = curve.recall >= recall - 1e-12
+        best_precisions.append(curve.precision[is_reached].max(initial=0.0))
+    return float(np.mean(best_precisions))
 
 
 def nuscenes_ap(curve: Curve) -> float:
@@ -79,10 +83,12 @@ def nuscenes_ap(curve: Curve) -> float:
         return 0.0
     if np.isnan(curve.recall).all():
         return float("nan")
+    # precision at recalls 0, 0.01, ... 1; recalls that are never reached have 0
     precision = np.interp(np.linspace(0, 1, 101), curve.recall, curve.precision, right=0.0)
-    # recalls 0.11, 0.12, ... 1
-    beyond = precision[round(100 * MIN_RECALL) + 1 :]
-    return float(np.clip(beyond - MIN_PRECISION, 0, None).mean() / (1 - MIN_PRECISION))
+    # only recalls 0.11, 0.12, ... 1 count
+    counted_precision = precision[round(100 * MIN_RECALL) + 1 :]
+    excess = np.clip(counted_precision - MIN_PRECISION, 0, None)
+    return float(excess.mean() / (1 - MIN_PRECISION))
 
 
 def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
@@ -91,13 +97,14 @@ def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
     frames: detections and objects of each frame; within: distance (m) below which a detection can
     be a hit; label: class number. The best score chooses first, and takes the nearest free truth.
     Detections on uncounted objects do not count, nor do detections outside the area that hit
-    nothing."""
+    nothing. Returns scores and hits of the detections that count in all frames, and the number of
+    objects to find."""
     scores = [np.zeros(0)]
     hits = [np.zeros(0, bool)]
     truth_count = 0
     for frame in frames:
-        of_label = np.flatnonzero(frame.detections.labels == label)
-        best_first = of_label[np.argsort(-frame.detections.scores[of_label], kind="stable")]
+        label_rows = np.flatnonzero(frame.detections.labels == label)
+        best_first = label_rows[np.argsort(-frame.detections.scores[label_rows], kind="stable")]
         detections = frame.detections[best_first]
         has_label = frame.truths.labels == label
         is_counted = np.asarray(frame.counted)[has_label]
@@ -106,9 +113,8 @@ def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
         distances = np.linalg.norm(offsets, axis=2)
         is_near = distances < within
         # exp(-distance) falls with the distance, so greedy matching by overlap finds the nearest
-        is_hit = (
-            greedy(np.where(is_near & is_counted, np.exp(-distances), 0.0), np.exp(-within)) >= 0
-        )
+        closeness = np.where(is_near & is_counted, np.exp(-distances), 0.0)
+        is_hit = greedy(closeness, threshold=np.exp(-within)) >= 0
         is_excused = (is_near & ~is_counted).any(axis=1) | frame.outside[best_first]
         is_ignored = is_excused & ~is_hit
         scores.append(detections.scores[~is_ignored])
@@ -178,24 +184,23 @@ class FrameTruth:
         is_outside = ~self.inside(detections)
         is_touching = (iou_bev(detections.boxes, boxes[self.counted]) > 0).any(axis=1)
         is_kept = ~is_outside | is_touching
-        detections = detections[is_kept]
-        is_outside = is_outside[is_kept]
-        middle = (self.corners[:2] + self.corners[2:]) / 2
+        kept_detections = detections[is_kept]
+        middle = (self.corners[:2] + self.corners[2:]) / 2  # mean of (xmin, ymin) and (xmax, ymax)
         object_ranges = np.linalg.norm(boxes[:, :2] - middle, axis=1)
-        detection_ranges = np.linalg.norm(detections.boxes[:, :2] - middle, axis=1)
-        if len(detections) and len(boxes):
-            overlap = iou_bev(detections.boxes, boxes)
-            detection_ranges = np.where(
-                overlap.max(axis=1) > 0.1, object_ranges[overlap.argmax(axis=1)], detection_ranges
-            )
+        detection_ranges = np.linalg.norm(kept_detections.boxes[:, :2] - middle, axis=1)
+        if len(kept_detections) and len(boxes):
+            overlap = iou_bev(kept_detections.boxes, boxes)
+            overlapped_ranges = object_ranges[overlap.argmax(axis=1)]
+            is_on_object = overlap.max(axis=1) > MIN_RANGE_IOU
+            detection_ranges = np.where(is_on_object, overlapped_ranges, detection_ranges)
         return Judged(
-            detections,
-            self.objects,
-            self.counted,
-            self.points,
-            object_ranges,
-            detection_ranges,
-            is_outside,
+            detections=kept_detections,
+            truths=self.objects,
+            counted=self.counted,
+            points=self.points,
+            truth_range=object_ranges,
+            detection_range=detection_ranges,
+            outside=is_outside[is_kept],
         )
 
 
@@ -231,13 +236,10 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
     object. Other labelled objects are not misses, and a detection on one is not a false alarm."""
     boxes = frame.objects.boxes
     points = count_points(frame.points(), boxes)
-    counted = (
-        has_centre_inside(boxes, corners)
-        & frame.complete.covers(boxes)
-        & (points >= MIN_TRUTH_POINTS)
-    )
+    is_in_area = has_centre_inside(boxes, corners) & frame.complete.covers(boxes)
+    counted = is_in_area & (points >= MIN_TRUTH_POINTS) & ~mark_repeated(frame.objects)
     return FrameTruth(
-        frame.objects, counted & ~mark_repeated(frame.objects), points, corners, frame.complete
+        frame.objects, counted=counted, points=points, corners=corners, complete=frame.complete
     )
 
 
@@ -258,31 +260,47 @@ def group_rows(
     samples: detections and objects of each frame; label: name of the class; ious: IoU thresholds,
     None for the usual ones (`BREAKDOWN_IOUS`). Groups have rows at the middle threshold only."""
     ious = ious or BREAKDOWN_IOUS[label]
-    middle = sorted(ious)[len(ious) // 2]
-    rows = _score_group(samples, label, ious, "all")
+    middle_iou = sorted(ious)[len(ious) // 2]
+    rows = _score_group(samples, label, ious, among="all")
     for low, high in pairwise(RANGE_EDGES_M):
         ring = [_restrict_range(sample, low, high) for sample in samples]
-        rows += _score_group(ring, label, [middle], _span(low, high, " m"))
+        rows += _score_group(ring, label, [middle_iou], among=_name_span(low, high, " m"))
     for low, high in pairwise(POINT_EDGES):
         group = [_restrict_points(sample, low, high) for sample in samples]
-        rows += _score_group(group, label, [middle], _span(low, high - 1, " points"))
-    rows += _score_group(samples, label, [KITTI_IOU[label]], "all", "KITTI R40")
+        # numbers of points below `high` end at `high - 1`
+        among = _name_span(low, high - 1, " points")
+        rows += _score_group(group, label, [middle_iou], among=among)
+    rows += _score_group(samples, label, [KITTI_IOU[label]], among="all", protocol="KITTI R40")
+    return rows + _score_centres(samples, label)
+
+
+def _score_centres(samples: Sequence[Judged], label: str) -> list[GroupRow]:
+    """Return the rows of nuScenes of a class: one for each centre distance, then their mean.
+
+    samples: detections and objects of each frame; label: name of the class."""
+    rows = []
     aps = []
+    truth_count = 0
     for distance in CENTRE_DISTANCES_M:
         matched = by_centre(samples, distance, label_index(label))
-        ap = nuscenes_ap(precision_recall(*matched)) if matched.truths else float("nan")
+        truth_count = matched.truths  # the same at every distance
+        ap = float("nan")
+        if truth_count:
+            ap = nuscenes_ap(precision_recall(matched.scores, matched.hits, truths=truth_count))
         aps.append(ap)
         measure = f"centre {distance:g} m"
-        rows.append(GroupRow(label, "nuScenes", measure, "all", ap, matched.truths))
+        rows.append(GroupRow(label, "nuScenes", measure, among="all", ap=ap, truths=truth_count))
     mean_ap = float(np.mean(aps))
-    rows.append(GroupRow(label, "nuScenes", "centre, mean", "all", mean_ap, matched.truths))
+    rows.append(
+        GroupRow(label, "nuScenes", "centre, mean", among="all", ap=mean_ap, truths=truth_count)
+    )
     return rows
 
 
 def _score_group(
     frames: Sequence[Judged], label: str, ious: Sequence[float], among: str, protocol: str = "ours"
 ) -> list[GroupRow]:
-    """Rows of a group of objects, at each IoU threshold for BEV and 3D IoU.
+    """Return the rows of a group of objects, at each IoU threshold for BEV and 3D IoU.
 
     frames: detections and objects of each frame, restricted to the group; label: name of the class;
     among: name of the group; protocol: "ours" for AP of `toolkit.detection.metrics`, else AP at
@@ -299,10 +317,10 @@ def _score_group(
             outside=[frame.outside for frame in frames],
         )
         for iou, score in scores.items():
-            is_ours = protocol == "ours" or not score.truths
+            is_ours = protocol == "ours" or not score.truths  # without truths AP is NaN anyway
             ap = score.ap if is_ours else kitti_ap(score.curve)
             measure = f"{metric_name} {iou:g}"
-            rows.append(GroupRow(label, protocol, measure, among, ap, score.truths))
+            rows.append(GroupRow(label, protocol, measure, among=among, ap=ap, truths=score.truths))
     return rows
 
 
@@ -310,14 +328,14 @@ def _restrict_range(frame: Judged, low: float, high: float) -> Judged:
     """Return a frame with only the detections and counted objects in a ring around the middle.
 
     low, high: distances (m) from the middle of the area; low is included, high is not."""
-    is_near = (frame.detection_range >= low) & (frame.detection_range < high)
-    is_truth_near = (frame.truth_range >= low) & (frame.truth_range < high)
+    is_in_ring = (frame.detection_range >= low) & (frame.detection_range < high)
+    is_truth_in_ring = (frame.truth_range >= low) & (frame.truth_range < high)
     return replace(
         frame,
-        detections=frame.detections[is_near],
-        detection_range=frame.detection_range[is_near],
-        outside=frame.outside[is_near],
-        counted=frame.counted & is_truth_near,
+        detections=frame.detections[is_in_ring],
+        detection_range=frame.detection_range[is_in_ring],
+        outside=frame.outside[is_in_ring],
+        counted=frame.counted & is_truth_in_ring,
     )
 
 
@@ -329,7 +347,7 @@ def _restrict_points(frame: Judged, low: float, high: float) -> Judged:
     return replace(frame, counted=frame.counted & has_points)
 
 
-def _span(low: float, high: float, unit: str) -> str:
+def _name_span(low: float, high: float, unit: str) -> str:
     # Name of a group of objects between two bounds, such as "0-20 m", "100 and more points".
     return f"{low:g}-{high:g}{unit}" if np.isfinite(high) else f"{low:g} and more{unit}"
 
@@ -344,19 +362,20 @@ def _format_ap(row: GroupRow | None) -> str:
 def format_rows(rows: Sequence[GroupRow]) -> str:
     """Format rows as tables, one for each class and protocol.
 
-    A table has a line for each group of objects and a column for each measure."""
+    A table has a line for each group of objects (`among`) and a column for each measure. Classes
+    are in the order of `LABELS`."""
     tables = []
-    kinds = dict.fromkeys((r.label, r.protocol) for r in rows)
-    for label, protocol in sorted(kinds, key=lambda kind: LABELS.index(kind[0])):
-        cells = {
-            (r.among, r.measure): r for r in rows if (r.label, r.protocol) == (label, protocol)
-        }
-        measures = list(dict.fromkeys(measure for _, measure in cells))
+    # dict.fromkeys: without repetition, in the order of the rows
+    table_keys = dict.fromkeys((row.label, row.protocol) for row in rows)
+    for label, protocol in sorted(table_keys, key=lambda key: LABELS.index(key[0])):
+        table_rows = [row for row in rows if (row.label, row.protocol) == (label, protocol)]
+        row_by_cell = {(row.among, row.measure): row for row in table_rows}
+        measures = list(dict.fromkeys(row.measure for row in table_rows))
         lines = [["objects", "to find", *measures]]
-        for among in dict.fromkeys(among for among, _ in cells):
-            row_cells = [cells.get((among, measure)) for measure in measures]
-            truths = next(row.truths for row in row_cells if row is not None)
-            aps = [_format_ap(row) for row in row_cells]
+        for among in dict.fromkeys(row.among for row in table_rows):
+            line_rows = [row_by_cell.get((among, measure)) for measure in measures]
+            truths = next(row.truths for row in line_rows if row is not None)
+            aps = [_format_ap(row) for row in line_rows]
             lines.append([among, str(truths), *aps])
         tables.append(f"{label}, {protocol}\n{align_columns(lines, texts=1)}")
     return "\n\n".join(tables)

@@ -43,6 +43,9 @@ MAX_CAR_HEIGHT_M = 2.5  # a taller vehicle is heavy
 MIN_WHOLE_LENGTH_M = 0.75 * CAR_SIZE_M[0]  # a longer car shows both ends and needs no completion
 DOUBT_WEIGHT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
 REACH_TOLERANCE_SHARE = 1e-9  # so that cells exactly at the reach are neighbours despite rounding
+SIDE_DEPTH_M = 0.2  # distance from a side of a rectangle within which points are on the side
+# ends at which a car may grow, along the first and the second axis: True for the upper one
+_GROWN_ENDS = np.array([[False, False], [False, True], [True, False], [True, True]])
 MAX_CAR_IOU = 0.1  # IoU above which the worse of two cars is dropped
 
 
@@ -96,21 +99,21 @@ class ClusterDetector:
         points = points if self.area is None else crop_points(points, self.area)
         points = points[np.isfinite(points).all(axis=1)]
         is_background = self.background.holds(points)
-        clusters = self._clusters(points[~is_background].astype(np.float64), self.reach)
+        clusters = self._find_clusters(points[~is_background].astype(np.float64), self.reach)
         if not clusters:
             return Detections.empty()
-        fitted = [_fit(cluster[:, :2]) for cluster in clusters]
+        fitted = [_fit_rectangle(cluster[:, :2]) for cluster in clusters]
         ground = self.background.height(
             np.array([cluster[:, :2].mean(axis=0) for cluster in clusters])
         )
         height = np.array([np.quantile(cluster[:, 2], 0.99) for cluster in clusters]) - ground
         length, width = np.array([rectangle.size for rectangle in fitted]).T
-        heavy = (
+        is_heavy = (
             (length > MAX_CAR_LENGTH_M) | (width > MAX_CAR_WIDTH_M) | (height > MAX_CAR_HEIGHT_M)
         )
         slim_masks = [(length < 1.2) & (width < 1.0), (length < 2.3) & (width < 0.85)]
         # the first mask that holds gives the class, a vehicle if none does
-        labels = np.select([heavy, *slim_masks], [HEAVY, PEDESTRIAN, CYCLIST], VEHICLE)
+        labels = np.select([is_heavy, *slim_masks], [HEAVY, PEDESTRIAN, CYCLIST], VEHICLE)
         point_counts = np.array([len(cluster) for cluster in clusters])
         # 30 points give half the score
         scores = point_counts / (point_counts + 30.0)
@@ -119,7 +122,7 @@ class ClusterDetector:
         non_cars = np.flatnonzero(labels != VEHICLE)
         scores[cars] *= [np.prod(np.minimum(fitted[k].size / CAR_SIZE_M, 1)) for k in cars]
         height[cars] = np.maximum(height[cars], MIN_CAR_HEIGHT_M)
-        whole_cars = _complete([fitted[k] for k in cars], points[is_background])
+        whole_cars = _complete_cars([fitted[k] for k in cars], points[is_background])
         completed = dict(zip(cars.tolist(), whole_cars, strict=True))
         rectangles = [completed.get(k, rectangle) for k, rectangle in enumerate(fitted)]
         size = np.maximum(np.column_stack([[r.size for r in rectangles], height]), 0.2)
@@ -128,35 +131,44 @@ class ClusterDetector:
         rows = np.concatenate([cars[nms(boxes[cars], scores[cars], MAX_CAR_IOU)], non_cars])
         return Detections(boxes, scores, labels)[rows]
 
-    def _clusters(
+    def _find_clusters(
         self, points: Float64[np.ndarray, "n 3"], reach: tuple[float, ...]
     ) -> list[np.ndarray]:
-        # Points (k, 3) of each cluster, connected within the first reach. A cluster that is too
-        # large for a car is split by the others.
+        """Return the points (k, 3) of each cluster.
+
+        Points are gathered in square cells seen from above. reach: distances (m), descending. Cells
+        within the first are connected; the others split a cluster that is too large for a car.
+        Clusters with too few points (below `fewest`) are left out."""
         if len(points) < self.fewest:
             return []
-        # cells seen from above
-        index = ((points[:, :2] - points[:, :2].min(axis=0)) / self.cell).astype(np.int64)
-        # both indices in one number, the first above bit 32: quicker to sort than rows
-        keys, point_cells = np.unique(index[:, 0] << 32 | index[:, 1], return_inverse=True)
-        # whole numbers: exact distances
+        xy = points[:, :2]
+        column, row = ((xy - xy.min(axis=0)) / self.cell).astype(np.int64).T  # each point's cell
+        # both indices in one number, the first above bit 32: quicker to sort than pairs
+        keys, point_cells = np.unique(column << 32 | row, return_inverse=True)
+        # whole numbers, for exact distances, and a third axis that Open3D needs
         cells = np.column_stack([keys >> 32, keys & 0xFFFFFFFF, np.zeros(len(keys))])
         cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cells))
         reach_cells = reach[0] / self.cell * (1 + REACH_TOLERANCE_SHARE)
-        point_labels = np.asarray(cloud.cluster_dbscan(eps=reach_cells, min_points=1), np.int64)[
-            point_cells
-        ]
+        cell_clusters = np.asarray(cloud.cluster_dbscan(eps=reach_cells, min_points=1), np.int64)
+        point_clusters = cell_clusters[point_cells]
         # points sorted by cluster, then cut between clusters
-        order = np.argsort(point_labels, kind="stable")
-        groups = np.split(points[order], np.flatnonzero(np.diff(point_labels[order])) + 1)
+        order = np.argsort(point_clusters, kind="stable")
+        groups = np.split(points[order], np.flatnonzero(np.diff(point_clusters[order])) + 1)
         clusters = []
         for group in groups:
-            too_large = len(reach) > 1 and np.ptp(group[:, :2], axis=0).max() > MAX_CAR_LENGTH_M / 2
-            if too_large and (_fit(group[:, :2]).size > [MAX_CAR_LENGTH_M, MAX_CAR_WIDTH_M]).any():
-                clusters.extend(self._clusters(group, reach[1:]))
+            if len(reach) > 1 and _exceeds_car(group[:, :2]):
+                clusters.extend(self._find_clusters(group, reach[1:]))
             elif len(group) >= self.fewest:
                 clusters.append(group)
         return clusters
+
+
+def _exceeds_car(xy: Float64[np.ndarray, "n 2"]) -> bool:
+    """Return True if the rectangle around points (m) is longer or wider than a car."""
+    # a quick test, so that no rectangle is fitted to small clusters
+    if np.ptp(xy, axis=0).max() <= MAX_CAR_LENGTH_M / 2:
+        return False
+    return bool((_fit_rectangle(xy).size > [MAX_CAR_LENGTH_M, MAX_CAR_WIDTH_M]).any())
 
 
 class _Rectangle(NamedTuple):
@@ -194,70 +206,97 @@ class _Rectangle(NamedTuple):
         """Return the same rectangle with yaw a quarter turn further.
 
         The second axis becomes the first; the first, reversed, becomes the second."""
-        # reversing an axis swaps its ends and changes their signs
-        low, high = np.array([[self.low[1], -self.high[0]], [self.high[1], -self.low[0]]])
-        at_low, at_high = np.array(
-            [[self.at_low[1], self.at_high[0]], [self.at_high[1], self.at_low[0]]]
+        # All are pairs, a number for each axis. Reversing an axis swaps its ends and changes their
+        # signs.
+        return _Rectangle(
+            yaw=self.yaw + np.pi / 2,
+            low=np.array([self.low[1], -self.high[0]]),
+            high=np.array([self.high[1], -self.low[0]]),
+            at_low=np.array([self.at_low[1], self.at_high[0]]),
+            at_high=np.array([self.at_high[1], self.at_low[0]]),
         )
-        return _Rectangle(self.yaw + np.pi / 2, low, high, at_low, at_high)
 
 
-def _fit(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
+def _fit_rectangle(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     """Fit the rectangle whose sides are closest to points, with the longer axis first.
 
     xy: x and y (m) of the points. The yaw, in steps of 2°, maximises Σ 1 / distance to the nearest
     side, with distances of at least 0.1 m. The sides leave out 0.5 % of the points at each end."""
-    # at most 150 points choose the yaw; the arrays below are (yaws, points)
-    sample = xy[:: 1 + len(xy) // 150]
+    x, y = xy[:: 1 + len(xy) // 150].T  # at most 150 points choose the yaw
     yaws = np.deg2rad(np.arange(0.0, 90.0, 2.0))
-    along = np.outer(np.cos(yaws), sample[:, 0]) + np.outer(np.sin(yaws), sample[:, 1])
-    across = np.outer(np.cos(yaws), sample[:, 1]) - np.outer(np.sin(yaws), sample[:, 0])
-    side_distances = [
-        np.minimum(u - u.min(axis=1, keepdims=True), u.max(axis=1, keepdims=True) - u)
-        for u in (along, across)
-    ]
-    distance = np.minimum(*side_distances)
-    yaw = float(yaws[(1 / np.maximum(distance, 0.1)).sum(axis=1).argmax()])
-    aligned = xy @ plane_rotation(yaw)
+    # coordinates of each point in the axes of each yaw, (yaws, points)
+    along = np.outer(np.cos(yaws), x) + np.outer(np.sin(yaws), y)
+    across = np.outer(np.cos(yaws), y) - np.outer(np.sin(yaws), x)
+    distance = np.minimum(_end_distance(along), _end_distance(across))
+    closeness = (1 / np.maximum(distance, 0.1)).sum(axis=1)
+    yaw = float(yaws[closeness.argmax()])
+    aligned = xy @ plane_rotation(yaw)  # in the axes of the best yaw
     low, high = np.quantile(aligned, [0.005, 0.995], axis=0)
-    at_low = (aligned < low + 0.2).mean(axis=0)
-    at_high = (aligned > high - 0.2).mean(axis=0)
-    rectangle = _Rectangle(yaw, low, high, at_low, at_high)
-    return rectangle if rectangle.size[0] >= rectangle.size[1] else rectangle.turn()
+    # shares of the points near the lower and the upper side along both axes
+    at_low = (aligned < low + SIDE_DEPTH_M).mean(axis=0)
+    at_high = (aligned > high - SIDE_DEPTH_M).mean(axis=0)
+    rectangle = _Rectangle(yaw, low=low, high=high, at_low=at_low, at_high=at_high)
+    length, width = rectangle.size
+    return rectangle if length >= width else rectangle.turn()
 
 
-def _complete(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
+def _end_distance(values: np.ndarray) -> np.ndarray:
+    """Distance of each value to the nearer of its row's minimum and maximum."""
+    low = values.min(axis=1, keepdims=True)
+    high = values.max(axis=1, keepdims=True)
+    return np.minimum(values - low, high - values)
+
+
+class _GrownCar(NamedTuple):
+    """Car completed to the usual size in one of several ways.
+
+    rectangle: the whole car; doubt: sum of the shares of points at the sides that have grown, at
+    which the body seems to end."""
+
+    rectangle: _Rectangle
+    doubt: float
+
+
+def _grow_car(seen: _Rectangle) -> list[_GrownCar]:
+    """Ways to complete a car to the usual size, to either side along both axes.
+
+    seen: rectangle of the part that was seen. A short one may also be the front or rear of a car,
+    so that its axes swap."""
+    length, _ = seen.size
+    rectangles = [seen, seen.turn()] if length < MAX_CAR_WIDTH_M else [seen]
+    min_size = [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]]  # from which a car is seen whole along an axis
+    grown_cars = []
+    for rectangle in rectangles:
+        missing = np.where(rectangle.size < min_size, CAR_SIZE_M - rectangle.size, 0.0)
+        for at_high in _GROWN_ENDS:
+            low = rectangle.low - missing * ~at_high
+            high = rectangle.high + missing * at_high
+            end_shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
+            doubt = float(end_shares @ (missing > 0))
+            grown_cars.append(_GrownCar(rectangle._replace(low=low, high=high), doubt))
+    return grown_cars
+
+
+def _complete_cars(cars: list[_Rectangle], background: Points) -> list[_Rectangle]:
     """Complete cars to the usual size, into space in which the fewest background points are.
 
-    cars: rectangles of what was seen; background: points (m, world) of the empty site. Each car may
-    grow to either side along both axes, and a short one may also be the front or rear of a car, so
-    that its axes swap. Sides with many points rarely grow, as a body seems to end there."""
-    # starts: index of each car's first option, and the number of all options
-    options = list[_Rectangle]()
-    doubts = list[float]()
-    starts = [0]
-    for seen in cars:
-        for rectangle in [seen, seen.turn()] if seen.size[0] < MAX_CAR_WIDTH_M else [seen]:
-            missing = np.where(
-                rectangle.size < [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]],
-                CAR_SIZE_M - rectangle.size,
-                0.0,
-            )
-            for at_high in np.array([[False, False], [False, True], [True, False], [True, True]]):
-                low = rectangle.low - missing * ~at_high
-                high = rectangle.high + missing * at_high
-                options.append(rectangle._replace(low=low, high=high))
-                shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
-                doubts.append(float(shares @ (missing > 0)))
+    cars: rectangles of what was seen; background: points (m, world) of the empty site. Sides with
+    many points rarely grow, as a body seems to end there."""
+    options = list[_GrownCar]()
+    starts = [0]  # index of each car's first option, and the number of all options
+    for car in cars:
+        options += _grow_car(car)
         starts.append(len(options))
     # boxes 15 cm narrower at each side and 100 m high, to count points in them from above
-    columns = [
-        (*option.centre, 0.0, *np.maximum(option.size - 0.3, 0.1), 100.0, option.yaw)
-        for option in options
-    ]
-    hidden = count_points(background, np.array(columns).reshape(-1, 7))
-    cost = hidden + DOUBT_WEIGHT * np.array(doubts)
-    return [options[start + int(cost[start:end].argmin())] for start, end in pairwise(starts)]
+    boxes = []
+    for rectangle, _ in options:
+        length, width = np.maximum(rectangle.size - 0.3, 0.1)
+        boxes.append((*rectangle.centre, 0.0, length, width, 100.0, rectangle.yaw))
+    hidden_points = count_points(background, np.array(boxes).reshape(-1, 7))
+    cost = hidden_points + DOUBT_WEIGHT * np.array([option.doubt for option in options])
+    # the cheapest option of each car, the first of several
+    best = [start + int(cost[start:end].argmin()) for start, end in pairwise(starts)]
+    return [options[index].rectangle for index in best]
 
 
 def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place()) -> ClusterDetector:
@@ -268,33 +307,34 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
     point in the area."""
     rng = np.random.default_rng(0)
     sweeps = []
-    centre = place.find_middle(frame)
+    centre = place.find_middle(frame)  # x and y (m, world) of the area's middle
     for _ in range(EMPTY_SWEEPS):
         clouds = [
-            transform(cloud.world_SE3_sensor, _sweep(scenes, cloud.name, rng))
+            transform(cloud.world_SE3_sensor, _draw_sweep(scenes, cloud.name, rng))
             for cloud in frame.clouds
         ]
         sweeps.append(np.concatenate([np.zeros((0, 3)), *clouds]))
-    x, y = place.half
-    method = place.level or "map"
+    half_x, half_y = place.half
+    method = place.level or "map"  # way to find the ground
     ground = None if method == "none" else place.find_ground(sweeps[0] - [*centre, 0.0], method)
-    area = (-x, -y, x, y)
+    area = (-half_x, -half_y, half_x, half_y)
     stand = Stand(area, centre, ground)
     detector = ClusterDetector.learn([crop_points(stand.lift(sweep), area) for sweep in sweeps])
     return replace(detector, area=area)
 
 
-def _sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
+def _draw_sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
     """Draw points (m, sensor frame) of one sweep of a sensor in its empty scene.
 
-    name: name of the sensor. Each pixel takes one of its two measurements, as often as it occurred,
-    with normal noise of its spread."""
+    scenes: empty scenes of the lidars; name: name of the sensor. Each pixel takes one of its two
+    measurements, as often as it occurred, with normal noise of its spread. Pixels without a
+    measurement give no point."""
     # one uniform, then one normal number for each pixel: this order fixes the results
     scene = scenes[name].scene
     model = scenes.grid(name).model
     takes_second = np.isfinite(scene.second) & (rng.random(scene.first.shape) > scene.share)
     median = np.where(takes_second, scene.second, scene.first).astype(np.float64)
     spread = np.where(takes_second, scene.second_spread, scene.spread)
-    measured = median + spread * rng.standard_normal(median.shape)
-    is_valid = (median > 0) & (measured > 0)
-    return model.rays().astype(np.float64)[is_valid] * measured[is_valid][:, None]
+    distance = median + spread * rng.standard_normal(median.shape)
+    is_valid = (median > 0) & (distance > 0)
+    return model.rays().astype(np.float64)[is_valid] * distance[is_valid][:, None]

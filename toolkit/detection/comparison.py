@@ -55,8 +55,8 @@ def list_ious(comparison: Comparison) -> dict[str, tuple[float, ...]]:
     """IoU thresholds of each class, by its name.
 
     Raises ValueError if there is no scheme, sensor set, class or threshold to evaluate."""
-    numbers = dict.fromkeys(map(label_index, comparison.classes))
-    labels = [LABELS[number] for number in numbers]
+    class_numbers = dict.fromkeys(map(label_index, comparison.classes))  # without repetition
+    labels = [LABELS[number] for number in class_numbers]
     ious = {label: class_thresholds(comparison.iou_thresholds, label) for label in labels}
     is_empty = not len(comparison.schemes) or not len(comparison.sensor_sets)
     if is_empty or not ious or not all(ious.values()):
@@ -67,13 +67,15 @@ def list_ious(comparison: Comparison) -> dict[str, tuple[float, ...]]:
 
 
 def name_schemes(schemes: Sequence[Scheme | str | None]) -> dict[str, Scheme | None]:
-    """Schemes by name, None for detection in all clouds together.
+    """Return fusion schemes by name, None for detection in all clouds together.
 
-    Raises ValueError for an unknown scheme, and if two different schemes have one name."""
+    schemes: objects or names, None for all clouds together. Raises ValueError for an unknown
+    scheme, and if two different schemes have one name."""
     by_name: dict[str, Scheme | None] = {}
     for scheme_or_name in schemes:
         scheme = None if scheme_or_name is None else find_scheme(scheme_or_name)
         name = ALL_CLOUDS if scheme is None else scheme.name
+        # setdefault returns the scheme that has the name already, if there is one
         if by_name.setdefault(name, scheme) != scheme:
             raise ValueError(
                 f"two schemes are called {name!r}, {by_name[name]} and {scheme}: rename one"
@@ -87,11 +89,11 @@ def name_sets(
     """Names of the sensors in each set, by the set's indices in a frame.
 
     sensor_sets: indices or names of each set, None for all sensors of the frame."""
-    names = {}
+    names_by_set = {}
     for sensors in sensor_sets:
         indices = tuple(select_sensors(frame.sensors, sensors))
-        names[indices] = tuple(frame.sensors[k].name for k in indices)
-    return names
+        names_by_set[indices] = tuple(frame.sensors[index].name for index in indices)
+    return names_by_set
 
 
 def class_thresholds(iou_thresholds: Sequence[float] | None, label: str) -> tuple[float, ...]:

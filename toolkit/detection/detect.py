@@ -65,39 +65,43 @@ def detect_frames(
     detections."""
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         site = stand.area if isinstance(stand.area, Site) else None
-        world = frame.points() if site is None or scene is not None else np.zeros((0, 3))
-        points = (
-            stand.lift(world) if site is None else np.concatenate(frame_points(frame, area=site))
-        )
+        # all points of the frame, which a known site needs only to leave out a standing scene
+        world_points = frame.points() if site is None or scene is not None else np.zeros((0, 3))
+        if site is None:
+            points = stand.lift(world_points)
+        else:
+            points = np.concatenate(frame_points(frame, area=site))
         start = perf_counter()
-        detections = (
-            detect_on_ground(detector, points, stand.area) if len(points) else Detections.empty()
-        )
+        lifted_detections = Detections.empty()
+        if len(points):
+            lifted_detections = detect_on_ground(detector, points, stand.area)
         detect_ms = 1e3 * (perf_counter() - start)
-        detections = stand.put_back(detections)
-        foreground = (
-            detections
-            if scene is None or not len(detections)
-            else scene.leave_out(detections, world)
-        )
+        detections = stand.put_back(lifted_detections)
+        kept_detections = detections
+        if scene is not None and len(detections):
+            kept_detections = scene.leave_out(detections, world_points)
         yield FrameDetections(
-            frame, foreground, stand, detect_ms, len(detections) - len(foreground)
+            frame,
+            detections=kept_detections,
+            stand=stand,
+            detect_ms=detect_ms,
+            left_out=len(detections) - len(kept_detections),
         )
 
 
 def write_detections(
     results: Iterable[FrameDetections], out: str | Path, form: Format = "boxes", **more: object
 ) -> Iterator[FrameDetections]:
-    """Write detections as they arrive, and yield each after it was taken up.
+    """Write the detections of each frame as they arrive, and yield each frame's result again.
 
-    out: one file of boxes, or for other formats a folder with a file per frame, complete at the
-    end; more: further entries in the file of boxes."""
+    out: one file of boxes, written at the end, or for other formats a folder with a file per frame,
+    complete at the end; form: format of the files; more: further entries in the file of boxes."""
     if form == "boxes":
-        entries = []
+        records = []
         for result in results:
-            entries.append(boxes_record(result.frame.name, result.frame.time, result.detections))
+            records.append(boxes_record(result.frame.name, result.frame.time, result.detections))
             yield result
-        write_boxes(out, entries, **more)
+        write_boxes(out, records, **more)
         return
     with writing_folder(out) as folder:
         for result in results:
@@ -106,10 +110,8 @@ def write_detections(
                 text = json.dumps(openlabel_content(frame, result.detections), indent=1)
                 write_text(folder / f"{file_name(frame.name)}.json", text)
             else:
-                write_text(
-                    folder / f"{file_name(frame.name)}.txt",
-                    kitti_text(frame, found=result.detections),
-                )
+                text = kitti_text(frame, found=result.detections)
+                write_text(folder / f"{file_name(frame.name)}.txt", text)
             yield result
 
 
@@ -126,22 +128,33 @@ def summarise(results: Iterable[FrameDetections]) -> dict[str, Any]:
     samples = 0
     detections = 0
     problems = Counter[str]()
-    times = list[tuple[float, float]]()
+    level_ms = list[float]()
+    detect_ms = list[float]()
     for result in results:
         samples += 1
         detections += len(result.detections)
         problems.update(result.frame.problems)
-        times.append((result.stand.ms, result.detect_ms))
-    medians = np.median(times, axis=0).tolist() if times else (None, None)
-    figures = dict(zip(("level_ms", "detect_ms"), medians, strict=True))
-    return {"samples": samples, "detections": detections, "problems": dict(problems), **figures}
+        level_ms.append(result.stand.ms)
+        detect_ms.append(result.detect_ms)
+    return {
+        "samples": samples,
+        "detections": detections,
+        "problems": dict(problems),
+        "level_ms": float(np.median(level_ms)) if samples else None,
+        "detect_ms": float(np.median(detect_ms)) if samples else None,
+    }
 
 
 def describe_summary(figures: dict[str, Any]) -> str:
-    """Return a summary as a line of text; figures: as returned by `summarise`."""
-    steps = (("level_ms", "to level"), ("detect_ms", "to detect"))
+    """Return a summary as a line of text; figures: as returned by `summarise`.
+
+    Counts come first, such as "12 detections in 3 clouds; 4 ms to level, 20 ms to detect", then the
+    problems by kind."""
+    actions = {"level_ms": "to level", "detect_ms": "to detect"}
     times = [
-        f"{figures[name]:.0f} ms {action}" for name, action in steps if figures[name] is not None
+        f"{figures[name]:.0f} ms {action}"
+        for name, action in actions.items()
+        if figures[name] is not None
     ]
     problems = [f"{number} {kind}" for kind, number in figures["problems"].items()]
     counts = f"{figures['detections']} detections in {figures['samples']} clouds"
@@ -173,7 +186,7 @@ def resolve_detector(name: str) -> Any:
         sys.path.append(os.getcwd())  # modules of the current folder are found last
     try:
         target = resolve_name(name)
-    except Exception as error:  # importing runs the module
+    except Exception as error:  # importing runs the module, which may raise anything
         raise ValueError(
             f"detector {name} cannot be imported ({type(error).__name__}: {error})"
         ) from error
@@ -198,19 +211,21 @@ class ImportedDetector:
         self.name = name
         self.site = site
         target = resolve_detector(name)
-        offered = {"site": site, "area": tuple(site.area.tolist())}
+        possible_arguments = {"site": site, "area": tuple(site.area.tolist())}
+        # A factory makes the detector: it is a class, takes the site or its area, or takes no
+        # argument. Anything else is the detector itself.
         try:
             parameters = inspect.signature(target).parameters
-            arguments = {key: value for key, value in offered.items() if key in parameters}
-            self._detect = (
-                target(**arguments)
-                if arguments or not parameters or inspect.isclass(target)
-                else target
-            )
+            arguments = {
+                key: value for key, value in possible_arguments.items() if key in parameters
+            }
+            is_factory = bool(arguments) or not parameters or inspect.isclass(target)
+            self._detect = target(**arguments) if is_factory else target
         except Exception as error:  # making the detector may raise anything
             raise ValueError(
                 f"detector {name} cannot be made ({type(error).__name__}: {error})"
             ) from error
+        # try it with a cloud without points, so that errors show before any work
         self(np.zeros((0, 3), np.float32))
 
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:

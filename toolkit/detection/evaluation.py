@@ -129,16 +129,24 @@ def _pool_results(
         if load is not None:
             loads.append(SetLoad(name, sensors, load))
         figures[title] = pooled.summarise(load)
-    return Evaluation(tuple(rows), provenance, tuple(classes), tuple(loads), figures, tuple(groups))
+    return Evaluation(
+        tuple(rows),
+        provenance,
+        classes=tuple(classes),
+        loads=tuple(loads),
+        schemes=figures,
+        breakdown=tuple(groups),
+    )
 
 
 def _score_frames(job: ScoringJob, first: Frame, total: int, run: Processes) -> list[FrameResult]:
-    """Results of all frames, in order, scored by the processes of `run`.
+    """Return the results of all frames, in order, scored by the processes of `run`.
 
-    first: frame 0, read already; total: number of frames. All frames are scored in this process if
-    a scheme needs earlier messages, as these are kept from frame to frame. Warns in that case of
-    ground that is not level in frame 0."""
-    progress = run.stage("frame", total)
+    job: scores frames; first: frame 0, read already; total: number of frames. All frames are scored
+    in this process if `run` has no other, or if a scheme needs earlier messages (`Chained`), as
+    these are kept from frame to frame. Warns in that case of ground that is not level in
+    frame 0."""
+    progress = run.stage("frame", total)  # called with the number of frames done, None for nothing
     results = list[FrameResult]()
     if run.alone or any(isinstance(scheme, Chained) for scheme in job.schemes.values()):
         frames = chain([first], (job.recording[k] for k in range(1, total)))
@@ -151,6 +159,7 @@ def _score_frames(job: ScoringJob, first: Frame, total: int, run: Processes) -> 
         return results
     starts = range(0, total, BATCH_FRAMES)
     batches = [range(start, min(start + BATCH_FRAMES, total)) for start in starts]
+    # progress counts frames, but the processes report the number of batches done
     report = None if progress is None else lambda done: progress(min(total, BATCH_FRAMES * done))
     results += chain.from_iterable(run.map(job, batches, progress=report))
     return results

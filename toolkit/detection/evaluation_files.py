@@ -27,15 +27,15 @@ def curve_files(
 ) -> dict[str, tuple[str, float]]:
     """Return the class and IoU threshold of each picture of PR curves, by file name.
 
-    classes: names of the classes; iou_thresholds: thresholds of all of them, None for the usual
-    ones of each class.
-
-    Vehicles have no class in the name: pr_0.7.png, but pr_cyclist_0.5.png."""
-    return {
-        f"pr_{'' if label == LABELS[VEHICLE] else label + '_'}{iou:g}.png": (label, iou)
-        for label in classes
-        for iou in class_thresholds(iou_thresholds, label)
-    }
+    classes: names of the classes; iou_thresholds: thresholds of all classes, None for
+    each class's usual ones. Vehicles have no class in the name: pr_0.7.png, but
+    pr_cyclist_0.5.png."""
+    curves_by_file = dict[str, tuple[str, float]]()
+    for label in classes:
+        prefix = "pr_" if label == LABELS[VEHICLE] else f"pr_{label}_"
+        for iou in class_thresholds(iou_thresholds, label):
+            curves_by_file[f"{prefix}{iou:g}.png"] = (label, iou)
+    return curves_by_file
 
 
 def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
@@ -50,15 +50,15 @@ def save_evaluation(rows: Evaluation, folder: str | Path) -> None:
         table = {"provenance": with_file_digest(rows.provenance), **rows.as_dict()}
         write_text(unfinished / "table.json", json.dumps(table, indent=1))
         for label, iou in dict.fromkeys((row.label, row.iou) for row in rows):
-            selected = [row for row in rows if (row.label, row.iou) == (label, iou)]
+            picture_rows = [row for row in rows if (row.label, row.iou) == (label, iou)]
             curves = {}
-            for row in selected:
+            for row in picture_rows:
                 ap = format_share(row.ap, row.truths)
                 legend = f"{row.scheme} {','.join(map(str, row.sensors))}: AP {ap}"
                 curves[legend] = row.curve.recall, row.curve.precision
-            (name,) = curve_files([label], [iou])
+            (file_name,) = curve_files([label], [iou])  # a single class and threshold
             title = f"IoU {iou:g}" if label == LABELS[VEHICLE] else f"{label}, IoU {iou:g}"
-            draw_pr_curves(curves, unfinished / name, title=title)
+            draw_pr_curves(curves, unfinished / file_name, title=title)
 
 
 def draw_example(
@@ -70,15 +70,20 @@ def draw_example(
     the area do not count. recording: frames of a known site; out: file to write; seed: seed of the
     sensors' noise."""
     site = recording.site
-    frame = with_errors(max(recording, key=lambda frame: len(frame.objects)), PAPER_ERRORS, seed)
+    fullest_frame = max(recording, key=lambda frame: len(frame.objects))
+    frame = with_errors(fullest_frame, PAPER_ERRORS, seed)
     truth = frame.objects
     detections = fuse_frame("early", frame, detector, site=site).detections
-    (result,) = matches(
-        detections, truth, [EXAMPLE_IOU], counted=has_centre_inside(truth.boxes, site.area)
-    )
-    sensors = f"{len(frame.sensors)} sensor{'s' * (len(frame.sensors) != 1)}"
+    is_in_area = has_centre_inside(truth.boxes, site.area)
+    (result,) = matches(detections, truth, [EXAMPLE_IOU], counted=is_in_area)
+    sensor_count = len(frame.sensors)
+    sensors = "1 sensor" if sensor_count == 1 else f"{sensor_count} sensors"
     outcome = FrameOutcome(
-        EXAMPLE_IOU, result.hit, ~result.scored, result.truth >= 0, result.ignored
+        EXAMPLE_IOU,
+        truth_hit=result.hit,
+        truth_ignored=~result.scored,
+        detection_hit=result.truth >= 0,
+        detection_ignored=result.ignored,
     )
     name = detector_origin(detector)["detector"]
     title = f"{site.name}, frame {frame.index}: early fusion of {sensors}, {name}"

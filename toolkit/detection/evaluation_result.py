@@ -50,7 +50,7 @@ class Evaluation(Sequence[Row]):
         """Return all figures as tables of text, with poses, loads and breakdown if there are any.
 
         Problems of reading are in the summaries of schemes if there is a breakdown, else last."""
-        parts = ["\n".join(map(str, self.poses))] if self.poses else []
+        parts = ["\n".join(map(str, self.poses))] if self.poses else []  # a line for each sensor
         parts.append(format_table(self.rows))
         if self.loads:
             parts.append(
@@ -87,10 +87,10 @@ class Evaluation(Sequence[Row]):
 
 
 def _format_scheme(name: str, figures: Mapping[str, Any]) -> str:
-    """Summary of a scheme, with a line for each sensor on the points that its images leave out.
+    """Return a scheme's summary as text, with a line for each sensor that sends images.
 
-    name: scheme, followed by its sensors if there are several sets; figures: its entry in
-    `Evaluation.schemes`."""
+    The line counts the points that the sensor's images leave out, by kind. name: scheme, followed
+    by its sensors if there are several sets; figures: its entry in `Evaluation.schemes`."""
     lines = [f"{name}: {describe_summary(dict(figures))}"]
     for sensor, counts in figures.get("images", {}).items():
         kinds = [f"{count} {kind}" for kind, count in counts.items() if kind != "points"]

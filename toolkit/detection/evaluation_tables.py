@@ -12,29 +12,38 @@ def format_table(rows: Iterable[Row]) -> str:
 
     Each scheme and sensor set has a line, each IoU threshold a column of AP. Recall is at the first
     threshold."""
-    by_class: dict[str, list[Row]] = {}
+    rows_by_class: dict[str, list[Row]] = {}
     for row in rows:
-        by_class.setdefault(row.label, []).append(row)
+        rows_by_class.setdefault(row.label, []).append(row)
     tables = []
-    for label, class_rows in by_class.items():
-        lines: dict[tuple[str, str], dict[float, Row]] = {}
-        for row in class_rows:
-            lines.setdefault((row.scheme, sensor_text(row.sensors)), {})[row.iou] = row
-        ious = list(dict.fromkeys(row.iou for row in class_rows))
-        aps = [f"AP@{iou:g}" for iou in ious]
-        table = [["scheme", "sensors", *aps, f"recall@{ious[0]:g}", "kbit/sensor", "ms/frame"]]
-        for texts, line in lines.items():
-            row = line[ious[0]]
-            costs = [
-                format_share(row.recall, row.truths),
-                f"{row.kbit_per_sensor:.2f}",
-                f"{row.ms_per_frame:.1f}",
-            ]
-            aps = [format_share(line[iou].ap, line[iou].truths) for iou in ious]
-            table.append([*texts, *aps, *costs])
-        heading = f"{label}, {class_rows[0].truths} to find\n" if len(by_class) > 1 else ""
-        tables.append(heading + align_columns(table, texts=2))
+    for label, class_rows in rows_by_class.items():
+        table = _format_rows(class_rows)
+        has_heading = len(rows_by_class) > 1
+        heading = f"{label}, {class_rows[0].truths} to find\n" if has_heading else ""
+        tables.append(heading + table)
     return "\n\n".join(tables)
+
+
+def _format_rows(rows: Sequence[Row]) -> str:
+    """Format the rows of one class as a table of text, see `format_table`."""
+    # row by IoU threshold of each line, by its scheme and sensors
+    lines: dict[tuple[str, str], dict[float, Row]] = {}
+    for row in rows:
+        lines.setdefault((row.scheme, sensor_text(row.sensors)), {})[row.iou] = row
+    ious = list(dict.fromkeys(row.iou for row in rows))
+    first_iou = ious[0]
+    headings = [f"AP@{iou:g}" for iou in ious]
+    table = [["scheme", "sensors", *headings, f"recall@{first_iou:g}", "kbit/sensor", "ms/frame"]]
+    for texts, row_by_iou in lines.items():
+        row = row_by_iou[first_iou]
+        costs = [
+            format_share(row.recall, row.truths),
+            f"{row.kbit_per_sensor:.2f}",
+            f"{row.ms_per_frame:.1f}",
+        ]
+        aps = [format_share(row_by_iou[iou].ap, row_by_iou[iou].truths) for iou in ious]
+        table.append([*texts, *aps, *costs])
+    return align_columns(table, texts=2)  # the first two columns are texts, the rest numbers
 
 
 def format_class_table(classes: Iterable[ClassFigures]) -> str:
@@ -55,11 +64,19 @@ def format_class_table(classes: Iterable[ClassFigures]) -> str:
     ]
     table = [headings]
     for row in classes:
-        shares = (row.precision, row.false_alarms_per_frame, row.reliability.error)
-        texts = [row.label, row.scheme, sensor_text(row.sensors), str(row.truths)]
-        texts.append(format_share(row.recall, row.truths))
-        table.append([*texts, *(f"{figure:.3f}" for figure in shares), f"{row.iou:g}"])
-    return align_columns(table, texts=3)
+        line = [
+            row.label,
+            row.scheme,
+            sensor_text(row.sensors),
+            str(row.truths),
+            format_share(row.recall, row.truths),
+            f"{row.precision:.3f}",
+            f"{row.false_alarms_per_frame:.3f}",
+            f"{row.reliability.error:.3f}",
+            f"{row.iou:g}",
+        ]
+        table.append(line)
+    return align_columns(table, texts=3)  # the first three columns are texts, the rest numbers
 
 
 def sensor_text(sensors: Sequence[int]) -> str:

@@ -90,24 +90,27 @@ class ScoringJob:
     def score(self, frames: Iterable[Frame], numbers: Iterable[int]) -> Iterator[FrameResult]:
         """Yield the results of each frame, in order.
 
-        numbers: number of each frame in the recording, which messages carry. The state of the
-        links is kept from frame to frame as long as the sensors' names stay the same."""
+        numbers: number of each frame in the recording, which messages carry. What sensors and
+        centre remember of earlier messages is kept from frame to frame as long as the sensors'
+        names stay the same."""
         # away from the site, sensors in no set are dropped: their points do not find the ground
         if None not in self.comparison.sensor_sets and not self.at_site:
-            sensor_names = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
-            frames = (frame.seen_by(sensor_names) for frame in frames)
+            set_names = list(dict.fromkeys(chain.from_iterable(self.sets.values())))
+            frames = (frame.seen_by(set_names) for frame in frames)
         memory = LinkMemory()
-        remembered = list[str]()
-        stands = self.place.stands(frames, self.site)
+        previous_names = list[str]()
+        stands = self.place.stands(frames, self.site)  # each frame with its ground and area
         for number, (frame, stand) in zip(numbers, stands, strict=True):
             names = [sensor.name for sensor in frame.sensors]
-            if names != remembered:
+            if names != previous_names:
                 memory = LinkMemory()
-            remembered = names
-            numbered = frame if frame.index == number else replace(frame, index=number)
-            fused = self._fuse(numbered, stand, memory)
+            previous_names = names
+            numbered_frame = frame if frame.index == number else replace(frame, index=number)
+            fused = self._fuse(numbered_frame, stand, memory)
             truth = self._find_truth(frame, stand)
-            yield FrameResult(truth, fused, frame.problems, stand.ms, stand.warning)
+            yield FrameResult(
+                truth, fused, frame.problems, level_ms=stand.ms, warning=stand.warning
+            )
 
     def describe(self, ious: Mapping[str, tuple[float, ...]], **reads: object) -> dict[str, object]:
         """Settings that the figures depend on, for their provenance.
@@ -115,7 +118,7 @@ class ScoringJob:
         ious: IoU thresholds of each class, by its name; reads: number of frames and errors of the
         sensors, entered as given."""
         settings: dict[str, object] = {
-            "site": self.site and self.site.name,
+            "site": self.site and self.site.name,  # None if the site is unknown
             "hybrid_radius": self.site and self.site.hybrid_radius,
             **reads,
             "nms_iou": self.comparison.nms_iou,
@@ -138,19 +141,19 @@ class ScoringJob:
     def _find_truth(self, frame: Frame, stand: Stand) -> FrameTruth:
         """Objects of a frame, with a mask of the objects that count by the protocol.
 
-        stand: area of the frame. Points on objects stay 0 if they are not needed."""
+        stand: area of the frame. Numbers of points on objects stay 0 if they are not needed."""
         if self.protocol == "measured":
             return select_truth(frame, stand.corners)
         objects = frame.objects
         is_inside = has_centre_inside(objects.boxes, stand.corners)
-        counts = np.zeros(len(is_inside), np.int64)
+        point_counts = np.zeros(len(is_inside), np.int64)
         if self.count_points:
-            counts = count_points(frame.points(), objects.boxes)
-        if self.protocol == "published":
+            point_counts = count_points(frame.points(), objects.boxes)
+        if self.protocol == "published":  # objects outside the area are removed
             objects = objects[is_inside]
-            counts = counts[is_inside]
+            point_counts = point_counts[is_inside]
             is_inside = is_inside[is_inside]
-        return FrameTruth(objects, is_inside, counts, stand.corners)
+        return FrameTruth(objects, counted=is_inside, points=point_counts, corners=stand.corners)
 
     def _fuse(
         self, frame: Frame, stand: Stand, memory: LinkMemory
@@ -165,6 +168,7 @@ class ScoringJob:
         # one view of points and one of images, each shared by all schemes and sets
         @cache
         def view(as_images: bool) -> View:
+            """View of the frame, with clouds as images of their sensors or as points."""
             return stand_view(
                 frame,
                 self.detector,
@@ -193,14 +197,15 @@ class ScoringJob:
                 fused[name, sensors] = replace(result, detections=detections)
         return fused
 
-    def _detect_all(self, frame: Frame, stand: Stand, present: list[int]) -> Fused:
+    def _detect_all(self, frame: Frame, stand: Stand, sensors: list[int]) -> Fused:
         """Detect in all points of some sensors together, uncropped and without messages.
 
-        present: indices of the sensors. Boxes come back in the frame of the lifted points, without
-        bits."""
-        points = stand.lift(frame.seen_by(present).points())
+        stand: area and ground of the frame, which levels the points; sensors: indices of the
+        sensors in the frame. Boxes come back in the frame of the levelled points, without bits."""
+        points = stand.lift(frame.seen_by(sensors).points())
         start = perf_counter()
         detections = Detections.empty()
         if len(points):
             detections = detect_on_ground(self.detector, points, stand.area)
-        return Fused(detections, np.zeros(0, np.int64), 1e3 * (perf_counter() - start))
+        detect_ms = 1e3 * (perf_counter() - start)
+        return Fused(detections, bits=np.zeros(0, np.int64), ms=detect_ms)

@@ -10,7 +10,7 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >=
    threshold with it; it takes the one of greatest IoU. IoU is that of volumes ("3d") or of
    footprints ("bev"), exact for rotated boxes.
-3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it lies on an object
+3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it is on an object
    that is present but not scored: IoU >= threshold with it, or more than half of the detection's
    footprint on its footprint (detectors see large vehicles in part). Not scored are heavy vehicles
    when vehicles are scored, and whatever `counted` excludes. A detection outside the scored area
@@ -134,9 +134,10 @@ class Reliability:
         """Expected calibration error: mean gap between score and share of true detections.
 
         Bins are weighted by their numbers of detections; 0 without detections."""
-        filled = self.count > 0
-        gap = np.abs(self.score[filled] - self.true[filled])
-        return float((gap * self.count[filled]).sum() / max(self.count.sum(), 1))
+        has_detections = self.count > 0
+        count = self.count[has_detections]
+        gap = np.abs(self.score[has_detections] - self.true[has_detections])
+        return float((gap * count).sum() / max(self.count.sum(), 1))
 
 
 def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> Reliability:
@@ -146,10 +147,10 @@ def reliability(scores: Float[np.ndarray, " n"], hits: Mask, bins: int = 10) -> 
     bins."""
     bin_index = np.clip((scores * bins).astype(np.int64), 0, bins - 1)
     count = np.bincount(bin_index, minlength=bins)
-    with np.errstate(invalid="ignore"):
-        mean = np.bincount(bin_index, scores, minlength=bins) / count
-        true = np.bincount(bin_index, hits, minlength=bins) / count
-    return Reliability(mean, true, count)
+    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN in bins without detections
+        mean_score = np.bincount(bin_index, scores, minlength=bins) / count
+        true_share = np.bincount(bin_index, hits, minlength=bins) / count
+    return Reliability(score=mean_score, true=true_share, count=count)
 
 
 def evaluate(
@@ -190,7 +191,7 @@ def evaluate(
             continue
         truth_count += len(overlaps.columns)
         for threshold in thresholds:
-            matched, ignored = overlaps.resolve(threshold)
+            matched, ignored = overlaps.resolve(threshold)  # column of a truth, -1 without one
             scores[threshold].append(overlaps.scores[~ignored])
             hits[threshold].append(matched[~ignored] >= 0)
     return {
@@ -216,12 +217,14 @@ def _pair_frames(
     counted: Iterable[ArrayLike] | None,
     outside: Iterable[ArrayLike] | None,
 ) -> Iterator[_FramePair]:
-    """Yield what belongs to each frame; masks that are not given are None.
+    """Yield detections, truths and masks of each frame, read once; masks not given are None.
 
-    Raises ValueError for unequal numbers of frames."""
+    counted: mask of the scored truths of each frame; outside: mask of the detections of each frame
+    that are outside the scored area. Raises ValueError for unequal numbers of frames."""
     masks = repeat(None) if counted is None else iter(counted)
     outsides = repeat(None) if outside is None else iter(outside)
     for number, (detected, objects) in enumerate(zip_longest(detections, truths)):
+        # None at the end of any of the inputs: one has fewer frames
         mask = next(masks, None)
         is_outside = next(outsides, None)
         lacks_mask = counted is not None and mask is None
@@ -240,10 +243,10 @@ def _pair_frames(
 def _score_pooled(
     scores: Float64[np.ndarray, " n"], hits: Bool[np.ndarray, " n"], truths: int
 ) -> DetectionScore:
-    """Score of the detections of all frames that are not ignored.
+    """Compute the score of the detections of all frames that are not ignored.
 
     scores: score of each detection, in any order; hits: mask of true detections; truths: number of
-    objects to find."""
+    objects to find. Without truths AP and recall are NaN, without detections precision is NaN."""
     curve = precision_recall(scores, hits, truths)
     tp = int(hits.sum())
     return DetectionScore(
@@ -279,24 +282,24 @@ def matches(
     overlaps = _overlap(
         detections, truths, label_index(label), counted, metric, protocol, outside=outside
     )
-    rows = overlaps.rows
-    columns = overlaps.columns
+    # overlaps have sorted detections of the label and scored truths only: their rows in the input
+    detection_rows = overlaps.rows
+    truth_rows = overlaps.columns
     for threshold in thresholds:
         matched, ignored = overlaps.resolve(threshold)
-        hit_rows = np.flatnonzero(matched >= 0)
-        n = len(detections)
-        m = len(truths)
+        hits = np.flatnonzero(matched >= 0)
+        hit_truths = matched[hits]
         result = Match(
-            truth=np.full(n, -1),
-            iou=np.zeros(n),
-            ignored=np.ones(n, bool),
-            hit=np.zeros(m, bool),
-            scored=np.isin(np.arange(m), columns),
+            truth=np.full(len(detections), -1),
+            iou=np.zeros(len(detections)),
+            ignored=np.ones(len(detections), bool),
+            hit=np.zeros(len(truths), bool),
+            scored=np.isin(np.arange(len(truths)), truth_rows),
         )
-        result.truth[rows[hit_rows]] = columns[matched[hit_rows]]
-        result.iou[rows[hit_rows]] = overlaps.iou[hit_rows, matched[hit_rows]]
-        result.ignored[rows] = ignored
-        result.hit[columns[matched[hit_rows]]] = True
+        result.truth[detection_rows[hits]] = truth_rows[hit_truths]
+        result.iou[detection_rows[hits]] = overlaps.iou[hits, hit_truths]
+        result.ignored[detection_rows] = ignored
+        result.hit[truth_rows[hit_truths]] = True
         yield result
 
 
@@ -316,10 +319,11 @@ def second_labels(
     second = np.zeros(len(detections), bool)
     if not (detections.labels == HEAVY).any() or not (detections.labels == VEHICLE).any():
         return second
-    (heavy,) = matches(detections, truths, [TRUE_IOU[HEAVY]], metric=metric, label=HEAVY)
-    if not heavy.hit.any():
+    # one match each, for the single IoU threshold
+    (heavy_match,) = matches(detections, truths, [TRUE_IOU[HEAVY]], metric=metric, label=HEAVY)
+    if not heavy_match.hit.any():
         return second
-    (small,) = matches(
+    (vehicle_match,) = matches(
         detections,
         truths,
         [TRUE_IOU[VEHICLE]],
@@ -328,13 +332,12 @@ def second_labels(
         counted=counted,
         outside=outside,
     )
-    second = (detections.labels == VEHICLE) & small.ignored
+    second = (detections.labels == VEHICLE) & vehicle_match.ignored
     if outside is not None:
         second &= ~np.asarray(outside, bool)
-    return second & (
-        footprint_overlap(detections.boxes, truths.boxes[heavy.hit]).max(axis=1)
-        > MAX_UNSCORED_SHARE
-    )
+    # share of each detection's footprint on each heavy vehicle that was found
+    shares = footprint_overlap(detections.boxes, truths.boxes[heavy_match.hit])
+    return second & (shares.max(axis=1) > MAX_UNSCORED_SHARE)
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
@@ -360,18 +363,21 @@ def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int)
     scores = scores[best_first]
     # index of the last detection of each score; the slice is for no detections at all
     last_of_equals = np.flatnonzero(np.append(scores[1:] != scores[:-1], True)[: len(scores)])
-    tp = np.cumsum(hits[best_first])[last_of_equals]
+    tp = np.cumsum(hits[best_first])[last_of_equals]  # hits down to each score
     recall = tp / truths if truths else np.full(len(tp), np.nan)
-    return Curve(tp / (last_of_equals + 1), recall, scores[last_of_equals])
+    return Curve(precision=tp / (last_of_equals + 1), recall=recall, score=scores[last_of_equals])
 
 
 def average_precision(curve: Curve) -> float:
     """Return the all-point interpolated AP (paper equations 4 and 5).
 
+    curve: precision and recall, with ascending recall.
+
     >>> hits = np.array([True, False, True])
     >>> average_precision(precision_recall(np.array([0.9, 0.8, 0.7]), hits, truths=2))
     0.8333333333333333
     """
+    # greatest precision at each recall or a higher one
     envelope = np.maximum.accumulate(curve.precision[::-1])[::-1]
     return float((np.diff(curve.recall, prepend=0.0) * envelope).sum())
 
@@ -379,15 +385,15 @@ def average_precision(curve: Curve) -> float:
 def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
     """Column of the truth that each detection takes, or -1 for none.
 
-    iou: IoU of n detections, best score first, with m truths. In this order, each takes the truth
-    of greatest IoU that is still free, if the IoU is at least `threshold`."""
+    iou: IoU of n detections, best score first, with m truths. In this order, each detection takes
+    the truth of greatest IoU that is still free, if the IoU is at least `threshold`."""
     matched = np.full(len(iou), -1)
-    free = iou.copy()
+    free_iou = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
-        truth = free[row].argmax()
-        if free[row, truth] >= threshold:
+        truth = free_iou[row].argmax()
+        if free_iou[row, truth] >= threshold:
             matched[row] = truth
-            free[:, truth] = 0  # below any threshold: the truth is taken
+            free_iou[:, truth] = 0  # below any threshold: the truth is taken
     return matched
 
 
@@ -398,11 +404,11 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
     IoU, truth 0 if it overlaps nothing. Only the first to claim a truth may take it, if the IoU is
     above `threshold`."""
     matched = np.full(len(iou), -1)
-    if iou.shape[1]:
+    if iou.shape[1]:  # there are truths
         # claimed truths, and the first row that claims each
-        claimed, claimants = np.unique(iou.argmax(axis=1), return_index=True)
-        hit = iou[claimants, claimed] > threshold
-        matched[claimants[hit]] = claimed[hit]
+        truths, first_rows = np.unique(iou.argmax(axis=1), return_index=True)
+        is_hit = iou[first_rows, truths] > threshold
+        matched[first_rows[is_hit]] = truths[is_hit]
     return matched
 
 
@@ -462,15 +468,17 @@ class _Overlaps(NamedTuple):
     protocol: Protocol
 
     def resolve(self, threshold: float) -> tuple[np.ndarray, np.ndarray]:
-        """Match at one IoU threshold.
+        """Match detections and truths at one IoU threshold, by the rule of the protocol.
 
         Returns for each detection the column of the truth that it hit (an index in `columns`), or
-        -1, and a mask of ignored detections."""
+        -1, and a mask of ignored detections: they hit nothing and are outside the scored area or on
+        an object that is present but not scored."""
         match = claim_then_test if self.protocol == "published" else greedy
         matched = match(self.iou, threshold)
-        iou, share = self.elsewhere.T
-        is_excused = (iou >= threshold) | (share > MAX_UNSCORED_SHARE) | self.outside
-        return matched, is_excused & (matched < 0)
+        # with objects that are present but not scored
+        unscored_iou, unscored_share = self.elsewhere.T
+        is_on_unscored = (unscored_iou >= threshold) | (unscored_share > MAX_UNSCORED_SHARE)
+        return matched, (is_on_unscored | self.outside) & (matched < 0)
 
 
 def _overlap(
@@ -534,7 +542,9 @@ def _overlap(
 
 
 def _check(iou_thresholds: Iterable[float], metric: str, protocol: str) -> list[float]:
-    # Thresholds as numbers; ValueError for an unknown metric or protocol, or a bad threshold.
+    """Return thresholds as floats.
+
+    Raises ValueError for an unknown metric or protocol, or a threshold outside (0, 1]."""
     if metric not in ("3d", "bev") or protocol not in ("exact", "published"):
         raise ValueError(
             f'metric is "3d" or "bev", protocol "exact" or "published", got {metric!r}, '

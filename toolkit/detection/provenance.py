@@ -25,7 +25,7 @@ def dataset_origin(dataset: object) -> dict[str, object]:
     path = getattr(dataset, "path", None)
     return {
         "dataset": type(dataset).__name__ if path is None else Path(path).name,
-        "dataset_path": path and str(path),
+        "dataset_path": path and str(path),  # None stays None
     }
 
 

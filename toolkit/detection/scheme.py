@@ -11,7 +11,8 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from toolkit.arrays import Bool, Float32, Float64
-from toolkit.detection.codec import Codec, Parameters
+from toolkit.detection.codec import Codec
+from toolkit.detection.parameters import Parameters
 from toolkit.detection.view import Fused as Fused, View
 
 
@@ -111,7 +112,8 @@ def estimate_bits(
 
     codec: codec of the messages, unless the scheme brings another; counts: points of each candidate
     in each frame; boxes: number of detections of each candidate in all frames."""
-    codec = scheme_codec(scheme, codec)
-    points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
-    boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
-    return np.rint(codec.bits(points=points, boxes=boxes, messages=counts.sent.shape[1]))
+    used_codec = scheme_codec(scheme, codec)
+    sent_points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
+    sent_boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
+    messages = counts.sent.shape[1]  # one in each frame
+    return np.rint(used_codec.bits(points=sent_points, boxes=sent_boxes, messages=messages))

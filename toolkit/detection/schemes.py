@@ -1,130 +1,19 @@
-"""Built-in fusion schemes: early, late, hybrid and foreground."""
+"""Built-in fusion schemes by name, and the fusion of a frame by one of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
-from toolkit.arrays import Bool, Float32
-from toolkit.detection.codec import PAPER, Codec, Parameters, check_codec
+from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.link.foreground import Foreground
-from toolkit.detection.scheme import Counts, DetectsOnce, Fused, Scheme
-from toolkit.detection.view import NMS_IOU, View, frame_view
+from toolkit.detection.paper_schemes import Early, Hybrid, Late
+from toolkit.detection.scheme import Fused, Scheme
+from toolkit.detection.view import NMS_IOU, frame_view
 from toolkit.frame import Frame, select_sensors
 from toolkit.objects import Detector
-from toolkit.points import Area, Distance, is_beyond
-from toolkit.sites.site import HYBRID_RADIUS_M, Site
+from toolkit.points import Area
 
 PAPER_SCHEMES = ("early", "late", "hybrid")  # order of schemes in tables and observations
-
-
-@dataclass(frozen=True)
-class Early(DetectsOnce):
-    """Early fusion: sensors send all cropped points, and the centre detects in them together."""
-
-    name: str = "early"
-
-    def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Detect in the points of the sensors (indices, ascending), joined at the centre."""
-        return view.fuse_points(view.share_points(sensors))
-
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the number of points in the crop: all are sent.
-
-        counts: numbers of points of C candidates in F frames."""
-        return counts.sent
-
-
-@dataclass(frozen=True)
-class Late(Parameters):
-    """Late fusion: sensors send detected boxes, and the centre drops duplicates."""
-
-    name: str = "late"
-    sends_points: ClassVar[bool] = False
-    sends_boxes: ClassVar[bool] = True
-
-    def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Pool the boxes that each sensor (index, ascending) detects in its points."""
-        sent = view.share_boxes(sensors)
-        boxes = view.suppress([message.arrived for message in sent])
-        return Fused(
-            boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
-        )
-
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return zeros: no points are sent."""
-        return np.zeros_like(counts.sent)
-
-    def mask_pooled(self, distance: Float32[np.ndarray, "C O"], radius: float, /) -> None:
-        """Return None: no points are sent."""
-
-
-@dataclass(frozen=True)
-class Hybrid(Parameters):
-    """Hybrid fusion: sensors send the boxes that they detect, and the points far from them.
-
-    radius: distance from the sensor (m) within which no points are sent, None for the site's;
-    metric: plane in which the distance is measured, see `toolkit.points.is_beyond`."""
-
-    radius: float | None = None
-    metric: Distance = "horizontal"
-    name: str = "hybrid"
-    sends_points: ClassVar[bool] = True
-    sends_boxes: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        if self.radius is not None and not self.radius >= 0:
-            raise ValueError(
-                f"radius must be at least 0 m, got {self.radius}: None is the site's own"
-            )
-
-    def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
-        """Pool the boxes of each sensor with the centre's detections in all far points, joined.
-
-        sensors: indices, ascending. A sensor's bits count its boxes and its far points."""
-        radius = self.find_radius(view.site)
-        far = partial(is_beyond, radius=radius, metric=self.metric)
-        name = f"beyond {radius} m, {self.metric}"
-        point_messages = view.share_points(sensors, name, far)
-        centre = view.suppress([view.detect([message.arrived for message in point_messages])])
-        box_messages = view.share_boxes(sensors)
-        arrived = [message.arrived for message in box_messages]
-        boxes = view.suppress([*arrived, centre])
-        bits = [
-            box.bits + point.bits for box, point in zip(box_messages, point_messages, strict=True)
-        ]
-        return Fused(boxes.detections, np.array(bits, np.int64), boxes.ms)
-
-    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
-        """Return the number of points beyond the site's hybrid radius.
-
-        counts: numbers of points of C candidates in F frames. Raises ValueError if the scheme has
-        another radius or metric, for which nothing was counted."""
-        if self.radius is not None or self.metric != "horizontal":
-            remedy = "use Hybrid() at dataclasses.replace(site, hybrid_radius=...)"
-            raise ValueError(
-                f"far points are counted by the site's hybrid radius, not by {self}: {remedy}"
-            )
-        return counts.far
-
-    def mask_pooled(
-        self, distance: Float32[np.ndarray, "C O"], radius: float, /
-    ) -> Bool[np.ndarray, "C O"]:
-        """Mark objects whose points reach the centre, as they are beyond the radius.
-
-        distance: distance (m) of O objects from C candidates; radius: the site's (m), used if the
-        scheme has no other."""
-        return distance > (radius if self.radius is None else self.radius)
-
-    def find_radius(self, site: Area) -> float:
-        """Radius (m) at a site: the scheme's, else the site's, else the paper's for a bare area."""
-        if self.radius is not None:
-            return self.radius
-        return site.hybrid_radius if isinstance(site, Site) else HYBRID_RADIUS_M
-
-
 _BUILT_IN: tuple[Scheme, ...] = Early(), Late(), Hybrid(), Foreground()
 SCHEMES = {scheme.name: scheme for scheme in _BUILT_IN}
 
@@ -135,9 +24,10 @@ def schemes_in_steps(step: float) -> dict[str, Scheme]:
 
 
 def find_scheme(scheme: Scheme | str) -> Scheme:
-    """Return a scheme by its name, or the scheme itself. Raises ValueError for others."""
+    """Return a fusion scheme by its name, or the scheme itself. Raises ValueError for others."""
     if isinstance(scheme, str) and scheme in SCHEMES:
         return SCHEMES[scheme]
+    # an unknown name, a class instead of an instance, or an object that is no scheme
     if isinstance(scheme, str | type) or not isinstance(scheme, Scheme):
         alternative = (
             f"an object with the members of toolkit.detection.scheme.Scheme, got {scheme!r}"
@@ -170,4 +60,5 @@ def fuse_frame(
     )
     fused = find_scheme(scheme).fuse(view, sorted(indices))
     # bits are in ascending order of indices: argsort twice (the rank) puts them in the given order
-    return Fused(fused.detections, fused.bits[np.argsort(np.argsort(indices))], fused.ms)
+    ranks = np.argsort(np.argsort(indices))
+    return Fused(fused.detections, bits=fused.bits[ranks], ms=fused.ms)

@@ -42,21 +42,23 @@ class SetResults:
         self.scheme = scheme
         self.sensors = sensors
         self.truths = [result.truth for result in results]
-        fused = [result.fused[scheme, sensors] for result in results]
+        fused = [result.fused[scheme, sensors] for result in results]  # result of each frame
         self.detections = [frame_fused.detections for frame_fused in fused]
-        self.bits = [frame_fused.bits for frame_fused in fused]
+        self.bits = [frame_fused.bits for frame_fused in fused]  # by frame, then by sensor
         self.ms = float(np.median([frame_fused.ms for frame_fused in fused]))
+        # mean of the sensors in each frame, then of the frames
         kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]
         self.kbit = float(np.mean(kbits))
+        # detections outside the area are treated apart only by the rule for recorded labels
         self.outside: list[Mask] | None = None
         if job.protocol == "measured":
             self.outside = _find_outside(self.truths, self.detections)
 
     def score_class(self, label: str, thresholds: Sequence[float]) -> dict[float, DetectionScore]:
-        """Scores of a class by IoU threshold.
+        """Return the scores of a class in all frames, by IoU threshold.
 
-        label: name of the class; thresholds: to which the threshold of a true detection
-        (`TRUE_IOU`) is added."""
+        label: name of the class; thresholds: IoU thresholds, to which the IoU of a true detection
+        (`TRUE_IOU` of the class) is added."""
         return evaluate(
             self.detections,
             [truth.objects for truth in self.truths],
@@ -69,7 +71,7 @@ class SetResults:
         )
 
     def make_row(self, label: str, iou: float, score: DetectionScore) -> Row:
-        """Row of figures of a class at one threshold.
+        """Return the row of figures of a class at one IoU threshold.
 
         label: name of the class; iou: the threshold; score: score at this threshold."""
         return Row(
@@ -88,12 +90,13 @@ class SetResults:
         )
 
     def rate_threshold(self, label: str, score: DetectionScore) -> ClassFigures:
-        """Figures of a class at the detector's score threshold, with second labels as false alarms.
+        """Return the figures of a class at the detector's score threshold.
 
-        label: name of the class; score: score at the IoU of a true detection (`TRUE_IOU`)."""
+        label: name of the class; score: score at the IoU of a true detection (`TRUE_IOU`).
+        Detections that give an object a second label count as false alarms here."""
         second_scores = self._second_scores(label)
-        frames = len(self.results)
-        detections = score.tp + score.fp + len(second_scores)
+        frame_count = len(self.results)
+        detection_count = score.tp + score.fp + len(second_scores)
         scores = np.append(score.scores, second_scores)
         hits = np.append(score.hits, np.zeros(len(second_scores), bool))
         return ClassFigures(
@@ -101,54 +104,56 @@ class SetResults:
             sensors=self.sensors,
             label=label,
             iou=TRUE_IOU[label_index(label)],
-            frames=frames,
+            frames=frame_count,
             truths=score.truths,
-            detections=detections,
+            detections=detection_count,
             recall=score.recall,
-            precision=score.tp / detections if detections else np.nan,
-            false_alarms_per_frame=(score.fp + len(second_scores)) / frames,
+            precision=score.tp / detection_count if detection_count else np.nan,
+            false_alarms_per_frame=(score.fp + len(second_scores)) / frame_count,
             reliability=reliability(scores, hits),
         )
 
     def _second_scores(self, label: str) -> Float64[np.ndarray, " n"]:
         """Scores of detections that give an object a second label, in all frames.
 
-        label: name of the class; only vehicles can be second labels."""
-        scores = [np.zeros(0)]
+        label: name of the class; only vehicles can be second labels, on heavy vehicles."""
         if label != LABELS[VEHICLE]:
-            return scores[0]
-        for number, truth in enumerate(self.truths):
-            detections = self.detections[number]
+            return np.zeros(0)
+        scores = [np.zeros(0)]  # so that no frames give an empty array
+        for frame_index, truth in enumerate(self.truths):
+            detections = self.detections[frame_index]
             is_second = second_labels(
                 detections,
                 truth.objects,
                 metric=self.job.comparison.metric,
                 counted=truth.counted,
-                outside=None if self.outside is None else self.outside[number],
+                outside=None if self.outside is None else self.outside[frame_index],
             )
             scores.append(detections.scores[is_second])
         return np.concatenate(scores)
 
     def break_down(self, title: str, labels: Iterable[str]) -> list[GroupRow]:
-        """AP of each class by range, by points and as other data sets count it.
+        """Return AP of each class by range, by points and as other data sets count it.
 
         title: name of scheme and sensor set in the rows; labels: names of the classes."""
-        judged = [
+        # detections and objects of each frame, ready to match
+        frames = [
             truth.judge(detections)
             for truth, detections in zip(self.truths, self.detections, strict=True)
         ]
         rows = list[GroupRow]()
         for label in labels:
-            rows += group_rows(judged, label, self.job.comparison.iou_thresholds)
+            rows += group_rows(frames, label, self.job.comparison.iou_thresholds)
         return [replace(row, scheme=title) for row in rows]
 
     def find_load(self) -> LinkLoad | None:
-        """Load of the sensors' messages on a shared link.
+        """Return the load of the sensors' messages on a shared link.
 
-        None without a rate, without sensors, or if frames differ in their number of sensors."""
+        None without a rate of frames, without sensors, or if frames differ in their number of
+        sensors."""
         rate = self.job.comparison.rate
-        numbers = {len(bits) for bits in self.bits}
-        if rate is None or len(numbers) != 1 or numbers == {0}:
+        sensor_counts = {len(bits) for bits in self.bits}
+        if rate is None or len(sensor_counts) != 1 or sensor_counts == {0}:
             return None
         return link_load(np.array(self.bits), rate)
 
@@ -157,8 +162,9 @@ class SetResults:
 
         load: load on a link, None without one. If sensors send images of clouds, `images` counts
         the points of each sensor's clouds, and the points that its images leave out, by kind."""
+        # sum of the counters of all frames, beginning with an empty one
         problems = sum((Counter(result.problems) for result in self.results), Counter[str]())
-        has_bits = any(len(bits) for bits in self.bits)
+        has_bits = any(len(bits) for bits in self.bits)  # False without messages
         summary: dict[str, Any] = {
             "samples": len(self.results),
             "detections": sum(len(detections.boxes) for detections in self.detections),

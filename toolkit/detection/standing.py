@@ -50,24 +50,23 @@ class StandingScene:
 
     def holds(self, points: Points) -> Mask:
         """Mask of points (m, world) in voxels of the scene."""
-        # row of the first key that is not less: the voxel's key if the scene has it
-        keys = _voxel_keys(points, self.origin)
-        rows = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        return self.keys[rows] == keys
+        point_keys = _voxel_keys(points, self.origin)
+        # row of the first sorted key that is not less: the point's key if the scene has it
+        rows = np.minimum(np.searchsorted(self.keys, point_keys), len(self.keys) - 1)
+        return self.keys[rows] == point_keys
 
     def leave_out(self, detections: Detections, points: Float[np.ndarray, "n 3"]) -> Detections:
         """Return the detections (world) with enough points outside the scene.
 
         points: all points of the frame (m, world). If vehicles may only wait (`waiting`), those
         with a high score are kept in any case."""
-        new = points[~self.holds(points)]
-        counts = count_points(points, detections.boxes)
-        new_counts = count_points(new, detections.boxes)
-        is_kept = (new_counts > 0) & (new_counts >= MIN_NEW_SHARE * counts)
+        foreground_points = points[~self.holds(points)]
+        point_count = count_points(points, detections.boxes)
+        foreground_count = count_points(foreground_points, detections.boxes)
+        is_kept = (foreground_count > 0) & (foreground_count >= MIN_NEW_SHARE * point_count)
         if self.waiting:
-            is_kept |= np.isin(detections.labels, [VEHICLE, HEAVY]) & (
-                detections.scores >= MIN_WAITING_SCORE
-            )
+            is_vehicle = np.isin(detections.labels, [VEHICLE, HEAVY])
+            is_kept |= is_vehicle & (detections.scores >= MIN_WAITING_SCORE)
         return detections[is_kept]
 
     def describe(self, left_out: int) -> str:
@@ -114,14 +113,15 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
 
 
 def _is_still(first: Frame, frame: Frame) -> bool:
-    """Return True if sensors and world have the poses of the first frame."""
+    """Return True if sensors and world have the poses (4 x 4) of the first frame."""
     if [sensor.name for sensor in first.sensors] != [sensor.name for sensor in frame.sensors]:
         return False
-    before = [*(sensor.pose for sensor in first.sensors), first.map_SE3_world]
-    after = [*(sensor.pose for sensor in frame.sensors), frame.map_SE3_world]
-    for first_pose, pose in zip(before, after, strict=True):
-        turn = first_pose[:3, :3].T @ pose[:3, :3]
-        angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
+    first_poses = [*(sensor.pose for sensor in first.sensors), first.map_SE3_world]
+    poses = [*(sensor.pose for sensor in frame.sensors), frame.map_SE3_world]
+    for first_pose, pose in zip(first_poses, poses, strict=True):
+        rotation = first_pose[:3, :3].T @ pose[:3, :3]
+        # the trace of a rotation is 1 + 2 cos(angle)
+        angle = np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))
         distance = np.linalg.norm(first_pose[:3, 3] - pose[:3, 3])
         if distance > MAX_STILL_SENSOR_M or angle > MAX_STILL_TURN_RAD:
             return False
@@ -132,21 +132,23 @@ def _off_ground_mask(points: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n
     """Mask of points well above the lowest point of their square (2 m) seen from above.
 
     Ground would look the same wherever a sensor moves."""
-    square = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / _SQUARE_M).astype(np.int64)
-    # both indices in one number, the first above bit 32; number: index of each point's square
-    _, number = np.unique(square[:, 0] << 32 | square[:, 1], return_inverse=True)
-    lowest = np.full(number.max() + 1, np.inf)
-    np.minimum.at(lowest, number, points[:, 2])
-    return points[:, 2] > lowest[number] + _OFF_GROUND_M
+    xy = points[:, :2]
+    height = points[:, 2]
+    column, row = np.floor((xy - xy.min(axis=0)) / _SQUARE_M).astype(np.int64).T
+    # both indices in one number, the first above bit 32; square: number of each point's square
+    _, square = np.unique(column << 32 | row, return_inverse=True)
+    lowest_height = np.full(square.max() + 1, np.inf)
+    np.minimum.at(lowest_height, square, height)
+    return height > lowest_height[square] + _OFF_GROUND_M
 
 
 def _voxel_keys(points: Points, origin: Float64[np.ndarray, "3"]) -> Int64[np.ndarray, " n"]:
-    """Key of each point's voxel: its three indices in one whole number.
+    """Return the key of each point's voxel: its three indices in one whole number.
 
     points: m, world; origin: corner of the grid (m, world). Points outside the grid count to its
     edge, a voxel inside so that neighbours have indices too."""
-    last = (1 << _INDEX_BITS) - 2
-    index = np.clip(np.floor((points - origin) / STANDING_VOXEL_M), 1, last).astype(np.int64)
+    max_index = (1 << _INDEX_BITS) - 2
+    index = np.clip(np.floor((points - origin) / STANDING_VOXEL_M), 1, max_index).astype(np.int64)
     return _join_index(index)
 
 
@@ -157,6 +159,8 @@ def _join_index(index: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
 
 def _grow(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
     """Return keys of voxels and of all voxels that share a face with them, sorted."""
-    mask = (1 << _INDEX_BITS) - 1
-    index = np.column_stack([keys >> 2 * _INDEX_BITS, (keys >> _INDEX_BITS) & mask, keys & mask])
+    low_bits = (1 << _INDEX_BITS) - 1
+    x = keys >> 2 * _INDEX_BITS
+    y = (keys >> _INDEX_BITS) & low_bits
+    index = np.column_stack([x, y, keys & low_bits])
     return np.unique(np.concatenate([_join_index(index + face) for face in _FACES]))

@@ -67,7 +67,8 @@ class Survey:
             raise ValueError(
                 f"counted were {', '.join(self.by_class) or 'no classes'}, not {label!r}"
             )
-        return self.by_class[label][:, list(sensors)].sum(axis=1)
+        counts = self.by_class[label]  # points on each object from each sensor
+        return counts[:, list(sensors)].sum(axis=1)
 
     def unseen(self, sensors: Sequence[int], label: str | None = None) -> float:
         """Share (0 to 1) of objects without a point from any sensor of a set (indices).
@@ -98,21 +99,18 @@ class Survey:
                         "unseen": float((points == 0).mean()),
                     }
             classes[label] = {"objects": len(counts), "sets": sets}
-        means = {
-            name: getattr(self, name)
-            for name in ("frames", "objects_per_frame", "points_per_cloud")
-        }
-        means |= {
+        return {
+            "frames": self.frames,
+            "objects_per_frame": self.objects_per_frame,
+            "points_per_cloud": self.points_per_cloud,
             "kbit_per_sensor": float(self.kbit_per_sensor.mean()),
             "vehicles": len(self.counts),
-        }
-        unseen = {name: self.unseen(sensors) for name, sensors in sensors_by_name.items()}
-        agree = {
+            "unseen": {name: self.unseen(sensors) for name, sensors in sensors_by_name.items()},
+            "classes": classes,
             "counts_that_agree": self.agreeing and list(self.agreeing),
             "problems": self.problems,
+            "provenance": with_file_digest(self.provenance),
         }
-        provenance = with_file_digest(self.provenance)
-        return {**means, "unseen": unseen, "classes": classes, **agree, "provenance": provenance}
 
     def text(self, sensor_sets: Sequence[Sequence[int]]) -> str:
         """Return the figures as lines of text; sensor_sets: sets of sensor indices."""
@@ -126,9 +124,11 @@ class Survey:
             f"objects per frame{' in the area' if self.provenance.get('site') else ''}: {objects}",
             f"early fusion: {figures['kbit_per_sensor']:.0f} kbit/sensor",
         ]
-        for label, of_class in figures["classes"].items():
-            for sensors, set_figures in of_class["sets"].items() if of_class["objects"] else ():
-                unseen = f"{set_figures['unseen']:.1%} of {of_class['objects']} without a point"
+        for label, class_figures in figures["classes"].items():
+            object_count = class_figures["objects"]
+            sets = class_figures["sets"] if object_count else {}
+            for sensors, set_figures in sets.items():
+                unseen = f"{set_figures['unseen']:.1%} of {object_count} without a point"
                 points = (
                     f"mean {set_figures['mean_points']:.1f}, median "
                     f"{set_figures['median_points']:g} points"
@@ -139,7 +139,8 @@ class Survey:
             lines.append(
                 f"{agree} of {compared} labelled cuboids hold as many points as the set says"
             )
-        return "\n".join([*lines, *(f"{number} {kind}" for kind, number in self.problems.items())])
+        lines += [f"{number} {kind}" for kind, number in self.problems.items()]
+        return "\n".join(lines)
 
 
 def survey(
@@ -229,34 +230,35 @@ def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     site: site whose area limits the objects and points that count, None for all of them; codec:
     gives the bits of the points."""
     objects = frame.objects
-    count = count_points
+    count = count_points  # counts the points in boxes
     if site is None:
         clouds = {cloud.name: cloud.in_world() for cloud in frame.clouds}
     else:
         objects = objects[has_centre_inside(objects.boxes, site.area)]
         count = partial(count_on_ground, place=site)
-        in_area = frame_points(frame, area=site)
         names = [sensor.name for sensor in frame.sensors]
-        clouds = dict(zip(names, in_area, strict=True))
-    agree = 0
-    compared = 0
-    labelled = [(frame.objects.boxes, frame.counts), (frame.others.boxes, frame.others.counts)]
-    for boxes, stated in labelled:
-        if stated is not None:
-            agree += int((count_points(frame.points(), boxes) == stated).sum())
-            compared += len(stated)
+        clouds = dict(zip(names, frame_points(frame, area=site), strict=True))
+    agree_count = 0
+    compared_count = 0
+    # boxes, and the number of points in each that the data set states, None if it states none;
+    # `others` are labelled objects of other classes
+    cuboids = [(frame.objects.boxes, frame.counts), (frame.others.boxes, frame.others.counts)]
+    for boxes, stated_counts in cuboids:
+        if stated_counts is not None:
+            agree_count += int((count_points(frame.points(), boxes) == stated_counts).sum())
+            compared_count += len(stated_counts)
     return _FrameCounts(
-        objects.labels,
-        {name: count(points, objects.boxes) for name, points in clouds.items()},
-        {name: len(points) for name, points in clouds.items()},
-        {name: codec.encode_points(points).bits / 1000 for name, points in clouds.items()},
-        agree,
-        compared,
+        labels=objects.labels,
+        points_on={name: count(points, objects.boxes) for name, points in clouds.items()},
+        points={name: len(points) for name, points in clouds.items()},
+        kbit={name: codec.encode_points(points).bits / 1000 for name, points in clouds.items()},
+        agree=agree_count,
+        compared=compared_count,
     )
 
 
 def _join_column(frames: Sequence[_FrameCounts], name: str) -> Int64[np.ndarray, " objects"]:
-    """Number of points on each object of all frames from one sensor.
+    """Join the numbers of points on each object of all frames from one sensor.
 
     name: name of the sensor; objects of frames without the sensor have 0 points."""
     columns = [frame.points_on.get(name, np.zeros_like(frame.labels)) for frame in frames]

@@ -13,12 +13,13 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.arrays import Float32, ImageRanges, Int64, Mask
+from toolkit.arrays import Float32, ImageRanges, Int64, Mask, Pose
 from toolkit.boxes import nms
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.place import CROP_HEIGHT_M, Stand, crop_points
 from toolkit.calibration.recording_scenes import Scenes
-from toolkit.detection.codec import PAPER, Codec, ImageCodec, Origin, RangeImage
+from toolkit.detection.codec import PAPER, Codec, ImageCodec
+from toolkit.detection.messages import Origin, RangeImage
 from toolkit.frame import Frame, unproject
 from toolkit.geometry import LEVEL
 from toolkit.objects import Detections, Detector, Objects
@@ -94,10 +95,11 @@ class Captured:
         """Flat index (row by row) of each cropped point's pixel, in the order of the points."""
         if self.crop_pixels is not None:
             return self.crop_pixels
+        # distances (m) of the points from their pixels' rays, if the frame has any
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        return crop_image(
-            self.sensor, self.measurement, Crop.of(self.area, self.height), shift=shift
-        )[1]
+        crop = Crop.of(self.area, self.height)
+        _, pixels = crop_image(self.sensor, self.measurement, crop, shift=shift)
+        return pixels
 
     def sending(self, pixels: Int64[np.ndarray, " m"]) -> RangeImage:
         """Return a range image to send: the measurements of some pixels, 0 in all others.
@@ -114,9 +116,10 @@ class Captured:
 
         image: measurements (m), such as restored by the centre; pixels without a return give no
         point. The points (m) are in row order of their pixels."""
-        xyz, valid = unproject(
-            self.sensor, image, self.frame.shifts[self.index] if self.frame.shifts else None
-        )
+        # distances (m) of the points from their pixels' rays, if the frame has any
+        shift = self.frame.shifts[self.index] if self.frame.shifts else None
+        # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
+        xyz, valid = unproject(self.sensor, image, shift)
         points = np.ascontiguousarray(xyz[:, valid].T)
         return points if self.lift is None else self.lift(points)
 
@@ -214,24 +217,30 @@ class View:
 
     def cloud(self, sensor: int) -> Cloud:
         """Cropped points of a sensor (index), measured at the first call."""
-        if (sensor, ()) not in self._clouds:
+        key = sensor, ()  # no step was applied to the points yet
+        if key not in self._clouds:
             start = perf_counter()
-            self._clouds[sensor, ()] = Cloud(sensor, (), self._measure(sensor), _ms_since(start))
-        return self._clouds[sensor, ()]
+            points = self._measure(sensor)
+            self._clouds[key] = Cloud(sensor, history=(), points=points, ms=_ms_since(start))
+        return self._clouds[key]
 
     def part(self, cloud: Cloud, name: str, keep: Keep) -> Cloud:
         """Return the points of a cloud that `keep` selects.
 
         name: name of the selection. The result is cached by it, so one name must always mean one
-        selection; keep: returns the mask of the points to keep, given points and sensor."""
-        key = cloud.sensor, (*cloud.history, name)
-        if key not in self._clouds:
+        selection; keep: returns the mask of the points to keep, given points and sensor. The time
+        `ms` at which the points are ready is the cloud's plus the time that the selection takes."""
+        sensor = cloud.sensor  # an index
+        history = (*cloud.history, name)
+        if (sensor, history) not in self._clouds:
             start = perf_counter()
-            selected = np.flatnonzero(keep(cloud.points, self.sensors[cloud.sensor]))
-            rows = selected if cloud.rows is None else cloud.rows[selected]
-            points = cloud.points[selected]
-            self._clouds[key] = Cloud(*key, points, cloud.ms + _ms_since(start), rows)
-        return self._clouds[key]
+            kept_rows = np.flatnonzero(keep(cloud.points, self.sensors[sensor]))
+            # rows among all cropped points of the sensor
+            rows = kept_rows if cloud.rows is None else cloud.rows[kept_rows]
+            points = cloud.points[kept_rows]
+            ms = cloud.ms + _ms_since(start)
+            self._clouds[sensor, history] = Cloud(sensor, history, points, ms=ms, rows=rows)
+        return self._clouds[sensor, history]
 
     def captured(self, sensor: int) -> Captured:
         """Image behind a sensor's points, by the sensor's index.
@@ -247,7 +256,7 @@ class View:
         return self._captured[sensor]
 
     def scene(self, sensor: int) -> EmptyScene:
-        """Empty scene of a sensor, by the sensor's index.
+        """Empty scene of a sensor (its image without objects), by the sensor's index.
 
         Raises ValueError if the view knows no scenes."""
         if self._images.scene is None:
@@ -269,7 +278,7 @@ class View:
     def transmit(
         self, sensor: int, name: str, through: Callable[[], tuple[Float32[np.ndarray, "m 3"], int]]
     ) -> Sent[Cloud]:
-        """Send a sensor's measurement over a link that the caller provides, once per name.
+        """Return a sensor's points as they arrive over a link that the caller provides.
 
         sensor: index of the sensor; name: states everything except the measurement that the message
         depends on, as the result is cached by it; through: encodes, decodes and returns the points
@@ -278,53 +287,57 @@ class View:
             measured = self.cloud(sensor)
             start = perf_counter()
             points, bits = through()
-            self._sent_clouds[sensor, name] = Sent(
-                Cloud(sensor, (name,), points, measured.ms + _ms_since(start)), bits
-            )
+            ms = measured.ms + _ms_since(start)
+            arrived = Cloud(sensor, history=(name,), points=points, ms=ms)
+            self._sent_clouds[sensor, name] = Sent(arrived, bits)
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
         """Detect in the joined points of one or more clouds.
 
-        Boxes of a single cloud are cached; boxes of several are not."""
-        # None for several clouds, a key that the cache never holds
-        key = (clouds[0].sensor, clouds[0].history) if len(clouds) == 1 else None
-        if key in self._detected:
-            return self._detected[key]
+        Boxes are ready (`ms`) after the last of the clouds plus the time that detection takes.
+        Boxes of a single cloud are cached; boxes of several are not, and have no sensor."""
         start = perf_counter()
-        sensor = clouds[0].sensor if len(clouds) == 1 else None
-        boxes = Boxes(self._run(clouds), _last(clouds) + _ms_since(start), sensor)
-        if key is not None:
-            self._detected[key] = boxes
-        return boxes
+        if len(clouds) != 1:
+            return Boxes(self._run(clouds), ms=_last_ms(clouds) + _ms_since(start))
+        (cloud,) = clouds
+        key = cloud.sensor, cloud.history
+        if key not in self._detected:
+            detections = self._run(clouds)
+            ms = cloud.ms + _ms_since(start)
+            self._detected[key] = Boxes(detections, ms=ms, sensor=cloud.sensor)
+        return self._detected[key]
 
     def send_points(self, cloud: Cloud) -> Sent[Cloud]:
         """Send a cloud through the codec: as pixels of its image if possible, else as points.
 
-        Returns the points that the centre decodes, and the bits of the message."""
+        Returns the points that the centre decodes, and the bits of the message. They are ready
+        (`ms`) after the cloud plus the time that coding takes. The result is cached."""
         if cloud not in self._sent_clouds:
             start = perf_counter()
             if isinstance(self.codec, ImageCodec) and self._images.capture is not None:
                 captured = self.captured(cloud.sensor)
                 pixels = captured.pixels if cloud.rows is None else captured.pixels[cloud.rows]
                 message = self.codec.encode_image(captured.sending(pixels))
-                points = captured.points(self.codec.decode_image(message, captured.sensor))
+                decoded_image = self.codec.decode_image(message, captured.sensor)
+                points = captured.points(decoded_image)
             else:
                 message = self.codec.encode_points(cloud.points)
                 points = self.codec.decode_points(message)
             # A lossless codec returns the very array: the history stays, so detections are shared.
-            coded = () if points is cloud.points else (self.codec.digest,)
-            arrived = Cloud(
-                cloud.sensor, cloud.history + coded, points, cloud.ms + _ms_since(start)
-            )
+            is_lossless = points is cloud.points
+            history = cloud.history if is_lossless else (*cloud.history, self.codec.digest)
+            ms = cloud.ms + _ms_since(start)
+            arrived = Cloud(cloud.sensor, history=history, points=points, ms=ms)
             self._sent_clouds[cloud] = Sent(arrived, message.bits)
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
         """Send a sensor's detections through the codec.
 
-        Returns the boxes that the centre decodes, and the bits of the message. Raises ValueError
-        for boxes detected in the points of several sensors."""
+        Returns the boxes that the centre decodes, and the bits of the message. They are ready
+        (`ms`) after the detections plus the time that coding takes. The result is cached. Raises
+        ValueError for boxes detected in the points of several sensors."""
         if boxes.sensor is None:
             raise ValueError(
                 "boxes are sent by the sensor that detected them, got those of several: send "
@@ -333,11 +346,11 @@ class View:
         if boxes not in self._sent_boxes:
             start = perf_counter()
             sensor = self.sensors[boxes.sensor]
-            origin = Origin(sensor, self._images.time, self._images.number)
+            origin = Origin(sensor, time=self._images.time, number=self._images.number)
             message = self.codec.encode_boxes(boxes.detections, origin)
-            arrived = Boxes(
-                self.codec.decode_boxes(message, sensor), boxes.ms + _ms_since(start), boxes.sensor
-            )
+            detections = self.codec.decode_boxes(message, sensor)
+            ms = boxes.ms + _ms_since(start)
+            arrived = Boxes(detections, ms=ms, sensor=boxes.sensor)
             self._sent_boxes[boxes] = Sent(arrived, message.bits)
         return self._sent_boxes[boxes]
 
@@ -346,8 +359,9 @@ class View:
     ) -> list[Sent[Cloud]]:
         """Send the cloud of each sensor (index), or only the points that `keep` selects.
 
-        part: name of the selection, see `part`; keep: returns the mask of the points to send, None
-        to send all points. Messages come back in the order of the sensors."""
+        part: name of the selection, by which its points are cached; keep: returns the mask of the
+        points to send, given a cloud's points and its sensor, None to send all points. Messages
+        come back in the order of the sensors."""
         clouds = [self.cloud(sensor) for sensor in sensors]
         return [
             self.send_points(cloud if keep is None else self.part(cloud, part, keep))
@@ -359,9 +373,8 @@ class View:
 
         sent: message of each sensor, in the order of the bits in the result."""
         boxes = self.suppress([self.detect([message.arrived for message in sent])])
-        return Fused(
-            boxes.detections, np.array([message.bits for message in sent], np.int64), boxes.ms
-        )
+        bits = np.array([message.bits for message in sent], np.int64)
+        return Fused(boxes.detections, bits=bits, ms=boxes.ms)
 
     def share_boxes(self, sensors: Sequence[int]) -> list[Sent[Boxes]]:
         """Send the boxes detected in the cloud of each sensor (index), in that order."""
@@ -372,10 +385,10 @@ class View:
 
         They are ready after the last of the inputs plus the time that pooling takes."""
         start = perf_counter()
-        merged = suppress(Detections.merge([boxes.detections for boxes in inputs]), self.nms_iou)
-        return Boxes(
-            merged, _last(inputs) + _ms_since(start), inputs[0].sensor if len(inputs) == 1 else None
-        )
+        merged = Detections.merge([boxes.detections for boxes in inputs])
+        detections = suppress(merged, self.nms_iou)
+        sensor = inputs[0].sensor if len(inputs) == 1 else None  # None for several sensors
+        return Boxes(detections, ms=_last_ms(inputs) + _ms_since(start), sensor=sensor)
 
 
 def frame_view(
@@ -398,14 +411,20 @@ def frame_view(
     crop = Crop.of(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(
-        lambda sensor: Captured(frame, sensor, site, height), scene, _sent_time(frame), frame.index
+        capture=lambda sensor: Captured(frame, sensor, site, height),
+        scene=scene,
+        time=_sent_time(frame),
+        number=frame.index,
     )
-    view = partial(
-        View, site, frame.sensors, codec=codec, nms_iou=nms_iou, images=images, memory=memory
-    )
-    return view(
+    return View(
+        site,
+        frame.sensors,
         measure=lambda sensor: crop_sensor(frame, sensor, crop),
         run=lambda clouds: detect(together(clouds)),
+        codec=codec,
+        nms_iou=nms_iou,
+        images=images,
+        memory=memory,
     )
 
 
@@ -421,14 +440,13 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
     iou_threshold: BEV IoU above which the less sure is dropped. The rest come back best first.
     Equal scores are ordered by the values of box and label, so that the order of the input makes no
     difference."""
-    boxes = detections.boxes
-    scores = detections.scores
-    labels = detections.labels
-    order = np.lexsort((labels, *boxes.T))
-    return detections[order[nms(boxes[order], scores[order], iou_threshold, labels=labels[order])]]
+    # sorted by values first: nms keeps this order among equal scores
+    ordered = detections[np.lexsort((detections.labels, *detections.boxes.T))]
+    kept_rows = nms(ordered.boxes, ordered.scores, iou_threshold, labels=ordered.labels)
+    return ordered[kept_rows]
 
 
-def _last(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
+def _last_ms(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
     # Time (ms) at which the last source is ready, 0 without sources.
     return max((source.ms for source in sources), default=0.0)
 
@@ -465,45 +483,12 @@ def stand_view(
         return frame_view(
             frame, detector, stand.area, codec=codec, nms_iou=nms_iou, scene=scenes, memory=memory
         )
-    lift = None if stand.ground is None else stand.ground.points
-    middle_SE3_world = np.eye(4)
-    middle_SE3_world[:2, 3] = -stand.middle
-
-    @cache
-    def show(k: int, scenes: Scenes) -> tuple[Float32[np.ndarray, "n 3"], Captured]:
-        """Cropped points (level ground, m from the middle) of cloud `k`, and their image.
-
-        Only points that the image of the cloud shows are kept."""
-        cloud = frame.clouds[k]
-        image = scenes.image(cloud)
-        sensor = Sensor(cloud.name, image.grid.model, middle_SE3_world @ cloud.world_SE3_sensor)
-        sensor_frame = Frame(
-            (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
-        )
-        level_points = stand.lift(cloud.in_world()[image.shown])
-        is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
-        return level_points[is_kept], Captured(
-            sensor_frame, 0, stand.area, CROP_HEIGHT_M, image.cells[image.shown][is_kept], lift
-        )
 
     def run(clouds: Sequence[Cloud]) -> Detections:
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
-    level_SE3_world = (
-        middle_SE3_world
-        if stand.ground is None
-        else stand.ground.level_SE3_frame @ middle_SE3_world
-    )
-    models = [
-        sensor.model if scenes is None else scenes.grid(sensor.name).model
-        for sensor in frame.sensors
-    ]
-    placed = zip(frame.clouds, models, strict=True)
-    sensors = tuple(
-        Sensor(lidar.name, model, level_SE3_world @ lidar.world_SE3_sensor)
-        for lidar, model in placed
-    )
+    sensors = _level_sensors(frame, stand, scenes)
     view = partial(View, stand.area, sensors, run=run, codec=codec, nms_iou=nms_iou, memory=memory)
     images = Images(time=_sent_time(frame), number=frame.index)
     if scenes is None:
@@ -511,9 +496,67 @@ def stand_view(
             measure=lambda k: crop_points(stand.lift(frame.clouds[k].in_world()), stand.area),
             images=images,
         )
+    show = cache(partial(_show_cloud, frame, stand, scenes))
     images = replace(
         images,
-        capture=lambda k: show(k, scenes)[1],
+        capture=lambda k: show(k).captured,
         scene=lambda k: scenes[frame.sensors[k].name].scene,
     )
-    return view(measure=lambda k: show(k, scenes)[0], images=images)
+    return view(measure=lambda k: show(k).points, images=images)
+
+
+def _middle_SE3_world(stand: Stand) -> Pose:
+    """Motion from the world frame to the frame that is counted from the middle of the area."""
+    middle_SE3_world = np.eye(4)
+    middle_SE3_world[:2, 3] = -stand.middle
+    return middle_SE3_world
+
+
+def _level_sensors(frame: Frame, stand: Stand, scenes: Scenes | None) -> tuple[Sensor, ...]:
+    """Sensors of a frame of clouds, at their poses above level ground.
+
+    stand: area and ground of the frame; positions are counted from the area's middle. scenes: give
+    the sensors' rows and columns, None to keep the models of the frame."""
+    level_SE3_world = _middle_SE3_world(stand)
+    if stand.ground is not None:
+        level_SE3_world = stand.ground.level_SE3_frame @ level_SE3_world
+    sensors = []
+    for cloud, sensor in zip(frame.clouds, frame.sensors, strict=True):
+        model = sensor.model if scenes is None else scenes.grid(sensor.name).model
+        sensors.append(Sensor(cloud.name, model, level_SE3_world @ cloud.world_SE3_sensor))
+    return tuple(sensors)
+
+
+class _ShownCloud(NamedTuple):
+    """Cropped points of a cloud that its image shows, and the image.
+
+    points: x, y and z (m) from the middle of the area, on level ground."""
+
+    points: Float32[np.ndarray, "n 3"]
+    captured: Captured
+
+
+def _show_cloud(frame: Frame, stand: Stand, scenes: Scenes, cloud_index: int) -> _ShownCloud:
+    """Return the cropped points of one cloud of a frame, and their image.
+
+    stand: area and ground of the frame; scenes: give the sensors' rows and columns. Only points
+    that the image of the cloud shows are kept."""
+    cloud = frame.clouds[cloud_index]
+    image = scenes.image(cloud)
+    middle_SE3_sensor = _middle_SE3_world(stand) @ cloud.world_SE3_sensor
+    sensor = Sensor(cloud.name, image.grid.model, middle_SE3_sensor)
+    # a frame with this sensor and its image only, so the sensor has index 0
+    sensor_frame = Frame(
+        (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
+    )
+    level_points = stand.lift(cloud.in_world()[image.shown])
+    is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
+    captured = Captured(
+        sensor_frame,
+        index=0,
+        area=stand.area,
+        height=CROP_HEIGHT_M,
+        crop_pixels=image.cells[image.shown][is_kept],
+        lift=None if stand.ground is None else stand.ground.points,
+    )
+    return _ShownCloud(level_points[is_kept], captured)

@@ -31,6 +31,7 @@ Mover = tuple[RaycastingScene, np.ndarray]
 _Image = Float32[np.ndarray, "_ _"]
 Hits = Int32[np.ndarray, "_ _"]
 GRAZE = 1e-3  # m; hits this close to the end of a line are of the surface that the end is on
+MAX_MISFIT_M = 0.02  # largest difference between the sides of a box and of its body
 
 
 class Footprints(NamedTuple):
@@ -63,22 +64,25 @@ class Moment:
         self.boxes = boxes
         self._threads = threads
         self._slope = np.array(slope)
-        self._place()
+        self._turns = _yaw_matrices(boxes[:, 6])  # turn row vectors by each object's yaw
+        self.ground = self._find_footprints()
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
-            # row vectors: @ turn rotates by yaw
-            on_road = body.vertices.astype(np.float64)
-            on_road[:, :2] = on_road[:, :2] @ turn
-            on_road[:, 2] += on_road[:, :2] @ self._slope
-            vertices.append(on_road + box[:3])
+            # from the body's frame: turned by yaw, sheared with the ground, moved to the box
+            body_vertices = body.vertices.astype(np.float64)
+            body_vertices[:, :2] = body_vertices[:, :2] @ turn
+            body_vertices[:, 2] += body_vertices[:, :2] @ self._slope
+            vertices.append(body_vertices + box[:3])
+        # triangles are rows of their body's vertices: the row of its first vertex is added
         first = np.cumsum([0, *map(len, vertices)])
         triangles = [body.triangles + start for body, start in zip(bodies, first, strict=False)]
-        sizes = [len(body_triangles) for body_triangles in triangles]
+        triangle_counts = [len(body_triangles) for body_triangles in triangles]
         # row of the object of each triangle, by the triangle's number plus 1; entry 0 is -1, for
         # no triangle
-        self._object = np.repeat(np.arange(-1, len(bodies), dtype=np.int32), [1, *sizes])
+        objects = np.arange(-1, len(bodies), dtype=np.int32)
+        self._triangle_object = np.repeat(objects, [1, *triangle_counts])
         self._scene = None
-        if sum(sizes):
+        if sum(triangle_counts):
             self._scene = build_scene(np.concatenate(vertices), np.concatenate(triangles), threads)
 
     def __len__(self) -> int:
@@ -96,37 +100,53 @@ class Moment:
             return np.full(len(lines), -1, np.int32), np.full(len(lines), np.inf, np.float32)
         cast = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
         # Open3D reports no triangle as the largest uint32; plus 1 it wraps round to 0
-        after = cast["primitive_ids"].numpy() + np.uint32(1)
-        return self._object.take(after), cast["t_hit"].numpy()
+        next_triangle = cast["primitive_ids"].numpy() + np.uint32(1)
+        return self._triangle_object.take(next_triangle), cast["t_hit"].numpy()
 
-    def _place(self) -> None:
-        # Set `ground` and `_turns` (n, 2, 2): by yaw, to multiply row vectors from the right.
-        bodies = self.bodies
-        yaw = self.boxes[:, 6]
-        self._turns = np.stack(
-            [np.cos(yaw), np.sin(yaw), -np.sin(yaw), np.cos(yaw)], axis=1
-        ).reshape(-1, 2, 2)
-        outlines = [_footprint(body) for body in bodies]
+    def _find_footprints(self) -> Footprints:
+        """Return the footprints and heights of the objects, of their bodies' whole meshes."""
+        centres = self.boxes[:, :2]
+        outlines = [_body_outline(body) for body in self.bodies]
         points = [
-            o @ turn + box[:2]
-            for o, turn, box in zip(outlines, self._turns, self.boxes, strict=True)
+            outline @ turn + centre
+            for outline, turn, centre in zip(outlines, self._turns, centres, strict=True)
         ]
-        first = np.cumsum([0, *map(len, points)])
-        reach = np.array(
-            [(b.vertices[:, 2].min(), b.vertices[:, 2].max()) for b in bodies], np.float64
-        ).reshape(-1, 2)
+        # lowest and highest z of each body's vertices, above the middle of its box
+        z_bounds = [_z_bounds(body) for body in self.bodies]
+        reach = np.array(z_bounds, np.float64).reshape(-1, 2)
         # a sheared body reaches lower and higher by the ground's fall and rise below its footprint
         if self._slope.any():
-            rises = [(p - box[:2]) @ self._slope for p, box in zip(points, self.boxes, strict=True)]
+            rises = [
+                (outline - centre) @ self._slope
+                for outline, centre in zip(points, centres, strict=True)
+            ]
             reach += np.array([(rise.min(), rise.max()) for rise in rises]).reshape(-1, 2)
         low, high = (reach + self.boxes[:, 2:3]).T
         # lowest and highest x and y of each outline in its body's frame: (n, 2 ends, 2 axes)
-        ends = np.array([(o.min(axis=0), o.max(axis=0)) for o in outlines]).reshape(-1, 2, 2)
-        middle = np.einsum("ni,nij->nj", ends.mean(axis=1), self._turns) + self.boxes[:, :2]
-        around = np.column_stack([middle, np.ptp(ends, axis=1) / 2, self._turns[:, 0]])
-        self.ground = Footprints(
-            np.concatenate([np.zeros((0, 2)), *points]), first, low, high, around
+        ends = [(outline.min(axis=0), outline.max(axis=0)) for outline in outlines]
+        ends_by_body = np.array(ends).reshape(-1, 2, 2)
+        middle = np.einsum("ni,nij->nj", ends_by_body.mean(axis=1), self._turns) + centres
+        half_sizes = np.ptp(ends_by_body, axis=1) / 2
+        cos_sin = self._turns[:, 0]  # first row of each matrix: cos and sin of yaw
+        return Footprints(
+            points=np.concatenate([np.zeros((0, 2)), *points]),
+            first=np.cumsum([0, *map(len, points)]),
+            low=low,
+            high=high,
+            rectangles=np.column_stack([middle, half_sizes, cos_sin]),
         )
+
+
+def _yaw_matrices(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2 2"]:
+    """Matrices that turn row vectors (x, y) by each yaw (rad), multiplied from the right."""
+    rows = np.stack([np.cos(yaw), np.sin(yaw), -np.sin(yaw), np.cos(yaw)], axis=1)
+    return rows.reshape(-1, 2, 2)
+
+
+def _z_bounds(body: Body) -> tuple[float, float]:
+    """Lowest and highest z (m) of a body's vertices, body frame."""
+    z = body.vertices[:, 2]
+    return z.min(), z.max()
 
 
 def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> RaycastingScene:
@@ -137,13 +157,15 @@ def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> Ra
         triangles: (t, 3) rows of `vertices`.
         threads: threads of Open3D, 0 for all cores."""
     scene = RaycastingScene(threads)
-    arrays = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.uint32)
-    scene.add_triangles(*map(o3d.core.Tensor.from_numpy, arrays))
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(triangles, np.uint32)),
+    )
     return scene
 
 
 @lru_cache(maxsize=4096)
-def _footprint(body: Body) -> Float64[np.ndarray, "k 2"]:
+def _body_outline(body: Body) -> Float64[np.ndarray, "k 2"]:
     # x, y corners of the convex hull of a body seen from above, body frame, the first not repeated.
     hull = shapely.convex_hull(shapely.MultiPoint(body.vertices[:, :2].astype(np.float64)))
     return np.array(hull.exterior.coords[:-1])
@@ -161,17 +183,17 @@ class SightLines:
     def clear(self, start: Float64[np.ndarray, "3"], ends: Float64[np.ndarray, "n 3"]) -> Mask:
         """Mask of the ends (world frame, m) that are in sight of the start.
 
-        An end nearer than `NEAR` is never in sight. Surfaces nearer than `NEAR`, or within `GRAZE`
-        of the end, block nothing."""
-        way = ends - start
-        length = np.linalg.norm(way, axis=1)
-        far = length > NEAR
-        unit = way / np.where(far, length, 1)[:, None]
-        lines = np.concatenate([start + NEAR * unit, unit], axis=1).astype(np.float32)
-        free = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)[
-            "t_hit"
-        ].numpy()
-        return far & (free > length - NEAR - GRAZE)
+        An end nearer than `NEAR` is never in sight. Surfaces nearer than `NEAR` to the start,
+        or within `GRAZE` of the end, block nothing."""
+        offset = ends - start
+        length = np.linalg.norm(offset, axis=1)
+        is_far = length > NEAR
+        direction = offset / np.where(is_far, length, 1)[:, None]
+        # lines begin `NEAR` in front of the start
+        lines = np.concatenate([start + NEAR * direction, direction], axis=1).astype(np.float32)
+        cast = self._scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
+        free_length = cast["t_hit"].numpy()  # up to the first surface
+        return is_far & (free_length > length - NEAR - GRAZE)
 
 
 @lru_cache(maxsize=400)  # in a drawn fleet each object has another body, so memory needs a limit
@@ -217,7 +239,7 @@ class Renderer:
         self._slope = site.relief.slope
         self._measure_bodies()
         self._still = build_scene(*self._scenery, threads)
-        self.background = tuple(self._cast_all(self._still, sensor) for sensor in self.sensors)
+        self.background = tuple(self._cast_image(self._still, sensor) for sensor in self.sensors)
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return Renderer, (self._site, self.bodies, self.sensors, self._scenery, self._threads)
@@ -226,7 +248,7 @@ class Renderer:
         """Renderer of other sensors; shares the static scene and casts their backgrounds."""
         renderer = self._with(sensors=tuple(sensors))
         renderer.background = tuple(
-            self._cast_all(self._still, sensor) for sensor in renderer.sensors
+            self._cast_image(self._still, sensor) for sensor in renderer.sensors
         )
         return renderer
 
@@ -246,15 +268,19 @@ class Renderer:
         """Render measurements and hits of all sensors for one snapshot.
 
         Raises ValueError if the size of a box differs from the size of its body."""
-        self._check(snapshot.objects.boxes, snapshot.bodies)
         boxes = snapshot.objects.boxes
+        self._check_sizes(boxes, snapshot.bodies)
         world_corners = self.outer_corners(snapshot.bodies, boxes)
-        scenes = [
-            _body_scene(self.bodies[body], self._threads) for body in snapshot.bodies.tolist()
-        ]
+        # snapshot.bodies: row in `bodies` of each object's body
+        scenes = [_body_scene(self.bodies[row], self._threads) for row in snapshot.bodies.tolist()]
         movers = list(zip(scenes, map(self.body_from_world, boxes), strict=True))
-        images = [self._render(index, movers, world_corners) for index in range(len(self.sensors))]
-        return Rendered(tuple(depth for depth, _ in images), tuple(hit for _, hit in images))
+        measurements = []
+        hits = []
+        for sensor_index in range(len(self.sensors)):
+            image, image_hits = self._render_sensor(sensor_index, movers, world_corners)
+            measurements.append(image)
+            hits.append(image_hits)
+        return Rendered(tuple(measurements), tuple(hits))
 
     def outer_corners(
         self, body_rows: Int64[np.ndarray, " n"], boxes: BoxRows
@@ -269,80 +295,91 @@ class Renderer:
             boxes: labelled box of each object."""
         outer_boxes = boxes.copy()
         # objects whose mesh is larger than the labelled box; the others keep that box
-        rows = np.flatnonzero(self._sticking_out[body_rows])
-        middle = self._bounds[body_rows[rows], :3]
+        rows = np.flatnonzero(self._exceeds_box[body_rows])
+        # middle and size of the mesh's box, in the frame of the labelled box
+        mesh_bounds = self._bounds[body_rows[rows]]
+        x, y, z = mesh_bounds[:, :3].T
         yaw = boxes[rows, 6]
-        outer_boxes[rows, 0] += np.cos(yaw) * middle[:, 0] - np.sin(yaw) * middle[:, 1]
-        outer_boxes[rows, 1] += np.sin(yaw) * middle[:, 0] + np.cos(yaw) * middle[:, 1]
-        outer_boxes[rows, 2] += middle[:, 2]
-        outer_boxes[rows, 3:6] = self._bounds[body_rows[rows], 3:]
-        outer = corners(outer_boxes)
+        outer_boxes[rows, 0] += np.cos(yaw) * x - np.sin(yaw) * y
+        outer_boxes[rows, 1] += np.sin(yaw) * x + np.cos(yaw) * y
+        outer_boxes[rows, 2] += z
+        outer_boxes[rows, 3:6] = mesh_bounds[:, 3:]
+        outer_corners = corners(outer_boxes)
         if self._slope != LEVEL:
-            outer[..., 2] += (outer[..., :2] - boxes[:, None, :2]) @ np.array(self._slope)
-        return outer
+            from_centre = outer_corners[..., :2] - boxes[:, None, :2]
+            outer_corners[..., 2] += from_centre @ np.array(self._slope)
+        return outer_corners
 
     def body_from_world(self, box: Float64[np.ndarray, "7"]) -> Pose:
         """Matrix that takes world points into the frame of the body in a box.
 
         On sloping ground it also removes the shear of the body, so it is no rigid motion."""
         x, y, z, *_, yaw = box.tolist()
-        upright = invert(pose(x, y, z, yaw=yaw))
-        return upright if self._slope == LEVEL else upright @ level_motion(self._slope, (x, y))
+        box_SE3_world = invert(pose(x, y, z, yaw=yaw))
+        if self._slope == LEVEL:
+            return box_SE3_world
+        return box_SE3_world @ level_motion(self._slope, (x, y))
 
     def cast_body(self, body: int, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """Distance along each line to a body, as a multiple of the line's direction.
 
         body: its row in `bodies`; lines: start and direction (x, y, z each; body frame). Infinite
         for a line that misses."""
-        return self._lengths(_body_scene(self.bodies[body], self._threads), lines)
+        return self._hit_distances(_body_scene(self.bodies[body], self._threads), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """Distance along each line to the static scene, as a multiple of the line's direction.
 
         lines: start and direction (x, y, z each; world frame). Infinite for a line that misses."""
-        return self._lengths(self._still, lines)
+        return self._hit_distances(self._still, lines)
 
     def still_hides(self, ways: Float32[np.ndarray, "n 6"]) -> Mask:
         """Mask of the ways that the static scene blocks.
 
         ways: start, and vector from start to end (x, y, z each; m, world frame)."""
-        return self._still.test_occlusions(
+        # only between the start (0) and the end (1) of each way
+        is_hidden = self._still.test_occlusions(
             o3d.core.Tensor.from_numpy(ways), 0.0, 1.0, self._threads
-        ).numpy()
+        )
+        return is_hidden.numpy()
 
     def moment(self, snapshot: Snapshot) -> Moment:
         """Scene of everything that moves in a snapshot.
 
         Raises ValueError if the size of a box differs from the size of its body."""
-        self._check(snapshot.objects.boxes, snapshot.bodies)
+        self._check_sizes(snapshot.objects.boxes, snapshot.bodies)
         bodies = [self.bodies[body] for body in snapshot.bodies.tolist()]
         return Moment(bodies, snapshot.objects.boxes, self._threads, slope=self._slope)
 
-    def _render(
+    def _render_sensor(
         self, index: int, movers: list[Mover], world_corners: np.ndarray
     ) -> tuple[_Image, Hits]:
-        # Image and hits of sensor `index`: its background, over which each mover is cast, but only
-        # in the window of pixels around its box. world_corners: (n, 8, 3) m, see `outer_corners`.
+        """Return the image (m, 0 for no return) of a sensor, and the object that each ray meets.
+
+        index: row of the sensor; movers: scene of each object's body, and matrix from world to
+        body; world_corners: (n, 8, 3) m, corners of boxes that hold the objects. Each object is
+        cast over the background, but only in the window of pixels around its box."""
         sensor = self.sensors[index]
-        still = self.background[index]
-        depth = still.copy()
-        hits = np.full(still.shape, -1, np.int32)
+        background = self.background[index]
+        image = background.copy()
+        hits = np.full(background.shape, -1, np.int32)
         rays = _homogeneous_rays(sensor.model)
         max_range = np.float32(sensor.model.max_range)
         sensor_corners = transform(invert(sensor.pose), world_corners)
+        # a window is the object's row, then the first and the end of its image rows and columns
         for row, top, bottom, left, right in sensor.model.windows(sensor_corners).tolist():
             scene, body_from_world = movers[row]
             pixels = slice(top, bottom), slice(left, right)
-            body_depth = self._cast(scene, rays[pixels], body_from_world @ sensor.pose)
-            nearer = body_depth < np.where(depth[pixels] > 0, depth[pixels], max_range)
-            np.copyto(depth[pixels], body_depth, where=nearer)
-            np.copyto(hits[pixels], np.int32(row), where=nearer)
-        return depth, hits
+            body_image = self._cast(scene, rays[pixels], body_from_world @ sensor.pose)
+            is_nearer = body_image < np.where(image[pixels] > 0, image[pixels], max_range)
+            np.copyto(image[pixels], body_image, where=is_nearer)
+            np.copyto(hits[pixels], np.int32(row), where=is_nearer)
+        return image, hits
 
-    def _cast_all(self, scene: RaycastingScene, sensor: Sensor) -> np.ndarray:
+    def _cast_image(self, scene: RaycastingScene, sensor: Sensor) -> np.ndarray:
         # Image of a whole scene (world frame), 0 for no return.
-        depth = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
-        return np.where(depth < sensor.model.max_range, depth, np.float32(0))
+        image = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
+        return np.where(image < sensor.model.max_range, image, np.float32(0))
 
     def _cast(
         self, scene: RaycastingScene, rays: np.ndarray, scene_SE3_sensor: np.ndarray
@@ -357,31 +394,37 @@ class Renderer:
         start_and_direction[:3, :3] = NEAR * scene_SE3_sensor[:3, :3].T
         start_and_direction[3, :3] = scene_SE3_sensor[:3, 3]
         lines = (rays.reshape(-1, 4) @ start_and_direction).reshape(*rays.shape[:-1], 6)
-        return self._lengths(scene, lines) + np.float32(NEAR)
+        return self._hit_distances(scene, lines) + np.float32(NEAR)
 
-    def _lengths(
+    def _hit_distances(
         self, scene: RaycastingScene, lines: Float32[np.ndarray, "*n 6"]
     ) -> Float32[np.ndarray, "*n"]:
         # Distance along each line (start, direction) as a multiple of the direction, else infinite.
-        return scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)["t_hit"].numpy()
+        cast = scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
+        return cast["t_hit"].numpy()
 
     def _measure_bodies(self) -> None:
-        # By row of `bodies`: size of the labelled box, and middle and size of the whole mesh's box.
+        # By row of `bodies`: size of the labelled box, middle and size of the whole mesh's box, and
+        # True if the mesh is larger than the labelled box.
         self._sizes = np.array([body.size for body in self.bodies]).reshape(-1, 3)
         self._bounds = np.array([body.bounds for body in self.bodies]).reshape(-1, 6)
-        self._sticking_out = np.array([body.truth is not None for body in self.bodies], bool)
+        self._exceeds_box = np.array([body.truth is not None for body in self.bodies], bool)
 
-    def _check(self, boxes: np.ndarray, body_rows: np.ndarray) -> None:
-        # Raise ValueError if length, width or height of a box is 2 cm off its body's.
-        misfit = np.abs(boxes[:, 3:6] - self._sizes[body_rows]).max(axis=1, initial=0) > 0.02
-        if misfit.any():
-            row = int(np.flatnonzero(misfit)[0])
+    def _check_sizes(self, boxes: np.ndarray, body_rows: np.ndarray) -> None:
+        """Raise ValueError if the length, width or height of a box is 2 cm off its body's.
+
+        boxes: labelled box of each object; body_rows: row of each object's body in `bodies`."""
+        box_sizes = boxes[:, 3:6]
+        deviation = np.abs(box_sizes - self._sizes[body_rows]).max(axis=1, initial=0)
+        misfit_rows = np.flatnonzero(deviation > MAX_MISFIT_M)
+        if len(misfit_rows):
+            row = int(misfit_rows[0])
             body = self.bodies[body_rows[row]]
-            box_size = boxes[row, 3:6].round(3).tolist()
-            size = np.round(body.size, 3).tolist()
+            box_size = box_sizes[row].round(3).tolist()
+            body_size = np.round(body.size, 3).tolist()
             problem = (
                 f"object {row} has a box of {box_size} m, but its body {body.name!r} measures "
-                f"{size}"
+                f"{body_size}"
             )
             raise ValueError(f"{problem}: simulate and render with the same bodies")
 

@@ -25,22 +25,25 @@ FIRST_FLOOR_M = 0.3  # above the ground
 SILL_M = 0.9  # above the floor of a storey
 RECESS = 0.14  # m, of windows
 ROUGHNESS = 0.09  # m, of a hedge
+HEDGE_STEP_M = 0.4  # between vertices of a hedge's surface, along the outline and upwards
 LEAF_M = 0.42  # size of a spray of leaves
 LEAVES_PER_M2 = 11.0  # sprays on a crown's outline
 SKINNED_KINDS = ("building", "hedge", "bush", "tree")
 
 _HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # triangles of a quadrilateral
-_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # of a cell, counter-clockwise
+_CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # corners of a cell, counter-clockwise
 
 
 def build_scenery(site: Site) -> Mesh:
     """Build the mesh of everything static at a site (m, site frame).
 
     Raises ValueError for solids of endless size."""
-    # one generator for all solids: what a solid draws depends on the solids before it
+    # One generator for all solids: what a solid draws depends on the solids before it. Its seed is
+    # the sum of the bytes of the site's name.
     rng = np.random.default_rng(sum(site.name.encode()))
+    # area (m²) of walls, roofs and leaves to draw
     skin = sum(_measure_skin(solid) for solid in site.solids)
-    if not skin <= MAX_SKIN_M2:
+    if not skin <= MAX_SKIN_M2:  # `not`, so that NaN is refused too
         limit = f"where {MAX_SKIN_M2:g} m² can be drawn (a plant's counts four times)"
         remedy = "correct their sizes, or leave some out"
         raise ValueError(
@@ -71,9 +74,10 @@ def _draw_solid(solid: Solid, rng: Rng) -> Mesh:
 
 def _shear(mesh: Mesh, solid: Solid, site: Site) -> Mesh:
     """Shear a solid's mesh with the site's slope; the middle of its footprint keeps its height."""
-    vertices = mesh.vertices
-    rise = site.plane(vertices[:, :2] - solid.footprint.mean(axis=0))
-    return Mesh(np.column_stack([vertices[:, :2], vertices[:, 2] + rise]), mesh.triangles)
+    xy = mesh.vertices[:, :2]
+    z = mesh.vertices[:, 2]
+    rise = site.plane(xy - solid.footprint.mean(axis=0))
+    return Mesh(np.column_stack([xy, z + rise]), mesh.triangles)
 
 
 def _make_banks(pond: Solid, site: Site) -> Mesh:
@@ -85,25 +89,28 @@ def _make_banks(pond: Solid, site: Site) -> Mesh:
 
 
 def ground(site: Site) -> Mesh:
-    """Mesh of the ground up to `FAR` beyond the site's area, with holes at ponds."""
+    """Mesh of the ground up to `FAR` beyond the site's area, with holes at ponds.
+
+    Cells that meet a pond are replaced by triangles of their dry part."""
     shapes = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "pond"]
     ponds = shapely.union_all(shapes)
     shapely.prepare(ponds)
     cells = _make_cells(site.area)
-    low, high = np.split(np.array(ponds.bounds), 2)  # NaN without ponds
-    upper_right = cells[:, 1]
+    low, high = np.split(np.array(ponds.bounds), 2)  # x and y each, NaN without ponds
+    upper_right = cells[:, 1]  # corners are lower right, upper right, upper left, lower left
     lower_left = cells[:, 3]
     # only cells that meet the box around all ponds; comparisons with NaN choose none
-    near = np.flatnonzero(((lower_left <= high) & (upper_right >= low)).all(axis=1))
-    squares = shapely.polygons(cells[near])
+    near_rows = np.flatnonzero(((lower_left <= high) & (upper_right >= low)).all(axis=1))
+    squares = shapely.polygons(cells[near_rows])
     is_wet = shapely.intersects(ponds, squares)
     shores = shapely.difference(squares[is_wet], ponds)
-    dry_cells = np.delete(cells, near[is_wet], axis=0)
-    heights = np.zeros((*dry_cells.shape[:2], 1))
-    dry = _make_quadrilaterals(np.concatenate([dry_cells, heights], axis=2))
-    flat = merge([dry, triangulate(shores)])
-    xy = flat.vertices[:, :2]
-    return Mesh(np.column_stack([xy, site.ground(xy)]), flat.triangles)
+    dry_cells = np.delete(cells, near_rows[is_wet], axis=0)
+    # a level mesh first, whose vertices then get their heights
+    zeros = np.zeros((*dry_cells.shape[:2], 1))
+    dry_mesh = _make_quadrilaterals(np.concatenate([dry_cells, zeros], axis=2))
+    level_mesh = merge([dry_mesh, triangulate(shores)])
+    xy = level_mesh.vertices[:, :2]
+    return Mesh(np.column_stack([xy, site.ground(xy)]), level_mesh.triangles)
 
 
 def _make_cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
@@ -111,17 +118,20 @@ def _make_cells(area: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "n 4 2"]:
 
     area: xmin, ymin, xmax, ymax (m). Each cell is a rectangle, its corners in the order lower
     right, upper right, upper left, lower left (counter-clockwise)."""
-    x = _make_lines(area[0], area[2])
-    y = _make_lines(area[1], area[3])
+    xmin, ymin, xmax, ymax = area
+    x = _cell_borders(xmin, xmax)
+    y = _cell_borders(ymin, ymax)
+    # left and lower, then right and upper sides of all cells
     x0, y0 = np.meshgrid(x[:-1], y[:-1])
     x1, y1 = np.meshgrid(x[1:], y[1:])
     return np.stack([x1, y0, x1, y1, x0, y1, x0, y0], axis=-1).reshape(-1, 4, 2)
 
 
-def _make_lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
+def _cell_borders(low: float, high: float) -> Float64[np.ndarray, " k"]:
     """Rising coordinates of the cells' borders along one axis of an area from `low` to `high` (m).
 
     Cells grow by a fifth from one to the next beyond `FINE`."""
+    # distances of the borders from the area; 39 growing cells reach farther than `FAR`
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
     outside = FINE + steps[steps < FAR]
     inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
@@ -129,14 +139,15 @@ def _make_lines(low: float, high: float) -> Float64[np.ndarray, " k"]:
 
 
 def _measure_skin(solid: Solid) -> float:
-    """Skin of a solid (m²) as `MAX_SKIN_M2` counts it, 0 for a plain prism.
+    """Area of a solid's sides and top (m²) as `MAX_SKIN_M2` counts it, 0 for a plain prism.
 
     A plant's counts four times."""
     if solid.kind not in SKINNED_KINDS:
         return 0.0
     outline = shapely.Polygon(solid.footprint)
     weight = 1 if solid.kind == "building" else 4
-    return (outline.length * (solid.top - solid.base) + outline.area) * weight
+    sides = outline.length * (solid.top - solid.base)
+    return (sides + outline.area) * weight
 
 
 def _make_building(solid: Solid) -> Mesh:
@@ -171,9 +182,10 @@ def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) ->
     def corners(i: np.ndarray, j: np.ndarray, depth: float) -> np.ndarray:
         """Corners (cells, 4, 3) of the wall's cells in columns i and rows j of its grid.
 
-        depth: how far inwards, as a multiple of `RECESS`: 1 for panes, 0 for the wall."""
+        depth: how far inwards, as a multiple of `RECESS`: 1 for panes, 0 for the wall. The grid has
+        borders at x (m along the wall, in the direction `ahead` from its start) and z (m)."""
         points = []
-        for di, dj in _CORNERS:
+        for di, dj in _CORNERS:  # 0 or 1: the border before or after the cell
             xy = start + x[i + di][..., None] * ahead + depth * inwards
             points.append(np.concatenate([xy, z[j + dj][..., None]], axis=-1))
         return np.stack(points, axis=1)
@@ -186,9 +198,10 @@ def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) ->
     frames = corners(i[is_pane], j[is_pane], 0.0)
     panes = corners(i[is_pane], j[is_pane], 1.0)
     reveals = []  # the four sides of each recess, between frame and pane
-    for k in range(4):
-        m = (k + 1) % 4
-        reveals.append(np.stack([frames[:, k], frames[:, m], panes[:, m], panes[:, k]], axis=1))
+    for corner in range(4):
+        following = (corner + 1) % 4
+        side = [frames[:, corner], frames[:, following], panes[:, following], panes[:, corner]]
+        reveals.append(np.stack(side, axis=1))
     return _make_quadrilaterals(np.concatenate([wall, panes, *reveals]))
 
 
@@ -196,30 +209,38 @@ def _draw_hedge(solid: Solid, rng: Rng) -> Mesh:
     """Draw a hedge: a prism with bumpy sides, a tenth narrower at the top.
 
     It passes its footprint by `ROUGHNESS` at most."""
-    outline = _outline(solid.footprint, 0.4)
+    outline = _outline(solid.footprint, HEDGE_STEP_M)
     middle = outline.mean(axis=0)
-    levels = np.linspace(solid.base, solid.top, max(3, round((solid.top - solid.base) / 0.4)))
+    height = solid.top - solid.base
+    levels = np.linspace(solid.base, solid.top, max(3, round(height / HEDGE_STEP_M)))
+    widths = np.linspace(1.0, 0.9, len(levels))  # relative to the footprint
     rings = []
-    for level, share in zip(levels, np.linspace(1.0, 0.9, len(levels)), strict=True):
+    # the order of the draws fixes the mesh: for each ring its bumps, then its drops
+    for level, width in zip(levels, widths, strict=True):
         bumps = rng.uniform(-ROUGHNESS, ROUGHNESS, outline.shape)
-        ring = middle + (outline - middle) * share + bumps
+        ring = middle + (outline - middle) * width + bumps
         # the lowest ring keeps its height, but draws too
         drops = rng.uniform(-ROUGHNESS, 0, len(ring)) * (level > solid.base)
         rings.append(np.column_stack([ring, level + drops]))
-    top = np.concatenate([rings[-1], [[*middle, solid.top]]])
+    # the cap: a triangle from each side of the last ring to a vertex in its middle
+    cap_vertices = np.concatenate([rings[-1], [[*middle, solid.top]]])
     first = np.arange(len(outline))
     centre = np.full(len(first), len(first))
-    cap = np.stack([first, np.roll(first, -1), centre], axis=1)
-    return merge([_make_strip(np.stack(rings)), Mesh(top, cap)])
+    cap_triangles = np.stack([first, np.roll(first, -1), centre], axis=1)
+    return merge([_make_strip(np.stack(rings)), Mesh(cap_vertices, cap_triangles)])
 
 
 def _draw_bush(solid: Solid, rng: Rng) -> Mesh:
-    """Draw a bush: a dense core like a hedge, and sprays of leaves over it."""
+    """Draw a bush: a dense core like a hedge, and sprays of leaves over it.
+
+    Both are narrower and lower than the solid, as leaves reach beyond their outline."""
     middle = solid.footprint.mean(axis=0)
     offsets = solid.footprint - middle
     core_top = solid.base + 0.8 * (solid.top - solid.base)
-    core = Solid(middle + 0.75 * offsets, solid.base, core_top)
-    leaves = Solid(middle + 0.85 * offsets, solid.base, solid.top - LEAF_M / 3)
+    core = Solid(middle + 0.75 * offsets, base=solid.base, top=core_top)
+    leaves_top = solid.top - LEAF_M / 3
+    leaves = Solid(middle + 0.85 * offsets, base=solid.base, top=leaves_top)
+    # the core draws its random numbers first
     return merge([_draw_hedge(core, rng), _draw_crown(leaves, rng)])
 
 
@@ -230,12 +251,14 @@ def _draw_crown(solid: Solid, rng: Rng) -> Mesh:
     polygon = shapely.Polygon(solid.footprint)
     height = solid.top - solid.base
     count = max(12, round(LEAVES_PER_M2 * (polygon.length * height + polygon.area)))
-    stations = rng.uniform(0, 1, count)
-    edge = shapely.line_interpolate_point(polygon.exterior, stations, normalized=True)
+    # the order of the draws below fixes the mesh
+    stations = rng.uniform(0, 1, count)  # along the outline, 0 to 1
+    edge_points = shapely.line_interpolate_point(polygon.exterior, stations, normalized=True)
     middle = shapely.get_coordinates(polygon.centroid)[0]
-    shares = rng.uniform(0.25, 1, count) ** 0.4  # of the way from the middle to the outline
-    xy = middle + (shapely.get_coordinates(edge) - middle) * shares[:, None]
+    shares = rng.uniform(0.25, 1, count) ** 0.4  # share of the way from the middle to the outline
+    xy = middle + (shapely.get_coordinates(edge_points) - middle) * shares[:, None]
     z = solid.base + height * rng.uniform(0, 1, count)
+    # offsets of a spray's three corners from its place, (sprays, corners, xyz)
     sprays = rng.normal(size=(count, 3, 3))
     scales = LEAF_M / np.linalg.norm(sprays, axis=2, keepdims=True)
     sprays *= scales * rng.uniform(0.5, 1.0, (count, 1, 1))
@@ -257,8 +280,9 @@ def _make_strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
     """Mesh between successive closed rings, open at both ends.
 
     rings: (ring, point, x y z), p points each; the last point of a ring joins the first."""
-    ahead = np.roll(rings, -1, axis=1)
-    corners = np.stack([rings[:-1], ahead[:-1], ahead[1:], rings[1:]], axis=2)
+    following = np.roll(rings, -1, axis=1)  # next point of the same ring
+    # around each quadrilateral: two points of a ring, then the two of the next ring, reversed
+    corners = np.stack([rings[:-1], following[:-1], following[1:], rings[1:]], axis=2)
     return _make_quadrilaterals(corners.reshape(-1, 4, 3))
 
 

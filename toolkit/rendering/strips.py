@@ -2,7 +2,7 @@
 
 From a viewpoint, an object is cut into columns of equal azimuth between the two tangents at its
 footprint. In each column some rays are cast, evenly spaced in elevation; where two neighbours
-differ in what they show of the object bisection finds the edge between them. A strip lies between
+differ in what they show of the object bisection finds the edge between them. A strip is between
 two such edges. Other objects and the static scene hide as they do in `toolkit.rendering.renderer`,
 ray for ray; only below `STRIP_WIDTH` is anything lost.
 
@@ -122,31 +122,31 @@ def cast_strips(
     def shows(window: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
         """Kind of view of each ray on its object: `OUTSIDE`, `WITHIN`, `BEYOND`, 0 if not seen.
 
-        window: row in `windows` of each ray's sector, whose object counts as seen."""
+        window: row in `windows` of each ray's sector, whose object counts as seen; azimuth,
+        elevation: direction of each ray (rad)."""
         lines = np.empty((len(window), 6), np.float32)
         lines[:, :3] = start.take(window, axis=0)
-        flat = np.cos(elevation)  # horizontal part of the unit direction
-        np.multiply(flat, np.cos(azimuth), out=lines[:, 3])
-        np.multiply(flat, np.sin(azimuth), out=lines[:, 4])
+        horizontal_length = np.cos(elevation)  # horizontal part of the unit direction
+        np.multiply(horizontal_length, np.cos(azimuth), out=lines[:, 3])
+        np.multiply(horizontal_length, np.sin(azimuth), out=lines[:, 4])
         np.sin(elevation, out=lines[:, 5])
-        met, length = moment.met(lines)
-        on_object = np.flatnonzero((met == item.take(window)) & (length > NEAR))
-        kinds_seen = np.zeros(len(window), np.uint8)
+        met_item, length = moment.met(lines)
+        on_object = np.flatnonzero((met_item == item.take(window)) & (length > NEAR))
+        ray_kinds = np.zeros(len(window), np.uint8)
         if not len(on_object):
-            return kinds_seen
+            return ray_kinds
         lines = lines.take(on_object, axis=0)
         length = length.take(on_object)
         points = lines[:, 3:] * length[:, None] + lines[:, :3]
-        kinds = np.where(
-            length * flat.take(on_object) > counted.radius, np.uint8(BEYOND), np.uint8(WITHIN)
-        )
+        is_beyond = length * horizontal_length.take(on_object) > counted.radius
+        kinds = np.where(is_beyond, np.uint8(BEYOND), np.uint8(WITHIN))
         kinds[~counted.crop.holds(points)] = OUTSIDE
         # from here on ways from `NEAR` in front of the viewpoint to the point on the object
         lines[:, :3] += np.float32(NEAR) * lines[:, 3:]
         lines[:, 3:] *= (length - np.float32(NEAR))[:, None]
         kinds[renderer.still_hides(lines)] = 0
-        kinds_seen[on_object] = kinds
-        return kinds_seen
+        ray_kinds[on_object] = kinds
+        return ray_kinds
 
     # parts of whole columns with about `RAYS_AT_ONCE` rays each
     ends = np.cumsum(columns.rows)
@@ -160,9 +160,9 @@ def cast_strips(
 def concatenate_strips(parts: list[Strips]) -> Strips:
     """Join parts one after the other, or return strips of length 0 if there are no parts."""
     if not parts:
-        return Strips(
-            *(np.zeros(0, kind) for kind in (np.int32, np.int32, *[np.float32] * 4, np.int32))
-        )
+        integers = np.zeros(0, np.int32)
+        numbers = np.zeros(0, np.float32)
+        return Strips(integers, integers, numbers, numbers, numbers, numbers, integers)
     return Strips(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -363,46 +363,55 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
 
     It is generous: footprints count as circles. sectors: all pairs of viewpoint and object, in
     the order of `find_sectors`."""
-    shape = len(viewpoints), len(ground.low)
-    may = np.zeros((*shape, shape[1]), np.bool_)
-    # below, entries (viewpoint, object) with None on the second axis are of the other
-    half = (sectors.width * sectors.columns / 2).reshape(shape)
-    middle = sectors.start.reshape(shape) + half
-    radius = np.hypot(ground.rectangles[:, 2], ground.rectangles[:, 3])
-    step = max(1, PAIRS_AT_ONCE // max(1, shape[1] ** 2))
-    for first in range(0, shape[0], step):
-        block = slice(first, first + step)
-        distance = np.hypot(
-            *(ground.rectangles[:, :2] - viewpoints[block, None, :2]).transpose(2, 0, 1)
-        )
+    viewpoint_count = len(viewpoints)
+    objects = np.arange(len(ground.low))
+    mask = np.zeros((viewpoint_count, len(objects), len(objects)), np.bool_)
+    # azimuths (viewpoint, object): half the width and the middle of each object
+    half_width = (sectors.width * sectors.columns / 2).reshape(viewpoint_count, len(objects))
+    middle = sectors.start.reshape(half_width.shape) + half_width
+    x_y = ground.rectangles[:, :2]
+    radius = np.hypot(
+        ground.rectangles[:, 2], ground.rectangles[:, 3]
+    )  # from half length and half width
+    step = max(1, PAIRS_AT_ONCE // max(1, len(objects) ** 2))
+    for start in range(0, viewpoint_count, step):
+        block = slice(start, start + step)
+        dx, dy = (x_y - viewpoints[block, None, :2]).transpose(2, 0, 1)
+        distance = np.hypot(dx, dy)
         near = np.maximum(distance - radius, 0)
         far = distance + radius
-        below, above = (height - viewpoints[block, 2:] for height in (ground.low, ground.high))
+        below = ground.low - viewpoints[block, 2:]
+        above = ground.high - viewpoints[block, 2:]
         low = np.arctan2(below, np.where(below < 0, near, far))
         high = np.arctan2(above, np.where(above < 0, far, near))
-        # difference of azimuths, wrapped to 0..pi
-        apart = np.abs((middle[block, :, None] - middle[block, None] + np.pi) % (2 * np.pi) - np.pi)
-        may[block] = apart <= half[block, :, None] + half[block, None] + OVERLAP_SLACK
-        may[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
-        may[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
-        may[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
-    may[:, np.arange(shape[1]), np.arange(shape[1])] = False
-    return may
+        # [:, :, None] is of the object, [:, None] of the other
+        turn = middle[block, :, None] - middle[block, None]
+        azimuth_gap = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)  # 0 to pi
+        reach = half_width[block, :, None] + half_width[block, None]
+        mask[block] = azimuth_gap <= reach + OVERLAP_SLACK
+        mask[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
+        mask[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
+        mask[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
+    mask[:, objects, objects] = False  # no object hides itself
+    return mask
 
 
 def find_touching(ground: Footprints) -> Mask:
     """Mask of objects whose footprint's rectangle meets the rectangle of another."""
-    half = ground.rectangles[:, 2:4]
+    middle = ground.rectangles[:, :2]
+    half_sizes = ground.rectangles[:, 2:4]
     cos = ground.rectangles[:, 4]
     sin = ground.rectangles[:, 5]
+    # unit vectors along the sides of each rectangle, (object, axis, x y)
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
-    offset = ground.rectangles[None, :, :2] - ground.rectangles[:, None, :2]
-    # separating axes: (object i, axis a of i, object j); both rectangles' half extents along the
-    # axis
-    reach = half[:, :, None] + np.einsum(
-        "iajb,jb->iaj", np.abs(np.einsum("iac,jbc->iajb", axes, axes)), half
-    )
-    apart = (np.abs(np.einsum("ijc,iac->iaj", offset, axes)) > reach + OVERLAP_SLACK).any(axis=1)
-    meets = ~(apart | apart.T)
+    # from object i to object j, (i, j, x y)
+    offset = middle[None] - middle[:, None]
+    # Separating axes: rectangles are apart if they are so along a side of either of them. In the
+    # products, (object i, axis a of i, object j), both half extents along the axis are added.
+    cosines = np.abs(np.einsum("iac,jbc->iajb", axes, axes))
+    reach = half_sizes[:, :, None] + np.einsum("iajb,jb->iaj", cosines, half_sizes)
+    distance = np.abs(np.einsum("ijc,iac->iaj", offset, axes))
+    is_apart = (distance > reach + OVERLAP_SLACK).any(axis=1)
+    meets = ~(is_apart | is_apart.T)
     np.fill_diagonal(meets, False)
     return np.asarray(meets.any(axis=1))

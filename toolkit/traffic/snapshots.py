@@ -128,9 +128,9 @@ def simulate(
     """Simulate `frames` snapshots of traffic on a site, `interval` (s) apart.
 
     Below 1 s, and with a flow in `mix`, traffic is continuous (`toolkit.traffic.continuous`): road
-    users come in at the border of the network and leave there. once: no body is used again before all
-    of its class have been, as is right for a fleet drawn for one recording; some pedestrians walk
-    in groups then. Same seed, same bytes. One simulation runs at a time in a process: use up or
+    users come in at the border of the network and leave there. once: no body is used again before
+    all of its class have been, as is right for a fleet drawn for one recording; some pedestrians
+    walk in groups then. Same seed, same bytes. One simulation runs at a time in a process: use up or
     close() the iterator before the next.
 
     Raises ValueError if the site has no network, nothing can drive near its area, or an argument

@@ -23,10 +23,10 @@ from examples.differences.reference import (
 )
 from examples.differences.scheme import ForegroundDifferences
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground, image_coding, range_images
 from toolkit.detection.link.image_coding import encode_mask, pack_integers
 from toolkit.detection.link.message import MessageHeader, MessageKind, read_message, write_message
+from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import Scheme
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame

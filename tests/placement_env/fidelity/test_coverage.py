@@ -7,8 +7,8 @@ from placement_env.fidelity.perception_entropy import PerceptionEntropy
 from placement_env.fidelity.visibility import Visibility
 from placement_env.protocol import Fidelity
 from toolkit.detection.codec import PAPER
+from toolkit.detection.paper_schemes import Early
 from toolkit.detection.scheme import estimate_bits
-from toolkit.detection.schemes import Early
 
 
 def visibility(points, sent=2.0, far=1.0, frames=2, distance=30.0):

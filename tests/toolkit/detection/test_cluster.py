@@ -175,4 +175,4 @@ def test_cells_at_just_the_reach_are_neighbours(reach):
         far = 50.15 + 0.2 * start
         places = np.array([0.05, far, far + reach]).repeat(detector.fewest)
         points = np.column_stack([places, np.zeros((len(places), 2))])
-        assert len(detector._clusters(points, detector.reach)) == 2
+        assert len(detector._find_clusters(points, detector.reach)) == 2

@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from toolkit.detection.codec import PAPER, Codec, PaperCodec, check_codec
+from toolkit.detection.codec import PAPER, Codec, check_codec
+from toolkit.detection.paper_codec import PaperCodec
 from toolkit.objects import Detections
 
 BOXES = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [9, 0, 1, 4, 2, 1.5, 0]])

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from toolkit.boxes import iou_bev
-from toolkit.detection.codec import PaperCodec
+from toolkit.detection.paper_codec import PaperCodec
+from toolkit.detection.paper_schemes import Hybrid
 from toolkit.detection.scheme import Fused
-from toolkit.detection.schemes import Hybrid, fuse_frame
+from toolkit.detection.schemes import fuse_frame
 from toolkit.detection.view import suppress
 from toolkit.frame import Frame
 from toolkit.geometry import look

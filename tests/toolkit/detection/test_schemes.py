@@ -7,16 +7,9 @@ import numpy as np
 import pytest
 
 from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.paper_schemes import Early, Hybrid, Late
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import (
-    PAPER_SCHEMES,
-    SCHEMES,
-    Early,
-    Hybrid,
-    Late,
-    find_scheme,
-    schemes_in_steps,
-)
+from toolkit.detection.schemes import PAPER_SCHEMES, SCHEMES, find_scheme, schemes_in_steps
 from toolkit.detection.view import View, together
 from toolkit.geometry import look
 from toolkit.objects import Detections

@@ -11,10 +11,11 @@ from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.ground import Ground
 from toolkit.calibration.place import Stand
 from toolkit.calibration.recording_scenes import Scenes
-from toolkit.detection.codec import Message
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import RangeImages
-from toolkit.detection.schemes import SCHEMES, Hybrid
+from toolkit.detection.messages import Message
+from toolkit.detection.paper_schemes import Hybrid
+from toolkit.detection.schemes import SCHEMES
 from toolkit.detection.view import View, frame_view, stand_view, suppress, together
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import invert, look, pose, transform

@@ -19,10 +19,10 @@ import numpy as np
 from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
-from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.range_images import RangeImages, from_steps, sent_header, to_steps
+from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import Counts, DetectsOnce
 from toolkit.detection.view import Captured, Cloud, Fused, Lift, Sent, View
 from toolkit.frame import unproject
@@ -40,7 +40,6 @@ class SendsForeground(DetectsOnce):
     shows it. Fusing raises ValueError if the view has no scenes or images."""
 
     # surrogate that predicts the scheme's AP, see `toolkit.detection.scheme.surrogate_name`
-
     predicted_as: ClassVar[str] = "early"
     step: float
     sigmas: float
@@ -61,32 +60,35 @@ class SendsForeground(DetectsOnce):
         return counts.on_objects
 
     def send(self, view: View, sensor: int) -> Sent[Cloud]:
-        """Send the foreground of a sensor (index), and restore its cloud at the centre.
+        """Send the foreground of a sensor, and restore its cloud at the centre.
 
-        The cloud that arrives has the measured points first, then the points of the empty scene in
-        all pixels that were neither sent nor missing."""
+        sensor: index of the sensor in the view. The cloud that arrives has the measured points
+        first, then the points of the sensor's empty scene (its image without objects) in all pixels
+        that were neither sent nor missing."""
 
         def through() -> tuple[Float32[np.ndarray, "n 3"], int]:
+            """Return the points (world frame, m) restored at the centre, and the bits sent."""
             captured = view.captured(sensor)
             scene = view.scene(sensor)
-            out = standing_out(captured, scene, self.sigmas)
-            message, restored = self.exchange(
-                view, sensor, captured.sending(out.pixels), out.missing
-            )
-            measured = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
+            foreground = standing_out(captured, scene, self.sigmas)
+            image = captured.sending(foreground.pixels)
+            message, restored = self.exchange(view, sensor, image, missing=foreground.missing)
+            sent_points = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
             drawn = draw_scene(captured, scene)
-            empty = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
-            return np.concatenate([measured, drawn.points[empty]]), 8 * len(message)
+            # the centre draws the scene in all pixels that were neither sent nor missing
+            shows_scene = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
+            return np.concatenate([sent_points, drawn.points[shows_scene]]), 8 * len(message)
 
-        return view.transmit(sensor, self.digest, through)
+        return view.transmit(sensor, name=self.digest, through=through)
 
     def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
-        """Return the message of a sensor (index), and the image that the centre restores.
+        """Return the message of a sensor, and the image that the centre restores from it.
 
-        image: measurements (m) to send, 0 in all other pixels; missing: mask of pixels in which the
-        centre must not draw the empty scene."""
+        Each scheme defines how. sensor: index of the sensor in the view; image: measurements (m) to
+        send, 0 in all other pixels; missing: mask of pixels in which the centre must not draw the
+        empty scene (the sensor's image without objects)."""
         raise NotImplementedError
 
 
@@ -112,9 +114,10 @@ class Foreground(SendsForeground):
     def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask
     ) -> "tuple[bytes, Restored]":
-        """Encode the foreground of a sensor (index), and decode it again at the centre.
+        """Return the message of a sensor's foreground, and the image decoded from it again.
 
-        image: measurements (m) to send, 0 elsewhere; missing: mask of missing pixels."""
+        sensor: index of the sensor in the view; image: measurements (m) to send, 0 elsewhere;
+        missing: mask of pixels in which the centre must not draw the empty scene."""
         scene = view.scene(sensor)
         message = encode_foreground(image, scene, missing, step=self.step)
         return message, decode_foreground(message, scene)
@@ -144,8 +147,11 @@ def encode_foreground(
     measurements (m). Raises ValueError for the empty scene of another sensor, and for a missing
     pixel that returns something."""
     sent, missing = check_pixels(image, scene, missing)
-    content = encode_pixels(to_steps(image.measurement, sent, step), sent)
-    return write_scene_message(wire.MessageKind.FOREGROUND, image, scene, step, content, missing)
+    steps = to_steps(image.measurement, sent, step)
+    content = encode_pixels(steps, mask=sent)
+    return write_scene_message(
+        wire.MessageKind.FOREGROUND, image, scene, step=step, content=content, missing=missing
+    )
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
@@ -155,7 +161,8 @@ def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
     another empty scene."""
     header, content = wire.read_message(message)
     check_scene(header, wire.MessageKind.FOREGROUND, scene)
-    return restore(header, content, scene, *read_pixels(content, 0, scene.model.shape))
+    pixels = read_pixels(content, start=0, shape=scene.model.shape)
+    return restore(header, content, scene, steps=pixels.steps, sent=pixels.mask, end=pixels.end)
 
 
 def restore(
@@ -166,12 +173,13 @@ def restore(
     sent: ImageMask,
     end: int,
 ) -> Restored:
-    """Draw the empty scene into all pixels that were neither sent nor missing.
+    """Return an image with the empty scene in all pixels that were neither sent nor missing.
 
-    content: the message after its header; steps: measurements in steps, 0 in pixels not sent; sent:
-    mask of sent pixels; end: index in `content` at which the sent pixels end. A mask of missing
-    pixels follows unless the content ends there. Raises ValueError if that mask is damaged, is
-    empty, marks a sent pixel, or does not end the content."""
+    header, content: message, header and the bytes after it; scene: the sensor's image without
+    objects; steps: measurements in whole steps, 0 in pixels not sent; sent: mask of sent pixels;
+    end: index in `content` at which the sent pixels end. A mask of missing pixels, in which the
+    image stays 0, follows unless the content ends there. Raises ValueError if that mask is damaged,
+    is empty, marks a sent pixel, or does not end the content."""
     missing = np.zeros(sent.shape, bool)
     if end < len(content):
         missing, end = decode_mask(content, end, sent.shape)
@@ -190,7 +198,7 @@ def restore(
 def check_pixels(
     image: RangeImage, scene: EmptyScene, missing: ImageMask | None
 ) -> tuple[ImageMask, ImageMask]:
-    """Masks of the pixels to send and of missing pixels, checked to be disjoint.
+    """Return two masks, of the pixels to send and of missing pixels, checked to be disjoint.
 
     image: every pixel that returns something is sent; missing: mask, None for no missing pixels.
     Raises ValueError for the empty scene of another sensor, a mask of another shape, or a missing
@@ -218,12 +226,14 @@ def write_scene_message(
     content: bytes,
     missing: np.ndarray,
 ) -> bytes:
-    """Write a message that refers to an empty scene and ends with any missing pixels.
+    """Return the bytes of a message that refers to an empty scene.
 
     image: gives sensor, time and number of the header; step: step of measurements (m); content:
-    coded pixels; missing: mask (rows, columns) of missing pixels, coded only if it marks any."""
-    header = sent_header(kind, image, step, scene_number(scene))
-    return wire.write_message(header, content + (encode_mask(missing) if missing.any() else b""))
+    coded pixels; missing: mask (rows, columns) of missing pixels, coded at the message's end if it
+    marks any."""
+    header = sent_header(kind, image, step, scene=scene_number(scene))
+    coded_missing = encode_mask(missing) if missing.any() else b""
+    return wire.write_message(header, content + coded_missing)
 
 
 def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: EmptyScene) -> None:
@@ -251,7 +261,7 @@ class DrawnScene(NamedTuple):
 
 
 class StandsOut(NamedTuple):
-    """Foreground of an image.
+    """Pixels of an image that differ from the sensor's empty scene.
 
     pixels: flat indices (row by row, ascending) of the pixels to send; missing: mask of the pixels
     in which the centre must not draw the empty scene."""
@@ -261,52 +271,61 @@ class StandsOut(NamedTuple):
 
 
 def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SIGMAS) -> StandsOut:
-    """Find the pixels of an image that differ from its empty scene.
+    """Return the pixels of an image that differ from its empty scene.
 
-    captured: image with the crop; sigmas: spreads of the scene within which a measurement shows
-    it."""
-    measured = captured.measurement
-    shows_scene = scene.shows(captured.measurement, sigmas)
-    pixels = np.sort(captured.pixels[~shows_scene.ravel()[captured.pixels]])
-    is_drawn = np.zeros(measured.shape, bool)
+    captured: image, with the crop that selects its points; scene: the sensor's image without
+    objects; sigmas: a measurement within this many standard deviations of the scene shows it."""
+    measurement = captured.measurement
+    shows_scene = scene.shows(measurement, sigmas)
+    # captured.pixels are flat indices of the points in the crop, so masks are raveled (as views)
+    sent_pixels = np.sort(captured.pixels[~shows_scene.ravel()[captured.pixels]])
+    is_drawn = np.zeros(measurement.shape, bool)
     is_drawn.ravel()[draw_scene(captured, scene).pixels] = True
-    is_measured = np.zeros(measured.shape, bool)
+    is_measured = np.zeros(measurement.shape, bool)
     is_measured.ravel()[captured.pixels] = True
     # The centre would draw a point, but none was measured in the crop: another return or no return.
-    is_gone = is_drawn & ~is_measured & (~shows_scene | ~is_return(measured, scene.model.max_range))
+    has_return = is_return(measurement, scene.model.max_range)
+    is_gone = is_drawn & ~is_measured & (~shows_scene | ~has_return)
     # Gone pixels that show the scene (it has no return now and then) are no evidence of an object.
-    return StandsOut(pixels, keep_neighbours(is_gone, is_drawn & ~(is_gone & shows_scene)))
+    is_expected = is_drawn & ~(is_gone & shows_scene)
+    return StandsOut(pixels=sent_pixels, missing=keep_neighbours(is_gone, is_expected))
 
 
 def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
     """Points that the centre draws for a sensor that sends nothing: its empty scene, cropped.
 
     captured: image that defines the sensor's pose, the crop and the lift. Results are cached."""
-    return _draw(scene, captured.sensor, Crop.of(captured.area, captured.height), captured.lift)
+    crop = Crop.of(captured.area, captured.height)
+    return _crop_scene(scene, captured.sensor, crop, lift=captured.lift)
 
 
 @lru_cache(maxsize=64)
-def _draw(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> DrawnScene:
-    # Cropped points of a scene seen from a sensor's pose; the arrays are shared, so never changed.
+def _crop_scene(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> DrawnScene:
+    """Return the points of a sensor's empty scene that are in a crop, with their pixels.
+
+    lift: applied to the points (m) before the crop, None to leave them. The result is cached, so
+    its arrays are shared and must never be changed."""
+    # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
     xyz, valid = unproject(sensor, scene.first)
     points = np.ascontiguousarray(xyz[:, valid].T)
-    points = points if lift is None else lift(points)
-    is_kept = crop.holds(points)
-    return DrawnScene(points[is_kept], np.flatnonzero(valid)[is_kept])
+    lifted_points = points if lift is None else lift(points)
+    is_kept = crop.holds(lifted_points)
+    return DrawnScene(points=lifted_points[is_kept], pixels=np.flatnonzero(valid)[is_kept])
 
 
 def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
-    """Mask of missing pixels with enough missing neighbours within 5 x 5 pixels.
+    """Return the mask of the gone pixels that have enough gone neighbours within 5 x 5 pixels.
 
-    is_gone: mask of pixels in which the sensor lacks a point of the empty scene; is_expected: mask
-    of pixels that should show a point of the scene. All gone pixels are kept if every expected one
-    is gone, and no pixel if every expected one shows a point."""
-    is_certain = is_gone & is_expected
-    if not is_certain.any():
+    is_gone: pixels in which the sensor lacks a point of the empty scene; is_expected: pixels that
+    should show a point of the scene. Enough are at least half of the expected pixels around, and at
+    least `MIN_MISSING_NEIGHBOURS` or all. All gone pixels are kept if every expected one is gone,
+    and no pixel if every expected one shows a point."""
+    is_missing = is_gone & is_expected
+    if not is_missing.any():
         return np.zeros_like(is_gone)
-    if is_certain.sum() == is_expected.sum():
+    if is_missing.sum() == is_expected.sum():
         return is_gone
-    missing_count = _count_around(is_certain)
+    missing_count = _count_around(is_missing)
     expected_count = _count_around(is_expected)
     is_enough = (missing_count >= MIN_MISSING_NEIGHBOURS) | (missing_count == expected_count)
     return is_gone & (missing_count > 0) & (2 * missing_count >= expected_count) & is_enough
@@ -316,7 +335,8 @@ def _count_around(mask: ImageMask) -> ImageSteps:
     """Number of mask pixels in the 5 x 5 square around each pixel, itself included.
 
     Pixels beyond the image's edges count as unmarked."""
-    # differences of an integral image (cumulative sums along both axes)
+    # Integral image (cumulative sums along both axes, with a row and a column of 0 in front): the
+    # sum over a square is the difference of its values at the square's four corners.
     side = 2 * NEIGHBOUR_PX + 1
     padded = np.pad(mask, NEIGHBOUR_PX).astype(np.int64)
     sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))

@@ -7,6 +7,7 @@ left) as in lossless JPEG (LOCO-I, Weinberger, Seroussi and Sapiro, IEEE Transac
 Processing 9, 2000) if these are in the mask, else from the ones that are."""
 
 import zlib
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,24 +30,26 @@ _LEFT_AND_UP = 1
 def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     """Pack whole numbers into bytes: count, length of the symbols, symbols, low bits.
 
-    Raises ValueError for a number below 0 or from 2^32 on."""
+    The symbol of a number is one byte, and symbols are deflated. Numbers below `_SMALL_NUMBERS` are
+    their symbols. The symbol of a larger number states its count of bits and its second highest
+    bit (the highest is 1), and the bits below that follow as they are. Raises ValueError for a
+    number below 0 or from 2^32 on."""
     if len(values) and not (values.min() >= 0 and values.max() <= MAX_PACKED):
         raise ValueError(
             f"numbers from 0 to {MAX_PACKED} are packed, got {values.min()} to {values.max()}"
         )
-    # number of bits of each value (the exponent of a float64), and the lower bits that are not in
-    # its symbol
-    size = np.frexp(values.astype(np.float64))[1].astype(np.int64)
-    low = np.where(values < _SMALL_NUMBERS, 0, size - 2)
-    second = (values >> low) & 1
-    symbols = np.where(
-        values < _SMALL_NUMBERS, values, _SMALL_NUMBERS + 2 * (size - _MIN_LARGE_BITS) + second
-    )
+    # number of bits of each value, which is the exponent of the value as a float64
+    _, bit_count = np.frexp(values.astype(np.float64))
+    bit_count = bit_count.astype(np.int64)
+    is_small = values < _SMALL_NUMBERS
+    low_count = np.where(is_small, 0, bit_count - 2)  # bits that are not in the symbol
+    second_bit = (values >> low_count) & 1
+    large_symbols = _SMALL_NUMBERS + 2 * (bit_count - _MIN_LARGE_BITS) + second_bit
+    symbols = np.where(is_small, values, large_symbols)
     content = symbols.astype(np.uint8).tobytes()
     deflated = min((_deflate(content, strategy) for strategy in _STRATEGIES), key=len)
-    return (
-        write_varint(len(values)) + write_varint(len(deflated)) + deflated + write_bits(values, low)
-    )
+    low_bits = write_bits(values, width=low_count)
+    return write_varint(len(values)) + write_varint(len(deflated)) + deflated + low_bits
 
 
 def _deflate(content: bytes, strategy: int) -> bytes:
@@ -56,33 +59,35 @@ def _deflate(content: bytes, strategy: int) -> bytes:
 
 
 def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.ndarray, " n"], int]:
-    """Unpack the numbers of `pack_integers`.
+    """Return the numbers that `pack_integers` wrote, and the index after their last byte.
 
-    start: index in `data` at which they begin. Returns the numbers and the index after their last
-    byte. Raises ValueError for more than `max_count` numbers, or bytes that `pack_integers` does
-    not write."""
-    count, start = read_varint(data, start)
+    start: index in `data` at which they begin. Raises ValueError for more than `max_count` numbers,
+    or bytes that `pack_integers` does not write."""
+    count, length_start = read_varint(data, start)
     if count > max_count:
         raise ValueError(f"at most {max_count} packed numbers are possible, got {count}")
-    length, start = read_varint(data, start)
-    opener = zlib.decompressobj(-15)
+    length, symbols_start = read_varint(data, length_start)
+    symbols_end = symbols_start + length
+    opener = zlib.decompressobj(-15)  # a bare deflate stream, without header and checksum
     try:
         # one byte more than expected: enough to notice excess, without inflating all of it
-        content = opener.decompress(data[start : start + length], count + 1)
+        content = opener.decompress(data[symbols_start:symbols_end], count + 1)
     except zlib.error as error:
         raise ValueError(f"packed numbers cannot be inflated ({error})") from None
     if len(content) != count or not opener.eof or opener.unused_data:
         raise ValueError(f"packed numbers inflate to {count} symbols, got {len(content)}")
     symbols = np.frombuffer(content, np.uint8).astype(np.int64)
-    if len(symbols) and symbols.max() > _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1:
-        raise ValueError(
-            f"packed numbers have symbols up to {_SMALL_NUMBERS + 57}, got {symbols.max()}"
-        )
+    # symbol of a number of 32 bits whose second highest bit is 1
+    max_symbol = _SMALL_NUMBERS + 2 * (32 - _MIN_LARGE_BITS) + 1
+    if len(symbols) and symbols.max() > max_symbol:
+        raise ValueError(f"packed numbers have symbols up to {max_symbol}, got {symbols.max()}")
     # undo the symbols of large numbers; values of small ones are discarded by both np.where
-    half, second = np.divmod(symbols - _SMALL_NUMBERS, 2)
-    low = np.where(symbols < _SMALL_NUMBERS, 0, half + _MIN_LARGE_BITS - 2)
-    bits, end = read_bits(data, start + length, low)
-    return np.where(symbols < _SMALL_NUMBERS, symbols, (2 + second << low) | bits), end
+    is_small = symbols < _SMALL_NUMBERS
+    extra_bits, second_bit = np.divmod(symbols - _SMALL_NUMBERS, 2)
+    low_count = np.where(is_small, 0, extra_bits + _MIN_LARGE_BITS - 2)
+    low_bits, end = read_bits(data, start=symbols_end, width=low_count)
+    # 2 + second_bit are the two highest bits: the highest is always 1
+    return np.where(is_small, symbols, (2 + second_bit << low_count) | low_bits), end
 
 
 def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, " n"]) -> bytes:
@@ -90,7 +95,7 @@ def write_bits(values: Int64[np.ndarray, " n"], width: int | Int64[np.ndarray, "
 
     width: bits of each number, or of all. The last byte is filled with zeros."""
     width = np.broadcast_to(width, len(values))
-    return np.packbits((np.repeat(values, width) >> _places(width)) & 1).tobytes()
+    return np.packbits((np.repeat(values, width) >> _bit_exponents(width)) & 1).tobytes()
 
 
 def read_bits(
@@ -102,23 +107,24 @@ def read_bits(
     the index after their last byte. Raises ValueError if the data end early, or the last byte is
     not filled with zeros."""
     total = int(width.sum())
-    end = start + -(-total // 8)
+    end = start + -(-total // 8)  # whole bytes, rounded up
     if end > len(data):
         raise ValueError(
             f"{total} bits do not fit the {len(data) - start} bytes that follow: the message is "
             "cut off"
         )
-    bits = np.unpackbits(np.frombuffer(data, np.uint8, end - start, start)).astype(np.int64)
+    coded = np.frombuffer(data, np.uint8, count=end - start, offset=start)
+    bits = np.unpackbits(coded).astype(np.int64)
     if bits[total:].any():
         raise ValueError("the last byte must be filled with zeros: the message is damaged")
-    # a number is the sum of its bits' powers of two: a difference of cumulative sums
-    sums = np.concatenate([[0], np.cumsum(bits[:total] << _places(width))])
+    # a number is the sum of its bits times their powers of two: a difference of cumulative sums
+    sums = np.concatenate([[0], np.cumsum(bits[:total] << _bit_exponents(width))])
     ends = np.cumsum(width)
     return sums[ends] - sums[ends - width], end
 
 
-def _places(width: np.ndarray) -> np.ndarray:
-    """Place of every bit in its number (0 for the lowest), number after number, highest first.
+def _bit_exponents(width: np.ndarray) -> np.ndarray:
+    """Exponent of two of every bit (0 for the lowest), number after number, highest bit first.
 
     width: bits of each number."""
     ends = np.cumsum(width)
@@ -137,16 +143,27 @@ def write_varint(number: int) -> bytes:
 def read_varint(data: bytes, start: int) -> tuple[int, int]:
     """Read the number of `write_varint` that begins at index `start`.
 
-    Returns the number and the index after it. Raises ValueError if it has no last byte."""
+    A byte holds 7 bits, the lowest bits first; the highest bit of a byte is set if more
+    follow. Returns the number and the index after it. Raises ValueError if it has no last byte."""
     number = 0
-    for byte_index in range(5):  # enough for 32 bits
+    for byte_index in range(5):  # 5 x 7 bits are enough for 32
         if start + byte_index >= len(data):
             break
         byte = data[start + byte_index]
         number |= (byte & 127) << 7 * byte_index
-        if byte < 128:
+        if byte < 128:  # the highest bit is not set: this is the last byte
             return number, start + byte_index + 1
     raise ValueError("a number of variable length does not end: the message is cut off or damaged")
+
+
+class CodedPixels(NamedTuple):
+    """Pixels decoded from a message: measurements in whole steps, and their mask.
+
+    steps: 0 outside the mask; end: index after the last byte of the pixels in the message."""
+
+    steps: ImageSteps
+    mask: ImageMask
+    end: int
 
 
 def encode_pixels(steps: ImageSteps, mask: ImageMask) -> bytes:
@@ -162,39 +179,38 @@ def decode_pixels(content: bytes, shape: tuple[int, int]) -> tuple[ImageSteps, I
 
     content: exactly the bytes written; shape: rows and columns of the image. Raises ValueError for
     other bytes."""
-    steps, mask, end = read_pixels(content, 0, shape)
-    if end != len(content):
+    pixels = read_pixels(content, start=0, shape=shape)
+    if pixels.end != len(content):
         raise ValueError(
-            f"{mask.sum()} pixels must end the message, got {len(content) - end} bytes more"
+            f"{pixels.mask.sum()} pixels must end the message, got "
+            f"{len(content) - pixels.end} bytes more"
         )
-    return steps, mask
+    return pixels.steps, pixels.mask
 
 
-def read_pixels(
-    content: bytes, start: int, shape: tuple[int, int]
-) -> tuple[ImageSteps, ImageMask, int]:
+def read_pixels(content: bytes, start: int, shape: tuple[int, int]) -> CodedPixels:
     """Decode the pixels of `encode_pixels` that begin at index `start` of the content.
 
-    shape: rows and columns of the image. Returns measurements (steps, 0 outside the mask), mask,
-    and the index after the last byte. Raises ValueError for other bytes."""
-    mask, start = decode_mask(content, start, shape)
-    steps, end = decode_values(content, start, mask)
-    return steps, mask, end
+    shape: rows and columns of the image. Raises ValueError for bytes that `encode_pixels` does not
+    write."""
+    mask, mask_end = decode_mask(content, start, shape)
+    steps, end = decode_values(content, mask_end, mask)
+    return CodedPixels(steps, mask, end)
 
 
 def encode_mask(mask: ImageMask) -> bytes:
     """Encode a mask by the shorter of two methods: a byte for the method, then packed distances.
 
     Either method turns the mask into a mask of changes, and codes the distance of each change from
-    the previous one, row after row."""
-    # xor of a pixel with its left, upper and upper left neighbours; the copy keeps the unchanged
-    # left neighbours
-    across = mask.copy()
-    across[1:] ^= mask[:-1]
-    across[:, 1:] ^= across[:, :-1].copy()
+    the previous one (in pixels, row after row). A change is a pixel that differs from the pixel
+    before it, or whose exclusive or with its left, upper and upper left neighbours is True."""
+    # the copy keeps the unchanged left neighbours
+    neighbour_changes = mask.copy()
+    neighbour_changes[1:] ^= mask[:-1]
+    neighbour_changes[:, 1:] ^= neighbour_changes[:, :-1].copy()
     changes_by_method = {
-        _ALONG_ROWS: np.diff(mask.ravel(), prepend=False),
-        _LEFT_AND_UP: across.ravel(),
+        _ALONG_ROWS: np.diff(mask.ravel(), prepend=False),  # a difference of bools is their xor
+        _LEFT_AND_UP: neighbour_changes.ravel(),
     }
     codes = []
     for method, changes in changes_by_method.items():
@@ -211,15 +227,17 @@ def decode_mask(content: bytes, start: int, shape: tuple[int, int]) -> tuple[Ima
     rows, columns = shape
     if start >= len(content) or content[start] not in (_ALONG_ROWS, _LEFT_AND_UP):
         raise ValueError("the content of an image must begin with 0 or 1: it is damaged")
-    distances, end = unpack_integers(content, start + 1, rows * columns)
+    distances, end = unpack_integers(content, start + 1, max_count=rows * columns)
     changes = np.zeros(rows * columns, bool)
     positions = np.cumsum(distances) - 1
     if len(distances) and not (distances.min() > 0 and positions[-1] < len(changes)):
         raise ValueError(f"changes of the mask lie outside its {rows} x {columns} pixels")
     changes[positions] = True
+    # a pixel is set if an odd number of changes precede it, along the rows or left and above
     if content[start] == _ALONG_ROWS:
         return np.logical_xor.accumulate(changes).reshape(shape), end
-    return np.logical_xor.accumulate(np.logical_xor.accumulate(changes.reshape(shape), axis=1)), end
+    along_rows = np.logical_xor.accumulate(changes.reshape(shape), axis=1)
+    return np.logical_xor.accumulate(along_rows, axis=0), end
 
 
 def encode_values(steps: ImageSteps, mask: ImageMask, known_mask: ImageMask | None = None) -> bytes:
@@ -234,7 +252,8 @@ def encode_values(steps: ImageSteps, mask: ImageMask, known_mask: ImageMask | No
             f"measurements must be 0 to {MAX_RANGE_STEPS - 1} steps, got {values.min()} to "
             f"{values.max()}"
         )
-    return pack_integers(fold(values - predict_residuals(steps, mask, known_mask)))
+    residuals = values - predict_steps(steps, mask, known_mask)
+    return pack_integers(fold(residuals))  # packed numbers must not be below 0
 
 
 def decode_values(
@@ -249,10 +268,10 @@ def decode_values(
     steps and mask of the other pixels that the writer took as known, None for no such pixels.
     Returns measurements in steps, 0 outside the mask, and the index after the last byte. Raises
     ValueError for bytes that `encode_values` does not write."""
-    residuals, end = unpack_integers(content, start, mask.size)
-    if len(residuals) != mask.sum():
-        raise ValueError(f"{mask.sum()} pixels are marked, got {len(residuals)} residuals")
-    return add_residuals(mask, unfold(residuals), known_pixels), end
+    folded_residuals, end = unpack_integers(content, start, max_count=mask.size)
+    if len(folded_residuals) != mask.sum():
+        raise ValueError(f"{mask.sum()} pixels are marked, got {len(folded_residuals)} residuals")
+    return add_residuals(mask, unfold(folded_residuals), known_pixels), end
 
 
 def fold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
@@ -269,7 +288,7 @@ def unfold(values: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     return np.where(values % 2 == 0, values // 2, -(values // 2) - 1)
 
 
-def predict_residuals(
+def predict_steps(
     steps: np.ndarray, mask: np.ndarray, known_mask: np.ndarray | None = None
 ) -> np.ndarray:
     """Predict the steps of a mask's pixels from the pixels before them, row after row.
@@ -278,11 +297,12 @@ def predict_residuals(
     known_mask: other pixels whose steps the reader knows, None for no such pixels. Returns the
     prediction (n,) of each mask pixel, all computed together; `add_residuals` computes the same
     numbers one by one."""
-    # flat image with a border, -1 in all pixels that are neither coded nor known
-    positions, stride = _pad_places(mask)
+    # flat image with a border; -1 marks pixels that are not available, neither coded nor known
+    positions, stride = _padded_positions(mask)
     padded = np.full((mask.shape[0] + 1) * stride, -1, np.int64)
     if known_mask is not None:
-        padded[_pad_places(known_mask)[0]] = steps[known_mask]
+        known_positions, _ = _padded_positions(known_mask)
+        padded[known_positions] = steps[known_mask]
     values = padded[positions] = steps[mask]
     left = padded[positions - 1]
     up = padded[positions - stride]
@@ -294,11 +314,12 @@ def predict_residuals(
     higher = np.maximum(left, up)
     # the median predictor of LOCO-I: the plane through the three neighbours, within left and up
     median = np.clip(left + up - upper_left, lower, higher)
-    corner = np.where(upper_right >= 0, upper_right, np.where(upper_left >= 0, upper_left, last))
-    both = np.where(upper_left >= 0, median, (left + up) >> 1)
-    single = np.where(up >= 0, up, left)
-    # both left and up are available, one of them, or neither
-    return np.where(lower >= 0, both, np.where(higher >= 0, single, corner))
+    # predictions from both left and up, from one of them, or from neither
+    from_both = np.where(upper_left >= 0, median, (left + up) >> 1)
+    from_one = np.where(up >= 0, up, left)
+    upper_left_or_last = np.where(upper_left >= 0, upper_left, last)
+    from_neither = np.where(upper_right >= 0, upper_right, upper_left_or_last)
+    return np.where(lower >= 0, from_both, np.where(higher >= 0, from_one, from_neither))
 
 
 def add_residuals(
@@ -314,12 +335,13 @@ def add_residuals(
     pixel, as each prediction needs the pixels before it. Raises ValueError for a result beyond 0 to
     2^24 - 1."""
     # flat image with a border, -1 in all pixels that are neither restored nor known
-    positions, stride = _pad_places(mask)
+    positions, stride = _padded_positions(mask)
     padded = [-1] * ((mask.shape[0] + 1) * stride)
     if known_pixels is not None:
         known_steps, known_mask = known_pixels
-        known_positions = _pad_places(known_mask)[0].tolist()
-        for position, value in zip(known_positions, known_steps[known_mask].tolist(), strict=True):
+        known_positions, _ = _padded_positions(known_mask)
+        known_values = known_steps[known_mask].tolist()
+        for position, value in zip(known_positions.tolist(), known_values, strict=True):
             padded[position] = value
     values = list[int]()
     value = 0
@@ -330,7 +352,7 @@ def add_residuals(
         if left >= 0 and up >= 0:
             lower = min(left, up)
             higher = max(left, up)
-            # the same predictor as in `predict_residuals`
+            # the same predictor as in `predict_steps`
             if upper_left < 0:
                 value = (left + up) >> 1
             elif upper_left >= higher:
@@ -353,8 +375,8 @@ def add_residuals(
     return steps
 
 
-def _pad_places(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Flat index of each mask pixel in a padded image, and the padded image's width.
+def _padded_positions(mask: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return the flat index of each mask pixel in a padded image, and the padded image's width.
 
     Padding is one row above and one column on either side, so neighbours of edge pixels exist."""
     pixels = np.flatnonzero(mask)

@@ -75,7 +75,7 @@ class MessageHeader:
     def __post_init__(self) -> None:
         for name, bits in _FIELD_BITS.items():
             value = getattr(self, name)
-            minimum = int(name == "step_mm")
+            minimum = 1 if name == "step_mm" else 0
             if not minimum <= value < 1 << bits:
                 raise ValueError(
                     f"{name} of a message must be {minimum} to {(1 << bits) - 1}, got {value}"
@@ -101,7 +101,7 @@ def step_in_mm(step: float) -> int:
     """Convert a step (m) to whole millimetres, 1 to 65535.
 
     Raises ValueError for a step out of this range or with a fraction of a millimetre."""
-    # 66 m is beyond 65535 mm: NaN and infinity are not rounded
+    # Steps from 66 m on cannot be 65535 mm or less. They, NaN and infinity become 0, an error.
     mm = round(step * 1000) if 0 < step < 66 else 0
     if not (1 <= mm <= 65535 and abs(step * 1000 - mm) < 1e-6):
         raise ValueError(
@@ -139,6 +139,7 @@ def read_message(message: bytes) -> tuple[MessageHeader, bytes]:
         raise ValueError(
             f"a message of {len(message)} bytes does not fit its checksum: have it sent again"
         )
+    # fields: the other fields of `MessageHeader`, in its order
     magic, version, kind, *fields = _HEADER.unpack_from(body)
     if magic != MAGIC:
         raise ValueError(
@@ -221,9 +222,14 @@ def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoa
         )
     # rounded up; a message without bits needs no packet
     packets = -(-bits // (8 * PACKET_BYTES))
-    mbit = float(bits.sum(axis=1).mean()) * rate / 1e6
-    shares = {name: mbit / capacity for name, capacity in CAPACITIES_MBIT_PER_S.items()}
-    return LinkLoad(float(rate), mbit, float(packets.mean()), float((packets <= 1).mean()), shares)
+    mbit = float(bits.sum(axis=1).mean()) * rate / 1e6  # in a second, from all sensors
+    return LinkLoad(
+        rate=float(rate),
+        mbit_per_s=mbit,
+        packets=float(packets.mean()),
+        one_packet=float((packets <= 1).mean()),
+        shares={name: mbit / capacity for name, capacity in CAPACITIES_MBIT_PER_S.items()},
+    )
 
 
 def format_loads(loads: Iterable[SetLoad]) -> str:
@@ -237,4 +243,4 @@ def format_loads(loads: Iterable[SetLoad]) -> str:
         shares = [f"{100 * load.shares[link]:.2f} %" for link in CAPACITIES_MBIT_PER_S]
         figures = [f"{load.mbit_per_s:.3f}", f"{load.packets:.2f}", f"{load.one_packet:.3f}"]
         table.append([*names, *figures, *shares])
-    return align_columns(table, texts=2)
+    return align_columns(table, texts=2)  # the first two columns are texts, the rest numbers

@@ -13,9 +13,11 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64, ImageMask, ImageRanges, ImageSteps
 from toolkit.boxes import check_boxes
-from toolkit.detection.codec import PAPER, Amount, Codec, Message, Origin, Parameters, RangeImage
+from toolkit.detection.codec import PAPER, Codec
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.image_coding import decode_pixels, encode_pixels, read_bits, write_bits
+from toolkit.detection.messages import Amount, Message, Origin, RangeImage
+from toolkit.detection.parameters import Parameters
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
@@ -136,14 +138,17 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
 
 
 def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
-    """Raise ValueError for boxes too far from a sensor, or too large, to be its detections."""
-    away = np.abs(boxes[:, :3] - sensor.position).max(initial=0)
+    """Raise ValueError for boxes too far from a sensor, or too large, to be its detections.
+
+    boxes: x, y, z, length, width, height (m) and yaw of each. The distance is the largest along any
+    axis."""
+    distance = np.abs(boxes[:, :3] - sensor.position).max(initial=0)
     size = boxes[:, _SIZES].max(initial=0)
-    if away > MAX_BOX_DISTANCE_M or size > MAX_SENT_SIZE_M:
+    if distance > MAX_BOX_DISTANCE_M or size > MAX_SENT_SIZE_M:
         raise ValueError(
             f"boxes in messages must lie within {MAX_BOX_DISTANCE_M:.0f} m of sensor "
-            f"{sensor.name!r} and measure at most {MAX_SENT_SIZE_M:.0f} m, got {away:.0f} m away "
-            f"and {size:.0f} m: check the pose, or drop these boxes"
+            f"{sensor.name!r} and measure at most {MAX_SENT_SIZE_M:.0f} m, got {distance:.0f} m "
+            f"away and {size:.0f} m: check the pose, or drop these boxes"
         )
 
 
@@ -162,10 +167,9 @@ class RangeImages(Parameters):
         """Encode the pixels of an image that return something, rounded to steps."""
         sent = is_return(image.measurement, image.sensor.model.max_range)
         header = sent_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
-        content = wire.write_message(
-            header, encode_pixels(to_steps(image.measurement, sent, self.step), sent)
-        )
-        return Message(content, 8 * len(content))
+        steps = to_steps(image.measurement, sent, self.step)
+        message = wire.write_message(header, encode_pixels(steps, mask=sent))
+        return Message(message, bits=8 * len(message))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
         """Decode an image: measurements (m), 0 in pixels that were not sent.
@@ -178,10 +182,11 @@ class RangeImages(Parameters):
             "sensor": wire.sensor_number(sensor.name),
             "rows": rows,
             "columns": columns,
-            "scene": 0,
+            "scene": 0,  # the message refers to no empty scene
         }
         wire.check_header(header, wire.MessageKind.RANGE_IMAGE, **expected)
-        return from_steps(*decode_pixels(content, (rows, columns)), header.step, sensor.model)
+        steps, sent = decode_pixels(content, (rows, columns))
+        return from_steps(steps, sent, step=header.step, model=sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
         """Raise ValueError: the pixels of points without an image are unknown."""
@@ -210,16 +215,20 @@ class RangeImages(Parameters):
         expected = {
             "sensor": wire.sensor_number(sensor.name),
             "step_mm": wire.step_in_mm(BOX_STEP_M),
+            "rows": 0,  # boxes have no image and refer to no empty scene
+            "columns": 0,
+            "scene": 0,
         }
-        wire.check_header(header, wire.MessageKind.BOXES, **expected, rows=0, columns=0, scene=0)
+        wire.check_header(header, wire.MessageKind.BOXES, **expected)
         return decode_boxes(content, sensor)
 
     def bits(
         self, *, points: Amount = 0, boxes: Amount = 0, messages: Amount = 1
     ) -> Float64[np.ndarray, "*shape"]:
-        """Estimate the bits of messages from their numbers of points and boxes.
+        """Estimate the bits of messages; actual bits depend on their content.
 
-        Actual bits depend on the content; points, boxes, messages: numbers that broadcast."""
+        points, boxes: numbers of points and boxes in all messages; messages: number of messages.
+        Arrays are broadcast."""
         content = np.asarray(points, np.float64) * BITS_PER_PIXEL + np.asarray(boxes) * BITS_PER_BOX
         return np.asarray(content + np.asarray(messages) * 8.0 * wire.OVERHEAD_BYTES)
 
@@ -233,10 +242,15 @@ def sent_header(
     step: step of the coded numbers (m); scene: number of the empty scene that the content refers
     to, 0 without one."""
     rows, columns = origin.sensor.model.shape if isinstance(origin, RangeImage) else (0, 0)
-    sensor = wire.sensor_number(origin.sensor.name)
-    time_us = wire.time_in_us(origin.time)
     return wire.MessageHeader(
-        kind, sensor, origin.number, time_us, wire.step_in_mm(step), rows, columns, scene
+        kind,
+        sensor=wire.sensor_number(origin.sensor.name),
+        number=origin.number,
+        time_us=wire.time_in_us(origin.time),
+        step_mm=wire.step_in_mm(step),
+        rows=rows,
+        columns=columns,
+        scene=scene,
     )
 
 
@@ -255,16 +269,17 @@ def from_steps(steps: ImageSteps, sent: ImageMask, step: float, model: SensorMod
     sent: mask of sent pixels; step: step (m); model: its range limits the measurements, so that
     every sent pixel is still a return."""
     # largest float32 below the range; `step / 4` keeps a pixel of 0 steps above 0
-    last = np.nextafter(np.float32(model.max_range), np.float32(0))
-    measured = np.zeros(steps.shape, np.float32)
-    measured[sent] = np.clip(steps[sent] * step, step / 4, float(last))
-    return measured
+    max_measurement = np.nextafter(np.float32(model.max_range), np.float32(0))
+    measurement = np.zeros(steps.shape, np.float32)
+    measurement[sent] = np.clip(steps[sent] * step, step / 4, float(max_measurement))
+    return measurement
 
 
 def find_codec(name: str, *, step: float = 0.02) -> Codec:
     """Return a codec by its name in `CODECS`.
 
     step: step of measurements (m) of a codec of images. Raises ValueError for an unknown name."""
+    # made for every name, so that a bad step is an error for "paper" too
     codecs: dict[str, Codec] = dict(zip(CODECS, (PAPER, RangeImages(step)), strict=True))
     if name not in codecs:
         raise ValueError(f"unknown codec {name!r}: choose among {', '.join(CODECS)}")

@@ -7,7 +7,7 @@ from examples.studies.stress.channel import PERFECT, LinkChannel
 from examples.studies.stress.conditions import IN_SEQUENCE, KINDS, make_conditions, make_systems
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.range_images import STEPS_M, RangeImages
-from toolkit.detection.schemes import Early, Hybrid, Late
+from toolkit.detection.paper_schemes import Early, Hybrid, Late
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.error_terms import Calibration
 

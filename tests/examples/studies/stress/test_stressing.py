@@ -12,7 +12,7 @@ from examples.studies.stress.stressing import KeptDetections, Trial, choose_kind
 from toolkit.datasets.recording_views import Reads
 from toolkit.detection.comparison import Comparison
 from toolkit.detection.evaluation import evaluate_recording
-from toolkit.detection.schemes import Early
+from toolkit.detection.paper_schemes import Early
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Objects
 from toolkit.runtime.cache import Cache

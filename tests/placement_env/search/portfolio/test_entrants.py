@@ -28,7 +28,7 @@ from placement_env.search.portfolio.entrants import (
 from placement_env.search.progress import as_rows
 from placement_env.search.verification import neighbours
 from placement_env.setting import Setting
-from toolkit.detection.codec import PaperCodec
+from toolkit.detection.paper_codec import PaperCodec
 from toolkit.runtime.cache import Cache
 from toolkit.runtime.run import Run
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
-from toolkit.detection.codec import RangeImage
 from toolkit.detection.link import foreground, image_coding
 from toolkit.detection.link.message import read_message
+from toolkit.detection.messages import RangeImage
+from toolkit.detection.paper_schemes import Early
 from toolkit.detection.scheme import Scheme
-from toolkit.detection.schemes import Early
 from toolkit.detection.view import Captured, frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose

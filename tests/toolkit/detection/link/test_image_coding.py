@@ -114,12 +114,12 @@ def test_the_prediction_is_that_of_loco_i():
     """Left 7 and up 3 about upper left: the edge's other side, or the plane between."""
     for upper_left, guess in ((9, 3), (7, 3), (1, 7), (3, 7), (5, 5), (4, 6)):
         steps, mask = np.array([[upper_left, 3], [7, 100]]), np.ones((2, 2), bool)
-        assert image_coding.predict_residuals(steps, mask)[3] == guess
+        assert image_coding.predict_steps(steps, mask)[3] == guess
         residuals = np.array([upper_left, 3 - upper_left, 7 - upper_left, 100 - guess])
         assert image_coding.add_residuals(mask, residuals)[1, 1] == 100
     mask = np.zeros((3, 5), bool)
     mask[0, 4] = mask[2, 0] = True
-    assert image_coding.predict_residuals(np.full((3, 5), 700), mask).tolist() == [0, 700]
+    assert image_coding.predict_steps(np.full((3, 5), 700), mask).tolist() == [0, 700]
     # Forty rows of sixty pixels, smooth but for a noise of half a step.
     rng = np.random.default_rng(0)
     mask = np.zeros((150, 200), bool)
@@ -159,7 +159,7 @@ def test_the_prediction_is_that_of_loco_i():
 def test_what_is_not_there_is_not_predicted_from(mask, guess):
     steps = np.array([[6, 2, 4], [8, 50, 0]])
     mask = np.array(mask, bool)
-    assert image_coding.predict_residuals(steps, mask)[-1] == guess
+    assert image_coding.predict_steps(steps, mask)[-1] == guess
     np.testing.assert_array_equal(
         image_coding.decode_pixels(image_coding.encode_pixels(steps, mask), (2, 3))[0],
         np.where(mask, steps, 0),
@@ -203,7 +203,7 @@ def test_predictions_are_those_of_one_pixel_after_the_other(seed):
     kinds, steps = rng.choice(3, shape, p=rng.dirichlet([1.0, 1.0, 1.0])), rng.integers(0, 4, shape)
     mask, known = kinds == 0, kinds == 1
     for given_pixels in (np.zeros(shape, bool), known):
-        predicted = image_coding.predict_residuals(
+        predicted = image_coding.predict_steps(
             steps, mask, given_pixels if given_pixels.any() else None
         )
         assert predicted.tolist() == guess_slowly(steps, mask, given_pixels)

@@ -12,9 +12,9 @@ import pytest
 from examples.differences import messages as difference_messages
 from toolkit.boxes import check_boxes
 from toolkit.calibration.empty_scene import EmptyScene
-from toolkit.detection.codec import Message, Origin, RangeImage
 from toolkit.detection.link import foreground, image_coding, range_images
 from toolkit.detection.link.message import MessageHeader, MessageKind, read_message, write_message
+from toolkit.detection.messages import Message, Origin, RangeImage
 from toolkit.detection.view import suppress
 from toolkit.geometry import pose
 from toolkit.objects import Detections

@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from toolkit.detection.codec import (
-    PAPER,
-    Codec,
-    ImageCodec,
-    Message,
-    Origin,
-    RangeImage,
-    check_codec,
-)
+from toolkit.detection.codec import PAPER, Codec, ImageCodec, check_codec
 from toolkit.detection.link import range_images
 from toolkit.detection.link.message import read_message, sensor_number, write_message
+from toolkit.detection.messages import Message, Origin, RangeImage
 from toolkit.geometry import pose
 from toolkit.objects import Detections
 from toolkit.sensors.models import DepthCamera, SolidStateLidar, SpinningLidar
