@@ -56,7 +56,7 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Mix:
-    """Who is on the roads: numbers of objects, or the demand of continuous traffic.
+    """Numbers of objects on the roads, or the demand of continuous traffic.
 
     Raises ValueError for impossible numbers, and for strays in continuous traffic.
 
@@ -130,8 +130,8 @@ def simulate(
     Below 1 s, and with a flow in `mix`, traffic is continuous (`toolkit.traffic.continuous`): road
     users come in at the border of the network and leave there. once: no body is used again before
     all of its class have been, as is right for a fleet drawn for one recording; some pedestrians
-    walk in groups then. Same seed, same bytes. One simulation runs at a time in a process: use up or
-    close() the iterator before the next.
+    walk in groups then. Same seed, same bytes. One simulation runs at a time in a process: use up
+    or close() the iterator before the next.
 
     Raises ValueError if the site has no network, nothing can drive near its area, or an argument
     does not fit; ImportError without SUMO; RuntimeError if another simulation is open."""
