@@ -11,7 +11,7 @@ from toolkit.arrays import Float64, Rng
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.furniture import on_ground, settle
+from toolkit.sites.furniture import on_ground, raise_onto_ground
 from toolkit.sites.network import (
     XmlAttributes,
     build_network,
@@ -127,7 +127,7 @@ def random_site(rng: Rng | int) -> Site:
         name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief
     )
     site = draw_everything(
-        replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site))
+        replace(site, solids=raise_onto_ground(solids, relief), mounts=on_ground(mounts, site))
     )
     return replace(site, sensors=random_sensors(site, rng))
 

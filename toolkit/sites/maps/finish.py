@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from toolkit.sites import furniture as f, network as nets
+from toolkit.sites import furniture, network as nets
 from toolkit.sites.georeference import doubt_place, doubt_scale
 from toolkit.sites.maps.furnishing import furnish_site
 from toolkit.sites.maps.map_bays import MAP_BAY_SIZE_M
@@ -16,7 +16,7 @@ from toolkit.sites.maps.road_surface import kerbstones
 from toolkit.sites.maps.tracks import find_turns
 from toolkit.sites.site import Mount, Site, Solid
 from toolkit.sites.surroundings.mount_places import POLE_HEIGHT_M, place_mounts
-from toolkit.sites.surroundings.parking_bays import outline
+from toolkit.sites.surroundings.parking_bays import bay_outline
 from toolkit.sites.surroundings.plot import Road
 from toolkit.sites.surroundings.things import mark_drawn
 
@@ -40,11 +40,11 @@ def finish_site(
     stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
     if piece.seed is None:
         feet = [mount.position[:2].tolist() for mount in mounts if mount.origin == "drawn"]
-        poles = mark_drawn([f.post(x, y, POLE_HEIGHT_M) for x, y in feet])
+        poles = mark_drawn([furniture.post(x, y, height=POLE_HEIGHT_M) for x, y in feet])
         finished_site = replace(
             site,
-            solids=f.settle([*solids, *poles, *stones], site.relief),
-            mounts=f.on_ground(mounts, site),
+            solids=furniture.raise_onto_ground([*solids, *poles, *stones], site.relief),
+            mounts=furniture.on_ground(mounts, site),
         )
     else:
         all_solids = [*solids, *stones]
@@ -61,7 +61,7 @@ def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list
     Their feet are at z = 0. lamps: (n, 2) places x, y of street lamps."""
     road = Road((), (), site.lanes, site.footways)
     walls = nets.unite(s.footprint for s in solids if s.top > MIN_WALL_HEIGHT_M).buffer(0.3)
-    bays = [outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
+    bays = [bay_outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
     obstacles = walls.union(shapely.union_all(bays).buffer(0.3))
     mounts = _mount_on_lamps(site, road, lamps, obstacles.buffer(-0.3))
     if len(mounts) >= MIN_LAMP_MOUNTS:

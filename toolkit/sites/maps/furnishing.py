@@ -7,12 +7,12 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Rng
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture
 from toolkit.sites.maps.legs import find_legs
 from toolkit.sites.maps.map_bays import MAP_BAY_SIZE_M
 from toolkit.sites.site import Furnishing, Mount, Site, Solid
 from toolkit.sites.surroundings.furnish import furnish
-from toolkit.sites.surroundings.parking_bays import outline
+from toolkit.sites.surroundings.parking_bays import bay_outline
 from toolkit.sites.surroundings.plot import Road
 from toolkit.sites.surroundings.things import count_things, describe_things, mark_drawn
 
@@ -40,7 +40,11 @@ def furnish_site(
     amplitude = round(float(rng.uniform(0.0, MAX_ROUGHNESS_M)), 3)
     relief = replace(site.relief, amplitude=amplitude, seed=int(rng.integers(2**31)))
     site = replace(site, relief=relief, furnished=density)
-    mapped = replace(site, solids=f.settle(solids, relief), mounts=f.on_ground(mounts, site))
+    mapped = replace(
+        site,
+        solids=furniture.raise_onto_ground(solids, relief),
+        mounts=furniture.on_ground(mounts, site),
+    )
     furnished_site = _furnish(mapped, rng)
     counts = dict(count_things(furnished_site)["drawn"])
     counts.pop("pole", None)  # mounts are made for bare sites too, so they are not of the seed
@@ -80,10 +84,12 @@ def _furnish(site: Site, rng: Rng) -> Site:
     new_solids = _keep_apart(drawn_solids, shapely.union_all(map_shapes).buffer(0.2))
     kerbs = [shapely.Polygon(solid.footprint) for solid in site.solids if solid.kind == "kerb"]
     occupied = shapely.union_all(map_shapes + kerbs)
-    new_bays = [bay for bay in drawn_bays if not occupied.intersects(outline(bay, MAP_BAY_SIZE_M))]
+    new_bays = [
+        bay for bay in drawn_bays if not occupied.intersects(bay_outline(bay, MAP_BAY_SIZE_M))
+    ]
     return replace(
         site,
-        solids=site.solids + f.settle(mark_drawn(new_solids), site.relief),
+        solids=site.solids + furniture.raise_onto_ground(mark_drawn(new_solids), site.relief),
         parking=np.concatenate([site.parking, np.reshape(new_bays, (-1, 3))]),
         parking_origins=site.bay_origins + ("drawn",) * len(new_bays),
     )
@@ -96,7 +102,7 @@ def _list_map_shapes(site: Site) -> list[shapely.Geometry]:
     return [
         *(shapely.Point(foot).buffer(0.5) for foot in feet),
         *(shapely.Polygon(solid.footprint) for solid in solids),
-        *(outline(bay, MAP_BAY_SIZE_M) for bay in site.parking),
+        *(bay_outline(bay, MAP_BAY_SIZE_M) for bay in site.parking),
     ]
 
 

@@ -8,7 +8,7 @@ import shapely
 from toolkit.arrays import Float, Float64
 from toolkit.sites import network as nets
 from toolkit.sites.site import Solid
-from toolkit.sites.surroundings.parking_bays import Bay, outline
+from toolkit.sites.surroundings.parking_bays import Bay, bay_outline
 from toolkit.sites.surroundings.places import place_along
 
 MAP_BAY_SIZE_M = (5.8, 2.3)  # length and width of a bay without a size in the map
@@ -26,7 +26,7 @@ def find_free_bays(
     tracks = tracks.buffer(-0.3)
     free_bays = []
     for bay in bays:
-        ground = outline(bay, MAP_BAY_SIZE_M)
+        ground = bay_outline(bay, MAP_BAY_SIZE_M)
         if not window.contains(ground) or obstacles.intersects(ground):
             continue
         if not tracks.intersects(ground.buffer(-0.25)):  # corners of slanted bays may reach in

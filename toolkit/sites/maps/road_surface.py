@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import shapely
 
-from toolkit.sites import furniture as f, network as nets
+from toolkit.sites import furniture, network as nets
 from toolkit.sites.site import Solid
 
 CRACK_M = 0.3  # half the width of cracks between polygons of a map that are closed
@@ -110,7 +110,7 @@ def kerbstones(
     edge = edge.simplify(0.02).difference(lowered)
     if edge.geom_type == "MultiLineString":
         edge = shapely.line_merge(edge)
-    return f.set_kerbs(edge, carriageway, KERB_SIZE_M)
+    return furniture.set_kerbs(edge, carriageway, KERB_SIZE_M)
 
 
 def _open_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:

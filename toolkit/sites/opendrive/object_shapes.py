@@ -11,7 +11,7 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import plane_rotation
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture
 from toolkit.sites.network import list_polygons
 from toolkit.sites.opendrive.cubics import read_number
 from toolkit.sites.opendrive.map_roads import MapRoad
@@ -103,7 +103,7 @@ def _make_prisms(
     rings = [ring for ring in rings if shapely.Polygon(ring).area > MIN_OUTLINE_M2]
     if not rings:
         raise ValueError("<outline> needs three corners that are not in one line: export it again")
-    return [Solid(ring, place.base, place.base + size.height, kind) for ring in rings]
+    return [Solid(ring, base=place.base, top=place.base + size.height, kind=kind) for ring in rings]
 
 
 def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
@@ -113,12 +113,19 @@ def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
     if kind == "tree":
         crown_radius = min(max(size.any_radius or 1.6, 0.3), 8.0)
         underside = min(2.3, 0.4 * size.height)
-        return f.tree(*xy, max(size.height, 2.0), crown_radius, underside)
+        return furniture.tree(*xy, max(size.height, 2.0), crown_radius, underside)
     if kind == "post" or size.radius > 0:
-        disc = f.disc(*xy, min(size.any_radius or 0.1, MAX_RADIUS_M))
-        return [Solid(disc, place.base, top, kind)]
+        disc = furniture.disc(*xy, min(size.any_radius or 0.1, MAX_RADIUS_M))
+        return [Solid(disc, base=place.base, top=top, kind=kind)]
     extent = (max(size.length, MIN_OBJECT_LENGTH_M), max(size.width, MIN_OBJECT_WIDTH_M))
-    return [Solid(f.block(extent, xy, place.heading), place.base, top, kind)]
+    return [
+        Solid(
+            furniture.block(extent, middle=xy, yaw=place.heading),
+            base=place.base,
+            top=top,
+            kind=kind,
+        )
+    ]
 
 
 def _make_barrier(
@@ -140,7 +147,7 @@ def _make_barrier(
     width = min(read_number(repeat, "widthStart", 0.0) or usual_width, MAX_BARRIER_WIDTH_M)
     for ends in pairwise(line):
         if np.hypot(*(ends[1] - ends[0])) > 0.05:
-            yield Solid(f.bar(*ends, width), 0.0, top, kind)
+            yield Solid(furniture.bar(*ends, width=width), base=0.0, top=top, kind=kind)
 
 
 def _read_ring(

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Pose
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture
 from toolkit.sites.network import unite
 from toolkit.sites.opendrive.cubics import read_number
 from toolkit.sites.opendrive.map_roads import MapRoad
@@ -127,10 +127,10 @@ def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
     height = float(np.clip(read_number(element, "height", 0.0) or usual_height, *SIGN_SIZE_M))
     width = float(np.clip(read_number(element, "width", 0.0) or usual_width, *SIGN_SIZE_M))
     base = min(max(read_number(element, "zOffset", 0.0), MIN_SIGN_BASE_M), MAX_SIGN_BASE_M)
-    plate = f.block((width, depth), (place.x, place.y), facing + np.pi / 2)
+    plate = furniture.block((width, depth), middle=(place.x, place.y), yaw=facing + np.pi / 2)
     return [
-        f.post(place.x, place.y, round(base, 3), 0.06),
-        Solid(plate, round(base, 3), round(base + height, 3), "sign"),
+        furniture.post(place.x, place.y, height=round(base, 3), radius=0.06),
+        Solid(plate, base=round(base, 3), top=round(base + height, 3), kind="sign"),
     ]
 
 

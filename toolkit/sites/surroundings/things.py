@@ -38,12 +38,12 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
         if kind == "post":
             parts = parts[~shapely.intersects(parts, feet)]
         counts[origin][_PART_OF.get(kind, kind)] += len(parts)
-    counts[site.road_origin]["road"] += bool(site.lanes)
+    counts[site.road_origin]["road"] += 1 if site.lanes else 0
     for origin in site.bay_origins:
         counts[origin]["bay"] += 1
     for mount in site.mounts:
         counts[mount.origin]["pole"] += 1
-    # + drops counts of 0
+    # + of a Counter drops counts of 0
     return {origin: dict(sorted((+kinds).items())) for origin, kinds in counts.items()}
 
 
