@@ -77,14 +77,16 @@ def _write_roads(
 ) -> list[str]:
     """Write roads and their types into a folder; return the options of netconvert for them.
 
-    types: names of SUMO's edge types by the rules of the pieces. With these options netconvert also
-    writes its edges into the folder, as plain.edg.xml and so on."""
-    streets = folder / "roads.osm"
+    With these options netconvert also writes its edges into the folder, as plain.edg.xml and so on.
+
+    pieces: roads within reach of the site; extract: of the map, with the places of their points;
+    types: names of SUMO's edge types by the rules of the pieces."""
+    road_file = folder / "roads.osm"
     type_file = folder / "types.xml"
-    streets.write_text(write_osm(pieces, extract), "utf-8")
+    road_file.write_text(write_osm(pieces, extract), "utf-8")
     type_file.write_text(format_types(types), "utf-8")
     return [
-        f"--osm-files={streets}",
+        f"--osm-files={road_file}",
         f"--type-files={type_file}",
         f"--proj={projection(*extract.centre)}",
         *_OSM_OPTIONS,

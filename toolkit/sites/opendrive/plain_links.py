@@ -57,7 +57,8 @@ def find_links(
                 contact = _read_contact(link, default_contact)
                 partner = _find_partner(writer, road, direction, name, contact)
                 if partner.junction not in left_out:
-                    yield (direction, PlainLink(kind, partner.name, contact, partner.ends[contact]))
+                    lane_ids = partner.ends[contact]
+                    yield direction, PlainLink(kind, partner.name, contact, lane_ids)
             else:
                 problems["roads are linked to what is not in the file"] += 1
 
@@ -73,13 +74,14 @@ def _read_contact(link: ElementTree.Element, default_contact: str) -> str:
 def _find_partner(
     writer: PlainWriter, road: Carriageway, direction: Direction, name: str, contact: str
 ) -> Carriageway:
-    """Carriageway of the road `name` to which most lanes at an end of `road` are linked.
+    """Carriageway of another road to which most lanes at an end of `road` are linked.
 
-    direction: end of `road`; contact: end of the other road. Without linked lanes it is the other
-    road's last one, with lanes in the usual direction of their side."""
+    direction: the end of `road`; name: id of the other road; contact: end of the other road.
+    Without linked lanes it is the other road's last one, with lanes in the usual direction of their
+    side."""
     is_before = direction == "predecessor"
     section = road.sections[0 if is_before else -1]
-    partners: Counter[Carriageway] = Counter()
+    partners: Counter[Carriageway] = Counter()  # number of lanes linked to each
     for lane in section.lanes:
         for lane_id in lane.before if is_before else lane.after:
             partner = writer.find_lane(name, contact, lane_id)
