@@ -228,7 +228,8 @@ def parse(collection: JsonValue) -> Site:
 
 
 def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
-    # Array of the document's member `map_SE3_site`, of any shape and values: `Site` checks it.
+    # Array of the member `map_SE3_site` of a site's document. It may have any shape and values:
+    # `Site` checks them.
     rows = root.get("map_SE3_site", list)
     try:
         return np.array(rows, np.float64)
@@ -247,7 +248,7 @@ def _replace_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."])
     if "heading_deg" in properties.value:
         where = properties.where("bearing_deg")
         raise ValueError(f"{where} and heading_deg are two directions: leave one of them out")
-    properties.angle("bearing_deg")  # read only to check its limits
+    properties.angle("bearing_deg")  # raises if it is no number or too large; its result is rad
     # direction of the site's x axis on the map, counter-clockwise from the map's east
     turn_deg = float(np.rad2deg(map_turn(check_pose(matrix, "map_SE3_site"))))
     bearing_deg = properties.value.pop("bearing_deg")
@@ -255,7 +256,7 @@ def _replace_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."])
 
 
 def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
-    # Layer of a GeoJSON feature, and its value as `_read_geometry` returns it. matrix: the
+    # Layer of a GeoJSON feature ("lane", "solid", ...), and its value, such as a Solid. matrix: the
     # document's `map_SE3_site`, for bearings.
     properties = feature.node("properties")
     geometry = feature.node("geometry")
@@ -399,8 +400,10 @@ def read_sensor(position: list[float], properties: JsonObject, model: SensorMode
         raise ValueError(
             f"{where} must lie within {limit} of the horizon, got {properties.value['tilt_deg']:g}"
         )
+    name = properties.get("name", str)
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
-    return Sensor(properties.get("name", str), model, world_SE3_body @ model.body_SE3_sensor)
+    world_SE3_sensor = world_SE3_body @ model.body_SE3_sensor
+    return Sensor(name, model, world_SE3_sensor)
 
 
 def read_model(properties: JsonObject) -> SensorModel:
@@ -492,14 +495,14 @@ def format_attitude(sensor: Sensor) -> Json:
     forward_x, forward_y, forward_z = forward
     level_length = float(np.hypot(forward_x, forward_y))  # of `forward` on the ground plane
     tilt = np.arctan2(-forward_z, level_length)
-    if (
-        level_length < _MIN_LEVEL_LENGTH
-    ):  # straight up or down: heading and roll turn about one axis
-        heading = np.arctan2(-left[0], left[1])
+    left_x, left_y, left_z = left
+    if level_length < _MIN_LEVEL_LENGTH:
+        # straight up or down: heading and roll turn about one axis
+        heading = np.arctan2(-left_x, left_y)
         roll = np.float64(0.0)
     else:
         heading = np.arctan2(forward_y, forward_x)
-        roll = np.arctan2(left[2], up[2])
+        roll = np.arctan2(left_z, up[2])
     return {
         "heading_deg": _degrees(heading),
         "tilt_deg": _degrees(tilt),

@@ -45,14 +45,14 @@ def bar(start: Point, end: Point, width: float) -> Float64[np.ndarray, "4 2"]:
     """Corners of a strip of `width` (m) about the line from start to end.
 
     They run counter-clockwise from the right of the start and are rounded to millimetres."""
-    along = np.subtract(end, start)
+    along_x, along_y = np.subtract(end, start)
     # vector to the left of the line, half a width long
-    across = np.array([-along[1], along[0]]) / np.hypot(*along) * width / 2
-    return np.round(np.array([start - across, end - across, end + across, start + across]), 3)
+    left = np.array([-along_y, along_x]) / np.hypot(along_x, along_y) * width / 2
+    return np.round(np.array([start - left, end - left, end + left, start + left]), 3)
 
 
 def block(size: Point, middle: Point = (0.0, 0.0), yaw: float = 0.0) -> Float64[np.ndarray, "4 2"]:
-    """Corners of a rectangle about `middle`, rounded to millimetres.
+    """Corners of a rectangle about `middle` (x, y), rounded to millimetres.
 
     size: length and width (m); yaw: direction of its length (rad, counter-clockwise from +x)."""
     length, width = size
@@ -126,13 +126,13 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
     line: points x, y (m) that the fence follows; height: of the posts and the upper rail (m). The
     end of the line has no post."""
     solids = []
-    pieces = _split_line(line, 2.5)
+    pieces = _split_line(line, 2.5)  # start and end of each piece between two posts
     for (x, y), _ in pieces:
         solids.append(Solid(disc(x, y, radius=0.05), base=0.0, top=height, kind="fence"))
+    middle = 0.5 * height  # of the lower rail
     for start, end in pieces:
         rail = bar(start, end, width=0.06)
-        lower_base, lower_top = 0.5 * height - 0.05, 0.5 * height + 0.05
-        solids.append(Solid(rail, base=lower_base, top=lower_top, kind="fence"))
+        solids.append(Solid(rail, base=middle - 0.05, top=middle + 0.05, kind="fence"))
         solids.append(Solid(rail, base=height - 0.1, top=height, kind="fence"))
     return solids
 
@@ -142,11 +142,11 @@ def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Sol
 
     lanes, footways: polygons of the road's surface; height: of the stones (m)."""
     road = unite(lanes).buffer(0.01)  # a little wider, so that it overlaps footways that touch it
-    walk = unite(footways)
-    if walk.is_empty:
+    footway = unite(footways)
+    if footway.is_empty:
         return []
-    edge = shapely.line_merge(shapely.intersection(walk.boundary, road)).simplify(0.02)
-    return set_kerbs(edge, road, size=(0.15, height), broken=False)
+    edge = shapely.line_merge(shapely.intersection(footway.boundary, road)).simplify(0.02)
+    return set_kerbs(edge, road, size=(0.15, height), broken=False)  # size: width and height
 
 
 def set_kerbs(
@@ -208,7 +208,7 @@ def _split_line(line: Sequence[Point], length: float) -> list[tuple[Point, Point
 
 
 def move_solids(solids: list[Solid], x: float, y: float, yaw: float) -> list[Solid]:
-    """Return solids turned by `yaw` about the origin, then moved by (x, y).
+    """Return solids turned by `yaw` about the origin, then moved by (x, y) (m).
 
     yaw: rad, counter-clockwise. Footprints are rounded to millimetres, heights remain."""
     # transpose of the rotation, for rows of points

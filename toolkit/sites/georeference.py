@@ -126,7 +126,7 @@ def project(
     # n, a, t and c are Snyder's N, A, T and C; n: radius of curvature across the meridian (m)
     n = _EQUATOR_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * sine**2)
     gap = longitude - longitude_0
-    # brought within a half turn across the antimeridian
+    # a difference across the antimeridian is brought within a half turn
     gap = np.where(np.abs(gap) > np.pi, (gap + np.pi) % (2 * np.pi) - np.pi, gap)
     a = gap * cosine
     t = np.tan(latitude) ** 2
@@ -298,7 +298,7 @@ class _EarthMap:
         return np.column_stack([longitude, latitude])
 
     def to_metres(self, degrees: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-        """Metres to the east and north on the map of longitude, latitude (degrees).
+        """Convert longitude, latitude (degrees) to metres to the east and north on the map.
 
         Places that the map does not reach come back as NaN."""
         longitude, latitude = degrees.T
@@ -337,9 +337,8 @@ def _open_map(geo_reference: str) -> _EarthMap:
     missing = _list_missing_grids(geo_reference)
     # first the exact way, which fails for a map without a known datum or without its grids
     try:
-        return _EarthMap(
-            Transformer.from_crs(system, WGS84, allow_ballpark=False), axes, _doubt_grids(missing)
-        )
+        exact_transformer = Transformer.from_crs(system, WGS84, allow_ballpark=False)
+        return _EarthMap(exact_transformer, axes, doubt=_note_missing_grids(missing))
     except ProjError:
         pass
     # @ marks a grid that may be missing
@@ -354,7 +353,7 @@ def _open_map(geo_reference: str) -> _EarthMap:
         raise ValueError(
             f"names no projection that PROJ can turn into degrees, got {quoted!r}"
         ) from None
-    return _EarthMap(transformer, axes, _doubt_datum(system, quoted))
+    return _EarthMap(transformer, axes, doubt=_note_unknown_datum(system, quoted))
 
 
 def _describe_system(system: "CRS") -> str:
@@ -408,7 +407,7 @@ def _list_missing_grids(geo_reference: str) -> list[str]:
     return missing_names
 
 
-def _doubt_grids(missing: list[str]) -> str | None:
+def _note_missing_grids(missing: list[str]) -> str | None:
     # Note for a map whose grids are not installed, None if nothing is missing.
     if not missing:
         return None
@@ -418,7 +417,7 @@ def _doubt_grids(missing: list[str]) -> str | None:
     )
 
 
-def _doubt_datum(system: "CRS", quoted: str) -> str | None:
+def _note_unknown_datum(system: "CRS", quoted: str) -> str | None:
     """Note for a system without a datum, whose place on WGS84 PROJ only guesses.
 
     The more its ellipsoid differs from WGS84's, the larger the error that the note names; None if
@@ -444,9 +443,9 @@ def site_geojson(site: Site) -> str:
 
     Raises ValueError for a site without a place, ImportError without pyproj."""
     if site.geo_reference is None:
-        silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
+        problem = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"
-        raise ValueError(f"{silent}, so it has no longitude and latitude: {remedy}")
+        raise ValueError(f"{problem}, so it has no longitude and latitude: {remedy}")
     return feature_collection(_layers(site), name=site.name)
 
 

@@ -189,7 +189,7 @@ def road_polygons(
         function = edge.get("function")
         if function == "walkingarea":
             footways.append(enclose(lane))
-        elif not users <= _RAIL or not users:  # lanes without users are shoulders
+        elif not users <= _RAIL or not users:  # no lanes of trains only; without users: a shoulder
             middle = shapely.LineString(parse_shape(lane))
             half_width = lane_width(lane) / 2
             strip = middle.buffer(half_width, cap_style="flat", join_style="mitre", mitre_limit=2)

@@ -29,11 +29,11 @@ MIN_LAMP_MOUNTS = 6  # with fewer, mounts are made along the kerbs too
 def finish_site(
     site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]
 ) -> Site:
-    """Add kerbs and mounts to a site, and furnish it if the piece has a seed; return the site.
+    """Add kerbs and mounts to a site, and drawn surroundings if the piece has a seed; return it.
 
     site: without solids and mounts; solids: things of the map, on level ground (z = 0); lamps:
-    (n, 2) places x, y (m) of street lamps in the site's frame; notes: texts to warn of, after which
-    further ones may come. Raises ValueError if no lane is in the area."""
+    (n, 2) places x, y (m) of street lamps in the site's frame; notes: texts of warnings, to which
+    others may be added. Raises ValueError if no lane is in the area."""
     if not nets.unite(site.lanes).intersects(shapely.box(*site.area)):
         raise piece.no_road()
     mounts = _make_mounts(site, solids, lamps)
@@ -49,8 +49,10 @@ def finish_site(
         )
     else:
         all_solids = [*solids, *stones]
-        finished_site, note = furnish_site(site, mounts, all_solids, piece.seed, piece.density)
-        notes = [*notes, note]
+        finished_site, furnishing_note = furnish_site(
+            site, mounts, all_solids, seed=piece.seed, density=piece.density
+        )
+        notes = [*notes, furnishing_note]
     for note in [*notes, *_note_uncertain_place(site)]:
         warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
     return finished_site

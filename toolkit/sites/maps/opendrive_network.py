@@ -31,18 +31,18 @@ def _run_netconvert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[
 
     options: of netconvert; piece: names the map file in the ValueError if it fails or makes no
     road."""
-    with name_errors(piece.path):
-        network, warned = nets.run_netconvert_with_warnings(options)
+    with name_errors(piece.path):  # errors begin with the path
+        network, warning_lines = nets.run_netconvert_with_warnings(options)
     if "<edge " not in network:
         raise piece.no_road()
-    return network, warned
+    return network, warning_lines
 
 
-def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
+def describe_near_warnings(warning_lines: Sequence[str], network: str) -> list[str]:
     """Return notes of the warnings of netconvert that concern a network's roads and junctions.
 
-    warned: warnings about the whole map; network: net.xml text of a part of the map."""
-    if not warned:
+    warning_lines: warnings about the whole map; network: net.xml text of a part of the map."""
+    if not warning_lines:
         return []
     root = ElementTree.fromstring(network)
     names = {element.get("id", "") for element in root.iter("edge")}
@@ -50,7 +50,7 @@ def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
     # roads of the map by the names of their edges, which are ROAD#PIECE, with - for one direction
     names |= {name.strip("-").partition("#")[0] for name in names}
     near_warnings = []
-    for warning in warned:
+    for warning in warning_lines:
         quoted_names = re.findall(r"'([^']*)'", warning)
         if not names.isdisjoint(quoted_names):
             near_warnings.append(warning)

@@ -166,18 +166,20 @@ def _make_surfaces(
     map_lanes: lanes of the map, in its frame; tracks: ground that vehicles drive on, in the site's
     frame. Raises ValueError if no carriageway is in the area."""
     frame = network.map_SE3_site
-    paved = [
+    driven_lanes = [
         move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind not in UNPAVED
     ]
-    walked = [move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind in FOOTWAY]
-    if not paved:
+    walked_lanes = [
+        move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind in FOOTWAY
+    ]
+    if not driven_lanes:
         kinds = sorted({lane.kind for lane in map_lanes})
         if kinds:
             raise piece.no_carriageway(kinds)
         raise piece.no_road(network.find_nearest_road())
-    reach = piece.around(SURROUNDINGS_M)
-    fillings = junction_corners(network.text)
-    lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
+    window = piece.around(SURROUNDINGS_M)
+    corners = junction_corners(network.text)  # carriageway and footway that the lanes leave open
+    lanes, footways = whole_road(driven_lanes, walked_lanes, tracks, window, fillings=corners)
     if not nets.unite(lanes).intersects(shapely.box(*piece.area)):
         raise piece.no_road(network.find_nearest_road())
     return lanes, footways

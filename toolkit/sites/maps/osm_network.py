@@ -53,10 +53,10 @@ def make_osm_network(
         folder = Path(name)
         options = [*_write_roads(folder, pieces, extract, types), *side_options]
         with name_errors(piece.path):
-            network, warned = nets.run_netconvert_with_warnings(options)
+            network, warning_lines = nets.run_netconvert_with_warnings(options)
         if "<edge " not in network:
             raise piece.no_road(nearby=describe_roadless(extract, piece.around(MAP_REACH_M)))
-        notes = describe_warnings(warned)
+        notes = describe_warnings(warning_lines)
         network = move_network_to_site(network, map_SE3_site)
         strips = find_parking_strips(network, parking) if parking else {}
         if any(rules.number is not None for rules in types):

@@ -133,6 +133,7 @@ def _read_sections(
     """Read the sections of a road, cut at places at which a limit or a rule of access changes.
 
     is_inner: the road is part of a junction, and is not cut."""
+    # in a junction, links may lead through sections of no length, which are kept
     sections = read_sections(road, length, keep_empty=is_inner)
     if is_inner:
         return sections

@@ -115,7 +115,7 @@ def find_use(
     users = _find_users(section, lane, problems)
     for type_element in _list_active(road.findall("type"), section.start, key="s"):
         road_type = type_element.get("type", "")
-        allowed_users = _ROADS.get(road_type)
+        allowed_users = _ROADS.get(road_type)  # None for a road that is open to all
         if allowed_users is not None and set(users) - set(allowed_users) - {FOOT}:
             problems[f"lanes of roads of type {road_type!r} are closed to other traffic"] += 1
             users = tuple(user for user in users if user in allowed_users) or allowed_users
@@ -181,7 +181,7 @@ def _apply_access(
                 problems[f"<access> rules are for {str(name)[:30]!r}, which is not simulated"] += 1
                 continue
             named_users = allowed_users if allows else denied_users
-            named_users.update(_RESTRICTED[str(name)].split())
+            named_users.update(_RESTRICTED[str(name)].split())  # in SUMO's words
     open_users = list(users)
     if is_exclusive:
         open_users = [user for user in users if user in allowed_users]

@@ -122,7 +122,7 @@ def _read_empty(
         for side in _SIDES:
             lanes += _read_side(description, side, (start, start), lane_offset)
         lanes.sort(key=lambda lane: -lane.number)
-        sections.append(LaneSection(start, start, tuple(lanes)))
+        sections.append(LaneSection(start=start, end=start, lanes=tuple(lanes)))
     return sections
 
 

@@ -64,7 +64,7 @@ def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
     if not varying_roads:
         return network
     root = ElementTree.fromstring(network)
-    lines: dict[str, _Line] = {}
+    lines: dict[str, _Line] = {}  # reference lines by name of the road
     is_changed = False
     for edge in root.iter("edge"):
         # netconvert names edges ROAD#PIECE, with - for one direction
@@ -73,8 +73,8 @@ def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
             road = varying_roads[name]
             if name not in lines:
                 lines[name] = _Line.from_road(read_road(road.element))
-            is_forward = edge.get("id", "").startswith("-")
-            sign = 1 if is_forward == plain.lefthand else -1
+            is_forward = edge.get("id", "").startswith("-")  # its traffic follows the road's s
+            sign = 1 if is_forward == plain.lefthand else -1  # 1 for lanes on the left in the map
             is_changed |= _align_edge(edge, road, lines[name], sign)
     for junction in root.iter("junction"):
         name, _, piece_number = junction.get("id", "").partition("#")

@@ -16,7 +16,7 @@ MAX_KERB_M = 0.25  # height of a lane above the road's surface up to which it co
 
 
 def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
-    """Return notes of the parts of roads and their junctions that netconvert got otherwise, or not.
+    """Return notes on roads and their junctions that were changed or left out for netconvert.
 
     plain: the map as netconvert got it, with its problems; roads: roads near the site."""
     # keys of `plain.problems`: the header, and the roads and junctions near the site

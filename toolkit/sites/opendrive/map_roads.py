@@ -48,9 +48,11 @@ class LateralProfile:
     def at(
         self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
     ) -> Float64[np.ndarray, " k"]:
-        """Height (m) above the reference line at places s along the road, t to its left (m)."""
+        """Height (m) above the reference line at places on the road.
+
+        s: m along the road; t: m to the left of its reference line."""
         heights = t * np.sin(self.superelevation.at(s))
-        for sign, crossfall in self.crossfall.items():
+        for sign, crossfall in self.crossfall.items():  # 1: left side, -1: right side
             is_on_side = t * sign > 0
             heights -= np.where(is_on_side, np.abs(t) * np.sin(crossfall.at(s)), 0.0)
         if self.shapes:

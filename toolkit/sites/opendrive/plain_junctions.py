@@ -88,8 +88,8 @@ def _read_joints(
 ) -> list[_Joint]:
     """List the pairs of lanes that a <connection> joins, if both are in carriageways.
 
-    A connection without links joins lanes of the same id (1.4, 5.4.2). incoming, connecting: ends
-    of the roads before and after the connection."""
+    A connection without links joins lanes of the same id (1.4, 5.4.2). writer: has the carriageways
+    of all roads; incoming, connecting: ends of the roads before and after the connection."""
     joints = []
     other_contact = "end" if incoming.contact == "start" else "start"
     for from_id, to_id in _read_lane_ids(connection, writer, incoming):
@@ -108,8 +108,9 @@ def _read_lane_ids(
 ) -> list[tuple[int, int]]:
     """Pairs of ids of the lanes that a <connection> joins, before and after it.
 
-    The ids are as in the file; links without whole numbers are left out. incoming: end of the road
-    before the connection, whose lanes keep their ids if there are no links."""
+    The ids are as in the file; links without whole numbers are left out. writer: has the
+    carriageways of all roads; incoming: end of the road before the connection, whose lanes keep
+    their ids if there are no links."""
     links = connection.findall("laneLink")
     if not links:
         roads = writer.roads[incoming.road]

@@ -34,15 +34,16 @@ def write_sections(
 ) -> Iterator[str]:
     """Yield the texts of the <laneSection> elements of a carriageway.
 
-    links: other roads at its ends, by "predecessor" and "successor"; defaults: limits (m/s) by type
-    of road; problems: differences from the map are counted there."""
+    writer: collects the uses of lanes; links: other roads at the carriageway's ends, by
+    "predecessor" and "successor"; defaults: limits (m/s) by type of road; problems: differences
+    from the map are counted there."""
     section_ids = [number_section_lanes(section) for section in road.sections]
     first_ids = links["predecessor"].lane_ids if "predecessor" in links else {}
     last_ids = links["successor"].lane_ids if "successor" in links else {}
     # ids before the first section, of each section, and after the last: i is before section i
     lane_ids = [first_ids, *section_ids, last_ids]
     for i, section in enumerate(road.sections):
-        kinds = {
+        kinds = {  # names of SUMO's types
             lane: find_lane_type(writer, road, section, lane, defaults, problems)
             for lane in section.lanes
         }

@@ -41,8 +41,9 @@ def find_links(
 ) -> Iterator[tuple[Direction, PlainLink]]:
     """Yield the links of a carriageway that lead to roads and junctions in the file.
 
-    left_out: ids of junctions that netconvert does not get; problems: links that are not used are
-    counted there."""
+    writer: has the carriageways of all roads; left_out: ids of junctions that netconvert does not
+    get; problems: links that are not used are counted there."""
+    # end of the linked road, if the link does not name it
     contacts: tuple[tuple[Direction, str], ...] = (("predecessor", "end"), ("successor", "start"))
     for direction, default_contact in contacts:
         for link in road.element.findall(f"link/{direction}"):
@@ -88,4 +89,7 @@ def _find_partner(
             if partner is not None and lane not in road.closed:
                 carriageway, _ = partner
                 partners[carriageway] += 1
-    return partners.most_common(1)[0][0] if partners else writer.roads[name][-1]
+    if not partners:
+        return writer.roads[name][-1]
+    ((partner_with_most, _),) = partners.most_common(1)
+    return partner_with_most

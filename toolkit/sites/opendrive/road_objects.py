@@ -151,6 +151,7 @@ def move_objects_to_site(objects: RoadObjects, map_SE3_site: Pose) -> RoadObject
     rotation = map_SE3_site[:2, :2]
     origin = map_SE3_site[:2, 3]
     site_yaw = map_turn(map_SE3_site)
+    # rows of points: (xy - origin) @ rotation turns by the transpose, from the map to the site
 
     def move_solid(solid: Solid) -> Solid:
         return replace(solid, footprint=((solid.footprint - origin) @ rotation).round(3))

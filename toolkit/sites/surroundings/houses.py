@@ -38,13 +38,15 @@ def _place_row(
 ) -> None:
     """Place a row of houses along a line, up to `HOUSES_REACH_M` from its start.
 
-    offset: m from the line to their fronts, positive to the left; density: share of the line with
-    houses, from 0 to 1; usual_height: median height (m)."""
+    The houses go to the plot; houses without room are left out. offset: m from the line to their
+    fronts, positive to the left; density: share of the line with houses, from 0 to 1; usual_height:
+    median height (m)."""
     distance = rng.uniform(4.0, 16.0)  # m along the line to the next house
     while distance < HOUSES_REACH_M:
+        # lengths (m) along the line and away from it
         front = rng.uniform(7.0, 22.0)
         depth = rng.uniform(7.0, 14.0)
-        if rng.random() > density:
+        if rng.random() > density:  # a gap instead of the house
             distance += front
             continue
         outline = _outline_house(line, distance, front=front, depth=depth, offset=offset)
@@ -64,8 +66,8 @@ def _outline_house(
 
     front: its length along the line (m); depth: its length away from the line (m); offset: m from
     the line to its front, positive to the left."""
-    start = shapely.get_coordinates(line.interpolate(distance))[0]
-    end = shapely.get_coordinates(line.interpolate(distance + front))[0]
+    (start,) = shapely.get_coordinates(line.interpolate(distance))
+    (end,) = shapely.get_coordinates(line.interpolate(distance + front))
     # unit vectors along the line and to its left; + 1e-9: at the line's end, start and end are one
     ahead = (end - start) / (np.hypot(*(end - start)) + 1e-9)
     left = np.array([-ahead[1], ahead[0]])

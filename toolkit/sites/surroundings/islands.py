@@ -21,35 +21,43 @@ def plant_islands(plot: Plot, rng: Rng) -> None:
     The solids go to the plot, on the ground that the road encloses: a kerbed slab 0.15 m high, and
     the others if there is room for them."""
     for ground in plot.road.islands:
-        parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lane_ground))
+        shrunk_ground = ground.buffer(-0.3).simplify(0.05)  # a gap remains to the road
+        parts = shapely.get_parts(shrunk_ground.difference(plot.lane_ground))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
         if island.geom_type != "Polygon" or island.area < _MIN_ISLAND_M2:
             continue
         corners = shapely.get_coordinates(island.exterior)[:-1].round(3)  # the last is the first
         plot.solids.append(Solid(corners, base=0.0, top=0.15, kind="island"))
-        x, y = shapely.get_coordinates(island.centroid)[0].tolist()
+        middle = (island.centroid.x, island.centroid.y)
         radius = float(np.sqrt(island.area / np.pi))  # m, of a disc as large as the island
-        _fill_island(plot, middle=(x, y), radius=radius, rng=rng)
+        _fill_island(plot, middle=middle, radius=radius, rng=rng)
 
 
 def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -> None:
-    """Place solids that rise from the disc of a radius (m) about a middle x, y of an island."""
-    # the order of the draws fixes the random sites
+    """Place solids on an island: a centre piece, rings of hedges, objects, trees and signs.
+
+    The solids go to the plot if there is room for them. middle, radius: x, y and radius (m) of a
+    disc as large as the island."""
+    # the order of the draws fixes the random sites; footway=True: solids may be on islands
     if rng.random() < 0.5:
         _place_centre_piece(plot, middle, radius, rng)
     for ring_radius in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
         _place_ring(plot, middle, float(ring_radius), rng)
-    makes = PLANTED + PLANTED + BUILT  # twice: planted objects are the likelier choice
+    # functions that draw objects; twice: planted objects are the likelier choice
+    makes = PLANTED + PLANTED + BUILT
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
         x, y = _point_around(middle, radius * rng.uniform(0.2, 0.95), angle)
-        solids = makes[rng.integers(len(makes))](rng)
+        make = makes[rng.integers(len(makes))]
+        solids = make(rng)
         yaw = float(rng.uniform(0, np.pi))
         plot.place(move_solids(solids, x=x, y=y, yaw=yaw), footway=True)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
         crown_base = rng.uniform(1.5, 4.0)
-        levels = crown_base, crown_base + rng.uniform(2.0, 5.0)
+        crown_top = crown_base + rng.uniform(2.0, 5.0)
         foot = np.array(_point_around(middle, radius * rng.uniform(0.0, 0.9), angle))
-        plant_tree(plot, foot=foot, radius=rng.uniform(1.0, 3.5), levels=levels, rng=rng)
+        crown_radius = rng.uniform(1.0, 3.5)
+        levels = (crown_base, crown_top)
+        plant_tree(plot, foot=foot, radius=crown_radius, levels=levels, rng=rng)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
         x, y = _point_around(middle, 0.9 * radius, angle)
         plot.place(furniture.sign(x, y, facing=float(angle)), footway=True)

@@ -22,10 +22,10 @@ Bay = tuple[float, float, float]  # x, y (m) of the middle, yaw (rad) of a vehic
 def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int], rng: Rng) -> Bays:
     """Draw parking bays on the strips that have an angle, and claim their ground on the plot.
 
-    strips: shoulders by edge; angles: degrees between bay and kerb by edge, 0 in line with the
-    kerb. The junction is at the end of a strip of an edge `in...`, and at the start of the others.
-    Returns rows x, y, yaw of a random share of the bays with room, `_EDGE_CLEARANCE_M` or more
-    within the plot's window."""
+    strips: middle line and width (m) of the shoulder on each edge; angles: degrees between bay and
+    kerb by edge, 0 in line with the kerb. The junction is at the end of a strip of an edge `in...`,
+    and at the start of the others. Returns rows x, y (m), yaw (rad) of a random share of the bays
+    with room, `_EDGE_CLEARANCE_M` or more within the plot's window."""
     free_bays = [np.zeros((0, 3))]
     window = plot.window.buffer(-_EDGE_CLEARANCE_M, join_style="mitre")
     bay_length, bay_width = BAY_SIZE_M
@@ -54,12 +54,14 @@ def bays_from_junction(strip: Strip, angle: int, *, at_end: bool) -> Bays:
     bay_length, _ = BAY_SIZE_M
     first = _JUNCTION_CLEARANCE_M + bay_length / 2
     end = min(line.length - bay_length / 2, _BAY_REACH_M)
-    # m from the start of the line to the middle of a bay; for now as if the junction were there
+    # m along the line from the junction to the middle of each bay
     distances = np.arange(first, end, _bay_spacing(angle))
     if at_end:
-        distances = line.length - distances
+        distances = line.length - distances  # from the start of the line
+    # rows x, y, direction of the line, measured over half a metre of it
+    rows = place_along(line, distances, half=0.25)
     # vehicles turn clockwise into their bays, to the kerb
-    return (place_along(line, distances, half=0.25) - [0.0, 0.0, np.deg2rad(angle)]).round(4)
+    return (rows - [0.0, 0.0, np.deg2rad(angle)]).round(4)
 
 
 def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = False) -> Bays:
@@ -72,9 +74,11 @@ def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = Fals
     end = line.length - _JUNCTION_CLEARANCE_M - bay_length / 2
     # m along the line to the middle of a bay
     distances = np.arange(first, end, _bay_spacing(angle))
+    # rows x, y, direction of the line, measured over half a metre of it
+    rows = place_along(line, distances, half=0.25)
     # vehicles turn towards the kerb: clockwise if it is to the right
     clockwise_turn = np.deg2rad(-angle if kerb_left else angle)
-    return (place_along(line, distances, half=0.25) - [0.0, 0.0, clockwise_turn]).round(4)
+    return (rows - [0.0, 0.0, clockwise_turn]).round(4)
 
 
 def _bay_spacing(angle: int) -> float:

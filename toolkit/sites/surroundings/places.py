@@ -11,7 +11,8 @@ Bays = Float64[np.ndarray, "n 3"]  # x, y (m), yaw (rad)
 def points_along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
     """Rows x, y (m), direction of the line (rad from +x) every `step` m along lines.
 
-    Lines that meet end to end count as one; those shorter than two steps are left out."""
+    Lines that meet end to end count as one; lines shorter than two steps are left out. Other types
+    of geometry in `lines` are ignored."""
     rows = [np.zeros((0, 3))]
     for line in shapely.get_parts(shapely.line_merge(lines)):
         if line.geom_type == "LineString" and line.length >= 2 * step:

@@ -84,6 +84,9 @@ class Plot:
         mount_places: (n, 2) places x, y (m) of mounts."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
+        """Make a plot without solids.
+
+        window: ground on which solids may be placed; mounts: around which ground is kept clear."""
         self.road = road
         self.window = window
         self.solids: list[Solid] = []

@@ -43,7 +43,7 @@ def place_bulky_objects(plot: Plot, rng: Rng) -> None:
     """Place objects about as big as a car: up to 25 behind the footways, and 4 at the kerb.
 
     The solids go to the plot; objects without room are left out."""
-    # the order of the draws fixes the random sites
+    # the order of the draws fixes the random sites; rows: x, y, direction of the edge there
     outer_edge = plot.road.surface.buffer(rng.uniform(1.2, 3.5)).boundary
     outer_rows = points_along(outer_edge.intersection(plot.window), 0.5)
     kerb_edge = plot.road.carriageway.buffer(rng.uniform(0.9, 1.6)).boundary
@@ -54,6 +54,7 @@ def place_bulky_objects(plot: Plot, rng: Rng) -> None:
     for rows, at_kerb, max_count in ((outer_rows, False, 25), (kerb_rows, True, 4)):
         for x, y, direction in rows[: rng.integers(0, max_count + 1)]:
             makes = PLANTED if rng.random() < planted_share else BUILT
+            # from the edge's direction: along it, backwards, across it, or any turn
             any_turn = rng.uniform(0.0, np.pi)
             turn = rng.choice([0.0, np.pi, np.pi / 2, any_turn], p=[0.4, 0.3, 0.15, 0.15])
             make = makes[rng.integers(len(makes))]
@@ -104,7 +105,7 @@ def place_furniture(plot: Plot, rng: Rng) -> None:
 def place_gardens(plot: Plot, rng: Rng) -> None:
     """Place hedges, walls and fences behind footways, and trees all over the plot.
 
-    The solids go to the plot; those without room are left out."""
+    The solids go to the plot; solids without room are left out."""
     boundary = plot.road.surface.buffer(rng.uniform(0.8, 2.0)).boundary
     edge = boundary.simplify(0.1).intersection(plot.window)
     # one to three of hedge, wall and railing, by their index in `enclosures`
@@ -129,8 +130,9 @@ def place_gardens(plot: Plot, rng: Rng) -> None:
 def _scatter_trees(plot: Plot, rng: Rng) -> None:
     """Plant up to 59 trees anywhere on the plot off the road, those with room for their trunk."""
     xmin, ymin, xmax, ymax = plot.window.bounds
-    for foot in rng.uniform((xmin, ymin), (xmax, ymax), (rng.integers(5, 60), 2)):
+    feet = rng.uniform((xmin, ymin), (xmax, ymax), (rng.integers(5, 60), 2))  # rows x, y
+    for foot in feet:
         crown_base = rng.uniform(1.2, 3.0)
-        radius = rng.uniform(1.2, 2.8)
-        levels = crown_base, crown_base + rng.uniform(2.5, 8.0)
-        plant_tree(plot, foot=foot, radius=radius, levels=levels, rng=rng, footway=False)
+        crown_radius = rng.uniform(1.2, 2.8)
+        levels = (crown_base, crown_base + rng.uniform(2.5, 8.0))  # bottom and top of the crown
+        plant_tree(plot, foot=foot, radius=crown_radius, levels=levels, rng=rng, footway=False)
