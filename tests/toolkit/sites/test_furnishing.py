@@ -157,7 +157,12 @@ def test_a_footway_is_planted_only_where_it_may_be(footway):
     plot = Plot(ROAD, WINDOW, [])
     assert (
         plant_tree(
-            plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway
+            plot,
+            np.array([0.0, 4.5]),
+            2.0,
+            (3.0, 6.0),
+            np.random.default_rng(0),
+            on_footways=footway,
         )
         == footway
     )

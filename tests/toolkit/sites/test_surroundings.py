@@ -43,9 +43,9 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     plot = Plot(ROAD, shapely.box(*AREA), [mount])
     assert plot.claim(shapely.box(0, 8, 4, 12))
     assert not plot.claim(shapely.box(3, 11, 6, 14))
-    assert not plot.claim(shapely.box(10, 3.5 + LANE_CLEARANCE_M / 2, 11, 5), footway=True)
+    assert not plot.claim(shapely.box(10, 3.5 + LANE_CLEARANCE_M / 2, 11, 5), on_footways=True)
     assert not plot.claim(shapely.box(20, 4, 21, 5))
-    assert plot.claim(shapely.box(20, 4, 21, 5), footway=True)
+    assert plot.claim(shapely.box(20, 4, 21, 5), on_footways=True)
     assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(MOUNT_CLEARANCE_M / 2))
     assert not plot.claim(shapely.box(100, 8, 104, 12)), "outside the window"
     plot = Plot(ROAD, shapely.box(*AREA), [])
@@ -82,10 +82,10 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
     )
     shoulder = Plot(road, shapely.box(*AREA), [])
     assert road.driven_ground.area == pytest.approx(160 * 3.5, rel=0.01)
-    assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), footway=True)
-    assert shoulder.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
-    assert not shoulder.claim(shapely.box(10, LANE_CLEARANCE_M / 2, 14, 3), shoulder=True)
-    assert not shoulder.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
+    assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), on_footways=True)
+    assert shoulder.claim(shapely.box(0, 0.5, 4, 3), on_shoulders=True)
+    assert not shoulder.claim(shapely.box(10, LANE_CLEARANCE_M / 2, 14, 3), on_shoulders=True)
+    assert not shoulder.claim(shapely.box(1, 1, 2, 2), on_shoulders=True), "taken"
     counts = []
     for seed in range(12):
         ground = plot()
@@ -94,7 +94,7 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
         )
         again = kerb_bays(plot(), {"in0": (LINE, 5.2)}, {"in0": 90}, np.random.default_rng(seed))
         assert np.array_equal(bays, again)
-        assert not ground.claim(bay_outline(bays[0]).buffer(-0.5), shoulder=True), "taken"
+        assert not ground.claim(bay_outline(bays[0]).buffer(-0.5), on_shoulders=True), "taken"
         counts.append(len(bays))
     assert 5 < min(counts) < 15
     assert 15 < max(counts) < 25

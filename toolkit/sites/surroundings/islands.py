@@ -38,7 +38,7 @@ def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -
 
     The solids go to the plot if there is room for them. middle, radius: x, y and radius (m) of a
     disc as large as the island."""
-    # the order of the draws fixes the random sites; footway=True: solids may be on islands
+    # the order of the draws fixes the random sites
     if rng.random() < 0.5:
         _place_centre_piece(plot, middle, radius, rng)
     for ring_radius in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
@@ -50,7 +50,7 @@ def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -
         make = makes[rng.integers(len(makes))]
         solids = make(rng)
         yaw = float(rng.uniform(0, np.pi))
-        plot.place(move_solids(solids, x=x, y=y, yaw=yaw), footway=True)
+        plot.place(move_solids(solids, x=x, y=y, yaw=yaw), on_footways=True)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
         crown_base = rng.uniform(1.5, 4.0)
         crown_top = crown_base + rng.uniform(2.0, 5.0)
@@ -60,7 +60,7 @@ def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -
         plant_tree(plot, foot=foot, radius=crown_radius, levels=levels, rng=rng)
     for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
         x, y = _point_around(middle, 0.9 * radius, angle)
-        plot.place(furniture.sign(x, y, facing=float(angle)), footway=True)
+        plot.place(furniture.sign(x, y, facing=float(angle)), on_footways=True)
 
 
 def _place_centre_piece(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -> None:
@@ -72,7 +72,7 @@ def _place_centre_piece(plot: Plot, middle: furniture.Point, radius: float, rng:
     height = round(float(rng.uniform(0.5, 2.5)), 2)
     kind = ("hedge", "wall", "heap", "bush")[rng.integers(4)]
     outline = furniture.disc(x, y, radius=size, corners=12)
-    plot.place([Solid(outline, base=0.0, top=height, kind=kind)], footway=True)
+    plot.place([Solid(outline, base=0.0, top=height, kind=kind)], on_footways=True)
 
 
 def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rng) -> None:
@@ -99,7 +99,7 @@ def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rn
         else:
             outline = furniture.block((length, width), middle=(x, y), yaw=angle + np.pi / 2)
             kind = "hedge"
-        plot.place([Solid(outline, base=0.0, top=height, kind=kind)], footway=True)
+        plot.place([Solid(outline, base=0.0, top=height, kind=kind)], on_footways=True)
 
 
 def _point_around(middle: furniture.Point, distance: float, angle: float) -> furniture.Point:

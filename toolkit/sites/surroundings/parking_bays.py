@@ -39,7 +39,7 @@ def kerb_bays(plot: Plot, strips: Mapping[str, Strip], angles: Mapping[str, int]
         for bay in bays:
             # parts that reach into the lane or to neighbours do not count
             ground = bay_outline(bay, ground_size).difference(plot.driven_ground).buffer(-0.02)
-            is_free.append(bool(window.contains(ground) and plot.claim(ground, shoulder=True)))
+            is_free.append(bool(window.contains(ground) and plot.claim(ground, on_shoulders=True)))
         free_bays.append(bays[is_free].reshape(-1, 3))
     return np.concatenate(free_bays)
 

@@ -101,16 +101,16 @@ class Plot:
         shapely.prepare([self.lane_ground, self.open_ground, self.driven_ground])
 
     def claim(
-        self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False
+        self, ground: shapely.Geometry, *, on_footways: bool = False, on_shoulders: bool = False
     ) -> bool:
         """Take `ground` if it is free; return True if it was.
 
-        It must be next to the road (`open_ground`) and off all ground taken before. footway: it may
-        be anywhere off the lanes, also on footways and islands; shoulder: it may be on any ground
-        that is not driven, whatever `footway` is."""
-        if shoulder:
+        It must be next to the road (`open_ground`) and off all ground taken before. on_footways: it
+        may be anywhere off the lanes, also on footways and islands; on_shoulders: it may be on any
+        ground that is not driven, whatever `on_footways` is."""
+        if on_shoulders:
             is_allowed = not self.driven_ground.intersects(ground)
-        elif footway:
+        elif on_footways:
             is_allowed = not self.lane_ground.intersects(ground)
         else:
             is_allowed = self.open_ground.contains(ground)
@@ -120,14 +120,14 @@ class Plot:
         return True
 
     def place(
-        self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False
+        self, solids: Sequence[Solid], *, on_footways: bool = False, on_shoulders: bool = False
     ) -> bool:
         """Place solids together if there is room for all; return True if there was.
 
-        solids: on level ground (z = 0); footway: they may be anywhere off the lanes, also on
-        footways and islands; shoulder: they may be on any ground that is not driven."""
+        solids: on level ground (z = 0); on_footways: they may be anywhere off the lanes, also on
+        footways and islands; on_shoulders: they may be on any ground that is not driven."""
         ground = unite(solid.footprint for solid in solids)
-        if not self.claim(ground, footway=footway, shoulder=shoulder):
+        if not self.claim(ground, on_footways=on_footways, on_shoulders=on_shoulders):
             return False
         self.solids += solids
         return True

@@ -42,7 +42,7 @@ def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
             start = path.length - junction_gap - length
         if start > 0 and length > 6.0:
             span = (start, start + length)
-            _put_works(plot, path, span=span, width=width, rng=rng, shoulder=True)
+            _put_works(plot, path, span=span, width=width, rng=rng, on_shoulders=True)
 
 
 def verge_works(plot: Plot, rng: Rng) -> None:
@@ -54,7 +54,7 @@ def verge_works(plot: Plot, rng: Rng) -> None:
         path = shapely.LineString([(x, y), (x + ahead_x, y + ahead_y)])
         span = (0.0, float(rng.uniform(4.0, _MAX_VERGE_WORKS_M)))
         width = float(rng.uniform(2.0, 3.0))
-        _put_works(plot, path, span=span, width=width, rng=rng, shoulder=False)
+        _put_works(plot, path, span=span, width=width, rng=rng, on_shoulders=False)
 
 
 def _put_works(
@@ -64,12 +64,12 @@ def _put_works(
     width: float,
     rng: Rng,
     *,
-    shoulder: bool,
+    on_shoulders: bool,
 ) -> None:
     """Put barriers round a stretch of a strip, and machines and heaps inside.
 
     path: middle line of the strip, with traffic on its left; span: start and end of the stretch
-    along `path` (m); width: width of the strip (m); shoulder: the strip is part of the road, so
+    along `path` (m); width: width of the strip (m); on_shoulders: the strip is part of the road, so
     solids may be on any ground that is not driven. Solids without room are left out."""
     start, end = span
 
@@ -81,7 +81,7 @@ def _put_works(
         yaw = float(np.arctan2(ahead.y - here.y, ahead.x - here.x))
         x = float(here.x - left * np.sin(yaw))
         y = float(here.y + left * np.cos(yaw))
-        plot.place(move_solids(solids, x=x, y=y, yaw=yaw + turn), shoulder=shoulder)
+        plot.place(move_solids(solids, x=x, y=y, yaw=yaw + turn), on_shoulders=on_shoulders)
 
     for s in (start, end):
         solids = barrier(width - 2 * _BARRIER_EDGE_M - 0.3, rng)

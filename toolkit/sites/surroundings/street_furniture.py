@@ -60,7 +60,7 @@ def place_bulky_objects(plot: Plot, rng: Rng) -> None:
             make = makes[rng.integers(len(makes))]
             yaw = float(direction + turn)
             solids = move_solids(make(rng), x=float(x), y=float(y), yaw=yaw)
-            plot.place(solids, footway=at_kerb)
+            plot.place(solids, on_footways=at_kerb)
 
 
 def place_furniture(plot: Plot, rng: Rng) -> None:
@@ -78,7 +78,7 @@ def place_furniture(plot: Plot, rng: Rng) -> None:
     for row in deep[rng.random(len(deep)) < 0.5 / rng.uniform(6, 40)]:
         levels = rng.uniform(1.8, 2.8), mean_height * rng.uniform(0.8, 1.2)
         radius = mean_radius * rng.uniform(0.8, 1.2)
-        plant_tree(plot, foot=row[:2], radius=radius, levels=levels, rng=rng, footway=False)
+        plant_tree(plot, foot=row[:2], radius=radius, levels=levels, rng=rng, on_footways=False)
     # places, whether they may be on a footway, the object, and its spacing (m)
     lines: tuple[tuple[np.ndarray, bool, Draw, float], ...] = (
         (
@@ -97,9 +97,9 @@ def place_furniture(plot: Plot, rng: Rng) -> None:
         (behind, False, lambda x, y, _: [furniture.litter_bin(x, y)], rng.uniform(20, 60)),
         (behind, False, lambda x, y, a: [furniture.bench(x, y, along=a)], rng.uniform(30, 90)),
     )
-    for rows, footway, draw, spacing in lines:
+    for rows, on_footways, draw, spacing in lines:
         for x, y, direction in rows[rng.random(len(rows)) < 0.5 / spacing]:
-            plot.place(draw(float(x), float(y), float(direction)), footway=footway)
+            plot.place(draw(float(x), float(y), float(direction)), on_footways=on_footways)
 
 
 def place_gardens(plot: Plot, rng: Rng) -> None:
@@ -135,4 +135,4 @@ def _scatter_trees(plot: Plot, rng: Rng) -> None:
         crown_base = rng.uniform(1.2, 3.0)
         crown_radius = rng.uniform(1.2, 2.8)
         levels = (crown_base, crown_base + rng.uniform(2.5, 8.0))  # bottom and top of the crown
-        plant_tree(plot, foot=foot, radius=crown_radius, levels=levels, rng=rng, footway=False)
+        plant_tree(plot, foot=foot, radius=crown_radius, levels=levels, rng=rng, on_footways=False)

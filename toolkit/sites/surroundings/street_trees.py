@@ -55,14 +55,14 @@ def plant_tree(
     levels: furniture.Span,
     rng: Rng,
     *,
-    footway: bool = True,
+    on_footways: bool = True,
 ) -> bool:
     """Plant a tree on the plot; return True if there was room for it.
 
-    foot: x, y (m) of the trunk; radius: largest radius of the crown (m), made less near houses and
-    mounts, and near lanes if the crown is lower than `UNDERSIDE_M`; levels: bottom and top of the
-    crown (m above the ground); footway: the trunk may be on footways and islands. Only the trunk
-    takes ground."""
+    Only the trunk takes ground. foot: x, y (m) of the trunk; radius: largest radius of the crown
+    (m), made less near houses and mounts, and near lanes if the crown is lower than `UNDERSIDE_M`;
+    levels: bottom and top of the crown (m above the ground); on_footways: the trunk may be on
+    footways and islands."""
     x, y = (round(float(coordinate), 3) for coordinate in foot)
     crown_base, crown_top = levels
     spot = shapely.Point(x, y)
@@ -78,7 +78,7 @@ def plant_tree(
     trunk = furniture.disc(x, y, trunk_radius)
     if crown_radius < _MIN_CROWN_RADIUS_M:
         return False
-    if not plot.claim(shapely.Polygon(trunk), footway=footway):
+    if not plot.claim(shapely.Polygon(trunk), on_footways=on_footways):
         return False
     base = round(crown_base, 2)
     top = round(crown_top, 2)
