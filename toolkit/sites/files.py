@@ -391,7 +391,7 @@ def read_sensor(position: list[float], properties: JsonObject, model: SensorMode
 
     Raises ValueError that names a member that does not fit."""
     x, y, z = position
-    heading = properties.angle("heading_deg")
+    heading = properties.angle("heading_deg")  # rad
     tilt = properties.angle("tilt_deg")
     roll = properties.angle("roll_deg")
     if not abs(properties.value["tilt_deg"]) <= _MAX_TILT_DEG:
@@ -471,7 +471,7 @@ def format_model(model: SensorModel) -> Json:
     They are the class name as `type`, and the fields that are not None. Angles, which the model has
     in rad, are in degrees under names that end in `_deg`; tuples become lists."""
     members: Json = {"type": type(model).__name__}
-    for name, is_angle in find_angles(model).items():
+    for name, is_angle in find_angles(model).items():  # all fields of the model
         value = getattr(model, name)
         if value is None:
             continue

@@ -378,14 +378,14 @@ def bicycles(rng: Rng) -> list[Solid]:
     number = int(rng.integers(1, 9))
     for k in range(number):
         scale = float(rng.uniform(0.75, 1.05))
-        turn = float(rng.normal(0.0, 0.1))
+        yaw = float(rng.normal(0.0, 0.1))  # nearly parallel
         parts = _bicycle_parts(scale)
         if rng.random() < 0.25:
             box = block((0.36, 0.3), middle=(-0.6 * scale, 0.0))
             parts.append(Solid(box, base=0.68, top=1.0, kind="bicycle"))
         x = float(rng.normal(0.0, 0.1))
         y = (k - (number - 1) / 2) * spacing
-        solids += move_solids(parts, x=x, y=y, yaw=turn)
+        solids += move_solids(parts, x=x, y=y, yaw=yaw)
     return solids
 
 

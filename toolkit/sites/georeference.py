@@ -215,7 +215,7 @@ def doubt_scale(site: Site) -> str | None:
         return None
     origin, *ends = degrees
     longitude, latitude = origin.tolist()
-    # on the ground: a map about the origin does not stretch there
+    # m on the ground: a map about the origin does not stretch near it
     east, north = project(np.array(ends), (longitude, latitude)).T
     lengths = np.hypot(east, north)
     errors = np.abs(lengths / _SCALE_LENGTH_M - 1)  # relative
@@ -302,7 +302,7 @@ class _EarthMap:
 
         Places that the map does not reach come back as NaN."""
         longitude, latitude = degrees.T
-        # in the map's order and units
+        # in the map's order, directions and units, to which `axes` leads from metres east, north
         coordinates = np.column_stack(
             self.transformer.transform(latitude, longitude, direction="INVERSE")
         )
@@ -383,7 +383,7 @@ def _find_axes(system: "CRS", quoted: str) -> Float64[np.ndarray, "2 2"]:
             raise ValueError(
                 f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {quoted!r}"
             )
-        rows.append(np.array(direction) / axis.unit_conversion_factor)
+        rows.append(np.array(direction) / axis.unit_conversion_factor)  # m per unit
     axes = np.array(rows)
     if axes.shape != (2, 2) or not np.linalg.det(axes):
         raise ValueError(f"has no axes to the east and north, got {quoted!r}")

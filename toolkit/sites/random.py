@@ -177,11 +177,11 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
     rounds = -(-count // len(site.mounts))
     orders = [rng.permutation(len(site.mounts)) for _ in range(rounds)]
     mounts = [site.mounts[i] for i in np.concatenate(orders)[:count]]
-    camera_count = count - int(rng.binomial(count, 0.35))  # all others are lidars
+    lidar_count = int(rng.binomial(count, 0.35))
     digits = len(str(count - 1))
     sensors = []
     for i, mount in enumerate(mounts):
-        is_lidar = i >= camera_count
+        is_lidar = i >= count - lidar_count  # cameras come first
         name = f"{'l' if is_lidar else 'd'}{i:0{digits}}"
         sensors.append(_draw_sensor(name, mount, site, rng, is_lidar=is_lidar))
     return tuple(sensors)

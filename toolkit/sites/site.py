@@ -230,7 +230,10 @@ class Site(Displayed):
         if not self.sensors:  # the first table is the one that opens
             tables = dict(reversed(tables.items()))
         return Card(
-            f"Site({self.name!r})", tuple(facts), tables, "toolkit.plots.plan_view:draw_site"
+            title=f"Site({self.name!r})",
+            facts=tuple(facts),
+            tables=tables,
+            drawing="toolkit.plots.plan_view:draw_site",
         )
 
     def _list_mounts(self) -> Table:
