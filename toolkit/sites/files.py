@@ -34,7 +34,9 @@ from toolkit.sites.site import HYBRID_RADIUS_M, ORIGINS, Mount, Relief, Site, So
 VERSION = 1  # of the file format
 _MAX_SITE_SENSORS = 10_000
 _MAX_TILT_DEG = 90.0  # below or above the horizon
-_MIN_LEVEL_LENGTH = 1e-9  # of a unit vector on the ground plane, below which it is vertical
+_MIN_LEVEL_LENGTH = (
+    1e-9  # length of a unit vector on the ground plane from which it is not vertical
+)
 JsonValue = Any  # of a JSON document, not yet checked
 # layers of features: names of their properties
 _LAYERS: Mapping[str, tuple[str, ...]] = {
@@ -493,7 +495,7 @@ def format_attitude(sensor: Sensor) -> Json:
     # unit vectors x, y, z of the body's axes in the site frame
     forward, left, up = sensor.world_SE3_body[:3, :3].T
     forward_x, forward_y, forward_z = forward
-    level_length = float(np.hypot(forward_x, forward_y))  # of `forward` on the ground plane
+    level_length = float(np.hypot(forward_x, forward_y))  # length of `forward` on the ground plane
     tilt = np.arctan2(-forward_z, level_length)
     left_x, left_y, left_z = left
     if level_length < _MIN_LEVEL_LENGTH:

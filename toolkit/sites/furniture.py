@@ -123,13 +123,13 @@ def wall(line: Sequence[Point], height: float = 1.8, width: float = 0.25) -> lis
 def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
     """Fence that can be seen through: posts at most 2.5 m apart, and two rails between them.
 
-    line: points x, y (m) that the fence follows; height: of the posts and the upper rail (m). The
-    end of the line has no post."""
+    line: points x, y (m) that the fence follows; height: top of the posts and the upper rail (m).
+    The end of the line has no post."""
     solids = []
     pieces = _split_line(line, 2.5)  # start and end of each piece between two posts
     for (x, y), _ in pieces:
         solids.append(Solid(disc(x, y, radius=0.05), base=0.0, top=height, kind="fence"))
-    middle = 0.5 * height  # of the lower rail
+    middle = 0.5 * height  # height of the lower rail
     for start, end in pieces:
         rail = bar(start, end, width=0.06)
         solids.append(Solid(rail, base=middle - 0.05, top=middle + 0.05, kind="fence"))
@@ -140,7 +140,7 @@ def railing(line: Sequence[Point], height: float = 1.1) -> list[Solid]:
 def kerbs(lanes: Outlines, footways: Outlines, height: float = 0.12) -> list[Solid]:
     """Kerbstones on the footways, along the edges at which they meet the lanes.
 
-    lanes, footways: polygons of the road's surface; height: of the stones (m)."""
+    lanes, footways: polygons of the road's surface; height: their height (m)."""
     road = unite(lanes).buffer(0.01)  # a little wider, so that it overlaps footways that touch it
     footway = unite(footways)
     if footway.is_empty:
@@ -227,7 +227,7 @@ def _draw_lengths(rng: Rng, *ranges: Span) -> tuple[float, ...]:
 def _draw_block(kind: str, *ranges: Span) -> Make:
     """Return a function that draws a block of any size within limits.
 
-    kind: of the block's solid, one of `KINDS`; ranges: three pairs (low, high) in m for the block's
+    kind: kind of solid, one of `KINDS`; ranges: three pairs (low, high) in m for the block's
     length, width and height."""
 
     def make(rng: Rng) -> list[Solid]:

@@ -117,7 +117,7 @@ def project(
     """Convert longitude, latitude to metres east, north on a transverse Mercator map.
 
     lon_lat: rows of degrees (WGS84); centre: longitude, latitude (degrees) of the map's origin.
-    Good to 1 mm within 2 km of it (Snyder, Map Projections, equations 8-9 to 8-15, cut after the
+    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the
     terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)

@@ -175,7 +175,7 @@ def netconvert() -> Path:
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Ground of the lanes, and ground of the footways, of a net.xml text.
+    """Ground of the lanes, and of the footways, in a net.xml text.
 
     Lanes include shoulders, junctions and crossings; footways are sidewalks and walking areas.
     Polygons are cut at the edge of a window. area: xmin ymin xmax ymax (m); margin: m from the area

@@ -230,7 +230,7 @@ def _draw_crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     directions = _draw_directions(rng, count)
     legs = _draw_legs(rng, directions, start=0.0, max_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
-    radius = round(float(rng.uniform(3.0, 8.0)), 1)  # m, of the kerbs at the corners
+    radius = round(float(rng.uniform(3.0, 8.0)), 1)  # radius of the kerbs at corners (m)
     middle = {"id": "c", "x": 0, "y": 0, "type": rule, "radius": radius}
     major = rng.permutation(count)[:2]  # indices of the two legs that have the right of way
     edges: list[XmlAttributes] = []
@@ -245,8 +245,8 @@ def _draw_roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
     The network is a SUMO net.xml text. The ring is driven counter-clockwise; leg i starts on it at
     node r{i}."""
     count = int(rng.choice([3, 4, 5], p=[0.3, 0.5, 0.2]))
-    lane_count = 2 if rng.random() < 0.25 else 1  # of the ring
-    # m, of the middle of the ring's lanes
+    lane_count = 2 if rng.random() < 0.25 else 1  # lanes of the ring
+    # radius of the middle of the ring's lanes (m)
     radius = rng.uniform(11.0, 17.0) + 2.0 * (count - 3) + 7.0 * (lane_count - 1)
     directions = _draw_directions(rng, count)
     legs = _draw_legs(rng, directions, start=radius, max_lanes=lane_count)

@@ -267,7 +267,9 @@ class Site(Displayed):
             return plane
         rng = np.random.default_rng(self.relief.seed)
         wavelengths = np.array([160.0, 90, 50, 28, 16, 11, 7])  # m
-        relative_heights = np.array([5.0, 4, 4, 3, 2, 1, 1])  # of the waves, in the same order
+        relative_heights = np.array(
+            [5.0, 4, 4, 3, 2, 1, 1]
+        )  # heights of the waves, in the same order
         directions = rng.uniform(0, 2 * np.pi, len(wavelengths))
         # (2, waves), rad per m
         wave_vectors = 2 * np.pi / wavelengths * np.stack([np.cos(directions), np.sin(directions)])
@@ -370,7 +372,7 @@ def _check_origin(origin: object, where: str) -> None:
 
 def _check_unique(names: Sequence[str], where: str) -> None:
     # Raise ValueError if a name is no text, is empty, or is there twice. where: layer of the names.
-    first_index: dict[str, int] = {}  # of the entry with a name
+    first_index: dict[str, int] = {}  # index of the first entry with a name
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")

@@ -29,7 +29,7 @@ _CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # w
 def _run_netconvert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
     """Run netconvert; return a net.xml text with a road in it, and netconvert's warnings.
 
-    options: of netconvert; piece: names the map file in the ValueError if it fails or makes no
+    options: netconvert's; piece: names the map file in the ValueError if it fails or makes no
     road."""
     with name_errors(piece.path):  # errors begin with the path
         network, warning_lines = nets.run_netconvert_with_warnings(options)
@@ -132,7 +132,7 @@ def find_near_edges(network: str, window: shapely.Polygon) -> NearEdges:
     """Find the edges in `window` that are on the storey of the road nearest to its middle.
 
     network: net.xml text; window: in its coordinates."""
-    lines_by_edge: dict[str, list[shapely.LineString]] = {}  # of the edge's lanes
+    lines_by_edge: dict[str, list[shapely.LineString]] = {}  # lines of its lanes
     middle = window.centroid
     min_distance = np.inf
     level = 0.0  # height (m) of the nearest lane so far

@@ -79,7 +79,7 @@ def _write_roads(
 
     With these options netconvert also writes its edges into the folder, as plain.edg.xml and so on.
 
-    pieces: roads within reach of the site; extract: of the map, with the places of their points;
+    pieces: roads within reach of the site; extract: the map's, with the places of their points;
     types: names of SUMO's edge types by the rules of the pieces."""
     road_file = folder / "roads.osm"
     type_file = folder / "types.xml"

@@ -71,7 +71,7 @@ def _part_ground(
 ) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Divide ground into carriageway and footway, both without cracks, stubs and slivers.
 
-    driven_ground: of the carriageway so far; walked_ground: of footways, which may overlap it."""
+    driven_ground: the carriageway so far; walked_ground: footways, which may overlap it."""
     whole_driven = _open_shape(_close_shape(driven_ground, CRACK_M), MIN_ROAD_M)
     # slots in the carriageway that are footway become carriageway
     stubs = _close_shape(whole_driven, STUB_M).difference(whole_driven).intersection(walked_ground)

@@ -280,7 +280,7 @@ def _turn_section(
     the first section."""
     lanes = section.side(sign)  # from the middle outwards
     indices = [i for i, lane in enumerate(lanes) if lane in contraflow]
-    inner_lanes = lanes[: indices[-1] + 1] if indices else ()  # up to the outermost of them
+    inner_lanes = lanes[: indices[-1] + 1] if indices else ()  # up to the outermost one
     edge = road.offset.cut_start(section.start)
     for lane in inner_lanes:
         # to the left by each width on the left side, to the right on the right side

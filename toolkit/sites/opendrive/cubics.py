@@ -111,5 +111,5 @@ def read_cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
     table = np.array(numbers, np.float64).reshape(-1, 5)
     if len(table) > 1:
         starts = table[:, 0]
-        table = table[np.argsort(starts, kind="stable")]  # of equal starts the last remains last
+        table = table[np.argsort(starts, kind="stable")]  # the last of equal starts remains last
     return Cubics(starts=table[:, 0], rows=table[:, 1:])

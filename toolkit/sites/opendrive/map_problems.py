@@ -37,7 +37,7 @@ def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
 
 
 def _measure_length_gap(piece: Piece) -> float:
-    """Difference between the length of a piece's curve and its stated length, as a share of it.
+    """Difference between the length of a piece's curve and its stated length, as a share.
 
     A stated length below `MAX_LENGTH_GAP_M` counts as that long."""
     return abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M)

@@ -96,7 +96,7 @@ def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectP
         first_t = read_number(repeat, "tStart", read_number(element, "t"))
         last_t = read_number(repeat, "tEnd", first_t)
         base = max(read_number(repeat, "zOffsetStart", 0.0), 0.0)
-        shares = [0.0]  # of the row's length, at which its objects are
+        shares = [0.0]  # places of objects, as shares of the row's length
         if row.length > 0:
             shares = (np.arange(row.objects) * row.spacing / row.length).tolist()
         for share in shares:

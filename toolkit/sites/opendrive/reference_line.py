@@ -56,7 +56,7 @@ class Piece:
         offsets = self._find_offsets(ds)
         cos = np.cos(self.heading)
         sin = np.sin(self.heading)
-        # u: m ahead of the start, v: m to the left of it
+        # u: m ahead of the start, v: m to its left
         x = self.x + cos * offsets.u - sin * offsets.v
         y = self.y + sin * offsets.u + cos * offsets.v
         return np.column_stack([x, y, self.heading + offsets.turn])
@@ -105,7 +105,7 @@ class Piece:
         The curvature changes evenly; steps along the spiral are summed by the midpoint rule."""
         curvature = read_number(self.shape, "curvStart")  # rad per m
         change = read_number(self.shape, "curvEnd") - curvature
-        rate = change / max(self.length, 1e-9)  # of the curvature, per m
+        rate = change / max(self.length, 1e-9)  # change of the curvature per m
         grid = np.linspace(0.0, self.length, int(self.length / CURVE_STEP_M) + 2)
         middles = (grid[1:] + grid[:-1]) / 2
         turns = curvature * middles + rate * middles**2 / 2

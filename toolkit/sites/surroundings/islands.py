@@ -66,7 +66,7 @@ def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -
 def _place_centre_piece(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -> None:
     """Place one round solid in the middle x, y of an island, if there is room for it.
 
-    radius: of the island (m)."""
+    radius: the island's (m)."""
     x, y = middle
     size = float(rng.uniform(0.15, 0.4) * radius)
     height = round(float(rng.uniform(0.5, 2.5)), 2)
@@ -78,7 +78,7 @@ def _place_centre_piece(plot: Plot, middle: furniture.Point, radius: float, rng:
 def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rng) -> None:
     """Place hedges or bushes of about one size in a ring with gaps.
 
-    They are blocks along the ring, all of them hedges, or discs of either kind. middle: x, y of the
+    They are blocks along the ring, all hedges, or discs of either kind. middle: x, y of the
     ring; ring_radius: m."""
     length = float(rng.uniform(1.0, 5.0))
     width = float(rng.uniform(0.6, 2.2))

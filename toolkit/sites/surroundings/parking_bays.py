@@ -58,7 +58,7 @@ def bays_from_junction(strip: Strip, angle: int, *, at_end: bool) -> Bays:
     distances = np.arange(first, end, _bay_spacing(angle))
     if at_end:
         distances = line.length - distances  # from the start of the line
-    # rows x, y, direction of the line, measured over half a metre of it
+    # rows x, y, direction of the line, measured over 0.5 m
     rows = place_along(line, distances, half=0.25)
     # vehicles turn clockwise into their bays, to the kerb
     return (rows - [0.0, 0.0, np.deg2rad(angle)]).round(4)
@@ -74,7 +74,7 @@ def bays_between(line: shapely.LineString, angle: int, *, kerb_left: bool = Fals
     end = line.length - _JUNCTION_CLEARANCE_M - bay_length / 2
     # m along the line to the middle of a bay
     distances = np.arange(first, end, _bay_spacing(angle))
-    # rows x, y, direction of the line, measured over half a metre of it
+    # rows x, y, direction of the line, measured over 0.5 m
     rows = place_along(line, distances, half=0.25)
     # vehicles turn towards the kerb: clockwise if it is to the right
     clockwise_turn = np.deg2rad(-angle if kerb_left else angle)
@@ -94,7 +94,7 @@ def forecourts(plot: Plot, rng: Rng) -> Bays:
     bays: list[Bay] = []
     is_across = rng.random() < 0.5
     bay_length, bay_width = BAY_SIZE_M
-    depth = bay_length if is_across else bay_width  # of a bay, away from the road
+    depth = bay_length if is_across else bay_width  # length of a bay away from the road
     edge = plot.road.surface.buffer(0.7 + depth / 2).boundary
     places = rng.permutation(points_along(edge.intersection(plot.window), 1.0))
     for x, y, direction in places[: rng.integers(0, 14)]:

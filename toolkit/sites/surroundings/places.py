@@ -28,7 +28,7 @@ def place_along(line: shapely.LineString, distances: Float[np.ndarray, " n"], ha
     """Rows x, y (m), heading (rad from +x) of objects placed along a line.
 
     distances: m along the line to the middle of each object; half: half the length (m) of an
-    object, both ends of which are on the line."""
+    object, whose ends are both on the line."""
     rear = shapely.get_coordinates(line.interpolate(distances - half)).reshape(-1, 2)
     front = shapely.get_coordinates(line.interpolate(distances + half)).reshape(-1, 2)
     dx, dy = (front - rear).T

@@ -37,7 +37,7 @@ def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
         path = shapely.LineString(line)
         length = min(float(rng.uniform(10.0, 32.0)), path.length - 10.0)
         junction_gap = float(rng.uniform(4.0, 22.0))  # m between the junction and the works
-        start = junction_gap  # of the works along the strip (m)
+        start = junction_gap  # start of the works along the strip (m)
         if edge.startswith("in"):
             start = path.length - junction_gap - length
         if start > 0 and length > 6.0:
@@ -75,7 +75,7 @@ def _put_works(
 
     def place_solids(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> None:
         # Place solids made about the origin next to the path, if there is room for them. s: m along
-        # the path; left: m to the left of it; turn: rad from the path's direction.
+        # the path; left: m to its left; turn: rad from the path's direction.
         here = path.interpolate(s)
         ahead = path.interpolate(s + 0.5)
         yaw = float(np.arctan2(ahead.y - here.y, ahead.x - here.x))

@@ -73,8 +73,8 @@ def place_furniture(plot: Plot, rng: Rng) -> None:
     behind = points_along(plot.road.surface.buffer(0.9).boundary.intersection(plot.window), 0.5)
     deep = points_along(plot.road.surface.buffer(2.4).boundary.intersection(plot.window), 0.5)
     lamp_height = rng.uniform(4.5, 9.0)
-    mean_radius = rng.uniform(0.9, 2.2)  # of the crowns of trees
-    mean_height = rng.uniform(4.0, 10.0)  # of trees
+    mean_radius = rng.uniform(0.9, 2.2)  # radius of the crowns of trees
+    mean_height = rng.uniform(4.0, 10.0)  # height of trees
     for row in deep[rng.random(len(deep)) < 0.5 / rng.uniform(6, 40)]:
         levels = rng.uniform(1.8, 2.8), mean_height * rng.uniform(0.8, 1.2)
         radius = mean_radius * rng.uniform(0.8, 1.2)
@@ -113,7 +113,7 @@ def place_gardens(plot: Plot, rng: Rng) -> None:
     enclosures = (furniture.hedge, furniture.wall, furniture.railing)
     height = rng.uniform(0.9, 2.2)
     for edge_line in shapely.get_parts(shapely.line_merge(edge)):
-        start = rng.uniform(0.0, 15.0)  # of a hedge, wall or railing: m along the line
+        start = rng.uniform(0.0, 15.0)  # start of a hedge, wall or railing (m along the line)
         while start < edge_line.length - 2.0:
             length = rng.uniform(5.0, 18.0)
             end = min(start + length, edge_line.length)

@@ -32,7 +32,7 @@ def plant_avenues(plot: Plot, kerb: Points, rng: Rng) -> None:
     planted_share = rng.uniform(0.3, 0.9)
     spacing = rng.uniform(5.0, 13.0)
     mean_width = rng.uniform(*CROWN_WIDTH_M)
-    mean_height = rng.uniform(2.5, 6.0)  # of the crowns, from underside to top
+    mean_height = rng.uniform(2.5, 6.0)  # height of the crowns, from underside to top
     min_underside, max_underside = UNDERSIDE_M
     if rng.random() < 0.5:
         mean_underside = rng.uniform(_TRIMMED_UNDERSIDE_M, max_underside)
@@ -67,7 +67,7 @@ def plant_tree(
     crown_base, crown_top = levels
     spot = shapely.Point(x, y)
     houses = [shapely.Polygon(solid.footprint) for solid in plot.solids if solid.kind == "building"]
-    max_radii = [radius]  # m, the least of which counts
+    max_radii = [radius]  # m; the least one counts
     max_radii += (np.hypot(*(plot.mount_places - [x, y]).T) - _MOUNT_AIR_M).tolist()
     max_radii += shapely.distance(spot, np.array(houses, object)).tolist()
     min_underside, _ = UNDERSIDE_M
@@ -91,7 +91,7 @@ def plant_tree(
 def draw_crown(x: float, y: float, radius: float, levels: furniture.Span, rng: Rng) -> list[Solid]:
     """Draw a tree's crown of 3 to 8 overlapping clumps of leaves around (x, y).
 
-    radius: of the whole crown (m); levels: bottom and top of the crown (m above the ground)."""
+    radius: the whole crown's (m); levels: bottom and top of the crown (m above the ground)."""
     crown_base, crown_top = levels
     number = int(rng.integers(3, 9))
     start = rng.uniform(0, 2 * np.pi)
