@@ -34,9 +34,7 @@ from toolkit.sites.site import HYBRID_RADIUS_M, ORIGINS, Mount, Relief, Site, So
 VERSION = 1  # of the file format
 _MAX_SITE_SENSORS = 10_000
 _MAX_TILT_DEG = 90.0  # below or above the horizon
-_MIN_LEVEL_LENGTH = (
-    1e-9  # length of a unit vector on the ground plane from which it is not vertical
-)
+_MIN_LEVEL_LENGTH = 1e-9  # a unit vector with less length on the ground plane is vertical
 JsonValue = Any  # of a JSON document, not yet checked
 # layers of features: names of their properties
 _LAYERS: Mapping[str, tuple[str, ...]] = {

@@ -267,9 +267,7 @@ class Site(Displayed):
             return plane
         rng = np.random.default_rng(self.relief.seed)
         wavelengths = np.array([160.0, 90, 50, 28, 16, 11, 7])  # m
-        relative_heights = np.array(
-            [5.0, 4, 4, 3, 2, 1, 1]
-        )  # heights of the waves, in the same order
+        relative_heights = np.array([5.0, 4, 4, 3, 2, 1, 1])  # each wave's, in the same order
         directions = rng.uniform(0, 2 * np.pi, len(wavelengths))
         # (2, waves), rad per m
         wave_vectors = 2 * np.pi / wavelengths * np.stack([np.cos(directions), np.sin(directions)])
