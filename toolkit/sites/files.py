@@ -495,14 +495,14 @@ def format_attitude(sensor: Sensor) -> Json:
     forward_x, forward_y, forward_z = forward
     level_length = float(np.hypot(forward_x, forward_y))  # length of `forward` on the ground plane
     tilt = np.arctan2(-forward_z, level_length)
-    left_x, left_y, left_z = left
     if level_length < _MIN_LEVEL_LENGTH:
         # straight up or down: heading and roll turn about one axis
+        left_x, left_y = left[:2]
         heading = np.arctan2(-left_x, left_y)
         roll = np.float64(0.0)
     else:
         heading = np.arctan2(forward_y, forward_x)
-        roll = np.arctan2(left_z, up[2])
+        roll = np.arctan2(left[2], up[2])  # from z of both
     return {
         "heading_deg": _degrees(heading),
         "tilt_deg": _degrees(tilt),

@@ -161,7 +161,7 @@ def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str])
 def _apply_access(
     users: Sequence[str], rules: Iterable[ElementTree.Element], problems: Counter[str]
 ) -> tuple[str, ...]:
-    """Users of a lane, in SUMO's words, to whom the access rules of one place leave it open.
+    """Users who may use a lane by the access rules of one place, in SUMO's words.
 
     users: usual for the lane; rules: <access> elements; problems: differences from the map are
     counted there. A rule that allows some users closes the lane to all others."""

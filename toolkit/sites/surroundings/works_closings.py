@@ -15,11 +15,11 @@ def barrier(length: float, rng: Rng) -> list[Solid]:
         Solid(furniture.block((0.1, 0.4), middle=(x, 0.0)), base=0.0, top=foot_top, kind="barrier")
         for x in (-0.4 * length, 0.4 * length)
     ]
-    boards = [
+    planks = [
         Solid(furniture.block((length, 0.06)), base=base, top=round(base + 0.2, 2), kind="barrier")
         for base in (round(top - 0.2, 2), round(top - 0.6, 2))
     ]
-    return feet + boards
+    return feet + planks
 
 
 def cone(rng: Rng) -> list[Solid]:
