@@ -27,31 +27,31 @@ class DrivingSide(NamedTuple):
 def find_driving_side(longitude: float, latitude: float) -> DrivingSide:
     """Find the side of the road that traffic keeps to at a place (degrees, WGS84)."""
     spot = shapely.Point((longitude + 180.0) % 360.0 - 180.0, latitude)
-    region = _left_hand()
-    return DrivingSide(
-        bool(region.intersects(spot)), bool(_borders().distance(spot) < NEAR_BORDER_DEG)
-    )
+    is_left = bool(_left_hand_ground().intersects(spot))
+    is_near_border = bool(_left_hand_borders().distance(spot) < NEAR_BORDER_DEG)
+    return DrivingSide(is_left=is_left, is_near_border=is_near_border)
 
 
 @cache
-def _borders() -> shapely.Geometry:
-    """Borders of the countries that keep left, made once.
+def _left_hand_borders() -> shapely.Geometry:
+    """Borders of the countries that keep left, in degrees of longitude and latitude, made once.
 
     The meridian of 180 degrees, at which the outlines are cut, is no border."""
+    # narrow strips about the meridian at both ends of the map
     west = shapely.box(-180.0 - 1e-6, -90.0, -180.0 + 1e-6, 90.0)
     east = shapely.box(180.0 - 1e-6, -90.0, 180.0 + 1e-6, 90.0)
-    return _left_hand().boundary.difference(shapely.union_all([west, east]))
+    return _left_hand_ground().boundary.difference(shapely.union_all([west, east]))
 
 
 @cache
-def _left_hand() -> shapely.Geometry:
-    """Ground of all countries that keep left, in longitude and latitude, read once."""
+def _left_hand_ground() -> shapely.Geometry:
+    """Ground of all countries that keep left, in degrees of longitude and latitude, read once."""
     table = read_own_table(__file__, "left_hand.toml")
     outlines = _unite_rings(table["outlines"])
     holes = _unite_rings(table["holes"])
-    region = outlines.difference(holes)
-    shapely.prepare(region)
-    return region
+    ground = outlines.difference(holes)
+    shapely.prepare(ground)  # makes later tests against it faster
+    return ground
 
 
 def _unite_rings(rows: list[list[float]]) -> shapely.Geometry:

@@ -12,7 +12,7 @@ Anything without an origin is mapped. Old files have no origins, so all that an 
 them counts as mapped."""
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,19 @@ from toolkit.sites.site import HYBRID_RADIUS_M, ORIGINS, Mount, Relief, Site, So
 VERSION = 1  # of the file format
 _MAX_SITE_SENSORS = 10_000
 _MAX_TILT_DEG = 90.0  # below or above the horizon
+_MIN_LEVEL_LENGTH = 1e-9  # a unit vector with less length on the ground plane is vertical
 JsonValue = Any  # of a JSON document, not yet checked
+# layers of features: names of their properties
+_LAYERS: Mapping[str, tuple[str, ...]] = {
+    "area": (),
+    "lane": (),
+    "footway": (),
+    "solid": ("kind", "base", "top", "origin"),
+    "parking": ("heading_deg", "origin"),
+    "mount": ("name", "min_height", "max_height", "price", "capacity", "max_sensors", "origin"),
+    "sensor": ("name", "heading_deg", "tilt_deg", "roll_deg", "model"),
+}
+_POINT_LAYERS = ("parking", "mount", "sensor")  # all others are polygons
 
 
 def load_site(name_or_path: str | Path) -> Site:
@@ -52,8 +64,8 @@ def load_site(name_or_path: str | Path) -> Site:
             f"no site {str(name_or_path)!r}: give a file, or one of {', '.join(BUILT_IN)}"
         )
     if path.name.lower().endswith((".osm", ".osm.gz", ".osm.pbf", ".xodr")):
-        kind = "opendrive" if path.suffix.lower() == ".xodr" else "osm"
-        command = f"coview site import --{kind} {path} --centre X Y --size 80 60 --out site.json"
+        option = "opendrive" if path.suffix.lower() == ".xodr" else "osm"
+        command = f"coview site import --{option} {path} --centre X Y --size 80 60 --out site.json"
         raise ValueError(f"{path} is a map, of which a site must be made first: {command}")
     if path.suffix.lower() in (".hdf5", ".h5", ".bag", ".mcap"):
         raise ValueError(
@@ -61,7 +73,7 @@ def load_site(name_or_path: str | Path) -> Site:
             f"{', '.join(BUILT_IN)}"
         )
     content = read_json(path)
-    with name_errors(path):
+    with name_errors(path):  # errors begin with the path
         return parse(content)
 
 
@@ -127,16 +139,18 @@ def document(site: Site) -> Json:
 
 
 def format_site(site: Site, *, without: Collection[str] = ()) -> str:
-    """JSON text of `document(site)`, with each feature and each line of the network on a line.
+    """JSON text of a site's document, with each feature and each line of the network on a line.
 
     without: names of members of the document to leave out."""
     members = []
     for key, value in document(site).items():
         if key in ("features", "network") and value:
-            text = "[\n" + ",\n".join(json.dumps(row, allow_nan=False) for row in value) + "\n]"
+            rows = [json.dumps(row, allow_nan=False) for row in value]
+            text = "[\n" + ",\n".join(rows) + "\n]"
         else:
             text = json.dumps(value, allow_nan=False)
-        members += [] if key in without else [f"{json.dumps(key)}: {text}"]
+        if key not in without:
+            members.append(f"{json.dumps(key)}: {text}")
     return "{\n" + ",\n".join(members) + "\n}\n"
 
 
@@ -164,8 +178,8 @@ def parse(collection: JsonValue) -> Site:
             "newer one"
         )
     matrix = _read_matrix(root)
-    # what the layer's reader in `_READERS` returns, one for each feature of the layer
-    layers: dict[str, list[JsonValue]] = {layer: [] for layer in _READERS}
+    # values of the features of each layer, as `_read_geometry` returns them
+    layers: dict[str, list[JsonValue]] = {layer: [] for layer in _LAYERS}
     for i, feature in enumerate(root.get("features", list)):
         layer, value = _read_feature(JsonObject(feature, f"features[{i}]"), matrix)
         layers[layer].append(value)
@@ -214,7 +228,8 @@ def parse(collection: JsonValue) -> Site:
 
 
 def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
-    # Array of the document's `map_SE3_site`, of any shape and values: `Site` checks it.
+    # Array of the member `map_SE3_site` of a site's document. It may have any shape and values:
+    # `Site` checks them.
     rows = root.get("map_SE3_site", list)
     try:
         return np.array(rows, np.float64)
@@ -224,49 +239,74 @@ def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
         ) from None
 
 
-def _turn_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."]) -> None:
-    """Replace `bearing_deg` of properties in place by the `heading_deg` it amounts to.
+def _replace_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."]) -> None:
+    """Replace `bearing_deg` of properties in place by the same direction as `heading_deg`.
 
     The bearing is clockwise from the map's north, the heading counter-clockwise from the site's +x.
-    matrix: the document's `map_SE3_site`, not yet checked."""
+    matrix: the document's `map_SE3_site`, not yet checked. Raises ValueError if there is a
+    `heading_deg` already."""
     if "heading_deg" in properties.value:
         where = properties.where("bearing_deg")
         raise ValueError(f"{where} and heading_deg are two directions: leave one of them out")
-    properties.angle("bearing_deg")  # read only to check its limits
+    properties.angle("bearing_deg")  # raises if it is no number or too large; its result is rad
+    # direction of the site's x axis on the map, counter-clockwise from the map's east
     turn_deg = float(np.rad2deg(map_turn(check_pose(matrix, "map_SE3_site"))))
-    properties.value["heading_deg"] = 90.0 - properties.value.pop("bearing_deg") - turn_deg
+    bearing_deg = properties.value.pop("bearing_deg")
+    properties.value["heading_deg"] = 90.0 - bearing_deg - turn_deg
 
 
 def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
-    # Layer of a feature, and what the layer's reader in `_READERS` makes of it. matrix: the
+    # Layer of a GeoJSON feature ("lane", "solid", ...), and its value, such as a Solid. matrix: the
     # document's `map_SE3_site`, for bearings.
     properties = feature.node("properties")
     geometry = feature.node("geometry")
     # GIS tools fill up members that a feature lacks with null
-    properties.value = {k: value for k, value in properties.value.items() if value is not None}
+    properties.value = {
+        name: value for name, value in properties.value.items() if value is not None
+    }
     layer = properties.get("layer", str)
-    at = properties.where
-    if layer not in _READERS:
-        raise ValueError(f"{at('layer')} must be one of {', '.join(_READERS)}, got {layer!r}")
-    kind, read, members = _READERS[layer]
-    if "bearing_deg" in properties.value and "heading_deg" in members:
-        _turn_bearing(properties, matrix)
+    if layer not in _LAYERS:
+        where = properties.where("layer")
+        raise ValueError(f"{where} must be one of {', '.join(_LAYERS)}, got {layer!r}")
+    known_names = _LAYERS[layer]
+    if "bearing_deg" in properties.value and "heading_deg" in known_names:
+        _replace_bearing(properties, matrix)
+    needed_type = "Point" if layer in _POINT_LAYERS else "Polygon"
     geometry_type = geometry.value.get("type")
-    if geometry_type != kind:
-        raise ValueError(
-            f"{geometry.where('type')} of layer {layer!r} must be {kind!r}, got {geometry_type!r}"
-        )
-    if unknown := sorted(set(properties.value) - {"layer", *members}):
-        raise ValueError(
-            f"{at(unknown[0])} is unknown to layer {layer!r}: it has {', '.join(members) or 'none'}"
-        )
-    return layer, read(geometry, properties)
+    if geometry_type != needed_type:
+        where = geometry.where("type")
+        rule = f"must be {needed_type!r}, got {geometry_type!r}"
+        raise ValueError(f"{where} of layer {layer!r} {rule}")
+    unknown_names = sorted(set(properties.value) - {"layer", *known_names})
+    if unknown_names:
+        where = properties.where(unknown_names[0])
+        names = ", ".join(known_names) or "none"
+        raise ValueError(f"{where} is unknown to layer {layer!r}: it has {names}")
+    return layer, _read_geometry(layer, geometry, properties)
 
 
-def _read_ring(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "k 2"]:
-    # Corners x, y (m) of a polygon without holes, the repeated last corner left out.
+def _read_geometry(layer: str, geometry: JsonObject, properties: JsonObject) -> JsonValue:
+    """Read the value of a feature of a layer in `_LAYERS`, and check it.
+
+    Returns an array for the area, a lane or a footway, a Solid, Mount or Sensor, and for a parking
+    bay its x, y, yaw and its origin."""
+    if layer == "area":
+        return _read_area(geometry)
+    if layer in ("lane", "footway"):
+        return _read_ring(geometry)
+    if layer == "solid":
+        return _read_solid(geometry, properties)
+    if layer == "parking":
+        return _read_parking(geometry, properties)
+    if layer == "mount":
+        return _read_mount(geometry, properties)
+    return _read_sensor(geometry, properties)
+
+
+def _read_ring(geometry: JsonObject) -> Float64[np.ndarray, "k 2"]:
+    # Corners x, y (m) of a GeoJSON polygon without holes, the repeated last corner left out.
     coordinates = geometry.get("coordinates", list)
-    where = geometry.where("coordinates")
+    where = geometry.where("coordinates")  # path in the document, for errors
     if len(coordinates) != 1:
         raise ValueError(
             f"{where} must hold one ring, got {len(coordinates)}: split polygons with holes"
@@ -280,9 +320,9 @@ def _read_ring(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarr
     return check_polygon(ring[:-1], where)
 
 
-def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarray, "4"]:
-    # xmin ymin xmax ymax (m) of a rectangle along x and y
-    ring = _read_ring(geometry, properties)
+def _read_area(geometry: JsonObject) -> Float64[np.ndarray, "4"]:
+    # xmin ymin xmax ymax (m) of a GeoJSON polygon, which must be a rectangle along x and y
+    ring = _read_ring(geometry)
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
         where = geometry.where("coordinates")
@@ -293,14 +333,14 @@ def _read_area(geometry: JsonObject, properties: JsonObject) -> Float64[np.ndarr
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
-    # Solid with a footprint from `geometry`; errors name the feature's properties
-    footprint = _read_ring(geometry, properties)
+    # Solid with the footprint of `geometry`; errors name the path of the feature's properties
+    footprint = _read_ring(geometry)
     base = properties.number("base")
     top = properties.number("top")
     kind = properties.get("kind", str)
     origin = _read_origin(properties)
     with name_errors(properties.path):
-        return Solid(footprint, base, top, kind, origin)
+        return Solid(footprint, base=base, top=top, kind=kind, origin=origin)
 
 
 def _read_parking(
@@ -312,27 +352,28 @@ def _read_parking(
 
 
 def _read_origin(properties: JsonObject) -> str:
-    # Origin of a feature, "mapped" without one
-    origin: str = properties.get("origin", str) if "origin" in properties.value else "mapped"
+    # Origin of a feature (mapped, surveyed or drawn), "mapped" without one
+    if "origin" not in properties.value:
+        return "mapped"
+    origin: str = properties.get("origin", str)
     if origin not in ORIGINS:
-        raise ValueError(
-            f"{properties.where('origin')} must be one of {', '.join(ORIGINS)}, got {origin[:60]!r}"
-        )
+        where = properties.where("origin")
+        raise ValueError(f"{where} must be one of {', '.join(ORIGINS)}, got {origin[:60]!r}")
     return origin
 
 
 def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
-    # Mount at x, y, z (m, site frame)
+    # Mount with its foot at x, y, z (m, site frame)
     position = np.array(geometry.numbers("coordinates", 3))
     name = properties.get("name", str)
-    # members that a file may leave out have their defaults in `Mount`
-    numbers: Json = {
+    # heights, price and the like; those that a file leaves out have their defaults in `Mount`
+    fields_by_name: Json = {
         key: properties.number(key)
         for key in properties.value
         if key not in ("layer", "name", "origin")
     }
-    with name_errors(properties.path):
-        return Mount(name, position, origin=_read_origin(properties), **numbers)
+    with name_errors(properties.path):  # errors begin with the path of the properties
+        return Mount(name, position, origin=_read_origin(properties), **fields_by_name)
 
 
 def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
@@ -344,12 +385,13 @@ def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
 def read_sensor(position: list[float], properties: JsonObject, model: SensorModel) -> Sensor:
     """Build the sensor of a model from a position and the members of a JSON object.
 
-    position: x, y, z (m, site frame); properties: its members `name`, `heading_deg`, `tilt_deg`
-    (positive below the horizon) and `roll_deg`, as `format_attitude` gives them.
+    position: x, y, z (m, site frame); properties: the sensor's `name`, and `heading_deg`
+    (counter-clockwise from the site's +x), `tilt_deg` (positive below the horizon) and `roll_deg`
+    of its body, as `format_attitude` gives them.
 
     Raises ValueError that names a member that does not fit."""
     x, y, z = position
-    heading = properties.angle("heading_deg")
+    heading = properties.angle("heading_deg")  # rad
     tilt = properties.angle("tilt_deg")
     roll = properties.angle("roll_deg")
     if not abs(properties.value["tilt_deg"]) <= _MAX_TILT_DEG:
@@ -358,8 +400,10 @@ def read_sensor(position: list[float], properties: JsonObject, model: SensorMode
         raise ValueError(
             f"{where} must lie within {limit} of the horizon, got {properties.value['tilt_deg']:g}"
         )
+    name = properties.get("name", str)
     world_SE3_body = pose(x, y, z, yaw=heading, pitch=tilt, roll=roll)
-    return Sensor(properties.get("name", str), model, world_SE3_body @ model.body_SE3_sensor)
+    world_SE3_sensor = world_SE3_body @ model.body_SE3_sensor
+    return Sensor(name, model, world_SE3_sensor)
 
 
 def read_model(properties: JsonObject) -> SensorModel:
@@ -401,25 +445,6 @@ def read_model(properties: JsonObject) -> SensorModel:
         return make_model(kind, values)
 
 
-# for each layer: type of its geometry, function of geometry and properties that returns the
-# feature's value, and names of its properties
-_READERS: Mapping[
-    str, tuple[str, Callable[[JsonObject, JsonObject], JsonValue], tuple[str, ...]]
-] = {
-    "area": ("Polygon", _read_area, ()),
-    "lane": ("Polygon", _read_ring, ()),
-    "footway": ("Polygon", _read_ring, ()),
-    "solid": ("Polygon", _read_solid, ("kind", "base", "top", "origin")),
-    "parking": ("Point", _read_parking, ("heading_deg", "origin")),
-    "mount": (
-        "Point",
-        _read_mount,
-        ("name", "min_height", "max_height", "price", "capacity", "max_sensors", "origin"),
-    ),
-    "sensor": ("Point", _read_sensor, ("name", "heading_deg", "tilt_deg", "roll_deg", "model")),
-}
-
-
 def _origin(origin: str) -> Json:
     # member `origin` of a feature's properties, left out if it is the default
     return {} if origin == "mapped" else {"origin": origin}
@@ -441,12 +466,12 @@ def _point(coordinates: list[float], **properties: JsonValue) -> Json:
 
 
 def format_model(model: SensorModel) -> Json:
-    """Members of a JSON object of a sensor model, as `read_model` takes them.
+    """Members of the JSON object of a sensor model, as `read_model` takes them.
 
-    They are the class name as `type`, and the fields that are not None; angles are in degrees
-    under names that end in `_deg`."""
+    They are the class name as `type`, and the fields that are not None. Angles, which the model has
+    in rad, are in degrees under names that end in `_deg`; tuples become lists."""
     members: Json = {"type": type(model).__name__}
-    for name, is_angle in find_angles(model).items():
+    for name, is_angle in find_angles(model).items():  # all fields of the model
         value = getattr(model, name)
         if value is None:
             continue
@@ -465,16 +490,24 @@ def format_attitude(sensor: Sensor) -> Json:
     The body's x is forward, y left, z up. Heading is counter-clockwise from the site's +x, tilt
     positive below the horizon, roll about the forward axis. `read_sensor` takes the same members.
     A sensor straight up or down has roll 0, and its heading holds the whole turn."""
+    # unit vectors x, y, z of the body's axes in the site frame
     forward, left, up = sensor.world_SE3_body[:3, :3].T
-    across = float(np.hypot(forward[0], forward[1]))  # length of forward on the ground plane
-    angles = (
-        np.arctan2(forward[1], forward[0]),
-        np.arctan2(-forward[2], across),
-        np.arctan2(left[2], up[2]),
-    )
-    if across < 1e-9:  # straight up or down: heading and roll turn about one axis, so roll is zero
-        angles = np.arctan2(-left[0], left[1]), angles[1], np.float64(0.0)
-    return dict(zip(("heading_deg", "tilt_deg", "roll_deg"), map(_degrees, angles), strict=True))
+    forward_x, forward_y, forward_z = forward
+    level_length = float(np.hypot(forward_x, forward_y))  # length of `forward` on the ground plane
+    tilt = np.arctan2(-forward_z, level_length)
+    if level_length < _MIN_LEVEL_LENGTH:
+        # straight up or down: heading and roll turn about one axis
+        left_x, left_y = left[:2]
+        heading = np.arctan2(-left_x, left_y)
+        roll = np.float64(0.0)
+    else:
+        heading = np.arctan2(forward_y, forward_x)
+        roll = np.arctan2(left[2], up[2])  # from z of both
+    return {
+        "heading_deg": _degrees(heading),
+        "tilt_deg": _degrees(tilt),
+        "roll_deg": _degrees(roll),
+    }
 
 
 def _degrees(angle: float) -> float:

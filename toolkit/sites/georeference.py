@@ -63,24 +63,25 @@ def longitude_latitude(
     if site.geo_reference is None:
         return None
     xy = np.asarray(xy, np.float64)
-    on_map = transform(site.map_SE3_site, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-    return _convert(site, site.geo_reference, on_map, inverse=True)
+    xyz = np.column_stack([xy, np.zeros(len(xy))])
+    map_xy = transform(site.map_SE3_site, xyz)[:, :2]
+    return _convert(site, site.geo_reference, map_xy, inverse=True)
 
 
 def site_metres(site: Site, lon_lat: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
     """Convert degrees of longitude and latitude (WGS84) to x, y (m) in the site frame.
 
-    Warns if the site's place on earth is uncertain. Raises ValueError for a site without a known
-    place on earth, and the errors of `longitude_latitude`."""
+    lon_lat: rows longitude, latitude. Warns if the site's place on earth is uncertain. Raises
+    ValueError for a site without a known place on earth or a `geo_reference` that is no projection
+    or does not reach there; ImportError if pyproj is needed and missing."""
     if site.geo_reference is None:
         raise ValueError(
             f"site {site.name!r} does not say where on earth it is (geo_reference): give site "
             "metres"
         )
-    on_map = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
-    return transform(invert(site.map_SE3_site), np.column_stack([on_map, np.zeros(len(on_map))]))[
-        :, :2
-    ]
+    map_xy = _convert(site, site.geo_reference, np.asarray(lon_lat, np.float64), inverse=False)
+    map_xyz = np.column_stack([map_xy, np.zeros(len(map_xy))])
+    return transform(invert(site.map_SE3_site), map_xyz)[:, :2]
 
 
 def map_turn(map_SE3_site: Pose) -> float:
@@ -113,48 +114,54 @@ def projection(longitude: float, latitude: float) -> str:
 def project(
     lon_lat: Float[np.ndarray, "n 2"], centre: tuple[float, float]
 ) -> Float64[np.ndarray, "n 2"]:
-    """Convert longitude, latitude (degrees) to metres east, north on `projection(*centre)`.
+    """Convert longitude, latitude to metres east, north on a transverse Mercator map.
 
-    centre: longitude, latitude (degrees). Good to 1 mm within 2 km (Snyder, Map Projections,
-    equations 8-9 to 8-15, cut after the terms of third order)."""
+    lon_lat: rows of degrees (WGS84); centre: longitude, latitude (degrees) of the map's origin.
+    Good to 1 mm within 2 km (Snyder, Map Projections, equations 8-9 to 8-15, cut after the
+    terms of third order)."""
     longitude, latitude = np.deg2rad(lon_lat).T
     longitude_0, latitude_0 = np.deg2rad(centre)
     sine = np.sin(latitude)
     cosine = np.cos(latitude)
-    normal = _EQUATOR_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * sine**2)
-    east = longitude - longitude_0
-    # difference of longitudes (rad), brought within a half turn across the antimeridian
-    east = np.where(np.abs(east) > np.pi, (east + np.pi) % (2 * np.pi) - np.pi, east)
-    a = east * cosine  # a, t and c as Snyder names them
+    # n, a, t and c are Snyder's N, A, T and C; n: radius of curvature across the meridian (m)
+    n = _EQUATOR_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * sine**2)
+    gap = longitude - longitude_0
+    # a difference across the antimeridian is brought within a half turn
+    gap = np.where(np.abs(gap) > np.pi, (gap + np.pi) % (2 * np.pi) - np.pi, gap)
+    a = gap * cosine
     t = np.tan(latitude) ** 2
     c = _ECCENTRICITY_SQUARED / (1 - _ECCENTRICITY_SQUARED) * cosine**2
-    x = normal * (a + (1 - t + c) * a**3 / 6)
-    y = _meridian(latitude) - _meridian(latitude_0) + normal * np.tan(latitude) * a**2 / 2
-    return np.stack([x, y], axis=1)
+    east = n * (a + (1 - t + c) * a**3 / 6)
+    north = (
+        _meridian_length(latitude) - _meridian_length(latitude_0) + n * np.tan(latitude) * a**2 / 2
+    )
+    return np.stack([east, north], axis=1)
 
 
 def inverse_project(
     metres: Float[np.ndarray, "n 2"], centre: tuple[float, float]
 ) -> Float64[np.ndarray, "n 2"]:
-    """Convert metres east, north on `projection(*centre)` to longitude, latitude (degrees).
+    """Convert metres east, north on a transverse Mercator map to longitude, latitude (degrees).
 
-    This is the inverse of `project`, found by five steps of Newton's method from `centre`
-    (longitude, latitude in degrees); longitudes come back in -180..180."""
-    guess = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
+    This is the inverse of `project`, found by five steps of Newton's method from the centre.
+    centre: longitude, latitude (degrees) of the map's origin. Longitudes come back in -180..180."""
+    # rows longitude, latitude; both columns are views, which change with it
+    degrees = np.tile(np.asarray(centre, np.float64), (len(metres), 1))
+    longitude, latitude = degrees.T
     for _ in range(5):
         # m per rad of longitude and latitude on a sphere, which is near enough for a step
-        radius = _EQUATOR_M * np.stack(
-            [np.cos(np.deg2rad(guess[:, 1])), np.ones(len(guess))], axis=1
-        )
-        guess += np.rad2deg((metres - project(guess, centre)) / radius)
-    longitude = guess[:, 0]
-    guess[:, 0] = np.where(
+        cosines = np.stack([np.cos(np.deg2rad(latitude)), np.ones(len(degrees))], axis=1)
+        radii = _EQUATOR_M * cosines
+        degrees += np.rad2deg((metres - project(degrees, centre)) / radii)
+    longitude[:] = np.where(
         np.abs(longitude) > 180.0, (longitude + 180.0) % 360.0 - 180.0, longitude
     )
-    return guess
+    return degrees
 
 
-def _meridian(latitude: float | Float64[np.ndarray, "*n"]) -> float | Float64[np.ndarray, "*n"]:
+def _meridian_length(
+    latitude: float | Float64[np.ndarray, "*n"],
+) -> float | Float64[np.ndarray, "*n"]:
     """Distance (m) along the meridian from the equator to a latitude (rad).
 
     Snyder, Map Projections, equation 3-21."""
@@ -172,11 +179,11 @@ def project_to_map(reference: str, lon_lat: tuple[float, float]) -> tuple[float,
 
     reference: PROJ text of the map. Raises ValueError if it names no map, and ImportError if the
     map needs pyproj and it is missing."""
-    centre = _find_centre(reference)
+    centre = _find_centre(reference)  # None for a map that is not coview's, for pyproj
     degrees = np.array([lon_lat], np.float64)
     metres = _open_map(reference).to_metres(degrees) if centre is None else project(degrees, centre)
-    x, y = metres[0].tolist()
-    return x, y
+    ((east, north),) = metres.tolist()
+    return east, north
 
 
 def doubt_place(geo_reference: str | None) -> str | None:
@@ -206,14 +213,18 @@ def doubt_scale(site: Site) -> str | None:
         return None
     if degrees is None:
         return None
-    longitude, latitude = degrees[0].tolist()
-    lengths = np.hypot(*project(degrees[1:], (longitude, latitude)).T)
-    far = lengths[np.abs(lengths / _SCALE_LENGTH_M - 1).argmax()]
-    if abs(far / _SCALE_LENGTH_M - 1) < MAX_STRETCH_SHARE:
+    origin, *ends = degrees
+    longitude, latitude = origin.tolist()
+    # m on the ground: a map about the origin does not stretch near it
+    east, north = project(np.array(ends), (longitude, latitude)).T
+    lengths = np.hypot(east, north)
+    errors = np.abs(lengths / _SCALE_LENGTH_M - 1)  # relative
+    if errors.max() < MAX_STRETCH_SHARE:
         return None
+    ground_length = lengths[errors.argmax()]
     return (
-        f"its map stretches lengths: {_SCALE_LENGTH_M:g} m on it are {far:.1f} m on the ground, "
-        "which no figure heeds"
+        f"its map stretches lengths: {_SCALE_LENGTH_M:g} m on it are {ground_length:.1f} m on the "
+        "ground, which no figure heeds"
     )
 
 
@@ -221,10 +232,12 @@ def _find_centre(reference: str) -> tuple[float, float] | None:
     """Longitude and latitude (degrees) of the centre of a map that `projection` named.
 
     reference: PROJ text. Returns None for all other maps, which need pyproj."""
-    zero = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", reference)
-    centre = (float(zero[2]), float(zero[1])) if zero else None
+    match = re.search(r"\+lat_0=([-+.\de]+) \+lon_0=([-+.\de]+) ", reference)
+    if match is None:
+        return None
+    latitude, longitude = map(float, match.groups())
     # the whole text must be as we write it, not only its origin
-    return centre if centre is not None and projection(*centre) == reference else None
+    return (longitude, latitude) if projection(longitude, latitude) == reference else None
 
 
 def _convert(
@@ -252,15 +265,13 @@ def _convert(
         ) from None
     if earth_map.doubt is not None:
         warnings.warn(f"site {site.name!r}: {earth_map.doubt}", stacklevel=4)
-    turned = earth_map.to_degrees(points) if inverse else earth_map.to_metres(points)
-    lost = np.flatnonzero(~np.isfinite(turned).all(axis=1))
-    if len(lost):
-        far = (
-            f"the map of site {site.name!r} ({reference[:90]}) does not reach "
-            f"{points[lost[0]].tolist()}"
-        )
-        raise ValueError(f"{far}: correct geo_reference or the coordinates")
-    return turned
+    converted = earth_map.to_degrees(points) if inverse else earth_map.to_metres(points)
+    is_reached = np.isfinite(converted).all(axis=1)
+    if not is_reached.all():
+        far_point = points[np.argmin(is_reached)].tolist()  # the first one
+        problem = f"the map of site {site.name!r} ({reference[:90]}) does not reach {far_point}"
+        raise ValueError(f"{problem}: correct geo_reference or the coordinates")
+    return converted
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,15 +298,17 @@ class _EarthMap:
         return np.column_stack([longitude, latitude])
 
     def to_metres(self, degrees: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 2"]:
-        """Metres to the east and north on the map of longitude, latitude (degrees).
+        """Convert longitude, latitude (degrees) to metres to the east and north on the map.
 
         Places that the map does not reach come back as NaN."""
         longitude, latitude = degrees.T
+        # in the map's order, directions and units, to which `axes` leads from metres east, north
         coordinates = np.column_stack(
             self.transformer.transform(latitude, longitude, direction="INVERSE")
         )
         # NaN, since infinities of different signs in a product would warn
-        return np.where(np.isfinite(coordinates), coordinates, np.nan) @ np.linalg.inv(self.axes).T
+        coordinates = np.where(np.isfinite(coordinates), coordinates, np.nan)
+        return coordinates @ np.linalg.inv(self.axes).T
 
 
 @lru_cache(maxsize=8)  # to make one takes longer than to use it
@@ -324,9 +337,8 @@ def _open_map(geo_reference: str) -> _EarthMap:
     missing = _list_missing_grids(geo_reference)
     # first the exact way, which fails for a map without a known datum or without its grids
     try:
-        return _EarthMap(
-            Transformer.from_crs(system, WGS84, allow_ballpark=False), axes, _doubt_grids(missing)
-        )
+        exact_transformer = Transformer.from_crs(system, WGS84, allow_ballpark=False)
+        return _EarthMap(exact_transformer, axes, doubt=_note_missing_grids(missing))
     except ProjError:
         pass
     # @ marks a grid that may be missing
@@ -341,7 +353,7 @@ def _open_map(geo_reference: str) -> _EarthMap:
         raise ValueError(
             f"names no projection that PROJ can turn into degrees, got {quoted!r}"
         ) from None
-    return _EarthMap(transformer, axes, _doubt_datum(system, quoted))
+    return _EarthMap(transformer, axes, doubt=_note_unknown_datum(system, quoted))
 
 
 def _describe_system(system: "CRS") -> str:
@@ -359,17 +371,19 @@ def _find_axes(system: "CRS", quoted: str) -> Float64[np.ndarray, "2 2"]:
     A row for each axis of the system, in its order and unit. quoted: the reference, for the
     ValueError about axes that do not span the plane."""
     rows = []
-    for axis in system.axis_info[:2]:
-        direction = _DIRECTIONS.get(axis.direction)
-        if (
-            len({info.direction for info in system.axis_info[:2]}) < 2
-        ):  # about a pole, where both lead away from it
+    axis_infos = system.axis_info[:2]  # a third axis is the height
+    # about a pole, both axes lead away from it in one direction
+    is_polar = len({info.direction for info in axis_infos}) < 2
+    for axis in axis_infos:
+        if is_polar:
             direction = _POLAR_AXES.get(axis.abbrev.upper())
+        else:
+            direction = _DIRECTIONS.get(axis.direction)
         if direction is None or not axis.unit_conversion_factor:
             raise ValueError(
                 f"has an axis {axis.abbrev or axis.name} towards {axis.direction}, got {quoted!r}"
             )
-        rows.append(np.array(direction) / axis.unit_conversion_factor)
+        rows.append(np.array(direction) / axis.unit_conversion_factor)  # m per unit
     axes = np.array(rows)
     if axes.shape != (2, 2) or not np.linalg.det(axes):
         raise ValueError(f"has no axes to the east and north, got {quoted!r}")
@@ -381,19 +395,19 @@ def _list_missing_grids(geo_reference: str) -> list[str]:
     from pyproj import Transformer
     from pyproj.exceptions import ProjError
 
-    missing = []
-    for listed in re.findall(r"\+nadgrids=(\S+)", geo_reference):
-        for grid in listed.split(","):
-            name = grid.removeprefix("@")
+    missing_names = []
+    for grid_list in re.findall(r"\+nadgrids=(\S+)", geo_reference):
+        for grid in grid_list.split(","):
+            name = grid.removeprefix("@")  # @ marks a grid that may be missing
             try:
-                if name != "null":
+                if name != "null":  # null: no shift, which needs no file
                     Transformer.from_pipeline(f"+proj=hgridshift +grids={name}")
             except ProjError:
-                missing.append(name)
-    return missing
+                missing_names.append(name)
+    return missing_names
 
 
-def _doubt_grids(missing: list[str]) -> str | None:
+def _note_missing_grids(missing: list[str]) -> str | None:
     # Note for a map whose grids are not installed, None if nothing is missing.
     if not missing:
         return None
@@ -403,20 +417,18 @@ def _doubt_grids(missing: list[str]) -> str | None:
     )
 
 
-def _doubt_datum(system: "CRS", quoted: str) -> str | None:
+def _note_unknown_datum(system: "CRS", quoted: str) -> str | None:
     """Note for a system without a datum, whose place on WGS84 PROJ only guesses.
 
-    The farther its ellipsoid is from WGS84, the larger the error it names; None if the ellipsoid
-    is as good as WGS84's. quoted: the reference, for the note."""
-    ellipsoid = system.ellipsoid
-    # equatorial radius (m) and inverse flattening
-    shape = (ellipsoid.semi_major_metre, ellipsoid.inverse_flattening) if ellipsoid else (0.0, 0.0)
-    if (
-        abs(shape[0] - _EQUATOR_M) > MAX_AXIS_GAP_M
-        or abs(shape[1] - _INVERSE_FLATTENING) > MAX_FLATTENING_GAP
-    ):
+    The more its ellipsoid differs from WGS84's, the larger the error that the note names; None if
+    the ellipsoid is as good as WGS84's. quoted: the reference, for the note."""
+    axis_gap = flattening_gap = np.inf  # without an ellipsoid
+    if system.ellipsoid:
+        axis_gap = abs(system.ellipsoid.semi_major_metre - _EQUATOR_M)
+        flattening_gap = abs(system.ellipsoid.inverse_flattening - _INVERSE_FLATTENING)
+    if axis_gap > MAX_AXIS_GAP_M or flattening_gap > MAX_FLATTENING_GAP:
         deviation = "some 100 m"
-    elif abs(shape[1] - _INVERSE_FLATTENING) > _WGS84_FLATTENING_GAP:
+    elif flattening_gap > _WGS84_FLATTENING_GAP:
         deviation = "2 m"
     else:
         return None
@@ -431,38 +443,46 @@ def site_geojson(site: Site) -> str:
 
     Raises ValueError for a site without a place, ImportError without pyproj."""
     if site.geo_reference is None:
-        silent = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
+        problem = f"site {site.name!r} does not say where on earth it is (geo_reference is null)"
         remedy = "import it from a map that has, or use the site file, which is GeoJSON in metres"
-        raise ValueError(f"{silent}, so it has no longitude and latitude: {remedy}")
+        raise ValueError(f"{problem}, so it has no longitude and latitude: {remedy}")
     return feature_collection(_layers(site), name=site.name)
 
 
 def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Json:
     """GeoJSON feature of points or polygons that are given in the site frame (m).
 
-    The feature is in degrees, or in site metres for a site without a place on earth; heights are
-    left out. properties: JSON values of the feature by name."""
+    The feature is in degrees of longitude and latitude, or in site metres for a site without a
+    place on earth; heights are left out. properties: JSON values of the feature by name."""
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
-    def moved(xy: np.ndarray) -> np.ndarray:
+    def convert_points(xy: np.ndarray) -> np.ndarray:
         # coordinates of the feature, rounded; + 0.0 makes 0 of -0
         degrees = longitude_latitude(site, xy)
         return (xy if degrees is None else degrees).round(decimals) + 0.0
 
-    placed = shapely.orient_polygons(shapely.transform(shapely.force_2d(geometry), moved))
-    return {"type": "Feature", "properties": properties, "geometry": mapping(placed)}
+    converted = shapely.transform(shapely.force_2d(geometry), convert_points)
+    # outer rings run counter-clockwise, as RFC 7946 asks
+    oriented = shapely.orient_polygons(converted)
+    return {"type": "Feature", "properties": properties, "geometry": mapping(oriented)}
 
 
 def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
     """GeoJSON feature of a mount's foot, with the properties that files of poles have.
 
     more: further properties, which come last."""
-    limits = {"min_height": mount.min_height, "max_height": mount.max_height}
-    values = {"name": mount.name, **limits, "price": mount.price, "capacity_kbit": mount.capacity}
+    properties = {
+        "layer": "mount",
+        "name": mount.name,
+        "min_height": mount.min_height,
+        "max_height": mount.max_height,
+        "price": mount.price,
+        "capacity_kbit": mount.capacity,
+        "origin": mount.origin,
+    }
     if mount.max_sensors > 1:
         more = {"max_sensors": mount.max_sensors, **more}
-    values |= {"origin": mount.origin}
-    return feature(site, shapely.Point(mount.position[:2]), layer="mount", **values, **more)
+    return feature(site, shapely.Point(mount.position[:2]), **properties, **more)
 
 
 def feature_collection(features: Iterable[_Json], **members: object) -> str:
@@ -472,17 +492,18 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
     features, left out if no feature has a place)."""
     entries = list(features)
     lines = ",\n".join(json.dumps(entry, allow_nan=False, ensure_ascii=False) for entry in entries)
-    # (n, 4) xmin ymin xmax ymax; NaN for empty geometries
-    corners = np.array(
-        [shapely.bounds(shapely.geometry.shape(entry["geometry"])) for entry in entries]
-    ).reshape(-1, 4)
-    corners = corners[np.isfinite(corners).all(axis=1)]
-    head = {"type": "FeatureCollection", **members}
-    if len(corners):
-        head["bbox"] = corners[:, :2].min(axis=0).tolist() + corners[:, 2:].max(axis=0).tolist()
+    shapes = [shapely.geometry.shape(entry["geometry"]) for entry in entries]
+    # rows xmin ymin xmax ymax, NaN for empty geometries
+    bounds = np.array([shapely.bounds(shape) for shape in shapes]).reshape(-1, 4)
+    bounds = bounds[np.isfinite(bounds).all(axis=1)]
+    all_members = {"type": "FeatureCollection", **members}
+    if len(bounds):
+        lowest = bounds[:, :2].min(axis=0).tolist()
+        highest = bounds[:, 2:].max(axis=0).tolist()
+        all_members["bbox"] = lowest + highest
     texts = [
-        f"{json.dumps(k)}: {json.dumps(v, allow_nan=False, ensure_ascii=False)}"
-        for k, v in head.items()
+        f"{json.dumps(name)}: {json.dumps(value, allow_nan=False, ensure_ascii=False)}"
+        for name, value in all_members.items()
     ]
     return "{\n" + ",\n".join(texts) + f',\n"features": [\n{lines}\n]\n}}\n'
 

@@ -57,17 +57,20 @@ def list_warnings(messages: str) -> list[str]:
 
 
 def describe_warnings(warnings: Iterable[str]) -> list[str]:
-    """Return notes, one for each kind of warning about something unread, left out or changed.
+    """Return notes for the user, one for each kind of warning of netconvert.
 
-    A note quotes the first warning of its kind and counts the others. Kinds in `SHAPE_ONLY` get no
-    note; those after the first `MAX_NOTES` are counted in a last note."""
-    kinds: dict[str, list[str]] = {}
+    A note quotes the first warning of its kind and counts the others. Warnings that match
+    `SHAPE_ONLY` get no note; kinds after the first `MAX_NOTES` are counted in a last note."""
+    # warnings of one kind, by their text without names and numbers
+    warnings_by_kind: dict[str, list[str]] = {}
     for warning in warnings:
         if not _SHAPE_ONLY.match(warning):
-            kinds.setdefault(_VALUES.sub("_", warning), []).append(warning)
-    notes = [_describe_kind(alike) for alike in list(kinds.values())[:MAX_NOTES]]
-    if len(kinds) > MAX_NOTES:
-        notes.append(f"netconvert warned of {len(kinds) - MAX_NOTES} kinds of things more")
+            kind = _VALUES.sub("_", warning)
+            warnings_by_kind.setdefault(kind, []).append(warning)
+    groups = list(warnings_by_kind.values())
+    notes = [_describe_kind(group) for group in groups[:MAX_NOTES]]
+    if len(groups) > MAX_NOTES:
+        notes.append(f"netconvert warned of {len(groups) - MAX_NOTES} kinds of things more")
     return notes
 
 

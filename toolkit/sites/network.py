@@ -68,12 +68,16 @@ def street(
     shoulder: float = 0.0,
     speed: float = 13.9,
 ) -> list[XmlAttributes]:
-    """Rows of lanes of one direction, from the kerb inwards: footway, shoulder, lanes.
+    """Attributes of SUMO's lanes of one direction, from the kerb inwards.
 
-    lanes: number of lanes for vehicles; width, footway, shoulder: widths (m) of one lane, of the
-    footway and of a strip without traffic, 0 to leave out footway or strip; speed: limit (m/s)."""
-    rows: list[XmlAttributes] = [{"width": footway, "allow": FOOT, "speed": 2.8}] if footway else []
-    rows += [{"width": shoulder, "disallow": "all", "speed": speed}] if shoulder else []
+    A row for the footway comes first, then one for the shoulder, then one for each lane. lanes:
+    number of lanes for vehicles; width, footway, shoulder: widths (m) of one lane, of the footway
+    and of a strip without traffic, 0 to leave out footway or strip; speed: limit (m/s)."""
+    rows: list[XmlAttributes] = []
+    if footway:
+        rows.append({"width": footway, "allow": FOOT, "speed": 2.8})  # m/s, some 10 km/h
+    if shoulder:
+        rows.append({"width": shoulder, "disallow": "all", "speed": speed})
     return rows + [{"width": width, "allow": MOTOR, "speed": speed} for _ in range(lanes)]
 
 
@@ -85,26 +89,29 @@ def line(points: Float[np.ndarray, "n 2"] | Sequence[tuple[float, float]]) -> st
 def build_network(nodes: _Rows, edges: _Rows, *, roundabouts: _Rows = ()) -> str:
     """Build the net.xml text of a network. The same rows give the same text.
 
-    nodes: id, x, y, type, radius...; edges: id, from, to, shape, spreadType, priority... and
-    `lanes`, a list of rows as `street` makes them; roundabouts: nodes, edges. netconvert guesses
-    where pedestrians cross.
+    Each argument is rows of attributes, named as SUMO's plain XML names them. nodes: id, x, y,
+    type, radius...; edges: id, from, to, shape, spreadType, priority... and `lanes`, a list of rows
+    as `street` makes them; roundabouts: nodes, edges. netconvert guesses where pedestrians cross.
 
     Raises ValueError with netconvert's words if it refuses the rows, ImportError without SUMO."""
-    ways = []  # XML texts of edges, then of roundabouts
+    node_elements = [format_element("node", row) for row in nodes]
+    edge_elements = []
     for edge in edges:
         lanes = edge.get("lanes", ())
-        inside = "".join(
+        lane_elements = [
             format_element("lane", {"index": i, **lane}) for i, lane in enumerate(lanes)
-        )
+        ]
         attributes = {key: value for key, value in edge.items() if key != "lanes"}
-        ways.append(format_element("edge", {"numLanes": max(1, len(lanes)), **attributes}, inside))
-    ways += [format_element("roundabout", row) for row in roundabouts]
-    files = {"node": format_xml("nodes", (format_element("node", row) for row in nodes))}
-    files["edge"] = format_xml("edges", ways)
+        attributes = {"numLanes": max(1, len(lanes)), **attributes}
+        edge_elements.append(format_element("edge", attributes, "".join(lane_elements)))
+    # SUMO expects roundabouts in the file of the edges
+    edge_elements += [format_element("roundabout", row) for row in roundabouts]
     with tempfile.TemporaryDirectory() as folder:
-        for kind, text in files.items():
-            Path(folder, kind).write_text(text, encoding="utf-8")
-        inputs = [f"--{kind}-files={Path(folder, kind)}" for kind in files]
+        node_file = Path(folder, "node")
+        node_file.write_text(format_xml("nodes", node_elements), encoding="utf-8")
+        edge_file = Path(folder, "edge")
+        edge_file.write_text(format_xml("edges", edge_elements), encoding="utf-8")
+        inputs = [f"--node-files={node_file}", f"--edge-files={edge_file}"]
         return run_netconvert([*inputs, "--crossings.guess"])
 
 
@@ -120,18 +127,12 @@ def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]
     """Run netconvert as `run_netconvert` does; return the net.xml text and netconvert's warnings.
 
     The warnings are lines without their prefix."""
-    command = [str(netconvert()), *_OPTIONS, *options]
+    netconvert_command = [str(netconvert()), *_OPTIONS, *options]
+    # a small Python program that limits its memory and then becomes netconvert; -S: no packages
+    launcher = [sys.executable, "-S", "-c", _LIMITED, str(os.getpid())]
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "net.xml")
-        command = [
-            sys.executable,
-            "-S",
-            "-c",
-            _LIMITED,
-            str(os.getpid()),
-            *command,
-            f"--output-file={output}",
-        ]
+        command = [*launcher, *netconvert_command, f"--output-file={output}"]
         try:
             run = subprocess.run(
                 command, capture_output=True, text=True, check=False, timeout=MAX_RUN_S
@@ -141,39 +142,44 @@ def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]
                 f"netconvert: no network made in {MAX_RUN_S:g} s: cut out a smaller piece"
             ) from None
         if run.returncode or not output.is_file():
-            errors = [text for text in run.stderr.splitlines() if text.startswith("Error")] or [
-                "Error: no network made"
-            ]
-            raise ValueError(f"netconvert: {errors[0].removeprefix('Error: ')}")
-        return _COMMENT.sub("", output.read_text(encoding="utf-8")), list_warnings(run.stderr)
+            errors = [text for text in run.stderr.splitlines() if text.startswith("Error")]
+            first_error = errors[0] if errors else "Error: no network made"
+            raise ValueError(f"netconvert: {first_error.removeprefix('Error: ')}")
+        network = _COMMENT.sub("", output.read_text(encoding="utf-8"))
+        return network, list_warnings(run.stderr)
 
 
 def netconvert() -> Path:
     """Path of SUMO's netconvert: in the installed eclipse-sumo, below $SUMO_HOME or on the PATH.
 
     Raises ImportError if it is nowhere."""
+    homes = []  # folders of SUMO installations
     package = importlib.util.find_spec("sumo")
-    homes = [Path(package.origin).parent] if package and package.origin else []
-    homes += [Path(os.environ["SUMO_HOME"])] if "SUMO_HOME" in os.environ else []
-    programs = (home / "bin" / "netconvert" for home in homes)
-    netconvert_path = next(
-        (program for program in programs if program.is_file()), shutil.which("netconvert")
-    )
-    if not netconvert_path:
+    if package and package.origin:
+        homes.append(Path(package.origin).parent)
+    if "SUMO_HOME" in os.environ:
+        homes.append(Path(os.environ["SUMO_HOME"]))
+    for home in homes:
+        program = home / "bin" / "netconvert"
+        if program.is_file():
+            return program
+    program_on_path = shutil.which("netconvert")
+    if not program_on_path:
         raise ImportError(
             "a road network needs SUMO's netconvert, which is not installed: pip install "
             "coview[sim]"
         )
-    return Path(netconvert_path)
+    return Path(program_on_path)
 
 
 def road_polygons(
     network: str, area: Float[np.ndarray, "4"] | Sequence[float], margin: float = 30.0
 ) -> tuple[Polygons, Polygons]:
-    """Road polygons of a net.xml text: those for wheels, and those for feet.
+    """Ground of the lanes, and of the footways, in a net.xml text.
 
-    Wheels have lanes, shoulders, junctions and crossings; feet have sidewalks and walking areas.
-    Polygons are cut at the window `margin` (m) around `area` (xmin ymin xmax ymax)."""
+    Lanes include shoulders, junctions and crossings; footways are sidewalks and walking areas.
+    Polygons are cut at the edge of a window. area: xmin ymin xmax ymax (m); margin: m from the area
+    to the edge of the window."""
     xmin, ymin, xmax, ymax = area
     window = shapely.box(xmin - margin, ymin - margin, xmax + margin, ymax + margin)
     lanes: list[shapely.Geometry] = []
@@ -183,33 +189,32 @@ def road_polygons(
         function = edge.get("function")
         if function == "walkingarea":
             footways.append(enclose(lane))
-        elif not users <= _RAIL or not users:  # lanes without users are shoulders
-            line = shapely.LineString(parse_shape(lane))
-            half = lane_width(lane) / 2
-            strip = line.buffer(half, cap_style="flat", join_style="mitre", mitre_limit=2)
-            only_feet = (
-                function != "crossing" and "pedestrian" in users and "passenger" not in users
-            )
-            (footways if only_feet else lanes).append(strip)
-    corners = shapely.union_all(footways)
-    junctions = [
-        enclose(j)
-        for j in ElementTree.fromstring(network).iter("junction")
-        if j.get("type") != "internal"
-    ]
-    lanes += [junction.difference(corners) for junction in junctions]
+        elif not users <= _RAIL or not users:  # no lanes of trains only; without users: a shoulder
+            middle = shapely.LineString(parse_shape(lane))
+            half_width = lane_width(lane) / 2
+            strip = middle.buffer(half_width, cap_style="flat", join_style="mitre", mitre_limit=2)
+            is_for_feet = "pedestrian" in users and "passenger" not in users
+            if is_for_feet and function != "crossing":
+                footways.append(strip)
+            else:
+                lanes.append(strip)
+    footway_ground = shapely.union_all(footways)
+    for junction in ElementTree.fromstring(network).iter("junction"):
+        if junction.get("type") != "internal":  # internal: no junction, but a place within one
+            lanes.append(enclose(junction).difference(footway_ground))
     return cut_polygons(lanes, window), cut_polygons(footways, window)
 
 
 def shoulders(network: str) -> dict[str, tuple[Float64[np.ndarray, "_ 2"], float]]:
     """Strips without traffic of a net.xml text, by the id of their edge.
 
-    Each is its middle line (k, 2) in the direction of the edge's traffic, and its width (m); of two
-    strips on an edge the inner one counts."""
-    unused = [
-        (str(edge.get("id")), lane) for edge, lane in list_lanes(network) if not list_users(lane)
-    ]
-    return {edge: (parse_shape(lane), lane_width(lane)) for edge, lane in unused}
+    Each is its middle line, points x, y (m) in the direction of the edge's traffic, and its width
+    (m). If an edge has two strips, the inner one counts."""
+    strips = {}
+    for edge, lane in list_lanes(network):  # from the kerb inwards: a later strip replaces it
+        if not list_users(lane):
+            strips[str(edge.get("id"))] = (parse_shape(lane), lane_width(lane))
+    return strips
 
 
 def list_lanes(
@@ -217,11 +222,12 @@ def list_lanes(
 ) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
     """Yield edge and lane for each lane of a net.xml text, from the kerb inwards on each edge.
 
-    functions: SUMO's functions of the edges to take, such as "internal" for those within junctions;
+    functions: SUMO's functions of the edges to take, such as "internal" for edges within junctions;
     only "normal" ones if none is given."""
     for edge in ElementTree.fromstring(network).iter("edge"):
         if edge.get("function", "normal") in (functions or ("normal",)):
-            yield from ((edge, lane) for lane in edge.iter("lane"))
+            for lane in edge.iter("lane"):
+                yield edge, lane
 
 
 def lane_width(lane: ElementTree.Element) -> float:
@@ -237,25 +243,29 @@ def list_users(lane: ElementTree.Element) -> set[str]:
     forbidden = set(lane.get("disallow", "").split())
     if "all" in forbidden:
         return set()
-    return (set(f"{MOTOR} {FOOT}".split()) | _RAIL if "all" in allowed else allowed) - forbidden
+    if "all" in allowed:
+        allowed = set(f"{MOTOR} {FOOT}".split()) | _RAIL
+    return allowed - forbidden
 
 
 def enclose(element: ElementTree.Element) -> shapely.Geometry:
     """Area that the shape of a lane or junction encloses, empty below three corners.
 
     A shape that crosses itself gives the union of all its parts."""
-    coordinates = parse_shape(element)
-    if len(coordinates) < 3:
+    corners = parse_shape(element)
+    if len(corners) < 3:
         return shapely.Polygon()
-    valid = shapely.make_valid(shapely.Polygon(coordinates))
-    return valid if "Polygon" in valid.geom_type else shapely.union_all(list_polygons(valid))
+    valid_shape = shapely.make_valid(shapely.Polygon(corners))
+    if valid_shape.geom_type in ("Polygon", "MultiPolygon"):
+        return valid_shape
+    return shapely.union_all(list_polygons(valid_shape))  # without its lines and points
 
 
 def parse_shape(element: ElementTree.Element) -> Float64[np.ndarray, "_ 2"]:
     """Points x, y (m) of the shape of a lane or junction, (k, 2), without heights.
 
     (0, 2) for an element without a shape."""
-    points = [p.split(",")[:2] for p in element.get("shape", "").split()]
+    points = [text.split(",")[:2] for text in element.get("shape", "").split()]
     return np.array(points, np.float64).reshape(-1, 2)
 
 
@@ -265,15 +275,16 @@ def unite(polygons: Iterable[Float[np.ndarray, "_ 2"]]) -> shapely.Geometry:
 
 
 def cut_polygons(shapes: Iterable[shapely.Geometry], window: shapely.Geometry) -> Polygons:
-    """Corners of the simple polygons of `shapes` in `window`, on a grid of 1 mm.
+    """Corners x, y (m) of the simple polygons of `shapes` within `window`, on a grid of 1 mm.
 
     Shapes with holes are cut in several; pieces of 0.1 m² and less are left out."""
-    simple: list[shapely.Polygon] = []
+    pieces: list[shapely.Polygon] = []
     for shape in shapes:
         for polygon in list_polygons(shapely.set_precision(shape.intersection(window), 1e-3)):
-            simple += _without_holes(polygon)
+            pieces += _cut_through_holes(polygon)
+    # [:-1]: the last corner repeats the first
     return tuple(
-        shapely.get_coordinates(piece.exterior)[:-1] for piece in simple if piece.area > 0.1
+        shapely.get_coordinates(piece.exterior)[:-1] for piece in pieces if piece.area > 0.1
     )
 
 
@@ -286,16 +297,17 @@ def list_polygons(shape: shapely.Geometry) -> list[shapely.Polygon]:
     ]
 
 
-def _without_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """Cut a polygon through its holes until none is left; return the pieces."""
+def _cut_through_holes(polygon: shapely.Polygon) -> list[shapely.Polygon]:
+    """Cut a polygon through its holes until no hole is left; return the pieces."""
     if not polygon.interiors:
         return [polygon]
-    x = shapely.Polygon(polygon.interiors[0]).centroid.x  # the cut runs along y
+    # the cut runs along y through the first hole
+    cut_x = shapely.Polygon(polygon.interiors[0]).centroid.x
     xmin, ymin, xmax, ymax = polygon.bounds
     pieces: list[shapely.Polygon] = []
-    for side in (shapely.box(xmin, ymin, x, ymax), shapely.box(x, ymin, xmax, ymax)):
+    for side in (shapely.box(xmin, ymin, cut_x, ymax), shapely.box(cut_x, ymin, xmax, ymax)):
         for half in list_polygons(polygon.intersection(side)):
-            pieces += _without_holes(half)
+            pieces += _cut_through_holes(half)
     return pieces
 
 

@@ -11,7 +11,7 @@ from toolkit.arrays import Float64, Rng
 from toolkit.geometry import look, pose
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
-from toolkit.sites.furniture import on_ground, settle
+from toolkit.sites.furniture import on_ground, raise_onto_ground
 from toolkit.sites.network import (
     XmlAttributes,
     build_network,
@@ -75,8 +75,9 @@ class Leg:
 
         Seen outwards along the path, left is the inbound side and right the outbound side, as
         traffic keeps right. A side without lanes has width 0."""
-        left = self._measure_side(self.inbound, self.shoulders[0])
-        right = self._measure_side(self.outbound, self.shoulders[1])
+        inbound_shoulder, outbound_shoulder = self.shoulders
+        left = self._measure_side(self.inbound, inbound_shoulder)
+        right = self._measure_side(self.outbound, outbound_shoulder)
         return left, right
 
     def _measure_side(self, lanes: int, shoulder: Shoulder) -> float:
@@ -105,29 +106,35 @@ def random_site(rng: Rng | int) -> Site:
     size = np.array([rng.uniform(60.0, 110.0), rng.uniform(40.0, 110.0)])
     middle = rng.uniform(-size / 8, size / 8)
     area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
-    legs, network = (_roundabout if rng.random() < 0.25 else _crossroads)(rng)
+    legs, network = (_draw_roundabout if rng.random() < 0.25 else _draw_crossroads)(rng)
     lanes, footways = road_polygons(network, area)
     angles = {}  # of parking bays (degrees), by edge: in0, out0, ... as `_leg_edges` names them
     for i, leg in enumerate(legs):
         for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
             if shoulder.angle is not None:
                 angles[f"{way}{i}"] = shoulder.angle
-    paths = [leg.path for leg in legs]
-    widths = [leg.half_widths for leg in legs]
-    road = Road(paths, widths, lanes, footways, shoulders(network), angles)
-    relief = sloping(Relief(round(float(rng.uniform(0.0, 0.12)), 3), int(rng.integers(2**31))))
+    road = Road(
+        paths=[leg.path for leg in legs],
+        half_widths=[leg.half_widths for leg in legs],
+        lanes=lanes,
+        footways=footways,
+        strips=shoulders(network),
+        angles=angles,
+    )
+    amplitude = round(float(rng.uniform(0.0, 0.12)), 3)
+    relief = sloping(Relief(amplitude=amplitude, seed=int(rng.integers(2**31))))
     mounts = place_mounts(road, area, rng)
-    low = rng.random(len(mounts)) < _LOW_MOUNT_SHARE
+    is_low = rng.random(len(mounts)) < _LOW_MOUNT_SHARE
     mounts = tuple(
-        replace(m, min_height=MIN_MOUNT_HEIGHT_M) if is_low else m
-        for m, is_low in zip(mounts, low, strict=True)
+        replace(mount, min_height=MIN_MOUNT_HEIGHT_M) if low else mount
+        for mount, low in zip(mounts, is_low, strict=True)
     )
     solids, bays = furnish(road, area, mounts, rng)
     site = Site(
         name, area, lanes=lanes, footways=footways, parking=bays, network=network, relief=relief
     )
     site = draw_everything(
-        replace(site, solids=settle(solids, relief), mounts=on_ground(mounts, site))
+        replace(site, solids=raise_onto_ground(solids, relief), mounts=on_ground(mounts, site))
     )
     return replace(site, sensors=random_sensors(site, rng))
 
@@ -142,11 +149,10 @@ def sloping(relief: Relief) -> Relief:
     if rng.random() > SLOPING_SHARE:
         return relief
     rise = rng.uniform(0.01, MAX_STREET_SLOPE)
-    towards = rng.uniform(0, 2 * np.pi)  # uphill, rad from the site's +x
-    return replace(
-        relief,
-        slope=(round(float(rise * np.cos(towards)), 4), round(float(rise * np.sin(towards)), 4)),
-    )
+    uphill = rng.uniform(0, 2 * np.pi)  # direction, rad from the site's +x
+    rise_x = round(float(rise * np.cos(uphill)), 4)
+    rise_y = round(float(rise * np.sin(uphill)), 4)
+    return replace(relief, slope=(rise_x, rise_y))
 
 
 def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tuple[Sensor, ...]:
@@ -167,24 +173,21 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
         raise ValueError(f"count must be at least 1, got {count}")
     if not site.mounts:
         raise ValueError(f"site {site.name!r} has no mounts to hang sensors on: give it some")
-    # rounds over all mounts: count / mounts, rounded up
-    order = [rng.permutation(len(site.mounts)) for _ in range(-(-count // len(site.mounts)))]
-    mounts = [site.mounts[i] for i in np.concatenate(order)[:count]]
-    lidars = int(rng.binomial(count, 0.35))
+    # a round gives each mount one sensor; -(-a // b) is a / b, rounded up
+    rounds = -(-count // len(site.mounts))
+    orders = [rng.permutation(len(site.mounts)) for _ in range(rounds)]
+    mounts = [site.mounts[i] for i in np.concatenate(orders)[:count]]
+    lidar_count = int(rng.binomial(count, 0.35))
     digits = len(str(count - 1))
-    return tuple(
-        _hang(
-            f"{'d' if i < count - lidars else 'l'}{i:0{digits}}",
-            i >= count - lidars,
-            mount,
-            site,
-            rng,
-        )
-        for i, mount in enumerate(mounts)
-    )
+    sensors = []
+    for i, mount in enumerate(mounts):
+        is_lidar = i >= count - lidar_count  # cameras come first
+        name = f"{'l' if is_lidar else 'd'}{i:0{digits}}"
+        sensors.append(_draw_sensor(name, mount, site, rng, is_lidar=is_lidar))
+    return tuple(sensors)
 
 
-def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sensor:
+def _draw_sensor(name: str, mount: Mount, site: Site, rng: Rng, *, is_lidar: bool) -> Sensor:
     # Sensor of random model, height and aim on a mount. name: the sensor's; is_lidar: a lidar, not
     # a camera. The order of the draws must not change, or all random sites do.
     x, y, z = mount.position.tolist()
@@ -193,11 +196,12 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sens
     top = max(low, min(MAX_MOUNT_HEIGHT_M, mount.max_height))
     height = rng.uniform(low, low + 1.5 if low < 2.0 and rng.random() < 0.6 else top)
     z += min(height, top)
-    size = site.area[2:] - site.area[:2]
-    # point x, y near the middle of the area (xmin ymin xmax ymax)
-    aim = rng.normal((site.area[:2] + site.area[2:]) / 2, size / 6)
-    towards = np.arctan2(aim[1] - y, aim[0] - x) + rng.normal(0.0, np.deg2rad(15.0))
-    heading = towards if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
+    low_corner = site.area[:2]  # x, y
+    high_corner = site.area[2:]
+    # a point near the middle of the area
+    aim_x, aim_y = rng.normal((low_corner + high_corner) / 2, (high_corner - low_corner) / 6)
+    heading_to_aim = np.arctan2(aim_y - y, aim_x - x) + rng.normal(0.0, np.deg2rad(15.0))
+    heading = heading_to_aim if rng.random() < 0.8 else rng.uniform(-np.pi, np.pi)
     # down to level ground 10 to 45 m away, about 2 degrees off (rad, positive below the horizon)
     tilt = np.arctan2(height, rng.uniform(10.0, 45.0)) + rng.normal(0.0, np.deg2rad(2.0))
     tilt = float(np.clip(tilt, 0.0, _MAX_TILT_RAD))
@@ -218,109 +222,139 @@ def _hang(name: str, is_lidar: bool, mount: Mount, site: Site, rng: Rng) -> Sens
     return Sensor(name, lidar, pose(x, y, z, yaw=heading, pitch=tilt / 3))
 
 
-def _crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
-    """Legs, three to five, that meet in one junction, and the net.xml text of their network."""
+def _draw_crossroads(rng: Rng) -> tuple[tuple[Leg, ...], str]:
+    """Draw three to five legs that meet in one junction; return them and their network.
+
+    The network is a SUMO net.xml text, with the junction at node c in the origin."""
     count = int(rng.choice([3, 4, 5], p=[0.4, 0.42, 0.18]))
-    legs = _legs(rng, _directions(rng, count), start=0.0, most_lanes=3 if count < 5 else 2)
+    directions = _draw_directions(rng, count)
+    legs = _draw_legs(rng, directions, start=0.0, max_lanes=3 if count < 5 else 2)
     rule = str(rng.choice(["priority", "traffic_light", "right_before_left"], p=[0.45, 0.35, 0.2]))
-    middle = {
-        "id": "c",
-        "x": 0,
-        "y": 0,
-        "type": rule,
-        "radius": round(float(rng.uniform(3.0, 8.0)), 1),
-    }
+    radius = round(float(rng.uniform(3.0, 8.0)), 1)  # radius of the kerbs at corners (m)
+    middle = {"id": "c", "x": 0, "y": 0, "type": rule, "radius": radius}
     major = rng.permutation(count)[:2]  # indices of the two legs that have the right of way
     edges: list[XmlAttributes] = []
     for i, leg in enumerate(legs):
-        edges += _leg_edges(leg, i, "c", 3 if i in major else 1)
-    return legs, build_network([middle, *_ends(legs)], edges)
+        edges += _leg_edges(leg, number=i, junction="c", priority=3 if i in major else 1)
+    return legs, build_network([middle, *_outer_nodes(legs)], edges)
 
 
-def _roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
-    """Legs, three to five, that meet a ring, and the net.xml text of their network.
+def _draw_roundabout(rng: Rng) -> tuple[tuple[Leg, ...], str]:
+    """Draw three to five legs that meet a ring; return them and their network.
 
-    The ring is driven counter-clockwise; leg i starts on it at node r{i}."""
+    The network is a SUMO net.xml text. The ring is driven counter-clockwise; leg i starts on it at
+    node r{i}."""
     count = int(rng.choice([3, 4, 5], p=[0.3, 0.5, 0.2]))
-    wide = rng.random() < 0.25
-    # m, of the middle of the ring's lanes; `wide` counts as 0 or 1 here and as a second lane below
-    radius = rng.uniform(11.0, 17.0) + 2.0 * (count - 3) + 7.0 * wide
-    directions = _directions(rng, count)
-    legs = _legs(rng, directions, start=radius, most_lanes=1 + wide)
-    ring = street(1 + wide, width=4.5, footway=round(rng.uniform(1.5, 3.0), 2), speed=7.0)
-    nodes: list[XmlAttributes] = [
-        {"id": f"r{i}", "x": leg.path[0, 0], "y": leg.path[0, 1], "type": "priority"}
-        for i, leg in enumerate(legs)
-    ]
+    lane_count = 2 if rng.random() < 0.25 else 1  # lanes of the ring
+    # radius of the middle of the ring's lanes (m)
+    radius = rng.uniform(11.0, 17.0) + 2.0 * (count - 3) + 7.0 * (lane_count - 1)
+    directions = _draw_directions(rng, count)
+    legs = _draw_legs(rng, directions, start=radius, max_lanes=lane_count)
+    footway = round(rng.uniform(1.5, 3.0), 2)
+    ring_lanes = street(lane_count, width=4.5, footway=footway, speed=7.0)
+    nodes: list[XmlAttributes] = []
     edges: list[XmlAttributes] = []
     for i, leg in enumerate(legs):
-        edges += _leg_edges(leg, i, f"r{i}", 1)
+        x, y = leg.path[0]
+        nodes.append({"id": f"r{i}", "x": x, "y": y, "type": "priority"})
+        edges += _leg_edges(leg, number=i, junction=f"r{i}", priority=1)
     for i in range(count):
-        start = directions[i]
-        end = directions[(i + 1) % count]
-        # rad; the remainder is positive, so the arc runs counter-clockwise past 2 pi too
-        arc = np.linspace(start, start + (end - start) % (2 * np.pi), 16)
-        shape = radius * np.stack([np.cos(arc), np.sin(arc)], axis=1)
-        ends = {"id": f"ring{i}", "from": f"r{i}", "to": f"r{(i + 1) % count}"}
+        shape = _arc(radius, start=directions[i], end=directions[(i + 1) % count])
         edges.append(
-            {**ends, "shape": line(shape), "spreadType": "center", "priority": 3, "lanes": ring}
+            {
+                "id": f"ring{i}",
+                "from": f"r{i}",
+                "to": f"r{(i + 1) % count}",
+                "shape": line(shape),
+                "spreadType": "center",
+                "priority": 3,
+                "lanes": ring_lanes,
+            }
         )
-    circle = {
+    ring = {
         "nodes": " ".join(f"r{i}" for i in range(count)),
         "edges": " ".join(f"ring{i}" for i in range(count)),
     }
-    return legs, build_network(nodes + _ends(legs), edges, roundabouts=[circle])
+    return legs, build_network(nodes + _outer_nodes(legs), edges, roundabouts=[ring])
 
 
-def _directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
-    """Directions of `count` legs (3 to 5), 45° apart or more.
+def _arc(radius: float, start: float, end: float) -> Float64[np.ndarray, "n 2"]:
+    """Points x, y (m) of an arc about the origin, counter-clockwise from start to end.
+
+    radius: m; start, end: directions from the origin (rad from +x)."""
+    # the remainder is positive, so the arc runs counter-clockwise past 2 pi too
+    angles = np.linspace(start, start + (end - start) % (2 * np.pi), 16)
+    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _draw_directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
+    """Draw directions of 3 to 5 legs, 45° apart or more.
 
     Returns rad, counter-clockwise from +x in ascending order, not wrapped to a full turn."""
-    even = np.arange(count) * 360.0 / count  # degrees
+    even_directions = np.arange(count) * 360.0 / count  # degrees
     if count == 3 and rng.random() < 0.6:
-        even = np.array([0.0, 90.0, 180.0])
+        even_directions = np.array([0.0, 90.0, 180.0])  # a T-junction
     # degrees by which a leg may be off its even direction: neighbours stay 45 degrees apart
-    skew = {3: 22.0, 4: 22.0, 5: 13.0}[count]
-    return np.deg2rad(even + rng.uniform(-skew, skew, count) + rng.uniform(0.0, 360.0))
+    max_skew = {3: 22.0, 4: 22.0, 5: 13.0}[count]
+    skews = rng.uniform(-max_skew, max_skew, count)
+    return np.deg2rad(even_directions + skews + rng.uniform(0.0, 360.0))
 
 
-def _legs(rng: Rng, directions: np.ndarray, *, start: float, most_lanes: int) -> tuple[Leg, ...]:
+def _draw_legs(
+    rng: Rng, directions: np.ndarray, *, start: float, max_lanes: int
+) -> tuple[Leg, ...]:
     """Draw a gently bent leg along each direction, `LEG_LENGTH_M` out from the junction's middle.
 
-    directions: rad from +x; start: distance (m) from the middle at which legs begin; most_lanes:
+    directions: rad from +x; start: distance (m) from the middle at which legs begin; max_lanes:
     largest number of lanes of one direction. In a fifth of all draws one leg is one-way."""
-    lane = rng.uniform(3.0, 3.75)
-    footway = rng.uniform(1.5, 4.0)
+    lane_width = round(float(rng.uniform(3.0, 3.75)), 2)
+    mean_footway = rng.uniform(1.5, 4.0)
     # index of the leg that is one-way, -1 for none
     one_way = int(rng.integers(len(directions))) if rng.random() < 0.2 else -1
-    usual = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
+    usual_lanes = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
     legs = []
     for i, direction in enumerate(directions):
-        # inbound and outbound: usually as on other legs, else one more or one less
-        lanes = np.clip(usual + rng.integers(-1, 2, 2) * (rng.random(2) < 0.3), 1, most_lanes)
+        # lanes inbound and outbound: usually as on other legs, else one more or one less
+        changes = rng.integers(-1, 2, 2) * (rng.random(2) < 0.3)
+        lanes = np.clip(usual_lanes + changes, 1, max_lanes)
         if i == one_way:
             lanes[rng.integers(2)] = 0
-        along = np.linspace(start, LEG_LENGTH_M, 15)
-        # m to the left of the straight line, none at the junction and more and more outwards
-        bend = rng.uniform(-14.0, 14.0) * ((along - start) / LEG_LENGTH_M) ** 2
-        ahead = np.array([np.cos(direction), np.sin(direction)])
-        path = along[:, None] * ahead + bend[:, None] * np.array([-ahead[1], ahead[0]])
-        shoulders = _shoulder(rng), _shoulder(rng)
-        walk = round(float(np.clip(footway + rng.uniform(-0.5, 0.5), 1.5, 4.0)), 2)
+        path = _draw_path(rng, direction, start=start)
+        leg_shoulders = _draw_shoulder(rng), _draw_shoulder(rng)
+        footway = float(np.clip(mean_footway + rng.uniform(-0.5, 0.5), 1.5, 4.0))
         speed = round(float(rng.choice([8.3, 11.1, 13.9])), 1)
-        inbound = int(lanes[0])
-        outbound = int(lanes[1])
+        inbound, outbound = lanes.tolist()
         legs.append(
-            Leg(path.round(3), inbound, outbound, round(float(lane), 2), walk, shoulders, speed)
+            Leg(
+                path=path,
+                inbound=inbound,
+                outbound=outbound,
+                lane=lane_width,
+                footway=round(footway, 2),
+                shoulders=leg_shoulders,
+                speed=speed,
+            )
         )
     return tuple(legs)
 
 
-def _ends(legs: Sequence[Leg]) -> list[XmlAttributes]:
-    # nodes e0, e1, ... at the outer ends of the legs
-    return [
-        {"id": f"e{i}", "x": leg.path[-1, 0], "y": leg.path[-1, 1]} for i, leg in enumerate(legs)
-    ]
+def _draw_path(rng: Rng, direction: float, *, start: float) -> Float64[np.ndarray, "n 2"]:
+    """Draw points x, y (m) of a gently bent line away from the origin, up to `LEG_LENGTH_M`.
+
+    direction: rad from +x at the origin; start: m from the origin to the first point."""
+    distances = np.linspace(start, LEG_LENGTH_M, 15)
+    # m to the left of the straight line: 0 at the start and more and more outwards
+    bends = rng.uniform(-14.0, 14.0) * ((distances - start) / LEG_LENGTH_M) ** 2
+    ahead = np.array([np.cos(direction), np.sin(direction)])
+    left = np.array([-ahead[1], ahead[0]])
+    path = distances[:, None] * ahead + bends[:, None] * left
+    return path.round(3)
+
+
+def _outer_nodes(legs: Sequence[Leg]) -> list[XmlAttributes]:
+    # Attributes of SUMO's nodes e0, e1, ... at the outer ends of the legs.
+    outer_points = [leg.path[-1] for leg in legs]
+    return [{"id": f"e{i}", "x": x, "y": y} for i, (x, y) in enumerate(outer_points)]
 
 
 def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlAttributes]:
@@ -328,27 +362,42 @@ def _leg_edges(leg: Leg, number: int, junction: str, priority: int) -> list[XmlA
 
     A direction without lanes has no edge. number: the leg's; junction: id of the node at which
     the leg begins; priority: right of way over edges of a lower one."""
-    rows: list[XmlAttributes] = []
-    for count, shoulder, name, start, end, path in (
-        (leg.inbound, leg.shoulders[0], f"in{number}", f"e{number}", junction, leg.path[::-1]),
-        (leg.outbound, leg.shoulders[1], f"out{number}", junction, f"e{number}", leg.path),
-    ):
-        if count:
-            lanes = street(
-                count, width=leg.lane, footway=leg.footway, shoulder=shoulder.width, speed=leg.speed
-            )
-            ends = {"id": name, "from": start, "to": end}
-            rows.append({**ends, "shape": line(path), "priority": priority, "lanes": lanes})
-    return rows
+    outer_node = f"e{number}"
+    inbound_shoulder, outbound_shoulder = leg.shoulders
+    inbound: XmlAttributes = {
+        "id": f"in{number}",
+        "from": outer_node,
+        "to": junction,
+        "shape": line(leg.path[::-1]),  # the path runs outwards
+        "priority": priority,
+        "lanes": _list_lanes(leg, leg.inbound, inbound_shoulder),
+    }
+    outbound: XmlAttributes = {
+        "id": f"out{number}",
+        "from": junction,
+        "to": outer_node,
+        "shape": line(leg.path),
+        "priority": priority,
+        "lanes": _list_lanes(leg, leg.outbound, outbound_shoulder),
+    }
+    rows = [inbound] if leg.inbound else []
+    return rows + ([outbound] if leg.outbound else [])
 
 
-def _shoulder(rng: Rng) -> Shoulder:
+def _list_lanes(leg: Leg, count: int, shoulder: Shoulder) -> list[XmlAttributes]:
+    """Attributes of SUMO's lanes of one direction of a leg. count: lanes for vehicles."""
+    return street(
+        count, width=leg.lane, footway=leg.footway, shoulder=shoulder.width, speed=leg.speed
+    )
+
+
+def _draw_shoulder(rng: Rng) -> Shoulder:
     """Draw a shoulder: none (width 0), a lane closed for works (no angle), or parking bays."""
     use = rng.random()
     if use < 0.5:
         return Shoulder()
     if use > 0.9:
-        return Shoulder(round(float(rng.uniform(*CLOSED_LANE_M)), 2))
+        return Shoulder(width=round(float(rng.uniform(*CLOSED_LANE_M)), 2))
     # the chances belong to the angles in their order in the table
     angle = int(rng.choice(list(BAY_DEPTHS_M), p=[0.55, 0.15, 0.15, 0.15]))
-    return Shoulder(BAY_DEPTHS_M[angle], angle)
+    return Shoulder(width=BAY_DEPTHS_M[angle], angle=angle)

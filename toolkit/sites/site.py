@@ -208,39 +208,42 @@ class Site(Displayed):
         set_fields(self, **checked)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Site) and _alike(self, other)
+        return isinstance(other, Site) and _are_equal(self, other)
 
     __hash__ = None  # type: ignore[assignment]
 
     def _card(self) -> Card:
-        # What a notebook shows: size and counts, then tables of sensors and of mounts.
+        # Card that a notebook shows: size and counts, then tables of sensors and of mounts.
         xmin, ymin, xmax, ymax = self.area
-        things = {
+        layers = {
             "lane polygon": self.lanes,
             "solid": self.solids,
             "mount": self.mounts,
             "parking bay": self.parking,
         }
-        size = f"{xmax - xmin:g} x {ymax - ymin:g} m"
-        facts = [size]
-        facts += [describe_count(len(layer), name) for name, layer in things.items()]
+        facts = [f"{xmax - xmin:g} x {ymax - ymin:g} m"]
+        facts += [describe_count(len(layer), name) for name, layer in layers.items()]
         names = [f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]]
         more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
         facts.append(f"sensors {', '.join(names) or 'none'}{more}")
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
-        # the first table is the one that opens: mounts in a site without sensors
-        tables_shown = tables if self.sensors else dict(reversed(tables.items()))
+        if not self.sensors:  # the first table is the one that opens
+            tables = dict(reversed(tables.items()))
         return Card(
-            f"Site({self.name!r})", tuple(facts), tables_shown, "toolkit.plots.plan_view:draw_site"
+            title=f"Site({self.name!r})",
+            facts=tuple(facts),
+            tables=tables,
+            drawing="toolkit.plots.plan_view:draw_site",
         )
 
     def _list_mounts(self) -> Table:
-        # Columns of a table of the mounts, a row for each; reshape is for a site without any.
-        positions = np.array([mount.position for mount in self.mounts]).reshape(-1, 3)
+        # Columns of a table of the mounts, a row for each, in metres of the site frame.
+        positions = np.array([mount.position for mount in self.mounts])
+        x, y, _ = positions.reshape(-1, 3).T  # reshape is for a site without mounts
         return {
             "name": [mount.name for mount in self.mounts],
-            "x": positions[:, 0],
-            "y": positions[:, 1],
+            "x": x,
+            "y": y,
             "min_height": [mount.min_height for mount in self.mounts],
             "max_height": [mount.max_height for mount in self.mounts],
             "price": [mount.price for mount in self.mounts],
@@ -263,15 +266,15 @@ class Site(Displayed):
         if self.relief.amplitude == 0:
             return plane
         rng = np.random.default_rng(self.relief.seed)
-        lengths = np.array([160.0, 90, 50, 28, 16, 11, 7])  # of the waves (m)
-        # shares of the amplitude, whose sum is the largest deviation that all waves can add up to
-        parts = np.array([5.0, 4, 4, 3, 2, 1, 1])
-        directions = rng.uniform(0, 2 * np.pi, len(lengths))
+        wavelengths = np.array([160.0, 90, 50, 28, 16, 11, 7])  # m
+        relative_heights = np.array([5.0, 4, 4, 3, 2, 1, 1])  # each wave's, in the same order
+        directions = rng.uniform(0, 2 * np.pi, len(wavelengths))
         # (2, waves), rad per m
-        wave_vectors = 2 * np.pi / lengths * np.stack([np.cos(directions), np.sin(directions)])
-        phases = rng.uniform(0, 2 * np.pi, len(lengths))
-        weights = self.relief.amplitude * parts / parts.sum()
-        return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ weights)
+        wave_vectors = 2 * np.pi / wavelengths * np.stack([np.cos(directions), np.sin(directions)])
+        phases = rng.uniform(0, 2 * np.pi, len(wavelengths))
+        # m; their sum, the largest deviation that all waves can add up to, is the amplitude
+        heights = self.relief.amplitude * relative_heights / relative_heights.sum()
+        return np.asarray(plane + np.cos(xy @ wave_vectors + phases) @ heights)
 
     def plane(self, xy: Float[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
         """Height (m) of the sloping plane, without unevenness, at places x, y, shape (..., 2)."""
@@ -281,18 +284,18 @@ class Site(Displayed):
         )
 
 
-def _alike(first: object, second: object) -> bool:
+def _are_equal(first: object, second: object) -> bool:
     """Test two field values or dataclasses for equality.
 
     Floats and arrays are equal to `EQUAL_TOLERANCE`, texts line by line, so that line ends do not
     count, dataclasses and tuples entry by entry."""
     if is_dataclass(first):
-        names = [f.name for f in fields(first)]
+        names = [entry.name for entry in fields(first)]
         return type(first) is type(second) and all(
-            _alike(getattr(first, n), getattr(second, n)) for n in names
+            _are_equal(getattr(first, name), getattr(second, name)) for name in names
         )
     if isinstance(first, tuple) and isinstance(second, tuple):
-        return len(first) == len(second) and all(map(_alike, first, second))
+        return len(first) == len(second) and all(map(_are_equal, first, second))
     if isinstance(first, str) and isinstance(second, str):
         return first.splitlines() == second.splitlines()
     if isinstance(first, float | np.ndarray) and isinstance(second, float | np.ndarray):
@@ -310,10 +313,13 @@ def check_area(area: object) -> Float64[np.ndarray, "4"]:
     box = np.asarray(area, np.float64)
     if box.shape != (4,) or not np.isfinite(box).all():
         raise ValueError(f"area must be four finite numbers xmin, ymin, xmax, ymax, got {area}")
-    if not (box[0] < box[2] and box[1] < box[3]):
+    low_corner = box[:2]  # x, y
+    high_corner = box[2:]
+    if not (low_corner < high_corner).all():
         raise ValueError(f"area is empty: it needs xmin < xmax and ymin < ymax, got {box.tolist()}")
-    size = box[2:] / 1e3 - box[:2] / 1e3  # km; divided first, so that huge numbers do not overflow
-    if not (size.max() <= 10 and size.prod() <= 4):
+    # divided first, so that huge numbers do not overflow
+    size_km = high_corner / 1e3 - low_corner / 1e3
+    if not (size_km.max() <= 10 and size_km.prod() <= 4):
         raise ValueError(
             f"area must be at most 10 km long and 4 km² large, got {box.tolist()}: cut it into "
             "several"
@@ -336,15 +342,17 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
         raise ValueError(
             f"{where} must be at least three [x, y] corners, got shape {polygon.shape}"
         )
-    if not (finite := np.isfinite(polygon).all(axis=1)).all():
-        raise ValueError(
-            f"{where} holds NaN or infinite numbers at corner {int(np.argmin(finite))}"
-        )
+    is_finite = np.isfinite(polygon).all(axis=1)
+    if not is_finite.all():
+        first = int(np.argmin(is_finite))
+        raise ValueError(f"{where} holds NaN or infinite numbers at corner {first}")
     shape = shapely.Polygon(polygon)
     if not shape.is_valid:
-        at = shapely.is_valid_reason(shape).partition("[")[2].rstrip("]").replace(" ", ", ")
+        # the reason ends in the place, as [x y]
+        _, _, place = shapely.is_valid_reason(shape).partition("[")
+        xy = place.rstrip("]").replace(" ", ", ")
         raise ValueError(
-            f"{where}: polygon crosses itself near ({at}): put its corners in order round the "
+            f"{where}: polygon crosses itself near ({xy}): put its corners in order round the "
             "outline"
         )
     if shape.area < 1e-6:
@@ -361,19 +369,20 @@ def _check_origin(origin: object, where: str) -> None:
 
 
 def _check_unique(names: Sequence[str], where: str) -> None:
-    # ValueError if a name is no text, is empty, or is there twice. where: layer of the names.
-    seen: dict[str, int] = {}  # index of the first entry of each name
+    # Raise ValueError if a name is no text, is empty, or is there twice. where: layer of the names.
+    first_index: dict[str, int] = {}  # index of the first entry with a name
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
             raise ValueError(f"{where}[{i}].name must be a text that is not empty, got {name!r}")
-        if seen.setdefault(name, i) != i:
+        first = first_index.setdefault(name, i)
+        if first != i:
             raise ValueError(
-                f"{where}[{i}].name {name!r} is taken by {where}[{seen[name]}]: rename one of them"
+                f"{where}[{i}].name {name!r} is taken by {where}[{first}]: rename one of them"
             )
 
 
 def _check_network(network: str) -> None:
-    # ValueError unless "" or the text of a SUMO network with edges.
+    # Raise ValueError unless the network is "" or the text of a SUMO network with edges.
     if not network:
         return
     try:

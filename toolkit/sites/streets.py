@@ -3,6 +3,7 @@ direction of its traffic."""
 
 from collections import defaultdict
 from dataclasses import dataclass
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -30,31 +31,41 @@ class StreetName:
     angle: float
 
 
+class _LinePlace(NamedTuple):
+    """Point x, y (m) on a line, and the line's direction there (rad from +x)."""
+
+    x: float
+    y: float
+    angle: float
+
+
 def find_street_names(
     site: Site, low: Float64[np.ndarray, "2"], high: Float64[np.ndarray, "2"]
 ) -> list[StreetName]:
     """Find places for the names of streets on a map, in order of name.
 
-    low, high: corners x, y (m, site frame) of the map. Each name is there once, in the middle of
-    its longest line; names with less than `MIN_NAMED_M` of line are left out."""
+    low, high: corners (xmin, ymin) and (xmax, ymax) of the map (m, site frame). Each name is there
+    once, in the middle of its longest line; names with less than `MIN_NAMED_M` of line are left
+    out."""
     window = shapely.box(*low, *high)
-    lines = defaultdict[str, list[shapely.Geometry]](list)
-    for edge in _roads(site):
+    lines_by_name = defaultdict[str, list[shapely.Geometry]](list)
+    for edge in _list_streets(site):
         lanes = edge.findall("lane") if edge.get("name") else []
-        driven = [lane for lane in lanes if "passenger" in list_users(lane)]
-        for lane in driven or lanes:
+        driven_lanes = [lane for lane in lanes if "passenger" in list_users(lane)]
+        for lane in driven_lanes or lanes:  # a street without cars is named along all its lanes
             points = parse_shape(lane)
             if len(points) > 1:
-                lines[edge.get("name", "").strip()].append(shapely.LineString(points))
+                name = edge.get("name", "").strip()
+                lines_by_name[name].append(shapely.LineString(points))
     street_names = []
-    for name, shapes in sorted(lines.items()):
-        inside = shapely.intersection(shapely.union_all(shapes), window)
-        longest = max(shapely.get_parts(inside), key=shapely.length, default=None)
+    for name, lines in sorted(lines_by_name.items()):
+        lines_on_map = shapely.intersection(shapely.union_all(lines), window)
+        longest = max(shapely.get_parts(lines_on_map), key=shapely.length, default=None)
         if name and longest is not None and longest.length >= MIN_NAMED_M:
-            (x, y), angle = _middle(longest)
+            place = _find_middle(longest)
             # turned by a half turn if upside down
-            upright = (angle + np.pi / 2) % np.pi - np.pi / 2
-            street_names.append(StreetName(name, x, y, upright))
+            upright_angle = (place.angle + np.pi / 2) % np.pi - np.pi / 2
+            street_names.append(StreetName(name, x=place.x, y=place.y, angle=upright_angle))
     return street_names
 
 
@@ -63,11 +74,12 @@ def find_lane_arrows(
 ) -> Float64[np.ndarray, "n 3"]:
     """Find places of arrows on the lanes of motor vehicles on a map.
 
-    low, high: corners x, y (m, site frame) of the map. Returns a row for each lane that has at
-    least `MIN_ARROW_LANE_M` on it: x, y (m) and direction of traffic (rad from +x)."""
+    low, high: corners (xmin, ymin) and (xmax, ymax) of the map (m, site frame). Returns a row for
+    each lane that has at least `MIN_ARROW_LANE_M` on it: x, y (m) and direction of traffic (rad
+    from +x)."""
     window = shapely.box(*low, *high)
     rows = []
-    for edge in _roads(site):
+    for edge in _list_streets(site):
         for lane in edge.findall("lane"):
             points = parse_shape(lane)
             if len(points) < 2 or "passenger" not in list_users(lane):
@@ -75,21 +87,22 @@ def find_lane_arrows(
             parts = shapely.get_parts(shapely.intersection(shapely.LineString(points), window))
             longest = max(parts, key=shapely.length, default=None)
             if longest is not None and longest.length >= MIN_ARROW_LANE_M:
-                (x, y), angle = _middle(longest)
-                rows.append((x, y, angle))
+                rows.append(_find_middle(longest))
     return np.array(rows, np.float64).reshape(-1, 3)
 
 
-def _roads(site: Site) -> list[ElementTree.Element]:
-    # Edges of the site's network that are streets: those within junctions have a function.
+def _list_streets(site: Site) -> list[ElementTree.Element]:
+    # Edges of the site's network that are streets: edges within junctions have a function.
     edges = ElementTree.fromstring(site.network or "<net/>").findall("edge")
     return [edge for edge in edges if not edge.get("function")]
 
 
-def _middle(line: shapely.Geometry) -> tuple[tuple[float, float], float]:
-    """Point x, y at `ARROW_SHARE` of a line, and the line's direction there (rad from +x)."""
-    at = ARROW_SHARE * line.length
-    before = line.interpolate(max(at - 1.0, 0.0))
-    after = line.interpolate(min(at + 1.0, line.length))
-    middle = line.interpolate(at)
-    return (middle.x, middle.y), float(np.arctan2(after.y - before.y, after.x - before.x))
+def _find_middle(line: shapely.Geometry) -> _LinePlace:
+    """Find the place at `ARROW_SHARE` of a line."""
+    distance = ARROW_SHARE * line.length
+    # the direction is measured between the points 1 m before and after it
+    before = line.interpolate(max(distance - 1.0, 0.0))
+    after = line.interpolate(min(distance + 1.0, line.length))
+    middle = line.interpolate(distance)
+    angle = float(np.arctan2(after.y - before.y, after.x - before.x))
+    return _LinePlace(x=middle.x, y=middle.y, angle=angle)

@@ -8,15 +8,15 @@ from toolkit.sites import furniture, site
 from toolkit.sites.surroundings.furnish import POST_AIR_M, furnish
 from toolkit.sites.surroundings.islands import plant_islands
 from toolkit.sites.surroundings.mount_places import place_mounts
-from toolkit.sites.surroundings.places import along
+from toolkit.sites.surroundings.places import points_along
 from toolkit.sites.surroundings.plot import LANE_CLEARANCE_M, MOUNT_CLEARANCE_M, Plot, Road
 from toolkit.sites.surroundings.road_works import lane_works, verge_works
 from toolkit.sites.surroundings.street_trees import (
     CROWN_WIDTH_M,
     UNDERSIDE_M,
-    avenues,
-    clumps,
-    plant,
+    draw_crown,
+    plant_avenues,
+    plant_tree,
 )
 from toolkit.sites.surroundings.works_closings import barrier, beacon, concrete, cone, fence
 
@@ -85,10 +85,10 @@ def test_posts_and_crowns_have_their_size_and_shape():
     assert min(s.base for s in solids) == 0
     assert 0.9 <= max(s.top for s in solids) <= 1.2
     plot = Plot(ROAD, WINDOW, [])
-    avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
+    plant_avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
     assert plot.solids == []
     for seed in range(10):
-        made = clumps(5.0, -2.0, CROWN_WIDTH_M[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
+        made = draw_crown(5.0, -2.0, CROWN_WIDTH_M[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
         assert 3 <= len(made) <= 8
         reach = max(np.hypot(*(s.footprint - [5.0, -2.0]).T).max() for s in made)
         assert 3.0 < reach < 4.51
@@ -96,21 +96,21 @@ def test_posts_and_crowns_have_their_size_and_shape():
         assert max(s.top for s in made) == 7.0
     rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
     plot.solids.append(site.Solid(furniture.rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
-    assert plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
+    assert plant_tree(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert max(crown.bounds[3] for crown in crowns) <= 8.01
-    assert not plant(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
-    assert not plant(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
-    assert not plant(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
+    assert not plant_tree(plot, np.array([5.0, 7.5]), 4.0, (3.0, 6.0), rng), "too close to the wall"
+    assert not plant_tree(plot, np.array([20.0, 0.0]), 4.0, (3.0, 6.0), rng), "on the lane"
+    assert not plant_tree(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng), "taken"
 
 
 WINDOW = shapely.box(*AREA).buffer(25.0, join_style="mitre")
-KERB = along(ROAD.carriageway.buffer(0.8).boundary.intersection(WINDOW), 0.5)
+KERB = points_along(ROAD.carriageway.buffer(0.8).boundary.intersection(WINDOW), 0.5)
 
 
 def avenue(seed):
     plot = Plot(ROAD, WINDOW, [site.Mount("pole", np.array([3.0, 4.3, 0.0]))])
-    avenues(plot, KERB, np.random.default_rng(seed))
+    plant_avenues(plot, KERB, np.random.default_rng(seed))
     return plot.solids
 
 
@@ -156,8 +156,13 @@ def test_avenues_islands_and_slivers_are_planted():
 def test_a_footway_is_planted_only_where_it_may_be(footway):
     plot = Plot(ROAD, WINDOW, [])
     assert (
-        plant(
-            plot, np.array([0.0, 4.5]), 2.0, (3.0, 6.0), np.random.default_rng(0), footway=footway
+        plant_tree(
+            plot,
+            np.array([0.0, 4.5]),
+            2.0,
+            (3.0, 6.0),
+            np.random.default_rng(0),
+            on_footways=footway,
         )
         == footway
     )
@@ -166,7 +171,7 @@ def test_a_footway_is_planted_only_where_it_may_be(footway):
 @pytest.mark.parametrize(("underside", "reaches"), [(2.4, False), (2.5, True)])
 def test_crowns_too_low_to_drive_below_keep_off_the_road(underside, reaches):
     plot = Plot(ROAD, WINDOW, [])
-    assert plant(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
+    assert plant_tree(plot, np.array([0.0, 5.2]), 4.0, (underside, 6.0), np.random.default_rng(0))
     crowns = [shapely.Polygon(s.footprint) for s in plot.solids if s.kind == "tree"]
     assert any(crown.intersects(ROAD.carriageway) for crown in crowns) == reaches
 

@@ -2,17 +2,9 @@ import numpy as np
 import pytest
 import shapely
 
-from toolkit.sites.furniture import (
-    BUILT,
-    PLANTED,
-    block,
-    digger,
-    hedge_block,
-    kerbs,
-    move_solids,
-    rectangle,
-)
+from toolkit.sites.furniture import block, digger, hedge_block, kerbs, move_solids, rectangle
 from toolkit.sites.site import KINDS, Solid
+from toolkit.sites.surroundings.street_furniture import BUILT, PLANTED
 
 
 def test_kerbs_blocks_and_hedges_have_place_and_size(union):

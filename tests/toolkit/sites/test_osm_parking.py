@@ -10,7 +10,7 @@ from toolkit.objects import VEHICLE
 from toolkit.sites.maps.map_bays import MAP_BAY_SIZE_M
 from toolkit.sites.maps.tracks import find_tracks
 from toolkit.sites.osm.parking import Parking, ParkingRoad
-from toolkit.sites.surroundings.parking_bays import outline
+from toolkit.sites.surroundings.parking_bays import bay_outline
 from toolkit.traffic.snapshots import simulate
 
 
@@ -131,7 +131,7 @@ def test_a_turned_site_keeps_its_junction_whole(tmp_path, imported, east_west, u
     road, tracks = union(site.lanes), find_tracks(site.network)
     assert tracks.intersection(shapely.box(*site.area)).difference(road.buffer(0.1)).area < 0.5
     for bay in site.parking:
-        ground = outline(bay, MAP_BAY_SIZE_M)
+        ground = bay_outline(bay, MAP_BAY_SIZE_M)
         assert ground.difference(road).area < 0.05
         assert ground.intersection(tracks).area < 0.05
         assert not any(

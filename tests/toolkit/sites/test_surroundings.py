@@ -10,11 +10,11 @@ from toolkit.sites.surroundings.mount_places import place_mounts
 from toolkit.sites.surroundings.parking_bays import (
     BAY_DEPTHS_M,
     BAY_SIZE_M,
+    bay_outline,
     bays_between,
+    bays_from_junction,
     forecourts,
     kerb_bays,
-    outline,
-    stations,
 )
 from toolkit.sites.surroundings.plot import LANE_CLEARANCE_M, MOUNT_CLEARANCE_M, Plot, Road
 
@@ -43,9 +43,9 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     plot = Plot(ROAD, shapely.box(*AREA), [mount])
     assert plot.claim(shapely.box(0, 8, 4, 12))
     assert not plot.claim(shapely.box(3, 11, 6, 14))
-    assert not plot.claim(shapely.box(10, 3.5 + LANE_CLEARANCE_M / 2, 11, 5), footway=True)
+    assert not plot.claim(shapely.box(10, 3.5 + LANE_CLEARANCE_M / 2, 11, 5), on_footways=True)
     assert not plot.claim(shapely.box(20, 4, 21, 5))
-    assert plot.claim(shapely.box(20, 4, 21, 5), footway=True)
+    assert plot.claim(shapely.box(20, 4, 21, 5), on_footways=True)
     assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(MOUNT_CLEARANCE_M / 2))
     assert not plot.claim(shapely.box(100, 8, 104, 12)), "outside the window"
     plot = Plot(ROAD, shapely.box(*AREA), [])
@@ -81,11 +81,11 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
         {"out0": (LINE - np.array([0.0, -7.85]), 3.5)},
     )
     shoulder = Plot(road, shapely.box(*AREA), [])
-    assert road.driven.area == pytest.approx(160 * 3.5, rel=0.01)
-    assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), footway=True)
-    assert shoulder.claim(shapely.box(0, 0.5, 4, 3), shoulder=True)
-    assert not shoulder.claim(shapely.box(10, LANE_CLEARANCE_M / 2, 14, 3), shoulder=True)
-    assert not shoulder.claim(shapely.box(1, 1, 2, 2), shoulder=True), "taken"
+    assert road.driven_ground.area == pytest.approx(160 * 3.5, rel=0.01)
+    assert not shoulder.claim(shapely.box(0, 0.5, 4, 3), on_footways=True)
+    assert shoulder.claim(shapely.box(0, 0.5, 4, 3), on_shoulders=True)
+    assert not shoulder.claim(shapely.box(10, LANE_CLEARANCE_M / 2, 14, 3), on_shoulders=True)
+    assert not shoulder.claim(shapely.box(1, 1, 2, 2), on_shoulders=True), "taken"
     counts = []
     for seed in range(12):
         ground = plot()
@@ -94,7 +94,7 @@ def test_shoulders_may_be_built_on_and_bays_are_claimed():
         )
         again = kerb_bays(plot(), {"in0": (LINE, 5.2)}, {"in0": 90}, np.random.default_rng(seed))
         assert np.array_equal(bays, again)
-        assert not ground.claim(outline(bays[0]).buffer(-0.5), shoulder=True), "taken"
+        assert not ground.claim(bay_outline(bays[0]).buffer(-0.5), on_shoulders=True), "taken"
         counts.append(len(bays))
     assert 5 < min(counts) < 15
     assert 15 < max(counts) < 25
@@ -117,13 +117,13 @@ def plot():
 
 @pytest.mark.parametrize("angle", BAY_DEPTHS_M)
 def test_bays_are_headed_for_the_kerb_on_the_right_and_do_not_overlap(angle):
-    rows = stations((LINE, BAY_DEPTHS_M[angle]), angle, at_end=True)
+    rows = bays_from_junction((LINE, BAY_DEPTHS_M[angle]), angle, at_end=True)
     assert len(rows) > (10 if angle == 0 else 15)
     assert np.rad2deg(rows[:, 2]) == pytest.approx(-angle, abs=0.01)
     assert rows[:, 1] == pytest.approx(-6.1)
     assert rows[:, 0].max() < 80 - 6 - BAY_SIZE_M[0] / 2 + 0.01, "clear of the junction at the end"
     assert rows[:, 0].min() > 80 - 76
-    shapes = [outline(row, (BAY_SIZE_M[0] - 0.2, BAY_SIZE_M[1] - 0.2)) for row in rows]
+    shapes = [bay_outline(row, (BAY_SIZE_M[0] - 0.2, BAY_SIZE_M[1] - 0.2)) for row in rows]
     assert max(a.intersection(b).area for a, b in pairwise(shapes)) < 1e-6
 
 
@@ -136,8 +136,8 @@ def test_bays_and_forecourts_keep_clear_of_street_and_junctions(angle):
     assert np.rad2deg(right[:, 2]) == pytest.approx(-angle, abs=0.01)
     assert np.rad2deg(left[:, 2]) == pytest.approx(angle, abs=0.01)
     assert len(bays_between(shapely.LineString([(0, 0), (15, 0)]), angle)) == 0
-    rows = stations((LINE, 2.3), 0, at_end=False)
+    rows = bays_from_junction((LINE, 2.3), 0, at_end=False)
     assert -80 + 6 + BAY_SIZE_M[0] / 2 - 0.01 < rows[:, 0].min() < rows[:, 0].max() < -80 + 76
     for seed in range(6):
         bays = forecourts(plot(), np.random.default_rng(seed))
-        assert all(outline(bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)
+        assert all(bay_outline(bay).intersection(ROAD_BAYS.surface).is_empty for bay in bays)

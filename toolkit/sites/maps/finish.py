@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from toolkit.sites import furniture as f, network as nets
+from toolkit.sites import furniture, network as nets
 from toolkit.sites.georeference import doubt_place, doubt_scale
 from toolkit.sites.maps.furnishing import furnish_site
 from toolkit.sites.maps.map_bays import MAP_BAY_SIZE_M
@@ -16,7 +16,7 @@ from toolkit.sites.maps.road_surface import kerbstones
 from toolkit.sites.maps.tracks import find_turns
 from toolkit.sites.site import Mount, Site, Solid
 from toolkit.sites.surroundings.mount_places import POLE_HEIGHT_M, place_mounts
-from toolkit.sites.surroundings.parking_bays import outline
+from toolkit.sites.surroundings.parking_bays import bay_outline
 from toolkit.sites.surroundings.plot import Road
 from toolkit.sites.surroundings.things import mark_drawn
 
@@ -29,28 +29,31 @@ MIN_LAMP_MOUNTS = 6  # with fewer, mounts are made along the kerbs too
 def finish_site(
     site: Site, piece: MapPiece, solids: Sequence[Solid], *, lamps: np.ndarray, notes: Sequence[str]
 ) -> Site:
-    """Add kerbs and mounts to a site, and furnish it if the piece has a seed; return the site.
+    """Add kerbs and mounts to a site, and drawn surroundings if the piece has a seed; return it.
 
     site: without solids and mounts; solids: things of the map, on level ground (z = 0); lamps:
-    (n, 2) places x, y (m) of street lamps in the site's frame; notes: texts to warn of, after which
-    further ones may come. Raises ValueError if no lane is in the area."""
+    (n, 2) places x, y (m) of street lamps in the site's frame; notes: texts of warnings, to which
+    others may be added. Raises ValueError if no lane is in the area."""
     if not nets.unite(site.lanes).intersects(shapely.box(*site.area)):
         raise piece.no_road()
     mounts = _make_mounts(site, solids, lamps)
-    stones = kerbstones(site.lanes, site.footways, find_turns(site.network))
+    turns = find_turns(site.network)
+    stones = kerbstones(site.lanes, site.footways, lowered=turns)
     if piece.seed is None:
         feet = [mount.position[:2].tolist() for mount in mounts if mount.origin == "drawn"]
-        poles = mark_drawn([f.post(x, y, POLE_HEIGHT_M) for x, y in feet])
+        poles = mark_drawn([furniture.post(x, y, height=POLE_HEIGHT_M) for x, y in feet])
         finished_site = replace(
             site,
-            solids=f.settle([*solids, *poles, *stones], site.relief),
-            mounts=f.on_ground(mounts, site),
+            solids=furniture.raise_onto_ground([*solids, *poles, *stones], site.relief),
+            mounts=furniture.on_ground(mounts, site),
         )
     else:
         all_solids = [*solids, *stones]
-        finished_site, note = furnish_site(site, mounts, all_solids, piece.seed, piece.density)
-        notes = [*notes, note]
-    for note in [*notes, *_doubt_place(site)]:
+        finished_site, furnishing_note = furnish_site(
+            site, mounts, all_solids, seed=piece.seed, density=piece.density
+        )
+        notes = [*notes, furnishing_note]
+    for note in [*notes, *_note_uncertain_place(site)]:
         warnings.warn(f"{piece.path.name}: {note}", stacklevel=3)
     return finished_site
 
@@ -59,10 +62,12 @@ def _make_mounts(site: Site, solids: Sequence[Solid], lamps: np.ndarray) -> list
     """Make mounts on lamp posts and, if these are few, along the kerbs too.
 
     Their feet are at z = 0. lamps: (n, 2) places x, y of street lamps."""
-    road = Road((), (), site.lanes, site.footways)
-    walls = nets.unite(s.footprint for s in solids if s.top > MIN_WALL_HEIGHT_M).buffer(0.3)
-    bays = [outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
+    road = Road(paths=(), half_widths=(), lanes=site.lanes, footways=site.footways)
+    tall_solids = [solid for solid in solids if solid.top > MIN_WALL_HEIGHT_M]
+    walls = nets.unite(solid.footprint for solid in tall_solids).buffer(0.3)
+    bays = [bay_outline(bay, MAP_BAY_SIZE_M) for bay in site.parking]
     obstacles = walls.union(shapely.union_all(bays).buffer(0.3))
+    # without the room that mounts along the kerbs need: the bracket may be next to a wall
     mounts = _mount_on_lamps(site, road, lamps, obstacles.buffer(-0.3))
     if len(mounts) >= MIN_LAMP_MOUNTS:
         return mounts
@@ -86,16 +91,19 @@ def _mount_on_lamps(
     surroundings = shapely.box(*site.area).buffer(LAMP_REACH_M)
     for lamp in lamps:
         spot = shapely.Point(lamp)
-        link = shapely.get_coordinates(shapely.shortest_line(spot, road.carriageway))
-        to_road = link[1] - lamp
+        link = shapely.shortest_line(spot, road.carriageway)
+        _, road_point = shapely.get_coordinates(link)
+        to_road = road_point - lamp
+        # + 1e-9: a lamp may be on the carriageway
         bracket_end = lamp + BRACKET_M * to_road / (np.hypot(*to_road) + 1e-9)
         if surroundings.contains(spot) and not obstacles.intersects(shapely.Point(bracket_end)):
             position = np.array([*bracket_end.round(3), 0.0])
-            mounts.append(Mount(f"lamp{len(mounts):02}", position, 3.0, 8.0))
+            name = f"lamp{len(mounts):02}"
+            mounts.append(Mount(name, position, min_height=3.0, max_height=8.0))
     return mounts
 
 
-def _doubt_place(site: Site) -> list[str]:
+def _note_uncertain_place(site: Site) -> list[str]:
     """Return notes of what is uncertain about a site's place on earth and its scale."""
     try:
         with warnings.catch_warnings():

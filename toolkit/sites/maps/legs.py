@@ -31,25 +31,26 @@ def find_legs(network: str) -> Legs:
 
     network: net.xml text in the site's frame. Each path runs with traffic and is extended beyond
     its end; both sides are as wide as the direction's lanes from the path outwards."""
-    edges: dict[ElementTree.Element, list[ElementTree.Element]] = {}
+    lanes_by_edge: dict[ElementTree.Element, list[ElementTree.Element]] = {}
     for edge, lane in nets.list_lanes(network):
-        edges.setdefault(edge, []).append(lane)
-    legs = Legs([], [])
+        lanes_by_edge.setdefault(edge, []).append(lane)
+    legs = Legs(paths=[], half_widths=[])
     surroundings = shapely.Point(0, 0).buffer(SITE_RADIUS_M)
-    for lanes in edges.values():
+    for lanes in lanes_by_edge.values():
         if not any("passenger" in nets.list_users(lane) for lane in lanes):
             continue
         inner_lane = lanes[-1]  # lanes are listed from the kerb inwards
+        # from the middle of the inner lane to the outer edge (m)
         width = sum(map(nets.lane_width, lanes)) - nets.lane_width(inner_lane) / 2
         line = shapely.LineString(nets.parse_shape(inner_lane)).intersection(surroundings)
         for piece in shapely.get_parts(line):
             if piece.geom_type == "LineString" and piece.length > MIN_LEG_M:
-                legs.paths.append(_extend(shapely.get_coordinates(piece)))
+                legs.paths.append(_extend_path(shapely.get_coordinates(piece)))
                 legs.half_widths.append((round(width, 3), round(width, 3)))
     return legs
 
 
-def _extend(path: Float64[np.ndarray, "k 2"]) -> Float64[np.ndarray, "_ 2"]:
+def _extend_path(path: Float64[np.ndarray, "k 2"]) -> Float64[np.ndarray, "_ 2"]:
     """Return a path that goes straight on for `LEG_EXTENSION_M` beyond its end."""
     step = path[-1] - path[-2]
     ahead = step / np.hypot(*step)

@@ -26,46 +26,53 @@ _OPENDRIVE_OPTIONS = (
 _CROSSINGS = ("--crossings.guess", "--crossings.guess.speed-threshold=100")  # whatever the limit is
 
 
-def _convert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
+def _run_netconvert(options: Sequence[str], piece: MapPiece) -> tuple[str, list[str]]:
     """Run netconvert; return a net.xml text with a road in it, and netconvert's warnings.
 
-    Raises ValueError, which names the map file, if it fails or makes no road."""
-    with name_errors(piece.path):
-        network, warned = nets.run_netconvert_with_warnings(options)
+    options: netconvert's; piece: names the map file in the ValueError if it fails or makes no
+    road."""
+    with name_errors(piece.path):  # errors begin with the path
+        network, warning_lines = nets.run_netconvert_with_warnings(options)
     if "<edge " not in network:
         raise piece.no_road()
-    return network, warned
+    return network, warning_lines
 
 
-def describe_near_warnings(warned: Sequence[str], network: str) -> list[str]:
+def describe_near_warnings(warning_lines: Sequence[str], network: str) -> list[str]:
     """Return notes of the warnings of netconvert that concern a network's roads and junctions.
 
-    warned: warnings about the whole map; network: net.xml text of a part of the map."""
-    if not warned:
+    warning_lines: warnings about the whole map; network: net.xml text of a part of the map."""
+    if not warning_lines:
         return []
     root = ElementTree.fromstring(network)
     names = {element.get("id", "") for element in root.iter("edge")}
     names |= {element.get("id", "") for element in root.iter("junction")}
     # roads of the map by the names of their edges, which are ROAD#PIECE, with - for one direction
     names |= {name.strip("-").partition("#")[0] for name in names}
-    near_warnings = [
-        warning for warning in warned if not names.isdisjoint(re.findall(r"'([^']*)'", warning))
-    ]
+    near_warnings = []
+    for warning in warning_lines:
+        quoted_names = re.findall(r"'([^']*)'", warning)
+        if not names.isdisjoint(quoted_names):
+            near_warnings.append(warning)
     return describe_warnings(near_warnings)
 
 
 def make_whole_network(plain: PlainMap, piece: MapPiece) -> tuple[str, list[str]]:
-    """Make the net.xml text of a whole map, in its coordinates, and netconvert's warnings."""
+    """Make the net.xml text of a whole map, in its coordinates, and netconvert's warnings.
+
+    plain: roads of the map as netconvert reads them, and their types of lanes; piece: names the map
+    file in errors."""
     with tempfile.TemporaryDirectory() as folder:
-        types = Path(folder, "types.xml")
-        roads = Path(folder, "plain.xodr")
-        type_rows = [nets.format_element("type", row) for row in plain.types]
-        types.write_text(nets.format_xml("types", type_rows), "utf-8")
-        roads.write_text(plain.text, "utf-8")
-        options = [f"--opendrive-files={roads}", f"--type-files={types}", *_OPENDRIVE_OPTIONS]
+        type_file = Path(folder, "types.xml")
+        road_file = Path(folder, "plain.xodr")
+        type_elements = [nets.format_element("type", row) for row in plain.types]
+        type_file.write_text(nets.format_xml("types", type_elements), "utf-8")
+        road_file.write_text(plain.text, "utf-8")
+        options = [f"--opendrive-files={road_file}", f"--type-files={type_file}"]
+        options += _OPENDRIVE_OPTIONS
         if plain.lefthand:
             options.append("--lefthand")
-        return _convert(options, piece)
+        return _run_netconvert(options, piece)
 
 
 def cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
@@ -87,13 +94,14 @@ def cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand
         ]
         if lefthand:
             options.append("--lefthand")
-        return _convert(options, piece)[0]
+        network_without_edges, _ = _run_netconvert(options, piece)
+        return network_without_edges
 
 
 def find_nearest_road(network: str, point: shapely.Point) -> tuple[float, float] | None:
-    """Place x, y on the nearest lane of a network that cars use, to 0.1 m; None without a lane.
+    """Place x, y on the lane of a network, open to cars, that is nearest to a point, to 0.1 m.
 
-    network: net.xml text; point: in its coordinates."""
+    None without such a lane. network: net.xml text; point: in its coordinates."""
     lines = [
         shapely.LineString(nets.parse_shape(lane))
         for _, lane in nets.list_lanes(network)
@@ -102,7 +110,8 @@ def find_nearest_road(network: str, point: shapely.Point) -> tuple[float, float]
     if not lines:
         return None
     link = shapely.shortest_line(shapely.MultiLineString(lines), point)
-    x, y = shapely.get_coordinates(link)[0].round(1).tolist()
+    lane_end, _ = shapely.get_coordinates(link)
+    x, y = lane_end.round(1).tolist()
     return x, y
 
 
@@ -123,25 +132,27 @@ def find_near_edges(network: str, window: shapely.Polygon) -> NearEdges:
     """Find the edges in `window` that are on the storey of the road nearest to its middle.
 
     network: net.xml text; window: in its coordinates."""
-    lines: dict[str, list[shapely.LineString]] = {}
+    lines_by_edge: dict[str, list[shapely.LineString]] = {}  # lines of its lanes
+    middle = window.centroid
     min_distance = np.inf
-    level = 0.0
+    level = 0.0  # height (m) of the nearest lane so far
     for edge, lane in nets.list_lanes(network):
-        line = shapely.LineString(_parse_heights(lane))
-        lines.setdefault(edge.get("id", ""), []).append(line)
-        distance = line.distance(window.centroid)
+        line = shapely.LineString(_parse_points(lane))
+        lines_by_edge.setdefault(edge.get("id", ""), []).append(line)
+        distance = line.distance(middle)
         if distance < min_distance:
             min_distance = distance
-            level = line.interpolate(line.project(window.centroid)).z
+            level = line.interpolate(line.project(middle)).z
     other_edges = [
         name
-        for name, lane_lines in lines.items()
-        if not is_on_level(lane_lines, window, level, STOREY_GAP_M)
+        for name, lines in lines_by_edge.items()
+        if not is_on_level(lines, window, level, STOREY_GAP_M)
     ]
-    return NearEdges(round(level, 3), other_edges, len(other_edges) < len(lines))
+    has_edges = len(other_edges) < len(lines_by_edge)
+    return NearEdges(level=round(level, 3), other_edges=other_edges, has_edges=has_edges)
 
 
-def _parse_heights(lane: ElementTree.Element) -> list[list[float]]:
+def _parse_points(lane: ElementTree.Element) -> list[list[float]]:
     """Points x, y, z (m) of a lane's shape; z is 0 if the network has no heights."""
     points = [list(map(float, point.split(","))) for point in lane.get("shape", "").split()]
     return [[*point, 0.0][:3] for point in points]

@@ -131,26 +131,31 @@ def _make_network(root: ElementTree.Element, plain: PlainMap, piece: MapPiece) -
     ImportError without SUMO."""
     x, y = map(float, piece.centre)
     window = _find_window(piece)
-    whole, warned = make_whole_network(plain, piece)
-    whole = align_lanes(whole, plain, window)
-    near = find_near_edges(whole, window)
+    raw_network, warning_lines = make_whole_network(plain, piece)
+    whole_network = align_lanes(raw_network, plain, window)
+    near = find_near_edges(whole_network, window)
     if not near.has_edges:
-        nearest = find_nearest_road(whole, shapely.Point(x, y))
-        raise piece.no_road(nearest, nearby=_describe_degrees(root, (x, y)))
-    network = cut_network(whole, near.other_edges, piece, lefthand=plain.lefthand)
+        nearest_place = find_nearest_road(whole_network, shapely.Point(x, y))
+        raise piece.no_road(nearest_place, nearby=_describe_degrees(root, (x, y)))
+    map_network = cut_network(whole_network, near.other_edges, piece, lefthand=plain.lefthand)
     map_SE3_site = pose(x, y, near.level, yaw=piece.heading)
-    network = move_network_to_site(network, map_SE3_site)
-    return _SiteNetwork(network, whole, map_SE3_site, warned)
+    return _SiteNetwork(
+        text=move_network_to_site(map_network, map_SE3_site),
+        whole=whole_network,
+        map_SE3_site=map_SE3_site,
+        warnings=warning_lines,
+    )
 
 
 def _describe_degrees(root: ElementTree.Element, centre: tuple[float, float]) -> str:
     """Hint for a centre that is on the map if it is read as longitude and latitude, else "".
 
     The hint names the place in the file's coordinates."""
-    inside = locate_degrees(root, centre)
-    if inside is None:
+    place = locate_degrees(root, centre)
+    if place is None:
         return ""
-    return f"if these are degrees, in the file it is --centre {inside[0]:.10g} {inside[1]:.10g}"
+    x, y = place
+    return f"if these are degrees, in the file it is --centre {x:.10g} {y:.10g}"
 
 
 def _make_surfaces(
@@ -161,25 +166,29 @@ def _make_surfaces(
     map_lanes: lanes of the map, in its frame; tracks: ground that vehicles drive on, in the site's
     frame. Raises ValueError if no carriageway is in the area."""
     frame = network.map_SE3_site
-    paved = [
+    driven_lanes = [
         move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind not in UNPAVED
     ]
-    walked = [move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind in FOOTWAY]
-    if not paved:
+    walked_lanes = [
+        move_shape_to_site(lane.outline, frame) for lane in map_lanes if lane.kind in FOOTWAY
+    ]
+    if not driven_lanes:
         kinds = sorted({lane.kind for lane in map_lanes})
         if kinds:
             raise piece.no_carriageway(kinds)
         raise piece.no_road(network.find_nearest_road())
-    reach = piece.around(SURROUNDINGS_M)
-    fillings = junction_corners(network.text)
-    lanes, footways = whole_road(paved, walked, tracks, reach, fillings=fillings)
+    window = piece.around(SURROUNDINGS_M)
+    corners = junction_corners(network.text)  # carriageway and footway that the lanes leave open
+    lanes, footways = whole_road(driven_lanes, walked_lanes, tracks, window, fillings=corners)
     if not nets.unite(lanes).intersects(shapely.box(*piece.area)):
         raise piece.no_road(network.find_nearest_road())
     return lanes, footways
 
 
 def _lay_lane_bays(map_lanes: Sequence[MapLane], map_SE3_site: Pose) -> list[Bay]:
-    """List bays x, y, yaw on the map's lanes for parking, in the site's frame."""
+    """List bays x, y (m), yaw (rad) on the map's lanes for parking, in the site's frame.
+
+    map_lanes: lanes of the map, in its frame; map_SE3_site: pose of the site in the map."""
     bays: list[Bay] = []
     for lane in map_lanes:
         if lane.kind == "parking" and lane.width >= MIN_BAY_LANE_M:
@@ -194,14 +203,15 @@ def _fit_relief(
     """Fit a relief that slopes as the roads in the area do; return it and notes.
 
     The relief is level if the roads are level to `MIN_SLOPE`, or if they do not share a slope that
-    a site can have."""
+    a site can have (`STEEPEST`). map_SE3_site: pose of the site in the map."""
     area = move_shape_to_map(piece.around(0.0), map_SE3_site)
     plane = find_plane(roads, area, map_SE3_site)
     if plane.steepest <= MIN_SLOPE:
         return Relief(), []
-    rise = float(np.hypot(*plane.slope))
+    slope_x, slope_y = plane.slope
+    rise = float(np.hypot(slope_x, slope_y))  # m per m, in the steepest direction
     if MIN_SLOPE < rise <= STEEPEST:
-        relief = Relief(slope=(round(plane.slope[0], 5), round(plane.slope[1], 5)))
+        relief = Relief(slope=(round(slope_x, 5), round(slope_y, 5)))
         note = (
             f"the site slopes by {100 * rise:.1f} % as its roads do, which leave that plane by up "
             f"to {plane.deviation:.2f} m"

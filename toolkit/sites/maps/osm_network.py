@@ -53,10 +53,10 @@ def make_osm_network(
         folder = Path(name)
         options = [*_write_roads(folder, pieces, extract, types), *side_options]
         with name_errors(piece.path):
-            network, warned = nets.run_netconvert_with_warnings(options)
+            network, warning_lines = nets.run_netconvert_with_warnings(options)
         if "<edge " not in network:
             raise piece.no_road(nearby=describe_roadless(extract, piece.around(MAP_REACH_M)))
-        notes = describe_warnings(warned)
+        notes = describe_warnings(warning_lines)
         network = move_network_to_site(network, map_SE3_site)
         strips = find_parking_strips(network, parking) if parking else {}
         if any(rules.number is not None for rules in types):
@@ -77,14 +77,16 @@ def _write_roads(
 ) -> list[str]:
     """Write roads and their types into a folder; return the options of netconvert for them.
 
-    types: names of SUMO's edge types by the rules of the pieces. With these options netconvert also
-    writes its edges into the folder, as plain.edg.xml and so on."""
-    streets = folder / "roads.osm"
+    With these options netconvert also writes its edges into the folder, as plain.edg.xml and so on.
+
+    pieces: roads within reach of the site; extract: the map's, with the places of their points;
+    types: names of SUMO's edge types by the rules of the pieces."""
+    road_file = folder / "roads.osm"
     type_file = folder / "types.xml"
-    streets.write_text(write_osm(pieces, extract), "utf-8")
+    road_file.write_text(write_osm(pieces, extract), "utf-8")
     type_file.write_text(format_types(types), "utf-8")
     return [
-        f"--osm-files={streets}",
+        f"--osm-files={road_file}",
         f"--type-files={type_file}",
         f"--proj={projection(*extract.centre)}",
         *_OSM_OPTIONS,

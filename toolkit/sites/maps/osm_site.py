@@ -103,12 +103,14 @@ def _make_surfaces(
 ) -> tuple[nets.Polygons, nets.Polygons]:
     """Make the polygons of the carriageway and of the footways of a site.
 
-    To the street's footways come the map's walks that belong to no road, off the street and off
-    `houses`. tracks: ground that vehicles drive on."""
+    The map's walks that belong to no road, off the street and off houses, are footways too.
+
+    window: ground of the site; street: lanes and footways of the network; houses: their ground;
+    tracks: ground that vehicles drive on."""
     walks = [
         walk.difference(street.ground).difference(houses) for walk in find_walks(extract, window)
     ]
-    footways = [*street.footways, *nets.cut_polygons(walks, window)]
-    walked = [shapely.Polygon(ring).difference(street.carriageway) for ring in footways]
-    driven = [shapely.Polygon(ring) for ring in street.lanes]
-    return whole_road(driven, walked, tracks, window)
+    footway_rings = [*street.footways, *nets.cut_polygons(walks, window)]
+    footways = [shapely.Polygon(ring).difference(street.carriageway) for ring in footway_rings]
+    lanes = [shapely.Polygon(ring) for ring in street.lanes]
+    return whole_road(lanes, footways, tracks, window)

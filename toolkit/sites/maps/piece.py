@@ -59,7 +59,8 @@ class MapPiece:
     @property
     def area(self) -> Float64[np.ndarray, "4"]:
         """Detection area xmin ymin xmax ymax (m) in the site's frame, centred on its origin."""
-        return np.array([-self.size[0], -self.size[1], self.size[0], self.size[1]]) / 2
+        length, width = self.size
+        return np.array([-length, -width, length, width]) / 2
 
     def around(self, margin: float) -> shapely.Polygon:
         """Rectangle of the ground up to `margin` m around the area, in the site's frame."""
@@ -68,24 +69,27 @@ class MapPiece:
     def no_road(self, nearest: tuple[float, float] | None = None, nearby: str = "") -> ValueError:
         """Make the error for a piece without a road, for the caller to raise.
 
-        nearest: place on the nearest road, in the map's coordinates; nearby: words for the things
-        that the map has here instead, "" for none."""
-        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
-        instead = f" ({nearby})" if nearby else ""
-        onto = "" if nearest is None else f", as --centre {nearest[0]:.10g} {nearest[1]:.10g}"
+        nearest: place x, y on the nearest road, in the map's coordinates; nearby: words for what
+        the map has here instead, "" for nothing."""
+        x, y = self.centre
+        found = f" ({nearby})" if nearby else ""
+        example = ""
+        if nearest is not None:
+            nearest_x, nearest_y = nearest
+            example = f", as --centre {nearest_x:.10g} {nearest_y:.10g}"
         return ValueError(
-            f"{self.path}: no road within the area about {where}{instead}: move --centre onto a "
-            f"road{onto}"
+            f"{self.path}: no road within the area about {x:.10g} {y:.10g}{found}: move --centre "
+            f"onto a road{example}"
         )
 
     def no_carriageway(self, kinds: Sequence[str]) -> ValueError:
         """Make the error for a piece whose roads have no carriageway, for the caller to raise.
 
         kinds: types of the roads' lanes in the map's words."""
-        listed = ", ".join(kind[:30] for kind in kinds[:12])
-        where = f"{self.centre[0]:.10g} {self.centre[1]:.10g}"
-        only = (
-            f"the roads within the area about {where} have no carriageway, but lanes of the types "
-            f"{listed}"
+        kind_list = ", ".join(kind[:30] for kind in kinds[:12])
+        x, y = self.centre
+        problem = (
+            f"the roads within the area about {x:.10g} {y:.10g} have no carriageway, but lanes of "
+            f"the types {kind_list}"
         )
-        return ValueError(f"{self.path}: {only}: give --centre X Y on another road")
+        return ValueError(f"{self.path}: {problem}: give --centre X Y on another road")

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import shapely
 
-from toolkit.sites import furniture as f, network as nets
+from toolkit.sites import furniture, network as nets
 from toolkit.sites.site import Solid
 
 CRACK_M = 0.3  # half the width of cracks between polygons of a map that are closed
@@ -24,16 +24,14 @@ def junction_corners(network: str) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Ground of a network's junctions: carriageway, and footway (SUMO's walking areas).
 
     network: net.xml text."""
-    footway = shapely.union_all(
-        [nets.enclose(lane) for _, lane in nets.list_lanes(network, "walkingarea")]
-    )
-    junctions = ElementTree.fromstring(network).iter("junction")
-    ground = [
+    walking_areas = [nets.enclose(lane) for _, lane in nets.list_lanes(network, "walkingarea")]
+    footway = shapely.union_all(walking_areas)
+    junction_shapes = [
         nets.enclose(junction)
-        for junction in junctions
+        for junction in ElementTree.fromstring(network).iter("junction")
         if junction.get("type") not in ("internal", "dead_end")
     ]
-    return shapely.union_all(ground).difference(footway), footway
+    return shapely.union_all(junction_shapes).difference(footway), footway
 
 
 def whole_road(
@@ -49,33 +47,37 @@ def whole_road(
     Driven ground is carriageway, and a footway begins at the end of the carriageway.
 
     lanes, footways: ground of single lanes and footways; tracks: ground that vehicles drive on;
-    fillings: carriageway and footway at places that the map leaves open."""
-    around = window.buffer(2 * STUB_M)
-    more_lanes, more_footways = (filling.intersection(around) for filling in fillings)
+    fillings: carriageway and footway at places that the map leaves open. Returns the polygons of
+    the lanes, and of the carriageway between them, then the polygons of the footways."""
+    wide_window = window.buffer(2 * STUB_M)
+    more_lanes, more_footways = (filling.intersection(wide_window) for filling in fillings)
     all_lanes = shapely.union_all(list(lanes))
-    paved = shapely.union_all([*lanes, tracks]).intersection(around)
-    footway = shapely.union_all(list(footways)).intersection(around)
-    paved = paved.union(more_lanes.difference(footway))
-    footway = _close_shape(footway.union(more_footways), CRACK_M)
-    carriageway, footway = _part_ground(paved, footway)
+    driven_ground = shapely.union_all([*lanes, tracks]).intersection(wide_window)
+    walked_ground = shapely.union_all(list(footways)).intersection(wide_window)
+    driven_ground = driven_ground.union(more_lanes.difference(walked_ground))
+    walked_ground = _close_shape(walked_ground.union(more_footways), CRACK_M)
+    carriageway, footway = _part_ground(driven_ground, walked_ground)
+    # the carriageway, lane by lane
     between_lanes = _open_shape(carriageway.difference(all_lanes), 0.01)
     near_lanes = [lane.intersection(carriageway) for lane in lanes if lane.intersects(window)]
-    pieces = nets.cut_polygons([*near_lanes, between_lanes], window)
-    carriageway = nets.unite(pieces)
+    lane_polygons = nets.cut_polygons([*near_lanes, between_lanes], window)
+    carriageway = nets.unite(lane_polygons)
     footway = _open_shape(footway.difference(carriageway), SLIVER_M).difference(carriageway)
-    return pieces, nets.cut_polygons([footway], window)
+    return lane_polygons, nets.cut_polygons([footway], window)
 
 
 def _part_ground(
-    paved: shapely.Geometry, footway: shapely.Geometry
+    driven_ground: shapely.Geometry, walked_ground: shapely.Geometry
 ) -> tuple[shapely.Geometry, shapely.Geometry]:
     """Divide ground into carriageway and footway, both without cracks, stubs and slivers.
 
-    paved: ground of the carriageway so far; footway: ground of footways, which may overlap it."""
-    closed = _open_shape(_close_shape(paved, CRACK_M), MIN_ROAD_M)
-    stubs = _close_shape(closed, STUB_M).difference(closed).intersection(footway)
-    footway = _open_shape(footway.difference(closed.union(stubs)), SLIVER_M)
-    carriageway = shapely.union_all([closed, stubs, *_find_islets(footway, closed)])
+    driven_ground: the carriageway so far; walked_ground: footways, which may overlap it."""
+    whole_driven = _open_shape(_close_shape(driven_ground, CRACK_M), MIN_ROAD_M)
+    # slots in the carriageway that are footway become carriageway
+    stubs = _close_shape(whole_driven, STUB_M).difference(whole_driven).intersection(walked_ground)
+    footway = _open_shape(walked_ground.difference(whole_driven.union(stubs)), SLIVER_M)
+    islets = _find_islets(footway, whole_driven)
+    carriageway = shapely.union_all([whole_driven, stubs, *islets])
     # off the grid an overlay may lose a whole lane
     carriageway = shapely.set_precision(carriageway, OUTLINE_GRID_M)
     if carriageway.geom_type == "GeometryCollection":  # whose overlays are slow
@@ -102,7 +104,7 @@ def kerbstones(
     """Make kerbstones between lanes and footways, on the side of the footways.
 
     lowered: ground without kerbstones, as at corners that vehicles cut."""
-    carriageway = nets.unite(lanes).buffer(0.01)
+    carriageway = nets.unite(lanes).buffer(0.01)  # wider, so that it overlaps the footways' edges
     footway = nets.unite(footways)
     if footway.is_empty:
         return []
@@ -110,7 +112,7 @@ def kerbstones(
     edge = edge.simplify(0.02).difference(lowered)
     if edge.geom_type == "MultiLineString":
         edge = shapely.line_merge(edge)
-    return f.set_kerbs(edge, carriageway, KERB_SIZE_M)
+    return furniture.set_kerbs(edge, carriageway, KERB_SIZE_M)
 
 
 def _open_shape(shape: shapely.Geometry, gap: float) -> shapely.Geometry:

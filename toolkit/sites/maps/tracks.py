@@ -16,9 +16,9 @@ MIN_BEND_M = 0.3  # deviation from a straight line of a track that counts as ben
 
 
 def find_tracks(network: str) -> shapely.Geometry:
-    """Union of the ground that motor vehicles drive on in a net.xml text.
+    """Union of the ground that motor vehicles drive on in a network.
 
-    Over junctions they have the room that both ends of a vehicle need."""
+    Over junctions it includes the ground under a turning vehicle. network: net.xml text."""
     tracks = []
     for edge, lane in nets.list_lanes(network, "normal", "internal"):
         if "passenger" in nets.list_users(lane):
@@ -36,7 +36,7 @@ def find_turns(network: str) -> shapely.Geometry:
     for _, lane in nets.list_lanes(network, "internal"):
         if "passenger" in nets.list_users(lane):
             points = nets.parse_shape(lane)
-            chord = shapely.LineString(points[[0, -1]])
+            chord = shapely.LineString([points[0], points[-1]])
             if shapely.LineString(points).hausdorff_distance(chord) > MIN_BEND_M:
                 bent_tracks += [_make_track(lane), *_sweep_body(points)]
     return shapely.union_all(bent_tracks).buffer(CORNER_CUT_M)
@@ -59,12 +59,16 @@ def _sweep_body(path: Float[np.ndarray, "k 2"]) -> list[shapely.Geometry]:
     length, width = TURNING_BODY_M
     if shapely.LineString(path).length < TURNING_STEP_M:
         return []
-    first = _normalize(path[1] - path[0])
-    last = _normalize(path[-1] - path[-2])
-    line = shapely.LineString([path[0] - length * first, *path, path[-1] + length * last])
-    stations = np.arange(0.0, line.length - length, TURNING_STEP_M)
-    rear = shapely.get_coordinates(line.interpolate(stations)).reshape(-1, 2)
-    front = shapely.get_coordinates(line.interpolate(stations + length)).reshape(-1, 2)
+    first_direction = _normalize(path[1] - path[0])
+    last_direction = _normalize(path[-1] - path[-2])
+    start = path[0] - length * first_direction
+    end = path[-1] + length * last_direction
+    line = shapely.LineString([start, *path, end])
+    # m along the line to the rear of the vehicle
+    distances = np.arange(0.0, line.length - length, TURNING_STEP_M)
+    rear = shapely.get_coordinates(line.interpolate(distances)).reshape(-1, 2)
+    front = shapely.get_coordinates(line.interpolate(distances + length)).reshape(-1, 2)
+    # middle line of the vehicle at each step
     middles = shapely.linestrings(np.stack([rear, front], axis=1))
     return list(shapely.buffer(middles, width / 2, cap_style="flat"))
 

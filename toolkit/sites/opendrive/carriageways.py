@@ -70,8 +70,9 @@ class PlainWriter:
         road: id of the road; contact: "start" or "end"; lane_id: id in the file. None if no
         carriageway has the lane."""
         for carriageway in self.roads.get(road, ()):
-            if lane_id in carriageway.ends[contact]:
-                return carriageway, carriageway.ends[contact][lane_id]
+            lane_ids = carriageway.ends[contact]  # by id in the file
+            if lane_id in lane_ids:
+                return carriageway, lane_ids[lane_id]
         return None
 
 
@@ -106,7 +107,15 @@ def read_carriageways(writer: PlainWriter) -> None:
         safe_name = name if SAFE_NAME.fullmatch(name) else f"coview{number}"
         offset = read_cubics(road.findall("lanes/laneOffset"))
         ends = _number_ends(sections)
-        carriageway = Carriageway(road, safe_name, length, sections, offset, ends, junction)
+        carriageway = Carriageway(
+            element=road,
+            name=safe_name,
+            length=length,
+            sections=sections,
+            offset=offset,
+            ends=ends,
+            junction=junction,
+        )
         keeps_other_side = (rule == "LHT") != (writer.sign < 0)
         writer.roads[name] = _part_directions(carriageway, keeps_other_side=keeps_other_side)
 
@@ -124,6 +133,7 @@ def _read_sections(
     """Read the sections of a road, cut at places at which a limit or a rule of access changes.
 
     is_inner: the road is part of a junction, and is not cut."""
+    # in a junction, links may lead through sections of no length, which are kept
     sections = read_sections(road, length, keep_empty=is_inner)
     if is_inner:
         return sections
@@ -143,34 +153,36 @@ def number_section_lanes(section: LaneSection) -> dict[int, int]:
 
 
 def _part_directions(road: Carriageway, *, keeps_other_side: bool) -> list[Carriageway]:
-    """Divide a road into carriageways: lanes against their direction by side, then all others.
+    """Divide a road into carriageways: contraflow lanes of each side, then all other lanes.
 
-    A road without lanes against the usual direction of their side comes back unchanged.
+    Contraflow lanes are driven against the usual direction of their side. A road without them comes
+    back unchanged.
 
-    keeps_other_side: traffic of the road keeps to the other side than the map's, so that lanes not
-    marked as reversed run against."""
+    road: all lanes of the road as one carriageway; keeps_other_side: traffic of the road keeps to
+    the other side than the map's, so that lanes not marked as reversed are contraflow lanes."""
     lanes = [lane for section in road.sections for lane in section.lanes]
-    against = {
-        lane for lane in lanes if _runs_against(lane) != keeps_other_side and _has_direction(lane)
+    contraflow = {
+        lane for lane in lanes if _is_reversed(lane) != keeps_other_side and _has_direction(lane)
     }
-    if not against:
+    if not contraflow:
         return [road]
-    signs = {1 if lane.number > 0 else -1 for lane in against}
-    carriageways = [_make_contraflow(road, against, sign) for sign in sorted(signs, reverse=True)]
-    inner_sections = [_strip_section(section, against) for section in road.sections]
+    signs = {1 if lane.number > 0 else -1 for lane in contraflow}  # 1 for the left side
+    carriageways = [_make_contraflow(road, contraflow, sign) for sign in sorted(signs)[::-1]]
+    inner_sections = [_strip_section(section, contraflow) for section in road.sections]
     if any(section.lanes for section in inner_sections):
         ends = _number_ends(inner_sections)
+        # ends of contraflow lanes are in their carriageways only
         for contact, lane_ids in ends.items():
             for carriageway in carriageways:
                 for lane_id in carriageway.ends[contact]:
                     lane_ids.pop(lane_id, None)
-        closed = frozenset(against)
+        closed = frozenset(contraflow)
         carriageways.append(replace(road, sections=inner_sections, ends=ends, closed=closed))
     return carriageways
 
 
-def _runs_against(lane: SectionLane) -> bool:
-    """True for a lane that the map says is driven against its side."""
+def _is_reversed(lane: SectionLane) -> bool:
+    """True for a lane that the map says is driven against the usual direction of its side."""
     return lane.element.get("direction", "standard") == "reversed"
 
 
@@ -181,19 +193,19 @@ def _has_direction(lane: SectionLane) -> bool:
     return not is_both and not users <= {FOOT}
 
 
-def _strip_section(section: LaneSection, against: set[SectionLane]) -> LaneSection:
-    """Return a section without the outer lanes that run against their side."""
-    lanes = _strip_side(section.side(1), against) + _strip_side(section.side(-1), against)
+def _strip_section(section: LaneSection, contraflow: set[SectionLane]) -> LaneSection:
+    """Return a section without the contraflow lanes at its outer edges."""
+    lanes = _strip_side(section.side(1), contraflow) + _strip_side(section.side(-1), contraflow)
     lanes.sort(key=lambda lane: -lane.number)
     return replace(section, lanes=tuple(lanes))
 
 
-def _strip_side(lanes: Sequence[SectionLane], against: set[SectionLane]) -> list[SectionLane]:
-    """Return lanes of one side, from the middle outwards, without outer ones that run against it.
+def _strip_side(lanes: Sequence[SectionLane], contraflow: set[SectionLane]) -> list[SectionLane]:
+    """Return lanes of one side, from the middle outwards, without outer contraflow lanes.
 
-    Lanes in `against` that have others outside them stay, to keep these in their places."""
+    Contraflow lanes that have others outside them stay, to keep these in their places."""
     inner_lanes = list(lanes)
-    while inner_lanes and inner_lanes[-1] in against:
+    while inner_lanes and inner_lanes[-1] in contraflow:
         inner_lanes.pop()
     return inner_lanes
 
@@ -215,15 +227,15 @@ class _TurnedSection:
     closed: frozenset[SectionLane]
 
 
-def _make_contraflow(road: Carriageway, against: set[SectionLane], sign: int) -> Carriageway:
-    """Make a carriageway of the lanes of one side that run against it.
+def _make_contraflow(road: Carriageway, contraflow: set[SectionLane], sign: int) -> Carriageway:
+    """Make a carriageway of the contraflow lanes of one side.
 
-    They become lanes of the other side of a line along their outer border. against: lanes of both
-    sides that run against theirs; sign: 1 for the left side, -1 for the right."""
+    They become lanes of the other side of a line along their outer border. contraflow: lanes of
+    both sides that run against theirs; sign: 1 for the left side, -1 for the right."""
     turned: list[_TurnedSection] = []
     for section in road.sections:
         previous_ids = turned[-1].lane_ids if turned else None
-        turned.append(_turn_section(road, section, against, sign, previous_ids))
+        turned.append(_turn_section(road, section, contraflow, sign, previous_ids))
     closed = {lane for row in turned for lane in row.closed}
     sections = [row.section for row in turned]
     for i, next_row in enumerate(turned[1:]):
@@ -238,7 +250,7 @@ def _make_contraflow(road: Carriageway, against: set[SectionLane], sign: int) ->
     ends: dict[str, dict[int, int]] = {}
     for contact, index in (("start", 0), ("end", -1)):
         side = road.sections[index].side(sign)
-        driven_ids = {lane.number for lane in side if lane in against}
+        driven_ids = {lane.number for lane in side if lane in contraflow}
         lane_ids = turned[index].lane_ids
         ends[contact] = {old: new for old, new in lane_ids.items() if old in driven_ids}
     starts = np.concatenate([row.edge.starts for row in turned])
@@ -257,32 +269,40 @@ def _make_contraflow(road: Carriageway, against: set[SectionLane], sign: int) ->
 def _turn_section(
     road: Carriageway,
     section: LaneSection,
-    against: set[SectionLane],
+    contraflow: set[SectionLane],
     sign: int,
     previous_ids: Mapping[int, int] | None,
 ) -> _TurnedSection:
-    """Turn the lanes of one side of a section that run against it to the other side.
+    """Turn the contraflow lanes of one side of a section to the other side of their outer border.
 
     Lanes between them are turned too, but closed. sign: 1 for the left side, -1 for the right;
     previous_ids: ids of the turned lanes in the section before, by their id in the file; None for
     the first section."""
-    lanes = section.side(sign)
-    places = [place for place, lane in enumerate(lanes) if lane in against]
-    inside = lanes[: places[-1] + 1] if places else ()
+    lanes = section.side(sign)  # from the middle outwards
+    indices = [i for i, lane in enumerate(lanes) if lane in contraflow]
+    inner_lanes = lanes[: indices[-1] + 1] if indices else ()  # up to the outermost one
     edge = road.offset.cut_start(section.start)
-    for lane in inside:
+    for lane in inner_lanes:
+        # to the left by each width on the left side, to the right on the right side
         edge = edge.subtract(lane.width.negate() if sign > 0 else lane.width)
-    group = inside[places[0] :] if places else ()
-    lane_ids = {lane.number: -sign * (len(group) - k) for k, lane in enumerate(group)}
-    turned_lanes = [
-        replace(lane, number=lane_ids[lane.number], before=_renumber(lane.before, previous_ids))
-        for lane in group
-    ]
-    pairs = zip(turned_lanes, group, strict=True)
-    closed = frozenset(turned_lane for turned_lane, lane in pairs if lane not in against)
+    group = inner_lanes[indices[0] :] if indices else ()
+    # the outermost lane is next to the new line
+    lane_ids = {lane.number: -sign * (len(group) - i) for i, lane in enumerate(group)}
+    turned_lanes = []
+    closed = set()
+    for lane in group:
+        before = _renumber(lane.before, previous_ids)
+        turned_lane = replace(lane, number=lane_ids[lane.number], before=before)
+        turned_lanes.append(turned_lane)
+        if lane not in contraflow:
+            closed.add(turned_lane)
     turned_lanes.sort(key=lambda lane: -lane.number)
-    turned_section = LaneSection(section.start, section.end, tuple(turned_lanes))
-    return _TurnedSection(turned_section, edge.move(section.start), lane_ids, closed)
+    return _TurnedSection(
+        section=replace(section, lanes=tuple(turned_lanes)),
+        edge=edge.move(section.start),
+        lane_ids=lane_ids,
+        closed=frozenset(closed),
+    )
 
 
 def _renumber(lane_ids: Sequence[int], new_ids: Mapping[int, int] | None) -> tuple[int, ...]:

@@ -26,24 +26,24 @@ def count_contradictions(
     """Count the contradictions within a <road> in `problems`, by the words of their note.
 
     length: length of the road by its geometry (m); sections: as read from the road."""
-    gap = max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length)
-    attribute = road.get("length", "")
-    if is_number(attribute) and abs(float(attribute) - length) > gap:
+    max_gap = max(MAX_LENGTH_GAP_M, MAX_LENGTH_GAP_SHARE * length)
+    stated_length = road.get("length", "")
+    if is_number(stated_length) and abs(float(stated_length) - length) > max_gap:
         problems["roads are not as long as their geometry, which counts"] += 1
     for section in sections:
         lane_ids = {lane.number for lane in section.lanes}
-        doubles = len(section.lanes) - len(lane_ids)
-        problems["lanes have the id of another lane beside them"] += doubles
+        duplicate_count = len(section.lanes) - len(lane_ids)
+        problems["lanes have the id of another lane beside them"] += duplicate_count
         min_widths = [sample_width(section, lane).min() for lane in section.lanes]
-        negative = sum(width < MIN_WIDTH_M for width in min_widths)
-        problems["lanes have a width below zero, which counts as zero"] += negative
+        negative_count = sum(width < MIN_WIDTH_M for width in min_widths)
+        problems["lanes have a width below zero, which counts as zero"] += negative_count
     starts = [read_number(section, "s") for section in road.findall("lanes/laneSection")]
-    outside = sum(not -gap <= start <= length + gap for start in starts)
-    problems["lane sections begin beyond the ends of their road and are left out"] += outside
-    for side, sign in (("left", 1), ("right", -1)):
+    outside_count = sum(not -max_gap <= start <= length + max_gap for start in starts)
+    problems["lane sections begin beyond the ends of their road and are left out"] += outside_count
+    for side, sign in (("left", 1), ("right", -1)):  # ids are positive on the left
         lanes = road.findall(f"lanes/laneSection/{side}/lane")
-        misplaced = sum(sign * read_number(lane, "id") <= 0 for lane in lanes)
-        problems["lanes have an id of the other side, where they are drawn"] += misplaced
+        wrong_count = sum(sign * read_number(lane, "id") <= 0 for lane in lanes)
+        problems["lanes have an id of the other side, where they are drawn"] += wrong_count
 
 
 def sample_width(section: LaneSection, lane: SectionLane) -> Float64[np.ndarray, " k"]:

@@ -23,17 +23,19 @@ class Cubics:
     rows: Float64[np.ndarray, "n 4"]
 
     def at(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """Values at `s`; to the left of the first piece, the value at its start."""
+        """Values of the function at `s`; before the first piece, the value at its start."""
         if not len(self.starts):
             return np.zeros(len(s))
-        which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
-        ds = np.maximum(s - self.starts[which], 0.0)
-        return np.sum(self.rows[which] * ds[:, None] ** np.arange(4), axis=1)
+        # index of the piece that is valid at each s
+        piece = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
+        ds = np.maximum(s - self.starts[piece], 0.0)
+        powers = ds[:, None] ** np.arange(4)  # columns 1, ds, ds², ds³
+        return np.sum(self.rows[piece] * powers, axis=1)
 
     def slope(self, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
-        """Derivatives at `s`; the first piece's at its start holds to the left of it."""
-        derived = self.rows[:, 1:] * [1, 2, 3]
-        rows = np.column_stack([derived, np.zeros(len(self.rows))])
+        """Derivatives of the function at `s`; the first piece's at its start holds before it."""
+        derivatives = self.rows[:, 1:] * [1, 2, 3]  # b + 2 c ds + 3 d ds²
+        rows = np.column_stack([derivatives, np.zeros(len(self.rows))])
         return Cubics(self.starts, rows).at(s)
 
     def cut_start(self, s: float) -> "Cubics":
@@ -45,9 +47,10 @@ class Cubics:
         return Cubics(self.starts + by, self.rows)
 
     def split(self, starts: Sequence[float]) -> "Cubics":
-        """Return the function with pieces that begin at `starts`, ascending.
+        """Return the function with pieces that begin at other places: `starts`, ascending.
 
-        They must hold all starts of the function's pieces from the first new start on."""
+        They must include all starts of the function's pieces from the first new start on. The
+        values remain the same from there on."""
         if not len(self.starts):
             return Cubics(np.array(starts, np.float64), np.zeros((len(starts), 4)))
         rows = np.array([self._find_row(s) for s in starts]).reshape(-1, 4)
@@ -63,12 +66,16 @@ class Cubics:
         return Cubics(self.starts, -self.rows)
 
     def _find_row(self, s: float) -> Float64[np.ndarray, "4"]:
-        """Coefficients a, b, c, d of the function about `s`, from the piece that is valid there."""
-        which = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
-        ds = s - self.starts[which]
-        a, b, c, d = self.rows[which]
-        if ds <= 0:
-            return np.array([a, 0.0, 0.0, 0.0]) if ds < 0 else self.rows[which]
+        """Coefficients a, b, c, d of the function about `s`, from the piece that is valid there.
+
+        Before the first piece, the function is constant."""
+        piece = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
+        ds = s - self.starts[piece]
+        a, b, c, d = self.rows[piece]
+        if ds < 0:
+            return np.array([a, 0.0, 0.0, 0.0])
+        if ds == 0:
+            return self.rows[piece]
         value = a + b * ds + c * ds**2 + d * ds**3
         slope = b + 2 * c * ds + 3 * d * ds**2
         return np.array([value, slope, c + 3 * d * ds, d])
@@ -99,9 +106,10 @@ def read_cubics(elements: list[ElementTree.Element], key: str = "s") -> Cubics:
 
     key: attribute of the start, by which the pieces are sorted; of equal starts the last element
     counts. No elements give the function 0."""
-    keys = (key, "a", "b", "c", "d")
-    numbers = [read_number(element, name, 0.0) for element in elements for name in keys]
-    rows = np.array(numbers, np.float64).reshape(-1, 5)
-    if len(rows) > 1:
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    return Cubics(rows[:, 0], rows[:, 1:])
+    names = (key, "a", "b", "c", "d")
+    numbers = [read_number(element, name, 0.0) for element in elements for name in names]
+    table = np.array(numbers, np.float64).reshape(-1, 5)
+    if len(table) > 1:
+        starts = table[:, 0]
+        table = table[np.argsort(starts, kind="stable")]  # the last of equal starts remains last
+    return Cubics(starts=table[:, 0], rows=table[:, 1:])

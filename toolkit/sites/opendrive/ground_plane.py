@@ -40,10 +40,11 @@ def find_plane(
     It is level in a direction along which the roads do not spread enough.
 
     map_SE3_site: pose of the site in the map, in whose x and y the slope comes back."""
+    # rows x, y, z (m, map frame) of middle lines and of edges
     middles = [np.zeros((0, 3))]
     edges = []
     steepest = 0.0
-    spread = MIN_SPREAD_M
+    min_spread = MIN_SPREAD_M  # m, that the rows need along a direction
     for road in roads:
         s, road_xy = road.stations(window, STATION_STEP_M)
         middles.append(np.column_stack([road_xy, road.elevation.at(s)]))
@@ -52,41 +53,46 @@ def find_plane(
             road_edges, gradient = _find_edges(road, s)
             edges.append(road_edges)
             steepest = max(steepest, gradient)
-            spread = MIN_TILTED_SPREAD_M
+            min_spread = MIN_TILTED_SPREAD_M
     places = np.concatenate(middles + edges)
     if len(places) < 3:
-        return GroundPlane(LEVEL, 0.0, steepest)
-    xy = (places[:, :2] - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2]
-    slope, deviation = _fit_slope(xy, places[:, 2], spread)
-    return GroundPlane(slope, deviation, steepest)
+        return GroundPlane(slope=LEVEL, deviation=0.0, steepest=steepest)
+    map_xy = places[:, :2]
+    z = places[:, 2]
+    site_xy = (map_xy - map_SE3_site[:2, 3]) @ map_SE3_site[:2, :2]
+    slope, deviation = _fit_slope(site_xy, z, min_spread)
+    return GroundPlane(slope=slope, deviation=deviation, steepest=steepest)
 
 
 def _fit_slope(
-    xy: Float64[np.ndarray, "n 2"], z: Float64[np.ndarray, " n"], spread: float
+    xy: Float64[np.ndarray, "n 2"], z: Float64[np.ndarray, " n"], min_spread: float
 ) -> tuple[Slope, float]:
     """Fit the slope of points by least squares; return it and their greatest distance from it (m).
 
-    xy, z: places and heights (m); spread: standard deviation (m) that the points need along a
-    direction, else the slope there is 0."""
-    xy = xy - xy.mean(axis=0)
-    z = z - z.mean()
-    min_square_sum = (spread * np.sqrt(len(xy))) ** 2
+    The slope is rise over run along x and y. xy, z: places and heights (m); min_spread: standard
+    deviation (m) that the points need along a direction, else the slope there is 0."""
+    centred_xy = xy - xy.mean(axis=0)
+    centred_z = z - z.mean()
+    min_square_sum = (min_spread * np.sqrt(len(xy))) ** 2
     # columns of `axes` are the main directions of the points
-    square_sums, axes = np.linalg.eigh(xy.T @ xy)
+    square_sums, axes = np.linalg.eigh(centred_xy.T @ centred_xy)
     wide_axes = axes[:, square_sums > min_square_sum]
     slope = np.zeros(2)
     if wide_axes.size:
-        slope = wide_axes @ np.linalg.lstsq(xy @ wide_axes, z, rcond=None)[0]
-    return (float(slope[0]), float(slope[1])), float(abs(z - xy @ slope).max())
+        # slopes along the wide axes, turned back to x and y
+        axis_slopes, *_ = np.linalg.lstsq(centred_xy @ wide_axes, centred_z, rcond=None)
+        slope = wide_axes @ axis_slopes
+    slope_x, slope_y = slope.tolist()
+    return (slope_x, slope_y), float(abs(centred_z - centred_xy @ slope).max())
 
 
 def _find_edges(
     road: MapRoad, s: Float[np.ndarray, " k"]
 ) -> tuple[Float64[np.ndarray, "n 3"], float]:
-    """Places on both edges of a carriageway at `s` (m), and its steepest gradient there.
+    """Places on both edges of a carriageway, and its steepest gradient there.
 
-    Rows are x, y, z (m, map frame).
-    The gradient (rise over run) is along the road and across it together."""
+    s: places along the road (m). Rows are x, y, z (m, map frame). The gradient (rise over run) is
+    along the road and across it together."""
     offset = read_cubics(road.element.findall("lanes/laneOffset"))
     edges = [np.zeros((0, 3))]
     steepest = 0.0
@@ -94,14 +100,17 @@ def _find_edges(
         section_s = s[(s >= section.start) & (s <= section.end)]
         middle_t = offset.at(section_s)
         for sign in (1, -1):
+            # t: m to the left of the reference line
             edge_t = _find_edge(section, sign, section_s, middle_t)
-            height = road.lateral.at(section_s, edge_t)
+            height = road.lateral.at(section_s, edge_t)  # above the reference line
             elevation = road.elevation.at(section_s)
             edge_xy = road.step_aside(section_s, edge_t)
             edges.append(np.column_stack([edge_xy, elevation + height]))
             rise = height - road.lateral.at(section_s, middle_t)
-            across = rise / np.maximum(np.abs(edge_t - middle_t), 0.5)
-            gradient = np.hypot(across, road.elevation.slope(section_s))
+            # at least 0.5 m: a narrow lane would make any rise steep
+            slope_across = rise / np.maximum(np.abs(edge_t - middle_t), 0.5)
+            slope_along = road.elevation.slope(section_s)
+            gradient = np.hypot(slope_across, slope_along)
             steepest = max(steepest, float(gradient.max(initial=0.0)))
     return np.concatenate(edges), steepest
 

@@ -92,10 +92,10 @@ def find_cuts(road: ElementTree.Element, sections: Sequence[LaneSection]) -> set
     for section in sections:
         for lane in section.lanes:
             rules = [*lane.element.findall("speed"), *lane.element.findall("access")]
-            # sOffset counts from the start of the <laneSection>, `offset` before this section's
-            cuts |= {
-                section.start - lane.offset + read_number(rule, "sOffset", 0.0) for rule in rules
-            }
+            # sOffset counts from the start of the <laneSection>, which is `offset` m before the
+            # section's
+            description_start = section.start - lane.offset
+            cuts |= {description_start + read_number(rule, "sOffset", 0.0) for rule in rules}
     return cuts
 
 
@@ -110,18 +110,19 @@ def find_use(
 
     Differences from the map are counted in `problems`, by the words of their note.
 
-    defaults: limits (m/s) by type of road, as `read_defaults` gives them."""
+    road: the <road>; section: the lane's; defaults: limits (m/s) that the header sets, by type of
+    road."""
     users = _find_users(section, lane, problems)
-    for kind in _active(road.findall("type"), section.start, key="s"):
-        allowed = _ROADS.get(kind.get("type", ""))
-        if allowed is not None and set(users) - set(allowed) - {FOOT}:
-            problems[
-                f"lanes of roads of type {kind.get('type')!r} are closed to other traffic"
-            ] += 1
-            users = tuple(user for user in users if user in allowed) or allowed
-    if not set(users) & set(MOTOR.split()) or lane.kind == "biking":
-        return LaneUse(users, None)
-    return LaneUse(users, _find_limit(road, section, lane, defaults, problems))
+    for type_element in _list_active(road.findall("type"), section.start, key="s"):
+        road_type = type_element.get("type", "")
+        allowed_users = _ROADS.get(road_type)  # None for a road that is open to all
+        if allowed_users is not None and set(users) - set(allowed_users) - {FOOT}:
+            problems[f"lanes of roads of type {road_type!r} are closed to other traffic"] += 1
+            users = tuple(user for user in users if user in allowed_users) or allowed_users
+    has_motor_traffic = bool(set(users) & set(MOTOR.split()))
+    if not has_motor_traffic or lane.kind == "biking":
+        return LaneUse(users, limit=None)
+    return LaneUse(users, limit=_find_limit(road, section, lane, defaults, problems))
 
 
 def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str, float]:
@@ -153,40 +154,40 @@ def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str])
     for key in ("dynamicLaneType", "dynamicLaneDirection"):
         if lane.element.get(key) in ("true", "1"):
             problems[f"lanes with {key} stay as the map describes them"] += 1
-    return _apply_access(
-        USERS[kind].split(), _active(lane.element.findall("access"), lane.offset), problems
-    )
+    access_rules = _list_active(lane.element.findall("access"), lane.offset)
+    return _apply_access(USERS[kind].split(), access_rules, problems)
 
 
 def _apply_access(
     users: Sequence[str], rules: Iterable[ElementTree.Element], problems: Counter[str]
 ) -> tuple[str, ...]:
-    """Users that are left by the access rules of one place.
+    """Users who may use a lane by the access rules of one place, in SUMO's words.
 
-    users: usual for the lane; rules: <access> elements; differences from the map are counted in
-    `problems`. A rule that allows some users closes the lane to all others."""
-    allowed: set[str] = set()
-    denied: set[str] = set()
-    is_exclusive = False
+    users: usual for the lane; rules: <access> elements; problems: differences from the map are
+    counted there. A rule that allows some users closes the lane to all others."""
+    allowed_users: set[str] = set()
+    denied_users: set[str] = set()
+    is_exclusive = False  # a rule allows some users
     for rule in rules:
-        names = [rule.get("restriction")]
+        names = [rule.get("restriction")]  # groups of users in the map's words
         names += [element.get("type") for element in rule.findall("restriction")]
+        names = [name for name in names if name not in (None, "none")]
         allows = rule.get("rule") == "allow"
-        if rule.get("rule") not in ("allow", "deny") and set(names) - {None, "none"}:
+        if rule.get("rule") not in ("allow", "deny") and names:
             problems["<access> rules without allow or deny count as deny"] += 1
         for name in names:
-            if name in (None, "none"):
-                continue
             is_exclusive = is_exclusive or allows
             if name in _UNKNOWN_TO_TRAFFIC or name not in _RESTRICTED:
                 problems[f"<access> rules are for {str(name)[:30]!r}, which is not simulated"] += 1
                 continue
-            (allowed if allows else denied).update(_RESTRICTED[str(name)].split())
-    exclusive_users = [user for user in users if not is_exclusive or user in allowed]
+            named_users = allowed_users if allows else denied_users
+            named_users.update(_RESTRICTED[str(name)].split())  # in SUMO's words
+    open_users = list(users)
     if is_exclusive:
-        # a driving lane for bicycles and feet
-        exclusive_users += sorted(allowed - set(users))
-    return tuple(user for user in exclusive_users if user not in denied)
+        open_users = [user for user in users if user in allowed_users]
+        # a rule may also allow users who are not usual, as bicycles on a driving lane
+        open_users += sorted(allowed_users - set(users))
+    return tuple(user for user in open_users if user not in denied_users)
 
 
 def _find_limit(
@@ -197,26 +198,26 @@ def _find_limit(
     problems: Counter[str],
 ) -> float | None:
     # Limit (m/s) of a lane at its section's start: the lane's, the road's there, or the header's
-    # for its type (`defaults`); None without any.
-    for speed in _active(lane.element.findall("speed"), lane.offset):
+    # for the road's type (`defaults`); None without any.
+    for speed in _list_active(lane.element.findall("speed"), lane.offset):
         limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)
         if limit is not None:
             return limit
-    kinds = _active(road.findall("type"), section.start, key="s")
-    for kind in kinds:
-        for speed in kind.findall("speed"):
+    for type_element in _list_active(road.findall("type"), section.start, key="s"):
+        for speed in type_element.findall("speed"):
             limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)
             if limit is not None:
                 return limit
-        if kind.get("type", "") in defaults:
-            return defaults[kind.get("type", "")]
+        road_type = type_element.get("type", "")
+        if road_type in defaults:
+            return defaults[road_type]
     return None
 
 
 def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> float | None:
-    """Limit (m/s) of a text and a unit, m/s if it is None; None if the text gives no speed.
+    """Speed limit (m/s) of an attribute's text; None if the text gives no speed.
 
-    Odd limits are counted in `problems`."""
+    unit: one of `UNITS_MPS`, m/s if None; problems: odd limits are counted there."""
     text = (text or "").strip()
     if text == "no limit":
         problems[f"limits of 'no limit' count as {NO_LIMIT_MPS * 3.6:.0f} km/h"] += 1
@@ -227,7 +228,7 @@ def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> 
         value = float(text) * UNITS_MPS[unit or "m/s"]
     except (ValueError, KeyError):
         value = 0.0
-    if not 0.0 < value < 1000.0:
+    if not 0.0 < value < 1000.0:  # m/s; also for a text that is no number
         problems[
             f"limits of {text[:20]!r} in {(unit or 'm/s')[:10]!r} are no speeds and were left out"
         ] += 1
@@ -239,12 +240,13 @@ def _parse_limit(text: str | None, unit: str | None, problems: Counter[str]) -> 
     return value
 
 
-def _active(
-    rules: list[ElementTree.Element], at: float, key: str = "sOffset"
+def _list_active(
+    rules: list[ElementTree.Element], place: float, key: str = "sOffset"
 ) -> list[ElementTree.Element]:
-    """Rules that hold at a place: all that begin at the last start up to it.
+    """Elements of rules that hold at a place: each rule holds until others start.
 
-    at: place (m) along what `key`, the attribute of the start, counts from."""
-    before = [rule for rule in rules if read_number(rule, key, 0.0) <= at + 1e-6]
-    last = max((read_number(rule, key, 0.0) for rule in before), default=0.0)
-    return [rule for rule in before if read_number(rule, key, 0.0) == last]
+    place: m along the road, counted as the rules' starts are; key: attribute of a rule's start
+    (m)."""
+    started_rules = [rule for rule in rules if read_number(rule, key, 0.0) <= place + 1e-6]
+    last_start = max((read_number(rule, key, 0.0) for rule in started_rules), default=0.0)
+    return [rule for rule in started_rules if read_number(rule, key, 0.0) == last_start]

@@ -82,7 +82,8 @@ def read_sections(
         sources[side] = [element for element in elements if _describes(element, side)]
     starts = [read_number(element, "s") for element in elements]
     for cut in sorted(cuts):
-        if min((abs(cut - station) for station in (*starts, length)), default=0.0) > MIN_PIECE_M:
+        # `starts` grows: a cut keeps off earlier cuts too
+        if min((abs(cut - start) for start in (*starts, length)), default=0.0) > MIN_PIECE_M:
             starts.append(cut)
     min_section = 0.0 if keep_empty else MIN_SECTION_M
     for start, end in pairwise([*sorted(set(starts)), length]):
@@ -101,23 +102,27 @@ def read_sections(
 def _read_empty(
     elements: Iterable[ElementTree.Element], start: float, lane_offset: Cubics
 ) -> list[LaneSection]:
-    """Read the sections of no length at `start` (m), which describe both sides.
+    """Read the sections of no length at `start` (m along s), which describe both sides.
 
-    They are all <laneSection> there but the last, which has a length. lane_offset: m from the
-    reference line to the middle of the lanes, along s."""
-    both_sided = [
+    They are all <laneSection> there but the last, which has a length.
+
+    elements: all <laneSection> of the road, in order of s; lane_offset: m from the reference line
+    to the middle of the lanes, along s."""
+    elements_here = [
         element
         for element in elements
-        if _describes(element, "left") and _describes(element, "right")
+        if _describes(element, "left")
+        and _describes(element, "right")
+        and read_number(element, "s") == start
     ]
     sections = []
-    for element in [element for element in both_sided if read_number(element, "s") == start][:-1]:
-        description = _Description(element, start, start)
+    for element in elements_here[:-1]:
+        description = _Description(element, start=start, end=start)
         lanes: list[SectionLane] = []
         for side in _SIDES:
             lanes += _read_side(description, side, (start, start), lane_offset)
         lanes.sort(key=lambda lane: -lane.number)
-        sections.append(LaneSection(start, start, tuple(lanes)))
+        sections.append(LaneSection(start=start, end=start, lanes=tuple(lanes)))
     return sections
 
 
@@ -139,19 +144,18 @@ class _Description:
 
 
 def _find_description(
-    elements: Sequence[ElementTree.Element], at: float, length: float
+    elements: Sequence[ElementTree.Element], place: float, length: float
 ) -> _Description | None:
-    """Find the <laneSection> that is valid at `at` (m along s) for one side.
+    """Find the <laneSection> that is valid at a place for one side; None before the first.
 
-    None comes back for a place before the first.
-
-    elements: all that describe the side, in order of s; length: length of the road (m)."""
+    elements: all that describe the side, in order of s; place: m along s; length: length of the
+    road (m)."""
     starts = [read_number(element, "s") for element in elements]
-    which = int(np.searchsorted(starts, at, side="right")) - 1
-    if which < 0:
+    index = int(np.searchsorted(starts, place, side="right")) - 1  # last start up to the place
+    if index < 0:
         return None
-    end = starts[which + 1] if which + 1 < len(starts) else length
-    return _Description(elements[which], starts[which], end)
+    end = starts[index + 1] if index + 1 < len(starts) else length
+    return _Description(elements[index], start=starts[index], end=end)
 
 
 def _read_side(
@@ -166,7 +170,7 @@ def _read_side(
     elements.sort(key=lambda lane: abs(read_number(lane, "id")))
     widths = {lane: read_cubics(lane.findall("width"), "sOffset") for lane in elements}
     if any(lane.find("border") is not None for lane in elements):
-        widths = _widths_of_borders(
+        widths = _complete_widths(
             widths, lane_offset.cut_start(described.start), is_left=side == "left"
         )
     offset = span[0] - described.start
@@ -192,24 +196,31 @@ def _read_side(
     return lanes
 
 
-def _widths_of_borders(
-    widths: dict[ElementTree.Element, Cubics], inner: Cubics, *, is_left: bool
+def _complete_widths(
+    widths: dict[ElementTree.Element, Cubics], middle: Cubics, *, is_left: bool
 ) -> dict[ElementTree.Element, Cubics]:
-    """Complete the widths of one side's lanes: without a <width>, by their borders.
+    """Return widths (m) of one side's lanes, taken from <border> for lanes without a <width>.
 
-    widths: by <lane>, from the middle outwards; inner: border (m along t) from which the first lane
-    begins, along s from the start of the <laneSection>."""
-    complete = {}
+    widths: by <lane>, from the middle outwards; middle: m from the reference line to the inner edge
+    of the first lane, positive to the left. All functions are along s from the start of the
+    <laneSection>; is_left: the side's lanes are to the left of the middle."""
+    complete_widths = {}
+    inner_border = middle
     for lane, width in widths.items():
         borders = lane.findall("border")
         if borders and not len(width.starts):
-            outer = read_cubics(borders, "sOffset")
-            width = outer.subtract(inner) if is_left else inner.subtract(outer)
+            outer_border = read_cubics(borders, "sOffset")
+            lane_width = (
+                outer_border.subtract(inner_border)
+                if is_left
+                else inner_border.subtract(outer_border)
+            )
         else:
-            outer = inner.subtract(width.negate() if is_left else width)
-        complete[lane] = width
-        inner = outer
-    return complete
+            outer_border = inner_border.subtract(width.negate() if is_left else width)
+            lane_width = width
+        complete_widths[lane] = lane_width
+        inner_border = outer_border
+    return complete_widths
 
 
 def _links(lane: ElementTree.Element, which: str) -> tuple[int, ...]:

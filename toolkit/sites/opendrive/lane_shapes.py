@@ -45,12 +45,10 @@ class _Line:
 
     def find_places(self, points: Float[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         """Places `s` along the reference line (m) nearest to points x, y of the map."""
-        along = np.concatenate(
-            [[0.0], np.cumsum(_measure_steps(shapely.get_coordinates(self.line)))]
-        )
-        return np.interp(
-            shapely.line_locate_point(self.line, shapely.points(points)), along, self.places
-        )
+        # m along the sampled line, which is a little shorter than the reference line
+        sample_distances = _measure_distances(shapely.get_coordinates(self.line))
+        point_distances = shapely.line_locate_point(self.line, shapely.points(points))
+        return np.interp(point_distances, sample_distances, self.places)
 
 
 def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
@@ -60,34 +58,33 @@ def align_lanes(network: str, plain: PlainMap, window: shapely.Geometry) -> str:
 
     network: net.xml text of the whole map, in its coordinates; plain: roads from which netconvert
     made it; window: ground in the map's coordinates."""
-    varying = {
-        road.name: road
-        for road in plain.carriageways
-        if _varies(road) and _comes_near(road, window)
+    varying_roads = {
+        road.name: road for road in plain.carriageways if _varies(road) and _may_reach(road, window)
     }
-    if not varying:
+    if not varying_roads:
         return network
     root = ElementTree.fromstring(network)
-    lines: dict[str, _Line] = {}
+    lines: dict[str, _Line] = {}  # reference lines by name of the road
     is_changed = False
     for edge in root.iter("edge"):
         # netconvert names edges ROAD#PIECE, with - for one direction
         name = edge.get("id", "").removeprefix("-").partition("#")[0]
-        if edge.get("function") is None and name in varying:
+        if edge.get("function") is None and name in varying_roads:
+            road = varying_roads[name]
             if name not in lines:
-                lines[name] = _Line.from_road(read_road(varying[name].element))
-            is_forward = edge.get("id", "").startswith("-")
-            sign = 1 if is_forward == plain.lefthand else -1
-            is_changed |= _align_edge(edge, varying[name], lines[name], sign)
+                lines[name] = _Line.from_road(read_road(road.element))
+            is_forward = edge.get("id", "").startswith("-")  # its traffic follows the road's s
+            sign = 1 if is_forward == plain.lefthand else -1  # 1 for lanes on the left in the map
+            is_changed |= _align_edge(edge, road, lines[name], sign)
     for junction in root.iter("junction"):
-        name, _, count = junction.get("id", "").partition("#")
-        if name in varying and count:  # between two pieces of a road
+        name, _, piece_number = junction.get("id", "").partition("#")
+        if name in varying_roads and piece_number:  # between two pieces of a road
             junction.set("customShape", "1")
     return ElementTree.tostring(root, encoding="unicode") + "\n" if is_changed else network
 
 
-def _comes_near(road: Carriageway, window: shapely.Geometry) -> bool:
-    """True if a piece of the road may reach a window."""
+def _may_reach(road: Carriageway, window: shapely.Geometry) -> bool:
+    """True if a piece of a road begins so near a window (map frame) that it may reach it."""
     xmin, ymin, xmax, ymax = window.bounds
     for piece in road.element.findall("planView/geometry"):
         x = read_number(piece, "x")
@@ -106,8 +103,9 @@ def _varies(road: Carriageway) -> bool:
 
 def _is_bent(function: Cubics) -> bool:
     # True if a function has a slope, or steps from one piece to the next.
-    rows = function.rows
-    return bool(rows[:, 1:].any()) or bool((rows[1:, 0] != rows[:-1, 0]).any())
+    values = function.rows[:, 0]  # at the starts of the pieces
+    slopes = function.rows[:, 1:]  # and higher derivatives
+    return bool(slopes.any()) or bool((values[1:] != values[:-1]).any())
 
 
 def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign: int) -> bool:
@@ -154,10 +152,10 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
     return is_changed
 
 
-def _measure_steps(points: Float[np.ndarray, "k 2"]) -> Float64[np.ndarray, " _"]:
-    """Length of each step from point to point."""
-    steps: Float64[np.ndarray, " _"] = np.hypot(*np.diff(points, axis=0).T)
-    return steps
+def _measure_distances(points: Float[np.ndarray, "k 2"]) -> Float64[np.ndarray, " k"]:
+    """Distance (m) of each point of a line from the first one, along the line."""
+    dx, dy = np.diff(points, axis=0).T
+    return np.concatenate([[0.0], np.cumsum(np.hypot(dx, dy))])
 
 
 def _width(lane: SectionLane, s: Float[np.ndarray, " k"]) -> Float64[np.ndarray, " k"]:
@@ -178,15 +176,18 @@ def _parse_points(element: ElementTree.Element) -> Float64[np.ndarray, "k _"]:
 def _format_points(middle: Float[np.ndarray, "k 2"], shape: Float[np.ndarray, "n _"]) -> str:
     """Text of a SUMO shape for the points of a line, as high as the shape that it replaces.
 
-    middle: x, y of the new line; shape: x, y and perhaps z of the old one. Heights are taken at the
-    same share of the length."""
+    middle: x, y of the new line; shape: x, y and, in a network with heights, z of the old line.
+    Heights are taken at the same share of the length."""
+    points = middle
     if shape.shape[1] == 3:
-        drawn = shapely.LineString(shape[:, :2])
-        shares = shapely.line_locate_point(drawn, shapely.points(middle), normalized=True)
-        along = np.concatenate([[0.0], np.cumsum(_measure_steps(shape[:, :2]))])
-        heights = np.interp(shares, along / max(along[-1], 1e-9), shape[:, 2])
-        middle = np.column_stack([middle, heights])
-    return " ".join(map(_format_point, middle))
+        old_xy = shape[:, :2]
+        old_line = shapely.LineString(old_xy)
+        shares = shapely.line_locate_point(old_line, shapely.points(middle), normalized=True)
+        old_distances = _measure_distances(old_xy)
+        old_shares = old_distances / max(old_distances[-1], 1e-9)
+        heights = np.interp(shares, old_shares, shape[:, 2])
+        points = np.column_stack([middle, heights])
+    return " ".join(map(_format_point, points))
 
 
 def _format_point(point: Float[np.ndarray, " n"]) -> str:

@@ -68,10 +68,13 @@ def _outline_side(
         if width.max() > MIN_LANE_WIDTH_M:
             inner_edge = step_aside(places, inner_t)
             outer_edge = step_aside(places, outer_t)
-            corners = np.concatenate([inner_edge, outer_edge[::-1]])
-            outline = shapely.make_valid(shapely.Polygon(corners))
-            middle = step_aside(places, (inner_t + outer_t) / 2)
-            yield MapLane(lane.kind, outline, middle, float(width.mean()))
+            corners = np.concatenate([inner_edge, outer_edge[::-1]])  # round the lane
+            yield MapLane(
+                kind=lane.kind,
+                outline=shapely.make_valid(shapely.Polygon(corners)),
+                middle=step_aside(places, (inner_t + outer_t) / 2),
+                width=float(width.mean()),
+            )
         inner_t = outer_t
 
 

@@ -22,14 +22,14 @@ def read_opendrive(path: Path, centre: tuple[float, float]) -> ElementTree.Eleme
             f"not an OpenDRIVE map or a damaged one ({error}): give an .xodr file"
         ) from None
     for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
+        element.tag = element.tag.rpartition("}")[2]  # {NAMESPACE}TAG
     if root.tag != "OpenDRIVE":
         raise ValueError(f"not an OpenDRIVE map (it begins with <{root.tag}>): give an .xodr file")
-    rows = _list_pieces(root)
-    if not len(rows):
+    pieces = _list_pieces(root)
+    if not len(pieces):
         raise ValueError("the map has no road: export it again")
-    if not _reaches(rows, np.array(centre)):
-        raise ValueError(_describe_outside(root, centre, rows))
+    if not _reaches(pieces, np.array(centre)):
+        raise ValueError(_describe_outside(root, centre, pieces))
     return root
 
 
@@ -41,51 +41,63 @@ def _list_pieces(root: ElementTree.Element) -> Float64[np.ndarray, "n 4"]:
     return np.array(numbers, np.float64).reshape(-1, 4)
 
 
-def _reaches(rows: Float64[np.ndarray, "n 4"], point: Float64[np.ndarray, "2"]) -> bool:
+def _reaches(pieces: Float64[np.ndarray, "n 4"], point: Float64[np.ndarray, "2"]) -> bool:
     """True if a place x, y is within the map, or outside by at most its longest piece of road.
 
-    rows: x, y, heading and length of all pieces of roads."""
-    low = rows[:, :2].min(axis=0)
-    high = rows[:, :2].max(axis=0)
-    longest = rows[:, 3].max()
+    pieces: rows x, y, heading, length of all pieces of roads."""
+    starts = pieces[:, :2]
+    lengths = pieces[:, 3]
+    low = starts.min(axis=0)
+    high = starts.max(axis=0)
+    longest = lengths.max()
     return bool(((low - longest <= point) & (point <= high + longest)).all())
 
 
 def _describe_outside(
-    root: ElementTree.Element, centre: tuple[float, float], rows: Float64[np.ndarray, "n 4"]
+    root: ElementTree.Element, centre: tuple[float, float], pieces: Float64[np.ndarray, "n 4"]
 ) -> str:
     """Message for a centre outside the map, with one that is inside it.
 
     That is the place meant, if `centre` is one in degrees or in coordinates of the projection, and
-    else a place on a road near the middle of the map. rows: as for `_reaches`."""
-    low = rows[:, :2].min(axis=0)
-    high = rows[:, :2].max(axis=0)
-    spans = f"x {low[0]:.10g} to {high[0]:.10g} and y {low[1]:.10g} to {high[1]:.10g}"
-    outside = (
-        f"centre {centre[0]:.10g} {centre[1]:.10g} lies outside the map, whose roads start at "
-        f"{spans}"
-    )
-    for kind, metres in (
-        ("coordinates of its projection", centre),
-        ("degrees", project_degrees(root, centre)),
-    ):
-        if metres is not None:
-            inside = move_to_file(root, metres)
-            if _reaches(rows, inside):
-                return (
-                    f"{outside}: these are {kind}, in the file it is --centre {inside[0]:.10g} "
-                    f"{inside[1]:.10g}"
-                )
-    along = np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
-    middles = (rows[:, :2] + rows[:, 3:] / 2 * along).round(1)
-    inside = middles[np.hypot(*(middles - np.median(middles, axis=0)).T).argmin()]
-    return f"{outside}: give --centre X Y inside it, as --centre {inside[0]:.10g} {inside[1]:.10g}"
+    else a place on a road near the middle of the map. pieces: rows x, y, heading, length of all
+    pieces of roads."""
+    starts = pieces[:, :2]
+    xmin, ymin = starts.min(axis=0)
+    xmax, ymax = starts.max(axis=0)
+    x, y = centre
+    spans = f"x {xmin:.10g} to {xmax:.10g} and y {ymin:.10g} to {ymax:.10g}"
+    outside = f"centre {x:.10g} {y:.10g} lies outside the map, whose roads start at {spans}"
+    # places in the map's projection that the centre may mean
+    meanings = {"coordinates of its projection": centre, "degrees": project_degrees(root, centre)}
+    for kind, metres in meanings.items():
+        if metres is None:
+            continue
+        place = move_to_file(root, metres)
+        if _reaches(pieces, place):
+            x, y = place
+            return f"{outside}: these are {kind}, in the file it is --centre {x:.10g} {y:.10g}"
+    x, y = _find_middle_place(pieces)
+    return f"{outside}: give --centre X Y inside it, as --centre {x:.10g} {y:.10g}"
+
+
+def _find_middle_place(pieces: Float64[np.ndarray, "n 4"]) -> Float64[np.ndarray, "2"]:
+    """Middle x, y of the piece of road nearest to the middle of the map, to 0.1 m.
+
+    pieces: rows x, y, heading, length of all pieces of roads."""
+    starts = pieces[:, :2]
+    headings = pieces[:, 2]
+    lengths = pieces[:, 3:]  # a column, for each x and y
+    directions = np.column_stack([np.cos(headings), np.sin(headings)])
+    middles = (starts + lengths / 2 * directions).round(1)
+    dx, dy = (middles - np.median(middles, axis=0)).T
+    middle: Float64[np.ndarray, "2"] = middles[np.hypot(dx, dy).argmin()]
+    return middle
 
 
 def locate_degrees(
     root: ElementTree.Element, lon_lat: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Place x, y (m) in the file of longitude and latitude (degrees).
+    """Convert longitude and latitude (degrees) to a place x, y (m) in the file's coordinates.
 
     None if the map has no projection, or they lead nowhere on the map."""
     metres = project_degrees(root, lon_lat)

@@ -16,34 +16,35 @@ MAX_KERB_M = 0.25  # height of a lane above the road's surface up to which it co
 
 
 def describe_problems(plain: PlainMap, roads: Sequence[MapRoad]) -> list[str]:
-    """Return notes of the parts of roads and their junctions that netconvert got otherwise, or not.
+    """Return notes on roads and their junctions that were changed or left out for netconvert.
 
     plain: the map as netconvert got it, with its problems; roads: roads near the site."""
+    # keys of `plain.problems`: the header, and the roads and junctions near the site
     names = {""}
     for road in roads:
         names.add(road.element.get("id", ""))
         links = road.element.findall("link/*")
         names.update(f"junction {link.get('elementId', '')}" for link in links)
-    counts: Counter[str] = Counter()
+    counts: Counter[str] = Counter()  # by the words of a note
     for name in sorted(names):
         counts.update(plain.problems.get(name, {}))
     for road in roads:
         counts.update(count_unread(road.element))
         gaps = [_measure_length_gap(piece) for piece in road.pieces]
-        wrong_curves = sum(gap > MAX_LENGTH_GAP_SHARE for gap in gaps)
-        counts["curves are not as long as their geometry says"] += wrong_curves
+        curve_count = sum(gap > MAX_LENGTH_GAP_SHARE for gap in gaps)
+        counts["curves are not as long as their geometry says"] += curve_count
     return [f"{count} {text}" for text, count in counts.items() if count]
 
 
 def _measure_length_gap(piece: Piece) -> float:
-    """Difference between the length of a curve and its geometry's, as a share of the latter.
+    """Difference between the length of a piece's curve and its stated length, as a share.
 
-    A geometry shorter than `MAX_LENGTH_GAP_M` counts as that long."""
+    A stated length below `MAX_LENGTH_GAP_M` counts as that long."""
     return abs(piece.measure_curve() - piece.length) / max(piece.length, MAX_LENGTH_GAP_M)
 
 
 def count_unread(road: ElementTree.Element) -> dict[str, int]:
-    """Count the unread things of a <road> that bear on traffic or the ground, by their note."""
+    """Count the unread elements of a <road> that bear on traffic or the ground, by their note."""
     read_types = TRAFFIC_LIGHTS + PRIORITY_SIGNS
     signals = road.findall("signals/signal")
     plates = [signal for signal in signals if signal.get("type") not in read_types]
@@ -52,7 +53,7 @@ def count_unread(road: ElementTree.Element) -> dict[str, int]:
     strips = road.findall("lateralProfile/crossSectionSurface")
     lane_rules = road.findall("lanes/laneSection/*/lane/rule")
     return {
-        "lanes may be left where road marks forbid it": _count_marks(road),
+        "lanes may be left where road marks forbid it": _count_no_change_lanes(road),
         "signs are plates, which traffic does not obey": len(plates),
         "tunnels have no walls and roof in the site": len(road.findall("objects/tunnel")),
         "surfaces in OpenCRG files are not read": len(road.findall("surface/CRG")),
@@ -69,15 +70,21 @@ def _measure_height(element: ElementTree.Element) -> float:
     return max(abs(inner), abs(outer))
 
 
-def _count_marks(road: ElementTree.Element) -> int:
+def _count_no_change_lanes(road: ElementTree.Element) -> int:
     """Count the lanes from which road marks forbid a change to the driving lane outside them."""
     count = 0
     for side in road.findall("lanes/laneSection/*"):
-        driving = [lane for lane in side.findall("lane") if lane.get("type") == "driving"]
-        lanes = {lane.get("id", ""): lane for lane in driving}
-        outwards = 1 if side.tag == "left" else -1
-        for name, lane in lanes.items():
-            has_neighbour = WHOLE_NUMBER.fullmatch(name) and str(int(name) + outwards) in lanes
+        driving_lanes = {
+            lane.get("id", ""): lane
+            for lane in side.findall("lane")
+            if lane.get("type") == "driving"
+        }
+        outwards = 1 if side.tag == "left" else -1  # from a lane's id to its outer neighbour's
+        for name, lane in driving_lanes.items():
+            is_whole = WHOLE_NUMBER.fullmatch(name)
+            if not is_whole or str(int(name) + outwards) not in driving_lanes:
+                continue
             changes = [mark.get("laneChange", "both") for mark in lane.findall("roadMark")]
-            count += bool(has_neighbour) and any(change != "both" for change in changes)
+            if any(change != "both" for change in changes):
+                count += 1
     return count

@@ -22,8 +22,9 @@ def move_to_file(
     """Place x, y (m) in the file's coordinates of a place in the map's projection, to 1 cm.
 
     metres: x, y in the projection; the header's offset leads from the file to it."""
-    place = np.array([[metres[0], metres[1], 0.0]])
-    return transform(invert(find_placement(root)), place)[0, :2].round(2) + 0.0
+    projection_xyz = np.array([[*metres, 0.0]])
+    (file_xyz,) = transform(invert(find_placement(root)), projection_xyz)
+    return file_xyz[:2].round(2) + 0.0  # + 0.0 makes 0 of -0
 
 
 def project_degrees(
@@ -33,7 +34,8 @@ def project_degrees(
 
     None if the map has none, the place is not on earth, or PROJ is missing."""
     reference = _read_reference(root)
-    if not reference or not (abs(lon_lat[0]) <= 180 and abs(lon_lat[1]) <= 90):
+    longitude, latitude = lon_lat
+    if not reference or not (abs(longitude) <= 180 and abs(latitude) <= 90):
         return None
     try:
         x, y = project_to_map(reference, lon_lat)
@@ -79,6 +81,7 @@ def find_projection(root: ElementTree.Element, name: str) -> str | None:
     reference = _read_reference(root)
     if not reference:
         return None
+    # stacklevel 3: the warnings appear at the caller of the import
     count = len(_list_references(root))
     if count > 1:
         warnings.warn(
@@ -96,19 +99,19 @@ def find_projection(root: ElementTree.Element, name: str) -> str | None:
 def describe_turn(root: ElementTree.Element) -> list[str]:
     """Return a note on a header whose offset turns by more than a full turn, as degrees would.
 
-    The list is empty for all others."""
+    The list is empty for all other headers."""
     offset = root.find("header/offset")
-    turn = 0.0 if offset is None else read_number(offset, "hdg", 0.0)
+    turn = 0.0 if offset is None else read_number(offset, "hdg", 0.0)  # rad
     if abs(turn) <= MAX_OFFSET_TURN_RAD:
         return []
-    turned = f"its header turns the map by hdg = {turn:g} rad, more than a full turn"
-    return [f"{turned}: check that these are no degrees"]
+    problem = f"its header turns the map by hdg = {turn:g} rad, more than a full turn"
+    return [f"{problem}: check that these are no degrees"]
 
 
 def _find_fault(reference: str) -> str:
-    """Reason why PROJ cannot lead from a projection to the earth.
+    """Reason why PROJ cannot convert a map's coordinates to longitude and latitude.
 
-    Empty if it can, or is not installed."""
+    Empty if it can, or is not installed. reference: the map's <geoReference>."""
     if not re.search(NAMES_PROJECTION, reference, re.IGNORECASE):
         return f"its geoReference names no projection ({reference[:90]!r})"
     try:
@@ -125,11 +128,9 @@ def _find_fault(reference: str) -> str:
             return f"its geoReference is {kind} ({reference[:90]!r}), not a map in metres"
         Transformer.from_crs(projection, "EPSG:4326", always_xy=True)
     except ProjError:
-        grids = re.search(r"\+nadgrids=(\S+)", reference)
-        if grids:
-            return (
-                f"its geoReference needs the grid {grids[1][:60]!r}: install it for PROJ and "
-                "import again"
-            )
+        match = re.search(r"\+nadgrids=(\S+)", reference)
+        if match:
+            grid = match[1][:60]
+            return f"its geoReference needs the grid {grid!r}: install it for PROJ and import again"
         return f"its geoReference is no projection that PROJ knows ({reference[:90]!r})"
     return ""

@@ -48,16 +48,20 @@ class LateralProfile:
     def at(
         self, s: Float[np.ndarray, " k"], t: Float[np.ndarray, " k"]
     ) -> Float64[np.ndarray, " k"]:
-        """Height (m) above the reference line at places s along the road, t to its left (m)."""
-        height = t * np.sin(self.superelevation.at(s))
-        for sign, fall in self.crossfall.items():
-            height -= np.where(t * sign > 0, np.abs(t) * np.sin(fall.at(s)), 0.0)
+        """Height (m) above the reference line at places on the road.
+
+        s: m along the road; t: m to the left of its reference line."""
+        heights = t * np.sin(self.superelevation.at(s))
+        for sign, crossfall in self.crossfall.items():  # 1: left side, -1: right side
+            is_on_side = t * sign > 0
+            heights -= np.where(is_on_side, np.abs(t) * np.sin(crossfall.at(s)), 0.0)
         if self.shapes:
-            stations = [station for station, _ in self.shapes]
+            stations = [station for station, _ in self.shapes]  # s of each shape
+            # row i: heights of shape i at each t
             rows = np.array([shape.at(t) for _, shape in self.shapes])
             # between two shapes, heights at the same t are interpolated along s
-            height += np.array([np.interp(s[i], stations, rows[:, i]) for i in range(len(s))])
-        return height
+            heights += np.array([np.interp(s[k], stations, rows[:, k]) for k in range(len(s))])
+        return heights
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +86,13 @@ class MapRoad:
 
         Beyond its ends the first and last piece count."""
         starts = [piece.start for piece in self.pieces]
-        piece_rows = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)
+        # index of the piece to which each s belongs
+        indices = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)
         places = np.zeros((len(s), 3))
-        for row in np.unique(piece_rows):
-            piece = self.pieces[row]
-            is_here = piece_rows == row
-            places[is_here] = piece.at(s[is_here] - piece.start)
+        for index in np.unique(indices):
+            piece = self.pieces[index]
+            is_on_piece = indices == index
+            places[is_on_piece] = piece.at(s[is_on_piece] - piece.start)
         return places
 
     def step_aside(
@@ -127,11 +132,19 @@ def read_road(element: ElementTree.Element) -> MapRoad:
     pieces.sort(key=lambda piece: piece.start)
     length = pieces[-1].start + pieces[-1].length
     elevation = read_cubics(element.findall("elevationProfile/elevation"))
-    return MapRoad(element, tuple(pieces), length, elevation, _read_lateral(element))
+    return MapRoad(
+        element=element,
+        pieces=tuple(pieces),
+        length=length,
+        elevation=elevation,
+        lateral=_read_lateral(element),
+    )
 
 
 def _read_piece(geometry: ElementTree.Element) -> Piece:
-    """Read the piece of a <geometry>. Raises ValueError for an unknown shape or bad length."""
+    """Read the piece of a reference line that a <geometry> describes.
+
+    A <geometry> without a shape is a line. Raises ValueError for an unknown shape or bad length."""
     start = read_number(geometry, "s")
     x = read_number(geometry, "x")
     y = read_number(geometry, "y")
@@ -148,23 +161,25 @@ def _read_piece(geometry: ElementTree.Element) -> Piece:
             f"<geometry> needs a length of 0 to {MAX_PIECE_M:g} m, got {length:g}: export the map "
             "again"
         )
-    return Piece(start, x, y, heading, length, shape)
+    return Piece(start=start, x=x, y=y, heading=heading, length=length, shape=shape)
 
 
 def _read_lateral(road: ElementTree.Element) -> LateralProfile:
-    """Read the heights across a <road>."""
-    falls: dict[int, Cubics] = {}
+    """Read the heights across a <road>: superelevation, crossfall of both sides, and shapes."""
+    crossfalls: dict[int, Cubics] = {}  # by side: 1 left, -1 right
     for side, sign in _SIDES:
-        rows = road.findall("lateralProfile/crossfall")
-        side_rows = [row for row in rows if row.get("side", "both") in (side, "both")]
-        falls[sign] = read_cubics(side_rows)
-    shapes: dict[float, list[ElementTree.Element]] = {}
-    for shape in road.findall("lateralProfile/shape"):
-        shapes.setdefault(read_number(shape, "s"), []).append(shape)
+        elements = road.findall("lateralProfile/crossfall")
+        side_elements = [row for row in elements if row.get("side", "both") in (side, "both")]
+        crossfalls[sign] = read_cubics(side_elements)
+    # elements of the shape at each s, each for a range of t
+    shape_elements: dict[float, list[ElementTree.Element]] = {}
+    for element in road.findall("lateralProfile/shape"):
+        shape_elements.setdefault(read_number(element, "s"), []).append(element)
+    shapes = [(s, read_cubics(shape_elements[s], "t")) for s in sorted(shape_elements)]
     return LateralProfile(
         superelevation=read_cubics(road.findall("lateralProfile/superelevation")),
-        crossfall=falls,
-        shapes=tuple((s, read_cubics(shapes[s], "t")) for s in sorted(shapes)),
+        crossfall=crossfalls,
+        shapes=tuple(shapes),
     )
 
 
@@ -173,32 +188,34 @@ def find_near_roads(
 ) -> tuple[list[MapRoad], int]:
     """Find the roads in and near `window` at a height; return them and the number of the others.
 
-    root: the map; window: in its frame; level: the height (m); storey: greatest distance from it
-    (m). The others are in the window too, but on another storey."""
+    The others are in the window too, but on another storey. root: the map; window: in its frame;
+    level: the height (m); storey: greatest distance of a road from that height (m)."""
     near_roads = []
-    other_storeys = 0
+    other_count = 0
     surroundings = window.buffer(SEARCH_MARGIN_M)
     for road in map(read_road, root.iter("road")):
-        if not road.may_reach(surroundings):
+        if not road.may_reach(surroundings):  # a quick test, before the places are computed
             continue
         near_stations, _ = road.stations(surroundings, SEARCH_STEP_M)
         if not len(near_stations):
             continue
         s = np.linspace(0.0, road.length, int(road.length / SEARCH_STEP_M) + 2)
-        line = shapely.LineString(np.column_stack([road.at(s)[:, :2], road.elevation.at(s)]))
+        xy = road.at(s)[:, :2]
+        line = shapely.LineString(np.column_stack([xy, road.elevation.at(s)]))
         if is_on_level([line], surroundings, level, storey):
             near_roads.append(road)
         else:
-            other_storeys += 1
-    return near_roads, other_storeys
+            other_count += 1
+    return near_roads, other_count
 
 
 def is_on_level(
     lines: Sequence[shapely.LineString], window: shapely.Geometry, level: float, storey: float
 ) -> bool:
-    """True if lines (x, y, z) come within `storey` (m) of a height in `window`.
+    """True if lines (x, y, z) come near to a height in `window`.
 
-    In its inner half, their mean height must be as near too. level: the height (m)."""
+    Within the inner half of the window, their mean height must be near too. level: the height (m);
+    storey: greatest distance from it that is near (m)."""
     heights = _list_heights(lines, window)
     if not len(heights) or np.abs(heights - level).min() > storey:
         return False

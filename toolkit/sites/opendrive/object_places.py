@@ -53,8 +53,8 @@ class ObjectRow(NamedTuple):
 
 def check_place(road: MapRoad, element: ElementTree.Element) -> None:
     """Raise ValueError for an object or signal off its road, or with a negative height."""
-    rows = element.findall("repeat") or [element]
-    for s in [read_number(row, "s", 0.0) for row in rows]:
+    placed_elements = element.findall("repeat") or [element]
+    for s in [read_number(placed, "s", 0.0) for placed in placed_elements]:
         if not -MAX_BEYOND_M <= s <= road.length + MAX_BEYOND_M:
             raise ValueError(
                 f"<{element.tag}> needs an s of 0 to {road.length:g}, got {s:g}: export it again"
@@ -69,19 +69,19 @@ def check_place(road: MapRoad, element: ElementTree.Element) -> None:
 def place_on_road(road: MapRoad, s: float, t: float, turn: float) -> RoadPlace:
     """Place at s along a road and t to its left (m), on millimetres.
 
-    turn: heading against the road's direction (rad, counter-clockwise)."""
-    x, y, heading = road.at(np.array([s]))[0]
+    turn: heading of the place from the road's direction there (rad, counter-clockwise)."""
+    ((x, y, road_heading),) = road.at(np.array([s]))  # on the reference line
     return RoadPlace(
-        round(float(x - t * np.sin(heading)), 3),
-        round(float(y + t * np.cos(heading)), 3),
-        float(heading + turn),
+        x=round(float(x - t * np.sin(road_heading)), 3),
+        y=round(float(y + t * np.cos(road_heading)), 3),
+        heading=float(road_heading + turn),
     )
 
 
 def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectPlace]:
-    """Yield the place of an object, or the places of its repeats if it has any.
+    """Yield the place of an <object>, or the places of its repeats if it has any.
 
-    Bases below the road are raised to it."""
+    Bases below the road are raised to it. Repeats beyond the end of the road are left out."""
     is_reversed = element.get("orientation") == "-"
     turn = read_number(element, "hdg", 0.0) + (np.pi if is_reversed else 0.0)
     repeats = element.findall("repeat")
@@ -96,23 +96,24 @@ def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectP
         first_t = read_number(repeat, "tStart", read_number(element, "t"))
         last_t = read_number(repeat, "tEnd", first_t)
         base = max(read_number(repeat, "zOffsetStart", 0.0), 0.0)
-        shares = [0.0]
+        shares = [0.0]  # places of objects, as shares of the row's length
         if row.length > 0:
             shares = (np.arange(row.objects) * row.spacing / row.length).tolist()
         for share in shares:
             s = start + share * row.length
+            t = first_t + share * (last_t - first_t)
             if s > road.length + MAX_BEYOND_M:
                 break
-            place = place_on_road(road, s, first_t + share * (last_t - first_t), turn)
+            place = place_on_road(road, s, t, turn)
             yield ObjectPlace(*place, base=base)
 
 
 def read_row(repeat: ElementTree.Element) -> ObjectRow:
-    """Read the row that a <repeat> describes.
+    """Read the row of objects that a <repeat> describes.
 
     Raises ValueError for a negative number or too many objects."""
     length = read_number(repeat, "length", 0.0)
-    distance = read_number(repeat, "distance", 0.0)
+    distance = read_number(repeat, "distance", 0.0)  # 0 for one continuous object
     count = 1 + (int(length / distance) if distance > 0 else 0)
     if min(length, distance) < 0 or count > MAX_REPEATS:
         row = f"a length of {length:g} m and a distance of {distance:g} m make {count}"
@@ -120,4 +121,4 @@ def read_row(repeat: ElementTree.Element) -> ObjectRow:
             f"<repeat> needs both from 0 up and at most {MAX_REPEATS} objects, but {row}: "
             "export it again"
         )
-    return ObjectRow(length, distance, count)
+    return ObjectRow(length=length, spacing=distance, objects=count)

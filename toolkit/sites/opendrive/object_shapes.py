@@ -11,7 +11,7 @@ import shapely
 
 from toolkit.arrays import Float64
 from toolkit.geometry import plane_rotation
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture
 from toolkit.sites.network import list_polygons
 from toolkit.sites.opendrive.cubics import read_number
 from toolkit.sites.opendrive.map_roads import MapRoad
@@ -68,21 +68,21 @@ class _Size:
 def make_object_solids(
     road: MapRoad, element: ElementTree.Element, kind: str, usual_height: float
 ) -> Iterator[list[Solid]]:
-    """Yield the solids of an object and its repeats in the map's frame, a group for each.
+    """Yield the solids of an <object> and its repeats in the map's frame, a group for each.
 
     A repeat without a distance is one long barrier, and each of its pieces is a group.
 
-    kind: kind of solid; usual_height: height (m) of an object without one. Raises ValueError for a
-    damaged object."""
+    road: the object's; kind: kind of solid; usual_height: height (m) of an object without one.
+    Raises ValueError for a damaged object."""
     size = _Size.read(element, usual_height)
     repeats = element.findall("repeat")
     if any(read_number(repeat, "distance", 0.0) == 0 for repeat in repeats):
         for repeat in repeats:
-            for bar in _make_barrier(road, repeat, kind, size):
-                yield [bar]
+            for piece in _make_barrier(road, repeat, kind, size):
+                yield [piece]
         return
     outlines = []
-    if not repeats:
+    if not repeats:  # repeated objects are simple shapes
         outlines = element.findall("outline") + element.findall("outlines/outline")
     for place in list_places(road, element):
         if outlines:
@@ -103,22 +103,27 @@ def _make_prisms(
     rings = [ring for ring in rings if shapely.Polygon(ring).area > MIN_OUTLINE_M2]
     if not rings:
         raise ValueError("<outline> needs three corners that are not in one line: export it again")
-    return [Solid(ring, place.base, place.base + size.height, kind) for ring in rings]
+    return [Solid(ring, base=place.base, top=place.base + size.height, kind=kind) for ring in rings]
 
 
 def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
-    """Make the tree, disc or block of an object without an outline."""
-    xy = (place.x, place.y)
-    top = place.base + size.height
+    """Make the tree, disc or block of an object without an outline. kind: kind of solid."""
     if kind == "tree":
         crown_radius = min(max(size.any_radius or 1.6, 0.3), 8.0)
-        underside = min(2.3, 0.4 * size.height)
-        return f.tree(*xy, max(size.height, 2.0), crown_radius, underside)
+        return furniture.tree(
+            place.x,
+            place.y,
+            height=max(size.height, 2.0),
+            crown=crown_radius,
+            clear=min(2.3, 0.4 * size.height),
+        )
     if kind == "post" or size.radius > 0:
-        disc = f.disc(*xy, min(size.any_radius or 0.1, MAX_RADIUS_M))
-        return [Solid(disc, place.base, top, kind)]
-    extent = (max(size.length, MIN_OBJECT_LENGTH_M), max(size.width, MIN_OBJECT_WIDTH_M))
-    return [Solid(f.block(extent, xy, place.heading), place.base, top, kind)]
+        radius = min(size.any_radius or 0.1, MAX_RADIUS_M)
+        outline = furniture.disc(place.x, place.y, radius)
+    else:
+        extent = (max(size.length, MIN_OBJECT_LENGTH_M), max(size.width, MIN_OBJECT_WIDTH_M))
+        outline = furniture.block(extent, middle=(place.x, place.y), yaw=place.heading)
+    return [Solid(outline, base=place.base, top=place.base + size.height, kind=kind)]
 
 
 def _make_barrier(
@@ -128,19 +133,19 @@ def _make_barrier(
 
     repeat: the <repeat> with its place, height and width; size: its object's, for numbers that the
     repeat lacks."""
-    start = read_number(repeat, "s")
+    start_s = read_number(repeat, "s")
     length = min(read_row(repeat).length, road.length)
-    first_t = read_number(repeat, "tStart", 0.0)
-    s = np.linspace(start, start + length, int(length / BARRIER_PIECE_M) + 2)
-    t = np.linspace(first_t, read_number(repeat, "tEnd", first_t), len(s))
-    line = road.step_aside(s, t)
-    line = line[s <= road.length + MAX_BEYOND_M]
+    start_t = read_number(repeat, "tStart", 0.0)
+    end_t = read_number(repeat, "tEnd", start_t)
+    s = np.linspace(start_s, start_s + length, int(length / BARRIER_PIECE_M) + 2)
+    t = np.linspace(start_t, end_t, len(s))
+    points = road.step_aside(s, t)[s <= road.length + MAX_BEYOND_M]
     top = min(read_number(repeat, "heightStart", 0.0) or size.height, MAX_OBJECT_HEIGHT_M)
     usual_width = max(size.width, MIN_OBJECT_WIDTH_M)
     width = min(read_number(repeat, "widthStart", 0.0) or usual_width, MAX_BARRIER_WIDTH_M)
-    for ends in pairwise(line):
-        if np.hypot(*(ends[1] - ends[0])) > 0.05:
-            yield Solid(f.bar(*ends, width), 0.0, top, kind)
+    for start, end in pairwise(points):
+        if np.hypot(*(end - start)) > 0.05:  # m
+            yield Solid(furniture.bar(start, end, width=width), base=0.0, top=top, kind=kind)
 
 
 def _read_ring(
@@ -148,22 +153,22 @@ def _read_ring(
 ) -> Float64[np.ndarray, "k 2"]:
     """Corners x, y (m, map frame) of an outline, described on the road or about the object.
 
-    Of an outline that crosses itself the largest part counts. All corners are zero if they make no
-    polygon. place: the object's."""
+    If an outline crosses itself, its largest part counts. All corners are zero if they make no
+    polygon. outline: the <outline>; place: the object's."""
     corners: list[tuple[float, float]] = []
     for corner in outline.iter("cornerRoad"):
         s = read_number(corner, "s")
         t = read_number(corner, "t")
-        x, y, _ = place_on_road(road, s, t, 0.0)
-        corners.append((x, y))
+        corner_place = place_on_road(road, s, t, turn=0.0)
+        corners.append((corner_place.x, corner_place.y))
     rotation = plane_rotation(place.heading)
     for corner in outline.iter("cornerLocal"):
-        uv = [read_number(corner, "u"), read_number(corner, "v")]
+        uv = [read_number(corner, "u"), read_number(corner, "v")]  # m ahead and to the left
         x, y = rotation @ uv + [place.x, place.y]
         corners.append((x, y))
     if len(corners) < 3:
         return np.zeros((3, 2))
     polygons = list_polygons(shapely.make_valid(shapely.Polygon(corners)))
-    nothing = shapely.Polygon(np.zeros((4, 2)))
-    largest = max(polygons, key=shapely.area, default=nothing)
-    return shapely.get_coordinates(largest.exterior)[:-1].round(3)
+    no_polygon = shapely.Polygon(np.zeros((4, 2)))
+    largest = max(polygons, key=shapely.area, default=no_polygon)
+    return shapely.get_coordinates(largest.exterior)[:-1].round(3)  # the last is the first

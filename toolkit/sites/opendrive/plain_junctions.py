@@ -86,28 +86,31 @@ def _find_contact(road: Carriageway, junction: str) -> str:
 def _read_joints(
     connection: ElementTree.Element, writer: PlainWriter, incoming: _RoadEnd, connecting: _RoadEnd
 ) -> list[_Joint]:
-    """List the lanes that a connection joins, if both are in carriageways.
+    """List the pairs of lanes that a <connection> joins, if both are in carriageways.
 
-    A connection without links joins lanes of the same id (1.4, 5.4.2)."""
+    A connection without links joins lanes of the same id (1.4, 5.4.2). writer: has the carriageways
+    of all roads; incoming, connecting: ends of the roads before and after the connection."""
     joints = []
     other_contact = "end" if incoming.contact == "start" else "start"
     for from_id, to_id in _read_lane_ids(connection, writer, incoming):
-        # a road may meet the junction at both ends
-        first = writer.find_lane(incoming.road, incoming.contact, from_id)
-        if first is None:
-            first = writer.find_lane(incoming.road, other_contact, from_id)
-        last = writer.find_lane(connecting.road, connecting.contact, to_id)
-        if first is not None and last is not None:
-            joints.append(_Joint(first, last))
+        # carriageway of a lane, and the lane's id in it
+        incoming_lane = writer.find_lane(incoming.road, incoming.contact, from_id)
+        if incoming_lane is None:  # a road may meet the junction at both ends
+            incoming_lane = writer.find_lane(incoming.road, other_contact, from_id)
+        connecting_lane = writer.find_lane(connecting.road, connecting.contact, to_id)
+        if incoming_lane is not None and connecting_lane is not None:
+            joints.append(_Joint(incoming=incoming_lane, connecting=connecting_lane))
     return joints
 
 
 def _read_lane_ids(
     connection: ElementTree.Element, writer: PlainWriter, incoming: _RoadEnd
 ) -> list[tuple[int, int]]:
-    """Ids of the lanes that a connection joins, before and after it, as the file gives them.
+    """Pairs of ids of the lanes that a <connection> joins, before and after it.
 
-    Links without whole numbers are left out."""
+    The ids are as in the file; links without whole numbers are left out. writer: has the
+    carriageways of all roads; incoming: end of the road before the connection, whose lanes keep
+    their ids if there are no links."""
     links = connection.findall("laneLink")
     if not links:
         roads = writer.roads[incoming.road]
@@ -126,9 +129,10 @@ def _write_connection(
 ) -> str:
     """Text of a <connection> of OpenDRIVE 1.4.
 
-    number: its id, which need not be unique; lanes: ids of lanes before and after it; sign: -1 if
-    netconvert mirrors the map, so that ids get the opposite sign, else 1."""
-    row = {
+    number: its id, which need not be unique; lanes: pairs of ids of a lane before and after it, in
+    their carriageways; sign: -1 if netconvert mirrors the map, so that ids get the opposite sign,
+    else 1."""
+    attributes = {
         "id": number,
         "incomingRoad": connection.incoming.name,
         "connectingRoad": connection.connecting.name,
@@ -138,4 +142,4 @@ def _write_connection(
         format_element("laneLink", {"from": sign * from_id, "to": sign * to_id})
         for from_id, to_id in lanes
     ]
-    return format_element("connection", row, "".join(links))
+    return format_element("connection", attributes, "".join(links))

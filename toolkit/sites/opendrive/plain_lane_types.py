@@ -22,34 +22,35 @@ def find_lane_type(
     """Name of SUMO's type for a lane, by its type in the map and its use at its section's start.
 
     Lanes of one type and use share a name, which is kept in `writer.uses`; the usual use of a type
-    has the type's name. defaults: limits (m/s) by type of road; problems: differences from the map
-    are counted there."""
+    has the type's name. road: the lane's carriageway, whose `closed` lanes nobody uses; defaults:
+    limits (m/s) by type of road; problems: differences from the map are counted there."""
     use = find_use(road.element, section, lane, dict(defaults), problems)
     if use.limit is None and "passenger" in use.users and road.junction == "-1":
         problems[NO_LIMIT_NOTE] = 1  # counted once a road, however many lanes it has
     if lane in road.closed:
-        use = LaneUse((), None)
-    use = _close_both(section, lane, use, problems)
+        use = LaneUse(users=(), limit=None)
+    use = _close_turning_lane(section, lane, use, problems)
     kind = lane.kind if lane.kind in USERS else "unknown"
-    usual_use = LaneUse(tuple(USERS.get(kind, "").split()), None)
+    usual_use = LaneUse(users=tuple(USERS.get(kind, "").split()), limit=None)
+    # the number makes a new name; a use that is known keeps its name
     name = kind if use == usual_use else f"{kind}.{len(writer.uses)}"
     return writer.uses.setdefault((kind, use), name)
 
 
-def _close_both(
+def _close_turning_lane(
     section: LaneSection, lane: SectionLane, use: LaneUse, problems: Counter[str]
 ) -> LaneUse:
     """Return the use of a lane, closed if it is for both directions between driven lanes.
 
-    use: the lane's by its type and rules, which comes back for all other lanes; problems: counted
-    there."""
-    is_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
-    is_walked = not use.users or set(use.users) == {FOOT}
-    if is_walked or not is_both:
+    use: the lane's by its type and rules, which comes back for all other lanes; problems: lanes for
+    both directions are counted there."""
+    is_for_both = lane.kind == "bidirectional" or lane.element.get("direction") == "both"
+    has_vehicles = bool(use.users) and set(use.users) != {FOOT}
+    if not has_vehicles or not is_for_both:
         return use
     if any(_is_driven(other) for other in section.lanes if other is not lane):
         problems["lanes for both directions (turning lanes) are closed to through traffic"] += 1
-        return LaneUse((), None)
+        return LaneUse(users=(), limit=None)
     problems["lanes for both directions are driven in the direction of their side only"] += 1
     return use
 

@@ -41,8 +41,9 @@ def find_links(
 ) -> Iterator[tuple[Direction, PlainLink]]:
     """Yield the links of a carriageway that lead to roads and junctions in the file.
 
-    left_out: ids of junctions that netconvert does not get; problems: links that are not used are
-    counted there."""
+    writer: has the carriageways of all roads; left_out: ids of junctions that netconvert does not
+    get; problems: links that are not used are counted there."""
+    # end of the linked road, if the link does not name it
     contacts: tuple[tuple[Direction, str], ...] = (("predecessor", "end"), ("successor", "start"))
     for direction, default_contact in contacts:
         for link in road.element.findall(f"link/{direction}"):
@@ -57,7 +58,8 @@ def find_links(
                 contact = _read_contact(link, default_contact)
                 partner = _find_partner(writer, road, direction, name, contact)
                 if partner.junction not in left_out:
-                    yield (direction, PlainLink(kind, partner.name, contact, partner.ends[contact]))
+                    lane_ids = partner.ends[contact]
+                    yield direction, PlainLink(kind, partner.name, contact, lane_ids)
             else:
                 problems["roads are linked to what is not in the file"] += 1
 
@@ -73,17 +75,21 @@ def _read_contact(link: ElementTree.Element, default_contact: str) -> str:
 def _find_partner(
     writer: PlainWriter, road: Carriageway, direction: Direction, name: str, contact: str
 ) -> Carriageway:
-    """Carriageway of the road `name` to which most lanes at an end of `road` are linked.
+    """Carriageway of another road to which most lanes at an end of `road` are linked.
 
-    direction: end of `road`; contact: end of the other road. Without linked lanes it is the other
-    road's last one, with lanes in the usual direction of their side."""
+    direction: the end of `road`; name: id of the other road; contact: end of the other road.
+    Without linked lanes it is the other road's last one, with lanes in the usual direction of their
+    side."""
     is_before = direction == "predecessor"
     section = road.sections[0 if is_before else -1]
-    partners: Counter[Carriageway] = Counter()
+    partners: Counter[Carriageway] = Counter()  # number of lanes linked to each
     for lane in section.lanes:
         for lane_id in lane.before if is_before else lane.after:
             partner = writer.find_lane(name, contact, lane_id)
             if partner is not None and lane not in road.closed:
                 carriageway, _ = partner
                 partners[carriageway] += 1
-    return partners.most_common(1)[0][0] if partners else writer.roads[name][-1]
+    if not partners:
+        return writer.roads[name][-1]
+    ((partner_with_most, _),) = partners.most_common(1)
+    return partner_with_most

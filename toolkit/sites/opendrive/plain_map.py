@@ -40,11 +40,11 @@ class PlainMap:
 
 
 def write_plain(root: ElementTree.Element) -> PlainMap:
-    """Write the roads of a map for netconvert.
+    """Write the roads of a map for netconvert, as a file of OpenDRIVE 1.4.
 
-    Raises ValueError for a damaged road, lane or geometry."""
+    root: the map's <OpenDRIVE>. Raises ValueError for a damaged road, lane or geometry."""
     writer = PlainWriter(root)
-    read_carriageways(writer)
+    read_carriageways(writer)  # fills `writer.roads`
     defaults = lane_rules.read_defaults(root, writer.problems[""])
     junctions = {str(junction.get("id")): junction for junction in root.findall("junction")}
     left_out = {
@@ -63,9 +63,15 @@ def write_plain(root: ElementTree.Element) -> PlainMap:
             _note_unread(writer, name, junction)
             is_direct = _read_kind(junction) == "direct"
             elements.append(write_plain_junction(writer, name, junction, is_direct=is_direct))
-    types = [_describe_type(name, key[1]) for key, name in writer.uses.items()]
+    types = [_describe_type(name, use) for (_, use), name in writer.uses.items()]
     text = format_xml("OpenDRIVE", ['<header revMajor="1" revMinor="4"/>', *elements])
-    return PlainMap(text, types, writer.sign < 0, dict(writer.problems), carriageways)
+    return PlainMap(
+        text=text,
+        types=types,
+        lefthand=writer.sign < 0,
+        problems=dict(writer.problems),
+        carriageways=carriageways,
+    )
 
 
 def _read_kind(junction: ElementTree.Element) -> str:
@@ -108,18 +114,21 @@ def _note_unread(writer: PlainWriter, name: str, junction: ElementTree.Element) 
 
 
 def _note_left_out(writer: PlainWriter, name: str, junction: ElementTree.Element) -> None:
-    """Count a junction that netconvert does not get in the problems of one of its roads."""
-    roads = [road[0] for road in writer.roads.values() if road[0].junction == name]
+    """Count a junction that netconvert does not get in the problems of one of its roads.
+
+    name: id of the junction. Connecting roads of a virtual junction are counted too, each in its
+    problems."""
     if _read_kind(junction) == "virtual":
         text = (
             "virtual junctions are left out: the main road goes on, and traffic does not turn there"
         )
-        for road in roads:
-            problems = writer.problems[road.element.get("id", "")]
-            problems["connecting roads of virtual junctions carry no traffic"] += 1
+        for first_carriageway, *_ in writer.roads.values():
+            if first_carriageway.junction == name:
+                problems = writer.problems[first_carriageway.element.get("id", "")]
+                problems["connecting roads of virtual junctions carry no traffic"] += 1
         main_roads = [junction.get("mainRoad", "")]
     else:
         text = "crossing junctions are left out: traffic there does not give way"
         main_roads = [section.get("roadId", "") for section in junction.findall("roadSection")]
-    for road_id in main_roads[:1]:
+    for road_id in main_roads[:1]:  # none or one
         writer.problems[road_id][text] += 1

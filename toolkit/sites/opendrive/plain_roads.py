@@ -44,20 +44,20 @@ def write_plain_road(
         "name": road.element.get("name", ""),
         "junction": "-1" if road.junction == "-1" else name_junction(road.junction),
     }
-    inside = []
+    parts = []  # texts of the elements in the <road>
     if links:
         link_texts = [link.write(direction) for direction, link in links.items()]
-        inside.append(format_element("link", {}, "".join(link_texts)))
-    inside.append(format_element("planView", {}, "".join(_write_geometry(road.element))))
+        parts.append(format_element("link", {}, "".join(link_texts)))
+    parts.append(format_element("planView", {}, "".join(_write_geometry(road.element))))
     heights = read_cubics(road.element.findall("elevationProfile/elevation"))
-    inside.append(format_element("elevationProfile", {}, write_cubics("elevation", "s", heights)))
+    parts.append(format_element("elevationProfile", {}, write_cubics("elevation", "s", heights)))
     offset = write_cubics("laneOffset", "s", road.offset)
     sections = "".join(write_sections(writer, road, links, defaults, problems))
-    inside.append(format_element("lanes", {}, offset + sections))
+    parts.append(format_element("lanes", {}, offset + sections))
     if is_first:
         signals = "".join(write_plain_signals(road.element, writer.sign))
-        inside.append(format_element("signals", {}, signals))
-    return format_element("road", row, "".join(inside))
+        parts.append(format_element("signals", {}, signals))
+    return format_element("road", row, "".join(parts))
 
 
 def _write_geometry(road: ElementTree.Element) -> Iterator[str]:
@@ -81,8 +81,8 @@ def _write_shape(shape: ElementTree.Element) -> str:
     kind = shape.tag
     values = {key: read_number(shape, key, 0.0) for key in _SHAPE_KEYS[kind]}
     if kind == "spiral":
-        bend = abs(values["curvEnd"] - values["curvStart"])
-        if bend < MIN_CURVATURE_PER_M:
+        change = abs(values["curvEnd"] - values["curvStart"])
+        if change < MIN_CURVATURE_PER_M:
             kind = "arc"
             values = {"curvature": values["curvStart"]}
     if kind == "arc" and abs(values["curvature"]) < MIN_CURVATURE_PER_M:

@@ -5,13 +5,15 @@ Flat objects (crosswalks, markings) are no solids."""
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 import shapely
 
 from toolkit.arrays import Pose
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture
+from toolkit.sites.georeference import map_turn
 from toolkit.sites.network import unite
 from toolkit.sites.opendrive.cubics import read_number
 from toolkit.sites.opendrive.map_roads import MapRoad
@@ -45,6 +47,13 @@ MAX_SIGN_BASE_M = 12.0
 SIGN_SIZE_M = (0.2, 4.0)  # least and greatest width, and height, of a sign
 
 
+class _SignalSize(NamedTuple):
+    # Usual size (m) of a signal without one in the map; depth: from its face to its back.
+    height: float
+    width: float
+    depth: float
+
+
 @dataclass
 class RoadObjects:
     """Objects next to the roads, in the map's frame or, once moved, in the site's.
@@ -69,19 +78,20 @@ class RoadObjects:
 
         Objects of an unknown type are only counted, flat ones give no solids. Raises ValueError for
         a damaged one."""
-        kind = element.get("type", "") or "none"
-        if kind == "parkingSpace":
+        object_type = element.get("type", "") or "none"
+        if object_type == "parkingSpace":
             self._add_bays(road, element)
-        elif kind in OBJECT_KINDS:
-            solid_kind, usual_height = OBJECT_KINDS[kind]
+        elif object_type in OBJECT_KINDS:
+            solid_kind, usual_height = OBJECT_KINDS[object_type]
             self.groups += list(make_object_solids(road, element, solid_kind, usual_height))
-            if kind in LAMPS:
+            if object_type in LAMPS:
                 self.lamps += [(place.x, place.y) for place in list_places(road, element)]
-        elif kind not in FLAT_OBJECTS:
-            name = element.get("name", "") if kind in UNNAMED_TYPES else ""
-            self.unknown[f"{kind} {name}".strip()] += 1
+        elif object_type not in FLAT_OBJECTS:
+            # a type without meaning is counted with the object's name
+            name = element.get("name", "") if object_type in UNNAMED_TYPES else ""
+            self.unknown[f"{object_type} {name}".strip()] += 1
             return
-        self.understood[kind] += 1
+        self.understood[object_type] += 1
 
     def _add_bays(self, road: MapRoad, element: ElementTree.Element) -> None:
         """Add parking bays, whose longer side is their length."""
@@ -98,13 +108,11 @@ class RoadObjects:
 
 
 def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
-    """Read the objects and signals of roads. Only the fault is kept of damaged ones."""
+    """Read the objects and signals of roads. If one is damaged, only its fault is kept."""
     objects = RoadObjects()
+    adders = {"objects/object": objects.add_object, "signals/signal": objects.add_signal}
     for road in roads:
-        for path, add in (
-            ("objects/object", objects.add_object),
-            ("signals/signal", objects.add_signal),
-        ):
+        for path, add in adders.items():
             for element in road.element.findall(path):
                 try:
                     check_place(road, element)
@@ -118,34 +126,40 @@ def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
     """Make the post and the plate, or signal head, of a signal in the map's frame."""
     s = read_number(element, "s")
     t = read_number(element, "t")
-    place = place_on_road(road, s, t, read_number(element, "hOffset", 0.0))
+    place = place_on_road(road, s, t, turn=read_number(element, "hOffset", 0.0))
     # a signal for traffic along s faces against s
     is_forward = element.get("orientation", "+") == "+"
     facing = place.heading + (np.pi if is_forward else 0.0)
-    is_head = element.get("dynamic") == "yes"
-    usual_height, usual_width, depth = (0.9, 0.3, 0.3) if is_head else (0.6, 0.6, 0.06)
-    height = float(np.clip(read_number(element, "height", 0.0) or usual_height, *SIGN_SIZE_M))
-    width = float(np.clip(read_number(element, "width", 0.0) or usual_width, *SIGN_SIZE_M))
+    if element.get("dynamic") == "yes":  # a head with lamps
+        usual = _SignalSize(height=0.9, width=0.3, depth=0.3)
+    else:  # the plate of a sign
+        usual = _SignalSize(height=0.6, width=0.6, depth=0.06)
+    height = float(np.clip(read_number(element, "height", 0.0) or usual.height, *SIGN_SIZE_M))
+    width = float(np.clip(read_number(element, "width", 0.0) or usual.width, *SIGN_SIZE_M))
     base = min(max(read_number(element, "zOffset", 0.0), MIN_SIGN_BASE_M), MAX_SIGN_BASE_M)
-    plate = f.block((width, depth), (place.x, place.y), facing + np.pi / 2)
+    plate = furniture.block((width, usual.depth), middle=(place.x, place.y), yaw=facing + np.pi / 2)
     return [
-        f.post(place.x, place.y, round(base, 3), 0.06),
-        Solid(plate, round(base, 3), round(base + height, 3), "sign"),
+        furniture.post(place.x, place.y, height=round(base, 3), radius=0.06),
+        Solid(plate, base=round(base, 3), top=round(base + height, 3), kind="sign"),
     ]
 
 
 def move_objects_to_site(objects: RoadObjects, map_SE3_site: Pose) -> RoadObjects:
-    """Return objects of the map's frame in the site's frame. Heights remain as they are."""
+    """Return objects of the map's frame in the site's frame. Heights remain as they are.
+
+    map_SE3_site: pose of the site in the map."""
     rotation = map_SE3_site[:2, :2]
     origin = map_SE3_site[:2, 3]
-    yaw = float(np.arctan2(map_SE3_site[1, 0], map_SE3_site[0, 0]))
+    site_yaw = map_turn(map_SE3_site)
+    # rows of points: (xy - origin) @ rotation turns by the transpose, from the map to the site
 
     def move_solid(solid: Solid) -> Solid:
         return replace(solid, footprint=((solid.footprint - origin) @ rotation).round(3))
 
     def move_bay(bay: Bay) -> Bay:
-        x, y = ((np.array(bay[:2]) - origin) @ rotation).tolist()
-        return x, y, float(bay[2] - yaw)
+        map_x, map_y, map_yaw = bay
+        x, y = (([map_x, map_y] - origin) @ rotation).tolist()
+        return x, y, float(map_yaw - site_yaw)
 
     return replace(
         objects,
@@ -165,21 +179,23 @@ def select_solids(
 
     window: ground in the site's frame, as the objects are; lanes: polygons of the carriageway;
     tracks: ground that vehicles drive on. A group with any solid on the road is left out."""
-    road = unite(lanes).union(tracks).buffer(-1e-3)
-    shapely.prepare(road)
+    road_ground = unite(lanes).union(tracks).buffer(-1e-3)  # shrunk: solids may touch its edge
+    shapely.prepare(road_ground)
     solids: list[Solid] = []
-    on_road = 0
+    count_on_road = 0
     for group in objects.groups:
-        shape = unite(solid.footprint for solid in group)
-        if not group or not shape.intersects(window):
+        group_ground = unite(solid.footprint for solid in group)
+        if not group or not group_ground.intersects(window):
             continue
-        if road.intersects(shape):
-            on_road += 1
+        if road_ground.intersects(group_ground):
+            count_on_road += 1
         else:
             solids += group
     notes = []
-    if on_road:
-        notes.append(f"{on_road} objects or signals stand on the carriageway and were left out")
+    if count_on_road:
+        notes.append(
+            f"{count_on_road} objects or signals stand on the carriageway and were left out"
+        )
     if objects.unknown:
         rows = sorted(objects.unknown.items())[:12]
         types = ", ".join(f"{count} {kind[:30]!r}" for kind, count in rows)

@@ -23,7 +23,9 @@ def place_houses(plot: Plot, rng: Rng) -> None:
         line = shapely.LineString(path)
         for side, half_width in zip((1, -1), widths, strict=True):  # left, right
             offset = side * (half_width + rng.uniform(0.5, 8.0))
-            _place_row(plot, line, offset, density, usual_height, rng)
+            _place_row(
+                plot, line, offset=offset, density=density, usual_height=usual_height, rng=rng
+            )
 
 
 def _place_row(
@@ -36,18 +38,20 @@ def _place_row(
 ) -> None:
     """Place a row of houses along a line, up to `HOUSES_REACH_M` from its start.
 
-    offset: m from the line to their fronts, positive to the left; density: share of the line with
-    houses, from 0 to 1; usual_height: median height (m)."""
-    distance = rng.uniform(4.0, 16.0)
+    The houses go to the plot; houses without room are left out. offset: m from the line to their
+    fronts, positive to the left; density: share of the line with houses, from 0 to 1; usual_height:
+    median height (m)."""
+    distance = rng.uniform(4.0, 16.0)  # m along the line to the next house
     while distance < HOUSES_REACH_M:
+        # lengths (m) along the line and away from it
         front = rng.uniform(7.0, 22.0)
         depth = rng.uniform(7.0, 14.0)
-        if rng.random() > density:
+        if rng.random() > density:  # a gap instead of the house
             distance += front
             continue
-        outline = _outline_house(line, distance, front, depth, offset)
+        outline = _outline_house(line, distance, front=front, depth=depth, offset=offset)
         height = np.clip(usual_height * rng.lognormal(0.0, 0.3), *HEIGHT_M)
-        house = Solid(outline, 0.0, round(float(height), 2), "building")
+        house = Solid(outline, base=0.0, top=round(float(height), 2), kind="building")
         if not plot.place([house]):
             distance += RETRY_STEP_M
             continue
@@ -62,12 +66,13 @@ def _outline_house(
 
     front: its length along the line (m); depth: its length away from the line (m); offset: m from
     the line to its front, positive to the left."""
-    start = shapely.get_coordinates(line.interpolate(distance))[0]
-    end = shapely.get_coordinates(line.interpolate(distance + front))[0]
+    (start,) = shapely.get_coordinates(line.interpolate(distance))
+    (end,) = shapely.get_coordinates(line.interpolate(distance + front))
+    # unit vectors along the line and to its left; + 1e-9: at the line's end, start and end are one
     ahead = (end - start) / (np.hypot(*(end - start)) + 1e-9)
-    across = np.array([-ahead[1], ahead[0]])
-    near = offset * across
-    far = (offset + np.copysign(depth, offset)) * across
+    left = np.array([-ahead[1], ahead[0]])
+    to_front = offset * left
+    to_back = (offset + np.copysign(depth, offset)) * left
     wall = front * ahead
-    corners = [start + near, start + wall + near, start + wall + far, start + far]
+    corners = [start + to_front, start + wall + to_front, start + wall + to_back, start + to_back]
     return np.round(corners, 3)

@@ -4,78 +4,105 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Rng
-from toolkit.sites import furniture as f
-from toolkit.sites.furniture import BUILT, PLANTED, move_solids
+from toolkit.sites import furniture
+from toolkit.sites.furniture import move_solids
 from toolkit.sites.site import Solid
 from toolkit.sites.surroundings.plot import Plot
-from toolkit.sites.surroundings.street_trees import plant
+from toolkit.sites.surroundings.street_furniture import BUILT, PLANTED
+from toolkit.sites.surroundings.street_trees import plant_tree
 
 _MIN_ISLAND_M2 = 30.0  # of an island with solids on it
+_MAX_RING_HEDGES = 60
 
 
 def plant_islands(plot: Plot, rng: Rng) -> None:
-    """Put a centre piece, rings of hedges, things, trees and signs on every large enough island.
+    """Put a centre piece, rings of hedges, objects, trees and signs on every large enough island.
 
     The solids go to the plot, on the ground that the road encloses: a kerbed slab 0.15 m high, and
     the others if there is room for them."""
     for ground in plot.road.islands:
-        parts = shapely.get_parts(ground.buffer(-0.3).simplify(0.05).difference(plot.lanes))
+        shrunk_ground = ground.buffer(-0.3).simplify(0.05)  # a gap remains to the road
+        parts = shapely.get_parts(shrunk_ground.difference(plot.lane_ground))
         island = max(parts, key=shapely.area, default=shapely.Polygon())
         if island.geom_type != "Polygon" or island.area < _MIN_ISLAND_M2:
             continue
-        plot.solids.append(
-            Solid(shapely.get_coordinates(island.exterior)[:-1].round(3), 0.0, 0.15, "island")
-        )
-        x, y = shapely.get_coordinates(island.centroid)[0].tolist()
-        middle = (x, y)
+        corners = shapely.get_coordinates(island.exterior)[:-1].round(3)  # the last is the first
+        plot.solids.append(Solid(corners, base=0.0, top=0.15, kind="island"))
+        middle = (island.centroid.x, island.centroid.y)
         radius = float(np.sqrt(island.area / np.pi))  # m, of a disc as large as the island
-        if rng.random() < 0.5:
-            size = rng.uniform(0.15, 0.4) * radius
-            height = round(float(rng.uniform(0.5, 2.5)), 2)
-            kind = ("hedge", "wall", "heap", "bush")[rng.integers(4)]
-            plot.place([Solid(f.disc(x, y, float(size), 12), 0.0, height, kind)], footway=True)
-        for out in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
-            _ring(plot, middle, float(out), rng)
-        makes = PLANTED + PLANTED + BUILT
-        for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
-            at = _around(middle, radius * rng.uniform(0.2, 0.95), angle)
-            thing = makes[rng.integers(len(makes))](rng)
-            plot.place(move_solids(thing, *at, float(rng.uniform(0, np.pi))), footway=True)
-        for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
-            low = rng.uniform(1.5, 4.0)
-            levels = low, low + rng.uniform(2.0, 5.0)
-            foot = np.array(_around(middle, radius * rng.uniform(0.0, 0.9), angle))
-            plant(plot, foot, rng.uniform(1.0, 3.5), levels, rng)
-        for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
-            plot.place(f.sign(*_around(middle, 0.9 * radius, angle), float(angle)), footway=True)
+        _fill_island(plot, middle=middle, radius=radius, rng=rng)
 
 
-def _ring(plot: Plot, middle: tuple[float, float], ring_radius: float, rng: Rng) -> None:
+def _fill_island(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -> None:
+    """Place solids on an island: a centre piece, rings of hedges, objects, trees and signs.
+
+    The solids go to the plot if there is room for them. middle, radius: x, y and radius (m) of a
+    disc as large as the island."""
+    # the order of the draws fixes the random sites
+    if rng.random() < 0.5:
+        _place_centre_piece(plot, middle, radius, rng)
+    for ring_radius in np.sort(rng.uniform(0.35, 0.92, rng.integers(0, 4))) * radius:
+        _place_ring(plot, middle, float(ring_radius), rng)
+    # functions that draw objects; twice: planted objects are the likelier choice
+    makes = PLANTED + PLANTED + BUILT
+    for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 14)):
+        x, y = _point_around(middle, radius * rng.uniform(0.2, 0.95), angle)
+        make = makes[rng.integers(len(makes))]
+        solids = make(rng)
+        yaw = float(rng.uniform(0, np.pi))
+        plot.place(move_solids(solids, x=x, y=y, yaw=yaw), on_footways=True)
+    for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 8)):
+        crown_base = rng.uniform(1.5, 4.0)
+        crown_top = crown_base + rng.uniform(2.0, 5.0)
+        foot = np.array(_point_around(middle, radius * rng.uniform(0.0, 0.9), angle))
+        crown_radius = rng.uniform(1.0, 3.5)
+        levels = (crown_base, crown_top)
+        plant_tree(plot, foot=foot, radius=crown_radius, levels=levels, rng=rng)
+    for angle in rng.uniform(0, 2 * np.pi, rng.integers(0, 6)):
+        x, y = _point_around(middle, 0.9 * radius, angle)
+        plot.place(furniture.sign(x, y, facing=float(angle)), on_footways=True)
+
+
+def _place_centre_piece(plot: Plot, middle: furniture.Point, radius: float, rng: Rng) -> None:
+    """Place one round solid in the middle x, y of an island, if there is room for it.
+
+    radius: the island's (m)."""
+    x, y = middle
+    size = float(rng.uniform(0.15, 0.4) * radius)
+    height = round(float(rng.uniform(0.5, 2.5)), 2)
+    kind = ("hedge", "wall", "heap", "bush")[rng.integers(4)]
+    outline = furniture.disc(x, y, radius=size, corners=12)
+    plot.place([Solid(outline, base=0.0, top=height, kind=kind)], on_footways=True)
+
+
+def _place_ring(plot: Plot, middle: furniture.Point, ring_radius: float, rng: Rng) -> None:
     """Place hedges or bushes of about one size in a ring with gaps.
 
-    middle: x, y of the ring; ring_radius: m."""
+    They are blocks along the ring, all hedges, or discs of either kind. middle: x, y of the
+    ring; ring_radius: m."""
     length = float(rng.uniform(1.0, 5.0))
     width = float(rng.uniform(0.6, 2.2))
-    height = float(rng.uniform(0.5, 1.8))
-    # rad from one to the next
-    step = (length + rng.uniform(0.1, 4.0)) / ring_radius
-    turn = rng.uniform(0, 2 * np.pi)
+    mean_height = float(rng.uniform(0.5, 1.8))
+    step = (length + rng.uniform(0.1, 4.0)) / ring_radius  # rad from one to the next
+    start = rng.uniform(0, 2 * np.pi)
     placed_share = rng.uniform(0.4, 1.0)
     is_round = rng.random() < 0.4
-    # at most 60 hedges
-    for angle in np.arange(turn, turn + 2 * np.pi - step / 2, step)[:60]:
-        at = _around(middle, ring_radius, angle)
-        tall = round(height * float(rng.uniform(0.8, 1.2)), 2)
+    angles = np.arange(start, start + 2 * np.pi - step / 2, step)
+    for angle in angles[:_MAX_RING_HEDGES]:
+        x, y = _point_around(middle, ring_radius, angle)
+        height = round(mean_height * float(rng.uniform(0.8, 1.2)), 2)
         if rng.random() > placed_share:
             continue
-        shape = f.block((length, width), at, angle + np.pi / 2)
-        kind = "hedge"
         if is_round:
-            shape = f.disc(*at, 0.35 * length, 9)
+            outline = furniture.disc(x, y, radius=0.35 * length, corners=9)
             kind = ("hedge", "bush")[rng.integers(2)]
-        plot.place([Solid(shape, 0.0, tall, kind)], footway=True)
+        else:
+            outline = furniture.block((length, width), middle=(x, y), yaw=angle + np.pi / 2)
+            kind = "hedge"
+        plot.place([Solid(outline, base=0.0, top=height, kind=kind)], on_footways=True)
 
 
-def _around(middle: tuple[float, float], out: float, angle: float) -> tuple[float, float]:
-    """Point x, y that is `out` m from a middle in a direction (rad from +x)."""
-    return float(middle[0] + out * np.cos(angle)), float(middle[1] + out * np.sin(angle))
+def _point_around(middle: furniture.Point, distance: float, angle: float) -> furniture.Point:
+    """Point x, y at a distance (m) from a middle in a direction (rad from +x)."""
+    x, y = middle
+    return float(x + distance * np.cos(angle)), float(y + distance * np.sin(angle))

@@ -5,7 +5,7 @@ import shapely
 
 from toolkit.arrays import Float, Rng
 from toolkit.sites.site import Mount
-from toolkit.sites.surroundings.places import along
+from toolkit.sites.surroundings.places import points_along
 from toolkit.sites.surroundings.plot import Road
 
 MIN_MOUNTS = 12  # of a site
@@ -30,8 +30,8 @@ def place_mounts(
     ground to keep free, as the carriageway is."""
     window = shapely.box(*area).buffer(5.0)
     # x, y, direction every metre
-    kerb = along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
-    behind = along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
+    kerb = points_along(road.carriageway.buffer(0.7).boundary.intersection(window), 1.0)
+    behind = points_along(road.surface.buffer(0.6).boundary.intersection(window), 1.0)
     behind = behind[rng.random(len(behind)) < 0.5]
     candidates = rng.permutation(np.concatenate([kerb, behind]))[:, :2]
     kept_clear = road.carriageway.buffer(0.6).union(avoid or shapely.Polygon())
@@ -47,6 +47,12 @@ def place_mounts(
         spacing *= 0.7
     feet = np.column_stack([feet, np.zeros(len(feet))]).round(3)
     return tuple(
-        Mount(f"pole{i:02}", foot, 3.0, 10.0, round(float(rng.uniform(0.5, 2.0)), 2))
+        Mount(
+            f"pole{i:02}",
+            foot,
+            min_height=3.0,
+            max_height=10.0,
+            price=round(float(rng.uniform(0.5, 2.0)), 2),
+        )
         for i, foot in enumerate(feet)
     )

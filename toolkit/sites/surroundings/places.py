@@ -8,26 +8,28 @@ from toolkit.arrays import Float, Float64
 Bays = Float64[np.ndarray, "n 3"]  # x, y (m), yaw (rad)
 
 
-def along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
-    """Rows x, y (m), direction (rad from +x) every `step` m along lines.
+def points_along(lines: shapely.Geometry, step: float) -> Float64[np.ndarray, "n 3"]:
+    """Rows x, y (m), direction of the line (rad from +x) every `step` m along lines.
 
-    Lines that meet end to end count as one; those shorter than two steps are left out."""
+    Lines that meet end to end count as one; lines shorter than two steps are left out. Other types
+    of geometry in `lines` are ignored."""
     rows = [np.zeros((0, 3))]
     for line in shapely.get_parts(shapely.line_merge(lines)):
         if line.geom_type == "LineString" and line.length >= 2 * step:
-            at = np.arange(step / 2, line.length - step / 2, step)
-            points = shapely.get_coordinates(line.interpolate(at))
-            ahead = shapely.get_coordinates(line.interpolate(at + step / 2))
-            # [::-1]: arctan2 takes y first
-            rows.append(np.column_stack([points, np.arctan2(*(ahead - points).T[::-1])]))
+            distances = np.arange(step / 2, line.length - step / 2, step)
+            points = shapely.get_coordinates(line.interpolate(distances))
+            points_ahead = shapely.get_coordinates(line.interpolate(distances + step / 2))
+            dx, dy = (points_ahead - points).T
+            rows.append(np.column_stack([points, np.arctan2(dy, dx)]))
     return np.concatenate(rows)
 
 
-def place_along(line: shapely.LineString, at: Float[np.ndarray, " n"], half: float) -> Bays:
-    """Rows x, y (m), heading (rad from +x) of things placed along a line.
+def place_along(line: shapely.LineString, distances: Float[np.ndarray, " n"], half: float) -> Bays:
+    """Rows x, y (m), heading (rad from +x) of objects placed along a line.
 
-    at: distances (m) of the middles along the line; half: half the length (m) of a thing, both
-    ends of which are on the line."""
-    rear = shapely.get_coordinates(line.interpolate(at - half)).reshape(-1, 2)
-    front = shapely.get_coordinates(line.interpolate(at + half)).reshape(-1, 2)
-    return np.column_stack([(rear + front) / 2, np.arctan2(*(front - rear).T[::-1])])
+    distances: m along the line to the middle of each object; half: half the length (m) of an
+    object, whose ends are both on the line."""
+    rear = shapely.get_coordinates(line.interpolate(distances - half)).reshape(-1, 2)
+    front = shapely.get_coordinates(line.interpolate(distances + half)).reshape(-1, 2)
+    dx, dy = (front - rear).T
+    return np.column_stack([(rear + front) / 2, np.arctan2(dy, dx)])

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float, Float64
-from toolkit.sites import furniture as f
+from toolkit.sites import furniture
 from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Solid
 
@@ -35,8 +35,8 @@ class Road:
 
     paths: Sequence[Float64[np.ndarray, "_ 2"]]
     half_widths: Sequence[tuple[float, float]]
-    lanes: f.Outlines
-    footways: f.Outlines
+    lanes: furniture.Outlines
+    footways: furniture.Outlines
     strips: Mapping[str, Strip] = field(default_factory=dict)
     angles: Mapping[str, int] = field(default_factory=dict)
 
@@ -46,13 +46,15 @@ class Road:
         return _close_gaps(self.lanes, 0.02)
 
     @cached_property
-    def driven(self) -> shapely.Geometry:
-        """Carriageway without its shoulders."""
-        lines = [(shapely.LineString(line), width / 2) for line, width in self.strips.values()]
-        strips = [line.buffer(half, cap_style="flat", join_style="mitre") for line, half in lines]
-        return self.carriageway.difference(
-            shapely.union_all(strips).buffer(0.02, join_style="mitre")
-        )
+    def driven_ground(self) -> shapely.Geometry:
+        """Carriageway without its shoulders (`strips`)."""
+        shoulders = []
+        for line, width in self.strips.values():
+            middle = shapely.LineString(line)
+            shoulders.append(middle.buffer(width / 2, cap_style="flat", join_style="mitre"))
+        # wider by 0.02 m, so that no slivers are left
+        shoulder_ground = shapely.union_all(shoulders).buffer(0.02, join_style="mitre")
+        return self.carriageway.difference(shoulder_ground)
 
     @cached_property
     def surface(self) -> shapely.Geometry:
@@ -61,11 +63,11 @@ class Road:
 
     @cached_property
     def islands(self) -> list[shapely.Polygon]:
-        """Ground that the road's surface encloses, a polygon for each of its holes."""
+        """Ground that the road's surface encloses, a polygon for each hole of the surface."""
         return [
-            shapely.Polygon(ring)
+            shapely.Polygon(hole)
             for polygon in shapely.get_parts(self.surface)
-            for ring in polygon.interiors
+            for hole in polygon.interiors
         ]
 
 
@@ -76,55 +78,63 @@ class Plot:
         road: the road.
         window: ground on which solids may be placed.
         solids: solids placed so far, on level ground (z = 0).
-        open: ground of the window next to the road, without islands.
-        lanes: lanes to keep clear, with `LANE_CLEARANCE_M`.
-        driven: part of `lanes` to keep clear even of solids on shoulders.
-        mounts: (n, 2) places x, y (m) of mounts."""
+        open_ground: ground of the window next to the road, without islands.
+        lane_ground: lanes to keep clear, with `LANE_CLEARANCE_M` around them.
+        driven_ground: part of `lane_ground` to keep clear even of solids on shoulders.
+        mount_places: (n, 2) places x, y (m) of mounts."""
 
     def __init__(self, road: Road, window: shapely.Geometry, mounts: Iterable[Mount]) -> None:
+        """Make a plot without solids.
+
+        window: ground on which solids may be placed; mounts: around which ground is kept clear."""
         self.road = road
         self.window = window
         self.solids: list[Solid] = []
-        self.open = window.difference(shapely.union_all([road.surface, *road.islands]).buffer(0.3))
-        self.lanes = road.carriageway.buffer(LANE_CLEARANCE_M)
-        self.driven = road.driven.buffer(LANE_CLEARANCE_M)
-        self.mounts = np.array([m.position[:2] for m in mounts]).reshape(-1, 2)
-        self._taken = [shapely.Point(foot).buffer(MOUNT_CLEARANCE_M) for foot in self.mounts]
-        shapely.prepare([self.lanes, self.open, self.driven])
+        road_and_islands = shapely.union_all([road.surface, *road.islands])
+        self.open_ground = window.difference(road_and_islands.buffer(0.3))
+        self.lane_ground = road.carriageway.buffer(LANE_CLEARANCE_M)
+        self.driven_ground = road.driven_ground.buffer(LANE_CLEARANCE_M)
+        self.mount_places = np.array([mount.position[:2] for mount in mounts]).reshape(-1, 2)
+        # ground of everything placed so far, first around the mounts
+        self._taken = [shapely.Point(foot).buffer(MOUNT_CLEARANCE_M) for foot in self.mount_places]
+        # makes the many tests against them faster
+        shapely.prepare([self.lane_ground, self.open_ground, self.driven_ground])
 
     def claim(
-        self, ground: shapely.Geometry, *, footway: bool = False, shoulder: bool = False
+        self, ground: shapely.Geometry, *, on_footways: bool = False, on_shoulders: bool = False
     ) -> bool:
         """Take `ground` if it is free; return True if it was.
 
-        It must be next to the road (`open`) and off all ground taken before. footway: it may be
-        anywhere off the lanes, also on footways and islands; shoulder: it may be on any ground that
-        is not driven, whatever `footway` is."""
-        if shoulder:
-            allowed = not self.driven.intersects(ground)
+        It must be next to the road (`open_ground`) and off all ground taken before. on_footways: it
+        may be anywhere off the lanes, also on footways and islands; on_shoulders: it may be on any
+        ground that is not driven, whatever `on_footways` is."""
+        if on_shoulders:
+            is_allowed = not self.driven_ground.intersects(ground)
+        elif on_footways:
+            is_allowed = not self.lane_ground.intersects(ground)
         else:
-            allowed = not self.lanes.intersects(ground) if footway else self.open.contains(ground)
-        if not allowed or shapely.intersects(np.array(self._taken, object), ground).any():
+            is_allowed = self.open_ground.contains(ground)
+        if not is_allowed or shapely.intersects(np.array(self._taken, object), ground).any():
             return False
         self._taken.append(ground)
         return True
 
     def place(
-        self, solids: Sequence[Solid], *, footway: bool = False, shoulder: bool = False
+        self, solids: Sequence[Solid], *, on_footways: bool = False, on_shoulders: bool = False
     ) -> bool:
         """Place solids together if there is room for all; return True if there was.
 
-        footway, shoulder: ground that they may be on, as for `claim`."""
+        solids: on level ground (z = 0); on_footways: they may be anywhere off the lanes, also on
+        footways and islands; on_shoulders: they may be on any ground that is not driven."""
         ground = unite(solid.footprint for solid in solids)
-        if not self.claim(ground, footway=footway, shoulder=shoulder):
+        if not self.claim(ground, on_footways=on_footways, on_shoulders=on_shoulders):
             return False
         self.solids += solids
         return True
 
 
-def _close_gaps(polygons: f.Outlines, gap: float) -> shapely.Geometry:
+def _close_gaps(polygons: furniture.Outlines, gap: float) -> shapely.Geometry:
     """Union of polygons, with gaps up to twice `gap` (m) wide filled."""
-    union = unite(polygons)
-    return union.buffer(gap, join_style="mitre", quad_segs=2).buffer(
-        -gap, join_style="mitre", quad_segs=2
-    )
+    # grown by `gap` and shrunk again: gaps that closed remain closed
+    grown = unite(polygons).buffer(gap, join_style="mitre", quad_segs=2)
+    return grown.buffer(-gap, join_style="mitre", quad_segs=2)

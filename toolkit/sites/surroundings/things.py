@@ -23,27 +23,28 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
     each with the kinds it has, in order of name."""
     counts: dict[str, Counter[str]] = {origin: Counter() for origin in ORIGINS}
     # ground to which the crowns of counted trees reach, and ground of the mounts' posts
-    trunks = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
-    feet = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)
-    grouped: dict[tuple[str, str], list[shapely.Polygon]] = {}
+    trees = unite(s.footprint for s in site.solids if s.kind == "trunk").buffer(6.0)
+    posts = shapely.MultiPoint([mount.position[:2] for mount in site.mounts]).buffer(0.3)
+    shapes_by_kind: dict[tuple[str, str], list[shapely.Polygon]] = {}  # by origin and kind
     for solid in site.solids:
-        grouped.setdefault((solid.origin, solid.kind), []).append(shapely.Polygon(solid.footprint))
-    for (origin, kind), shapes in grouped.items():
+        shape = shapely.Polygon(solid.footprint)
+        shapes_by_kind.setdefault((solid.origin, solid.kind), []).append(shape)
+    for (origin, kind), shapes in shapes_by_kind.items():
         joined = shapely.union_all(shapes)
-        if kind != "trunk":
+        if kind != "trunk":  # trunks that only nearly touch are several trees
             joined = joined.buffer(_TOUCHING_M / 2)
         parts = shapely.get_parts(joined)
         if kind == "tree":
-            parts = parts[~shapely.intersects(parts, trunks)]
+            parts = parts[~shapely.intersects(parts, trees)]
         if kind == "post":
-            parts = parts[~shapely.intersects(parts, feet)]
+            parts = parts[~shapely.intersects(parts, posts)]
         counts[origin][_PART_OF.get(kind, kind)] += len(parts)
-    counts[site.road_origin]["road"] += bool(site.lanes)
+    counts[site.road_origin]["road"] += 1 if site.lanes else 0
     for origin in site.bay_origins:
         counts[origin]["bay"] += 1
     for mount in site.mounts:
         counts[mount.origin]["pole"] += 1
-    # + drops counts of 0
+    # + of a Counter drops counts of 0
     return {origin: dict(sorted((+kinds).items())) for origin, kinds in counts.items()}
 
 
