@@ -182,7 +182,8 @@ def _bars_html(title: str, rows: "Iterable[FoundShare]") -> str:
             f'style="{_SMALL}">{share}{interval}{ap}, N = {row.objects}</span></div><div '
             f'style="background:#e3e3e6">{bar}</div>'
         )
-    return f'<div style="{_SMALL};margin-top:.4em">{title}</div>{"".join(lines)}'
+    heading = f'<div style="{_SMALL};margin-top:.4em">{escape(title)}</div>'
+    return heading + "".join(lines)
 
 
 def note_html(busy: str, note: str) -> str:

@@ -169,8 +169,9 @@ def _help(argument: Any) -> str:
 def _kind(argument: Any) -> str:
     """Words for the values that an option takes, such as "2 numbers".
 
-    The parser writes them as `{None}|{FLOAT FLOAT}`, the metavar of the option. A metavar without
-    words in `_KINDS` is returned as it is."""
+    The parser writes them as the option's metavar: `{None}|{FLOAT FLOAT}` for two numbers or none,
+    `[STR [STR ...]]` for several texts. Without words of `_KINDS` the metavar itself is returned,
+    without `{None}|` and outer braces."""
     metavar = str(argument.lowered.metavar).replace("{None}|", "")
     if metavar.startswith("{") and metavar.endswith("}") and "|" not in metavar:
         metavar = metavar[1:-1]

@@ -742,7 +742,7 @@ def with_terms(candidates: Candidates, pole_price: float, capacity: float | None
     Args:
         candidates: Candidates whose mounts are priced in ordinary poles.
         pole_price: Price of an ordinary pole in the currency; 1 keeps prices.
-        capacity: Capacity of all links (kbit per frame), None to keep theirs."""
+        capacity: Capacity of each mount's link (kbit per frame), None to keep theirs."""
     mounts = []
     for mount in candidates.mounts:
         new_capacity = mount.capacity if capacity is None else capacity

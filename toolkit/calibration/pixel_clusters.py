@@ -144,16 +144,16 @@ def _split_clusters(values: Float32[np.ndarray, "pixels n"], model: SensorModel)
 
     values: (pixels, n) ascending, infinite for nothing returned, so that these are the last
     cluster."""
-    solid = np.where(np.isfinite(values), values, np.float32(0))
-    noise_gap = GAP_SIGMAS * np.asarray(model.deviation(solid))
-    gap = np.maximum(noise_gap, GAP_SHARE * solid)[:, :-1]
+    finite_values = np.where(np.isfinite(values), values, np.float32(0))
+    noise_gap = GAP_SIGMAS * np.asarray(model.deviation(finite_values))
+    gap = np.maximum(noise_gap, GAP_SHARE * finite_values)[:, :-1]
     begins = np.ones(values.shape, bool)
     with np.errstate(invalid="ignore"):  # two missing returns are infinity less infinity: no gap
         begins[:, 1:] = values[:, 1:] - values[:, :-1] > gap
-    starts = np.flatnonzero(begins)
+    starts = np.flatnonzero(begins)  # flat indices in `values`
     return _Clusters(
         values=values,
-        solid=solid,
+        solid=finite_values,
         starts=starts,
         ends=np.append(starts[1:], values.size),
         pixel=starts // values.shape[1],

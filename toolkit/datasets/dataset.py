@@ -159,7 +159,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
         return file, datasets
 
     def _frame(self, number: int) -> Frame:
-        """Read the frame of a number, from 0, in the site's frame."""
+        """Read a frame by its number, from 0. Its world coordinates are the site's."""
         file, _ = self._file()
         try:
             measurements = self._read_images(number)
@@ -176,7 +176,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             index=number,
             name=f"{number:06d}",
             categories=tuple(LABELS[label] for label in objects.labels.tolist()),
-            complete=self._area,
+            complete=self._area,  # labels are complete within this area
             map_SE3_world=self.site.map_SE3_site,
         )
 

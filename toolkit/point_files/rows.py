@@ -61,6 +61,7 @@ def _parse_text(path: Path, skipped: int, row: np.dtype, max_rows: int | None) -
         float_fields.append((name, "f8", shape))
     for fields in (exact_fields, float_fields):
         with warnings.catch_warnings(), suppress(ValueError, OverflowError, DeprecationWarning):
+            # NumPy only warns when it reads a number such as 1.5 as a whole one
             warnings.simplefilter("error", DeprecationWarning)
             warnings.simplefilter("ignore", UserWarning)  # no rows at all
             return np.loadtxt(

@@ -22,7 +22,7 @@ from toolkit.traffic.supply import HEAVY_SHARE, LANE_OFFSETS_M, SWAY_DEG, Supply
 
 WARM_UP_S = 150.0  # before the first frame, so that the roads are as full as they stay
 SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
-WHEELBASE_SHARE = 0.75  # distance from front to rear axle, per length of the body
+REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
 MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
 MAX_STRIPE_SHIFT_M = 0.3  # sideways, of a walker from the middle of its stripe
 GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # walkers with 0, 1, 2, 3 companions
@@ -290,26 +290,26 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
 def move_driver(
     fronts: Float64[np.ndarray, "steps 2"], yaw: float, length: float
 ) -> Float64[np.ndarray, "steps 3"]:
-    """Poses (x, y of the middle, yaw) of a vehicle whose front takes a course.
+    """Return the poses (x, y of the middle, yaw) of a vehicle whose front takes a course.
 
     The rear axle follows the front as a trailer does, so headings turn smoothly and no body slides
     sideways.
 
     Args:
-        fronts: x, y of the middle of the front (m), one for each step of `FINE_STEP_S`.
+        fronts: x, y of the middle of the front bumper (m), one for each step of `FINE_STEP_S`.
         yaw: heading at the start (rad).
         length: length of the body (m)."""
     smoothed = smooth_motion(fronts)
-    wheelbase = WHEELBASE_SHARE * length
-    rear_x = smoothed[0, 0] - wheelbase * np.cos(yaw)
-    rear_y = smoothed[0, 1] - wheelbase * np.sin(yaw)
+    axle_distance = REAR_AXLE_SHARE * length  # from the front bumper
+    rear_x = smoothed[0, 0] - axle_distance * np.cos(yaw)
+    rear_y = smoothed[0, 1] - axle_distance * np.sin(yaw)
     poses = np.empty((len(smoothed), 3))
     for step, (x, y) in enumerate(smoothed.tolist()):
         dx = x - rear_x
         dy = y - rear_y
         distance = float(np.hypot(dx, dy))
-        rear_x = x - wheelbase * dx / distance
-        rear_y = y - wheelbase * dy / distance
+        rear_x = x - axle_distance * dx / distance
+        rear_y = y - axle_distance * dy / distance
         poses[step, 2] = np.arctan2(dy, dx)
     poses[:, 0] = smoothed[:, 0] - length / 2 * np.cos(poses[:, 2])
     poses[:, 1] = smoothed[:, 1] - length / 2 * np.sin(poses[:, 2])

@@ -271,7 +271,11 @@ class StandsOut(NamedTuple):
 
 
 def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SIGMAS) -> StandsOut:
-    """Return the pixels of an image that differ from its empty scene.
+    """Return the pixels of an image that differ from its empty scene, as flat indices.
+
+    The centre fills all other pixels from the scene. So it must also be told which ones the scene
+    would show although nothing was measured there: these are `missing`, kept only if their
+    neighbours are missing too.
 
     captured: image, with the crop that selects its points; scene: the sensor's image without
     objects; sigmas: a measurement within this many standard deviations of the scene shows it."""
@@ -283,10 +287,11 @@ def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SI
     is_drawn.ravel()[draw_scene(captured, scene).pixels] = True
     is_measured = np.zeros(measurement.shape, bool)
     is_measured.ravel()[captured.pixels] = True
-    # The centre would draw a point, but none was measured in the crop: another return or no return.
+    # the centre would draw the scene's point, but none was measured in the crop
     has_return = is_return(measurement, scene.model.max_range)
     is_gone = is_drawn & ~is_measured & (~shows_scene | ~has_return)
-    # Gone pixels that show the scene (it has no return now and then) are no evidence of an object.
+    # `shows_scene` is also True for no return if the scene has none now and then: such pixels are
+    # no evidence of an object
     is_expected = is_drawn & ~(is_gone & shows_scene)
     return StandsOut(pixels=sent_pixels, missing=keep_neighbours(is_gone, is_expected))
 
