@@ -72,6 +72,7 @@ class _State(NamedTuple):
         doubts: Of front, rear, left, right and top in the last detection (m).
         first_time: Time of the first detection (s).
         last_time: Time of the last detection (s).
+        detection: Row of the track's detection in the last frame, -1 without one.
     """
 
     ids: Int64[np.ndarray, " m"]
@@ -90,6 +91,7 @@ class _State(NamedTuple):
     doubts: Float64[np.ndarray, "m 5"]
     first_time: Float64[np.ndarray, " m"]
     last_time: Float64[np.ndarray, " m"]
+    detection: Int64[np.ndarray, " m"]
 
     def select(self, rows: np.ndarray) -> "_State":
         """Some of the tracks."""
@@ -128,8 +130,9 @@ class Tracker:
             raise ValueError(
                 f"frames must come in the order of time, got {time:g} s after {self._time:g} s"
             )
-        finite = np.isfinite(detections.boxes).all(axis=1) & np.isfinite(detections.scores)
-        detections = detections[finite]
+        is_finite = np.isfinite(detections.boxes).all(axis=1) & np.isfinite(detections.scores)
+        finite_rows = np.flatnonzero(is_finite)
+        detections = detections[finite_rows]
         tracks = self._tracks
         if self._time is not None:
             tracks = _predict(tracks, time - self._time)
@@ -149,16 +152,24 @@ class Tracker:
         mine = mine[order]
         theirs = theirs[order]
         seen = _correct(tracks.select(mine), detections[theirs], time)
+        seen = seen._replace(detection=finite_rows[theirs])
         unseen = tracks.select(np.setdiff1d(track_rows, mine))
         unseen = unseen.select(self._stays(unseen, time))
+        unseen = unseen._replace(detection=np.full(len(unseen.ids), -1))
         fresh_rows = np.setdiff1d(np.arange(len(detections)), theirs)
         fresh = _start(detections[fresh_rows], time, self._next_id)
+        fresh = fresh._replace(detection=finite_rows[fresh_rows])
         self._next_id += len(fresh.ids)
         unseen = unseen.select(~_is_ghost(unseen, seen, fresh))
         parts = zip(seen, unseen, fresh, strict=True)
         tracks = _State(*(np.concatenate(columns) for columns in parts))
         self._tracks = tracks.select(np.argsort(tracks.ids))
         return self.at(time)
+
+    @property
+    def detection_rows(self) -> Int64[np.ndarray, " n"]:
+        """Row of the last frame's detection behind each track of `update`, -1 without one."""
+        return self._tracks.detection
 
     def at(self, time: float) -> Tracks:
         """Return the tracks as they are expected to be at a time (s), without a detection.
@@ -223,12 +234,12 @@ def _start(detections: Detections, time: float, first_id: int) -> _State:
     """New tracks, one for each detection. first_id: number of the first one."""
     count = len(detections)
     boxes = detections.boxes
-    doubts = _get_doubts(detections)
-    weight = _weigh_sizes(doubts)
+    doubts = get_doubts(detections)
+    weight = weigh_sizes(doubts)
     votes = np.zeros((count, len(LABELS)))
     votes[np.arange(count), detections.labels] = detections.scores
     covariance = np.zeros((count, 4, 4))
-    covariance[:, :2, :2] = _measurement_covariance(boxes[:, 6], doubts)
+    covariance[:, :2, :2] = centre_covariance(boxes[:, 6], doubts)
     speed_variance = FIRST_SPEEDS_M_S[detections.labels] ** 2
     covariance[:, 2, 2] = speed_variance
     covariance[:, 3, 3] = speed_variance
@@ -250,24 +261,25 @@ def _start(detections: Detections, time: float, first_id: int) -> _State:
         doubts=doubts,
         first_time=times,
         last_time=times,
+        detection=np.arange(count),
     )
 
 
-def _get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
+def get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
     """Doubts of the faces of detections, the usual ones if they have none."""
     if detections.doubts is not None:
         return detections.doubts
     return np.tile(USUAL_DOUBTS_M, (len(detections), 1))
 
 
-def _weigh_sizes(doubts: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 3"]:
+def weigh_sizes(doubts: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 3"]:
     """Weight (1/m²) of the length, width and height of detections, by the doubts of their faces."""
     length = np.square(doubts[:, :2]).sum(axis=1)
     width = np.square(doubts[:, 2:4]).sum(axis=1)
     return 1 / np.stack([length, width, np.square(doubts[:, 4])], axis=1)
 
 
-def _measurement_covariance(
+def centre_covariance(
     yaw: Float64[np.ndarray, " n"], doubts: Float64[np.ndarray, "n 5"]
 ) -> Float64[np.ndarray, "n 2 2"]:
     """Covariance (m²) of the centres of boxes that are anchored at the surer faces."""
@@ -294,20 +306,29 @@ def _rotate_variances(
 
 def _predict(tracks: _State, seconds: float) -> _State:
     """Tracks so many seconds later, moved with their velocity."""
-    step = np.eye(4)
-    step[0, 2] = step[1, 3] = seconds
+    step, noise = constant_velocity(seconds)
     variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
-    # white noise of acceleration
-    noise = np.zeros((4, 4))
-    noise[[0, 1], [0, 1]] = seconds**4 / 4
-    noise[[2, 3], [2, 3]] = seconds**2
-    noise[[0, 1, 2, 3], [2, 3, 0, 1]] = seconds**3 / 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
     # bodies turn for a moment only
     turn = tracks.yaw_rate * min(seconds, GAP_S)
     return tracks._replace(
         motion=tracks.motion @ step.T, covariance=covariance, yaw=tracks.yaw + turn
     )
+
+
+def constant_velocity(
+    seconds: float,
+) -> tuple[Float64[np.ndarray, "4 4"], Float64[np.ndarray, "4 4"]]:
+    """Transition of x, y and their velocities, and its covariance by white acceleration of 1 m/s².
+
+    seconds: time that passes."""
+    step = np.eye(4)
+    step[0, 2] = step[1, 3] = seconds
+    noise = np.zeros((4, 4))
+    noise[[0, 1], [0, 1]] = seconds**4 / 4
+    noise[[2, 3], [2, 3]] = seconds**2
+    noise[[0, 1, 2, 3], [2, 3, 0, 1]] = seconds**3 / 2
+    return step, noise
 
 
 def _assign(
@@ -338,7 +359,7 @@ def _assign(
 def _correct(tracks: _State, detections: Detections, time: float) -> _State:
     """Tracks after a detection of each, in the same order."""
     boxes = detections.boxes
-    doubts = _get_doubts(detections)
+    doubts = get_doubts(detections)
     # a detection that faces the other way is turned, and its faces with it
     residual = np.arctan2(np.sin(boxes[:, 6] - tracks.yaw), np.cos(boxes[:, 6] - tracks.yaw))
     is_turned = np.abs(residual) > np.pi / 2
@@ -347,12 +368,12 @@ def _correct(tracks: _State, detections: Detections, time: float) -> _State:
     seconds = np.maximum(time - tracks.last_time, 1e-3)
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
-    weight = _weigh_sizes(doubts)
+    weight = weigh_sizes(doubts)
     size_weight = tracks.size_weight + weight
     size = (tracks.size_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
-    centre = _anchor(boxes, yaw, size, doubts)
+    centre = anchor_centres(boxes, yaw, size, doubts)
     # Kalman's update by the anchored centre
-    noise = _measurement_covariance(yaw, doubts)
+    noise = centre_covariance(yaw, doubts)
     gain = tracks.covariance[:, :, :2] @ np.linalg.inv(tracks.covariance[:, :2, :2] + noise)
     innovation = (centre - tracks.motion[:, :2])[:, :, None]
     motion = tracks.motion + (gain @ innovation)[:, :, 0]
@@ -380,7 +401,7 @@ def _correct(tracks: _State, detections: Detections, time: float) -> _State:
     return _turn_round(corrected)
 
 
-def _anchor(
+def anchor_centres(
     boxes: BoxRows,
     yaw: Float64[np.ndarray, " n"],
     size: Float64[np.ndarray, "n 3"],

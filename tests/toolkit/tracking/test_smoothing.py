@@ -1,0 +1,87 @@
+"""Offline tracks: one size, one class and one direction, and no gaps."""
+
+import numpy as np
+import pytest
+
+from toolkit.boxes import iou_3d
+from toolkit.objects import HEAVY, VEHICLE, Detections
+from toolkit.tracking.smoothing import smooth
+
+DOUBTS = np.array([0.05, 0.05, 0.03, 0.03, 0.03])
+
+
+def straight_drive(steps, speed=6.0):
+    boxes = np.tile([0, 0, 0.75, 4.5, 1.9, 1.5, 0.0], (steps, 1))
+    boxes[:, 0] = np.arange(steps) * 0.1 * speed
+    return boxes
+
+
+def detected(box, label=VEHICLE, score=0.8, doubts=DOUBTS):
+    return Detections(box[None], np.array([score]), np.array([label]), doubts[None])
+
+
+def times_of(frames):
+    return 0.1 * np.arange(len(frames))
+
+
+@pytest.fixture
+def noisy_drive():
+    rng = np.random.default_rng(3)
+    truth = straight_drive(50)
+    noisy = truth + rng.normal(0, [0.06, 0.04, 0.02, 0.1, 0.05, 0.03, 0.02], truth.shape)
+    noisy[10, 6] += np.pi
+    frames = [detected(box, HEAVY if k % 7 == 0 else VEHICLE) for k, box in enumerate(noisy)]
+    return truth, noisy, frames
+
+
+def test_boxes_are_nearer_to_the_truth_than_detections(noisy_drive):
+    truth, noisy, frames = noisy_drive
+    tracks = smooth(frames, times_of(frames))
+    before = [iou_3d(noisy[[k]], truth[[k]])[0, 0] for k in range(50)]
+    after = [iou_3d(tracks[k].boxes, truth[[k]])[0, 0] for k in range(50)]
+    assert np.mean(after) > 0.93 > np.mean(before)
+    assert min(after[2:-2]) > 0.9
+    velocities = np.array([found.velocities[0] for found in tracks])
+    assert velocities == pytest.approx(np.tile([6.0, 0, 0], (50, 1)), abs=1.0)
+
+
+def test_size_class_and_direction_are_one(noisy_drive):
+    _, _, frames = noisy_drive
+    tracks = smooth(frames, times_of(frames))
+    sizes = np.array([found.boxes[0, 3:6] for found in tracks])
+    assert np.ptp(sizes, axis=0).max() < 1e-9
+    assert {int(found.labels[0]) for found in tracks} == {VEHICLE}
+    assert all(np.cos(found.boxes[0, 6]) > 0.99 for found in tracks)
+    assert [found.ids.tolist() for found in tracks] == [[0]] * 50
+    assert tracks[-1].ages[0] == pytest.approx(4.9)
+
+
+def test_a_gap_is_filled_where_the_car_was(noisy_drive):
+    truth, _, frames = noisy_drive
+    frames[20:24] = [Detections.empty()] * 4
+    tracks = smooth(frames, times_of(frames))
+    assert all(len(found) == 1 for found in tracks)
+    assert np.linalg.norm(tracks[22].boxes[0, :2] - truth[22, :2]) < 0.15
+    assert tracks[22].scores[0] < tracks[19].scores[0]
+    assert tracks[22].unseen[0] == pytest.approx(0.3)
+
+
+def test_a_direction_follows_the_motion_if_the_detector_is_always_wrong():
+    frames = [detected(box + np.array([0, 0, 0, 0, 0, 0, np.pi])) for box in straight_drive(30)]
+    assert all(np.cos(found.boxes[0, 6]) > 0.99 for found in smooth(frames, times_of(frames)))
+
+
+def test_single_detections_stay_as_they_are():
+    box = straight_drive(1)[0]
+    (found,) = smooth([detected(box, score=0.3)], [4.0])
+    assert found.boxes == pytest.approx(box[None])
+    assert found.scores.tolist() == [0.3]
+    assert smooth([], []) == []
+    assert [len(found) for found in smooth([Detections.empty()] * 3, [0.0, 1.0, 2.0])] == [0, 0, 0]
+
+
+def test_times_must_fit_the_frames():
+    with pytest.raises(ValueError, match="each frame needs a time, got 2 and 1"):
+        smooth([Detections.empty()] * 2, [0.0])
+    with pytest.raises(ValueError, match="in the order of time"):
+        smooth([Detections.empty()] * 2, [1.0, 0.0])
