@@ -46,7 +46,12 @@ UNCONNECTED_SENSOR = (
     "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 )
 NOT_OPENLABEL = "JSON files without openlabel"
-_NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
+OPENLABEL_NAMES = {
+    "vehicle": "CAR",
+    "cyclist": "BICYCLE",
+    "pedestrian": "PEDESTRIAN",
+    "heavy": "TRUCK",
+}
 
 
 def openlabel(path: Path) -> listing.Listing:
@@ -217,7 +222,7 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> Uncheck
             nums.append({"name": "score", "val": float(found.scores[k])})
         elif sample.counts is not None:
             nums.append({"name": "num_points", "val": int(sample.counts[k])})
-        kind = _NAMES[LABELS[label]]
+        kind = OPENLABEL_NAMES[LABELS[label]]
         half = box[6] / 2
         quaternion = [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
         value = box[:3].tolist() + quaternion + box[3:6].tolist()

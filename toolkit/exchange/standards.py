@@ -1,0 +1,127 @@
+"""Table of the writers by name, and the function that opens one."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from toolkit.exchange.geo_origin import GeoOrigin
+from toolkit.exchange.writer import OrderedWriter, Writer
+from toolkit.runtime.writing import writing, writing_folder
+
+
+@dataclass(frozen=True)
+class Standard:
+    """Format of other programs that a writer serves.
+
+    Attributes:
+        name: its name.
+        writer: module and class of its writer, which is made from a path, and a `GeoOrigin` if it
+            needs a place.
+        ending: ending of its file, "" if it writes a folder.
+        packages: packages that writing needs, by the name of their modules.
+        needs_time: True if every instant must have a time.
+        needs_place: True if the world frame's place on earth must be known.
+    """
+
+    name: str
+    writer: str
+    ending: str
+    packages: tuple[tuple[str, str], ...] = ()
+    needs_time: bool = True
+    needs_place: bool = False
+
+    def check_packages(self) -> None:
+        """Raise ImportError for a missing package."""
+        missing = [package for module, package in self.packages if find_spec(module) is None]
+        if missing:
+            raise ImportError(
+                f"writing {self.name} needs {', '.join(missing)}: pip install coview[exchange]"
+            )
+
+    def make(self, path: Path, origin: GeoOrigin | None) -> Writer:
+        """Make the writer of a file. Raises ValueError for an unknown place on earth."""
+        if self.needs_place and origin is None:
+            raise ValueError(
+                f"{self.name} needs the recording's place on earth: give the latitude and "
+                "longitude of its origin"
+            )
+        module, kind = self.writer.split(":")
+        make: Callable[..., Writer] = getattr(import_module(module), kind)
+        return make(path, origin) if self.needs_place else make(path)
+
+
+_ROOM = "toolkit.exchange"
+STANDARDS = {
+    standard.name: standard
+    for standard in (
+        Standard(
+            "kitti-tracking",
+            f"{_ROOM}.kitti_tracking:KittiTrackingWriter",
+            ".txt",
+            needs_time=False,
+        ),
+        Standard(
+            "openlabel", f"{_ROOM}.openlabel_tracks:OpenLabelWriter", ".json", needs_time=False
+        ),
+        Standard(
+            "mf-json", f"{_ROOM}.moving_features:MovingFeaturesWriter", ".json", needs_place=True
+        ),
+        Standard(
+            "mcap",
+            f"{_ROOM}.foxglove_scenes:FoxgloveWriter",
+            ".mcap",
+            (("mcap", "mcap"), ("foxglove_schemas_protobuf", "foxglove-schemas-protobuf")),
+        ),
+        Standard(
+            "detection3d",
+            f"{_ROOM}.detection_arrays:DetectionArrayWriter",
+            "",
+            (("rosbags", "rosbags"),),
+        ),
+        Standard("osi", f"{_ROOM}.osi_ground_truth:OsiWriter", ".mcap", (("betterosi",) * 2,)),
+    )
+}
+
+
+def find_standard(name: str) -> Standard:
+    """Return a standard by name. Raises ValueError for an unknown one."""
+    standard = STANDARDS.get(name)
+    if standard is None:
+        raise ValueError(f"there is no writer {name!r}: choose among {', '.join(STANDARDS)}")
+    return standard
+
+
+@contextmanager
+def open_writer(
+    name: str, path: str | Path, *, origin: GeoOrigin | None = None
+) -> Iterator[OrderedWriter]:
+    """Give the block a writer of detections or tracks; the file is complete at the end.
+
+    If the block raises or the process is killed, nothing appears at `path`, and what was there
+    stays. name: a name of `STANDARDS`; origin: place on earth of the world frame, for formats in
+    degrees. Raises ValueError for an unknown name or a missing place, ImportError for a missing
+    package, OSError as `toolkit.runtime.writing.writing`.
+
+    >>> import tempfile
+    >>> from toolkit.exchange.instant import Instant
+    >>> car = Instant(0.1, [[10, 0, 1, 4, 2, 1.5, 0]], ["vehicle"], [0.9], ids=[7])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open_writer("kitti-tracking", f"{folder}/tracks.txt") as writer:
+    ...         writer.write(car)
+    ...     print(Path(folder, "tracks.txt").read_text().split()[:3])
+    ['0', '7', 'Car']
+    """
+    standard = find_standard(name)
+    standard.check_packages()
+    target = writing(path) if standard.ending else writing_folder(path)
+    with target as unfinished:
+        writer = OrderedWriter(
+            standard.make(unfinished, origin), name, needs_time=standard.needs_time
+        )
+        try:
+            yield writer
+        finally:
+            writer.close()
