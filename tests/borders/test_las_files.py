@@ -167,7 +167,7 @@ def test_withheld_points_bounds_and_colours_of_bytes_are_warned_of(tmp_path):
     written.withheld = [0, 1, 0, 0, 1]
     written.red = [1, 2, 3, 4, 255]
     written.write(tmp_path / "a.las")
-    with pytest.warns(UserWarning, match="") as warned:
+    with pytest.warns(UserWarning, match="points are flagged") as warned:
         found = read_recorded(tmp_path / "a.las")
     assert found["positions"][:, 0].tolist() == [0, 2, 3]
     assert found["colors"][:, 0].tolist() == [1, 3, 4]
@@ -184,5 +184,5 @@ def test_withheld_points_bounds_and_colours_of_bytes_are_warned_of(tmp_path):
 def test_without_laspy_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "laspy", None)
     (tmp_path / "a.las").write_bytes(packed())
-    with pytest.raises(ImportError, match=r"needs laspy: pip install coview\[exchange\]"):
+    with pytest.raises(ImportError, match=r"needs laspy: pip install coview\[scans\]"):
         read_recorded(Path(tmp_path / "a.las"))

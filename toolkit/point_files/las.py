@@ -51,14 +51,14 @@ def read_las(path: str | Path) -> Attributes:
     try:
         import laspy
     except ImportError:
-        raise ImportError("reading .las needs laspy: pip install coview[exchange]") from None
+        raise ImportError("reading .las needs laspy: pip install coview[scans]") from None
     content = read_plain(path)
     try:
         _check_size(content)
         header = laspy.LasHeader.read_from(BytesIO(content), read_evlrs=True)
         _check_header(header, len(content))
         if header.are_points_compressed and not laspy.LazBackend.detect_available():
-            raise ImportError("reading .laz needs lazrs: pip install coview[exchange]")
+            raise ImportError("reading .laz needs lazrs: pip install coview[scans]")
         points = laspy.read(BytesIO(content))
         return _attributes(header, points)
     except ImportError:

@@ -51,10 +51,17 @@ from toolkit.runtime.writing import write_text
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
 OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
-RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap", "*.db3")  # recordings in single files
+RECORDED = (
+    "*.hdf5",
+    "*.h5",
+    "*.bag",
+    "*.mcap",
+    "*.db3",
+    "*.pcap",
+    "*.pcapng",
+)  # recordings in single files
 _CONVERT = "convert them to .pcd, .ply, .npy or .csv"
 SCANS = {  # files of points that are not read, and what to do with them
-    (".pcap", ".pcapng"): f"decode the packets with the sensor's driver, then {_CONVERT}",
     (".e57", ".pts", ".ptx", ".obj", ".stl", ".drc"): _CONVERT,
     (".txt",): "call them .xyz or .csv",
 }

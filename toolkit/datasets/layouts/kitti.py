@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Pose
+from toolkit.arrays import BoxRows, Float64, Pose
 from toolkit.datasets import (
     cloud_records,
     folders,
@@ -33,13 +33,14 @@ from toolkit.datasets import (
     record_values,
 )
 from toolkit.datasets.origins import Middles, near_frames
-from toolkit.frame import Frame, ImageWedge, Region
+from toolkit.frame import Frame, ImageWedge, Region, SensorCloud
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
 from toolkit.runtime.reading import read_bytes
 from toolkit.runtime.writing import write_bytes, write_text
 
 SENSOR = "velodyne"
+DONT_CARE = "DontCare"
 _PLACE = "Tr_velo_to_world"
 _OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 IMAGE_PX = 1242, 375  # width and height if there is no image
@@ -86,8 +87,7 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
         raise FileNotFoundError(
             f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it"
         )
-    with record_values.name_damage(calib, "calibration"):
-        calibration = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
+    calibration = read_calibration(calib)
     with record_values.name_damage(labels, "list of labels"):
         rows = [
             line.split()
@@ -103,27 +103,71 @@ def _sample(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Fra
                         ": it is KITTI's tracking, write a file per frame without the first two"
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
+        label_rows = LabelRows.parse(rows)
+    shown = LabelledView(calibration, read_image_size(folder / "image_2" / f"{name}.png"))
+    return shown.frame(name, cloud, label_rows, problems)
+
+
+class LabelRows(NamedTuple):
+    """Labels of one frame.
+
+    kinds: their types, DontCare too; values: the 14 numbers after each; ids: track of each label,
+    None if the labels have no tracks."""
+
+    kinds: list[str]
+    values: Float64[np.ndarray, "n 14"]
+    ids: list[str] | None = None
+
+    @staticmethod
+    def parse(rows: list[list[str]], ids: list[str] | None = None) -> "LabelRows":
+        """Parse rows that begin with their types."""
         values = np.array([_parse_values(row) for row in rows]).reshape(-1, 14)
-        real = np.array([row[0] != "DontCare" for row in rows], bool)
-        boxes = _boxes(values[real], invert(calibration.camera_SE3_lidar))
-        frame_labels.count_full_turns(values[real, 13], problems)
-    labels_in_frame = frame_labels.make_labels(
-        boxes, [row[0] for row in rows if row[0] != "DontCare"], None, problems
-    )
-    width, height = _image_size(folder / "image_2" / f"{name}.png")
-    ignored = tuple((a, b, c, d) for a, b, c, d in values[~real, 3:7].tolist())
-    projection = calibration.projection @ calibration.camera_SE3_lidar
-    wedge = ImageWedge(projection, width, height, ignored)
-    if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
-        problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
-    return Frame.of_clouds(
-        name,
-        (cloud,),
-        *labels_in_frame,
-        complete=wedge,
-        map_SE3_world=calibration.map_SE3_lidar,
-        problems=problems,
-    )
+        return LabelRows([row[0] for row in rows], values, ids)
+
+
+class LabelledView(NamedTuple):
+    """Camera whose image is labelled.
+
+    calibration: of the camera; size_px: width and height of its image."""
+
+    calibration: "KittiCalibration"
+    size_px: tuple[int, int]
+
+    def frame(
+        self, name: str, cloud: SensorCloud, labels: LabelRows, problems: problem_kinds.Problems
+    ) -> Frame:
+        """Return the frame of a cloud and its labels; counts are added to `problems`."""
+        calibration = self.calibration
+        values = labels.values
+        is_real = np.array([kind != DONT_CARE for kind in labels.kinds], bool)
+        ids = None
+        if labels.ids is not None:
+            ids = [labels.ids[row] for row in np.flatnonzero(is_real)]
+        with np.errstate(all="ignore"):
+            boxes = _boxes(values[is_real], invert(calibration.camera_SE3_lidar))
+            frame_labels.count_full_turns(values[is_real, 13], problems)
+        kinds = [kind for kind in labels.kinds if kind != DONT_CARE]
+        labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
+        width, height = self.size_px
+        ignored = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
+        projection = calibration.projection @ calibration.camera_SE3_lidar
+        wedge = ImageWedge(projection, width, height, ignored)
+        if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
+            problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
+        return Frame.of_clouds(
+            name,
+            (cloud,),
+            *labels_in_frame,
+            complete=wedge,
+            map_SE3_world=calibration.map_SE3_lidar,
+            problems=problems,
+        )
+
+
+def read_calibration(path: Path) -> "KittiCalibration":
+    """Read a calibration file. Raises ValueError that names it, OSError if it is missing."""
+    with record_values.name_damage(path, "calibration"):
+        return _parse_calibration(read_bytes(path).decode("utf-8-sig"))
 
 
 def _parse_values(row: list[str]) -> list[float]:
@@ -143,7 +187,7 @@ def _boxes(values: np.ndarray, lidar_SE3_camera: np.ndarray) -> BoxRows:
     return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
 
 
-class _Calibration(NamedTuple):
+class KittiCalibration(NamedTuple):
     """Contents of a calibration file.
 
     camera_SE3_lidar: pose of the lidar in the rectified camera's frame; projection: (3, 4) from
@@ -155,7 +199,7 @@ class _Calibration(NamedTuple):
     map_SE3_lidar: Pose
 
 
-def _parse_calibration(text: str) -> _Calibration:
+def _parse_calibration(text: str) -> KittiCalibration:
     """Parse the text of a calibration file; ValueError if an entry is missing or damaged."""
     lines = [line.split() for line in text.splitlines() if line.strip()]
     named_words = ((words[0].removesuffix(":"), words[1:]) for words in lines)
@@ -173,10 +217,10 @@ def _parse_calibration(text: str) -> _Calibration:
         record_values.rigid_matrix(entries[_PLACE], _PLACE) if _PLACE in entries else np.eye(4)
     )
     camera_SE3_lidar = rectification @ unrectified_SE3_lidar
-    return _Calibration(camera_SE3_lidar, projection, map_SE3_lidar)
+    return KittiCalibration(camera_SE3_lidar, projection, map_SE3_lidar)
 
 
-def _image_size(image: Path) -> tuple[int, int]:
+def read_image_size(image: Path) -> tuple[int, int]:
     """Width and height (pixels) in the header of a PNG, `IMAGE_PX` without a readable file."""
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":
