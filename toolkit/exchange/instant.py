@@ -10,7 +10,10 @@ from toolkit.arrays import BoxRows, Float64, Int64, Shaped
 from toolkit.boxes import check_boxes
 from toolkit.frame import SensorCloud
 from toolkit.frozen import set_fields
+from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.objects import Detections
+
+MAX_SPEED_M_S = 1e4  # no road user comes near
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,9 @@ class Instant:
         clouds: Clouds of the instant, for writers that take points.
 
     Raises:
-        ValueError: Lengths do not fit, a box or score is not finite, a box has no size, a velocity
-            is infinite, or an id is negative or there twice.
+        ValueError: Lengths do not fit, a box or score is not finite, a box has no size or is as far
+            as no map reaches, a velocity is infinite or beyond `MAX_SPEED_M_S`, or an id is
+            negative or there twice.
 
     >>> car = [[0, 0, 1, 4, 2, 1.5, 0]]
     >>> Instant(0.1, car, ["vehicle"], [0.9], ids=[7]).ids
@@ -49,6 +53,11 @@ class Instant:
     def __post_init__(self) -> None:
         detections = Detections(check_boxes(self.boxes), self.scores, self.labels)
         count = len(detections)
+        if not (np.abs(detections.boxes[:, :6]) <= MAX_COORDINATE_M).all():
+            raise ValueError(
+                f"boxes must lie within {MAX_COORDINATE_M:g} m of the origin, got "
+                f"{np.abs(detections.boxes[:, :6]).max():g}: give metres"
+            )
         if not np.isfinite(detections.scores).all():
             raise ValueError(
                 f"scores must be finite, got {_list_wrong(detections.scores)}: leave such objects "
@@ -123,8 +132,12 @@ def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
         raise ValueError(
             f"velocities must be 3 numbers for each of the {count} boxes, got shape {rows.shape}"
         )
-    if np.isinf(rows).any():
-        raise ValueError(f"velocities must be finite, got {_list_wrong(rows)}: give NaN if unknown")
+    if (np.abs(rows) > MAX_SPEED_M_S).any():
+        fastest = float(np.nanmax(np.abs(rows)))
+        raise ValueError(
+            f"velocities must be at most {MAX_SPEED_M_S:g} m/s, got {fastest:g}: give NaN if "
+            "unknown"
+        )
     return rows
 
 

@@ -101,7 +101,8 @@ def read_openlabel(path):
             box = [x, y, z, length, width, height, yaw]
             kind = content.objects[number].type.lower()
             rows[int(number)] = Row(kind, box, data.num[0].val, velocity)
-        yield int(key), float(frame.frame_properties.timestamp), rows
+        stamp = frame.frame_properties.timestamp
+        yield int(key), None if stamp is None else float(stamp), rows
 
 
 def read_foxglove(path):
@@ -412,7 +413,9 @@ def test_times_that_do_not_rise_are_refused_and_nothing_is_left(name, tmp_path):
         ({"labels": [7]}, "labels must be 0..3"),
         ({"ids": [-1]}, "ids must not be negative, got -1"),
         ({"ids": [0.5]}, "ids must be one whole number"),
-        ({"velocities": [[np.inf, 0, 0]]}, "velocities must be finite"),
+        ({"velocities": [[np.inf, 0, 0]]}, "velocities must be at most 10000 m/s, got inf"),
+        ({"velocities": [[0, 1e5, 0]]}, "velocities must be at most 10000 m/s, got 100000"),
+        ({"boxes": [[0, 1e300, 1, 4, 2, 1, 0]]}, "boxes must lie within"),
         ({"velocities": [1, 2, 3]}, "velocities must be 3 numbers"),
     ],
 )
@@ -476,3 +479,64 @@ with open_writer({name!r}, {str(path)!r}, origin=GeoOrigin(1.0, 2.0)) as writer:
     assert not path.exists()
     write(name, tmp_path, traffic(2))  # takes over what the killed run left
     assert path.exists()
+
+
+def extreme(seed: int) -> list[dict]:
+    """Fields of instants with something wrong or rare in them, by a seed."""
+    rng = np.random.default_rng(seed)
+    instants = []
+    time_s = START_S
+    for k in range(3):
+        count = int(rng.choice([0, 1, 3, 20]))
+        low, high = [-500, -500, -3, 0.05, 0.05, 0.05, -9], [500, 500, 9, 30, 4, 5, 9]
+        boxes = rng.uniform(low, high, (count, 7))
+        fields = {
+            "boxes": boxes,
+            "labels": rng.integers(0, 4, count),
+            "scores": rng.uniform(-2, 3, count),
+            "ids": rng.permutation(10**6)[:count],
+            "velocities": rng.normal(0, 40, (count, 3)),
+        }
+        change = rng.integers(0, 12) if k == 1 else 99
+        wrong = rng.choice([np.nan, np.inf, -np.inf, 1e300, 0.0, -1.0])
+        if count and change in (0, 1, 2):
+            boxes[rng.integers(count), rng.integers(7)] = wrong
+        elif count and change in (3, 4):
+            fields["velocities"][rng.integers(count)] = wrong
+        elif count and change == 5:
+            fields["scores"][rng.integers(count)] = wrong
+        elif change == 6:
+            time_s -= rng.choice([0.0, 0.1, 1e6])
+        elif change == 7:
+            time_s = rng.choice([np.nan, np.inf, -1.0, 1e12])
+        elif count > 1 and change == 8:
+            fields["ids"][0] = fields["ids"][1]
+        elif change == 9:
+            fields["ids"] = None
+        elif count and change == 10:
+            fields["velocities"][:] = np.nan
+        instants.append({"time_s": time_s, **fields})
+        time_s = START_S + 0.1 * (k + 1)
+    return instants
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", [name for name in READERS if name != "mf-json"])
+def test_forty_extreme_inputs_give_one_line_or_a_sound_file(name, tmp_path):
+    refused = []
+    for seed in range(40):
+        folder = tmp_path / str(seed)
+        try:
+            instants = [Instant(**fields) for fields in extreme(seed)]
+            path = write(name, folder, instants)
+        except ValueError as error:
+            refused.append(str(error))
+            assert not folder.exists() or list(folder.iterdir()) == []
+            continue
+        counts = [len(rows) for _, _, rows in READERS[name](path)]
+        expected = [len(instant) for instant in instants]
+        if name == "kitti-tracking":
+            expected = [count for count in expected if count]
+        assert counts == expected
+    assert 5 < len(refused) < 35
+    assert all("\n" not in text for text in refused)
