@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from coview.arguments import check_each_once, check_ending
-from coview.outputs import check_empty_folder, check_file
+from coview.outputs import Writing, check_empty_folder, check_file
 
 if TYPE_CHECKING:
     from toolkit.exchange.geo_origin import GeoOrigin
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 StandardName = Literal["kitti-tracking", "openlabel", "mf-json", "mcap", "detection3d", "osi"]
 
 
-@dataclass(frozen=True)
-class Exchange:
-    """Formats of other programs."""
+@dataclass(frozen=True, kw_only=True)
+class Exchange(Writing):
+    """Handling of results, and formats of other programs."""
 
     to: tuple[StandardName, ...] = ()
     """Formats in place of --format: kitti-tracking (text), openlabel and mf-json (OGC moving
@@ -27,7 +27,7 @@ class Exchange:
     """Latitude and longitude of the recording's 0 0 0, x east, for mf-json; known for sites with
     a place on earth."""
 
-    def check(self, out: Path, inputs: Iterable[Path], *, overwrite: bool) -> dict[str, Path]:
+    def check(self, out: Path, inputs: Iterable[Path]) -> dict[str, Path]:
         """Check options and files before long work; return the file of each format.
 
         Raises ValueError and OSError for files that cannot be written, ImportError for a missing
@@ -44,7 +44,7 @@ class Exchange:
             if standard.ending:
                 check_ending(path, (standard.ending,), f"a file of {name}")
             check = check_file if standard.ending else check_empty_folder
-            check(path, inputs=inputs, overwrite=overwrite)
+            check(path, inputs=inputs, overwrite=self.overwrite)
             files[name] = path
         return files
 

@@ -13,7 +13,7 @@ from coview.arguments import check_ending, check_least
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector, open_detector
 from coview.exchange import Exchange
-from coview.outputs import OK, Writing, check_empty_folder, check_file, print_result
+from coview.outputs import OK, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.calibration.place import Place
@@ -36,8 +36,7 @@ def detect_command(
     format: Literal["boxes", "openlabel", "kitti"] = "boxes",
     opening: Opening = Opening(),
     place: Place = Place(),
-    writing: Writing = Writing(),
-    exchange: Exchange = Exchange(),
+    writing: Exchange = Exchange(),
 ) -> int:
     """Find road users in clouds, bags, public sets and simulated recordings, on level ground.
 
@@ -71,14 +70,14 @@ def detect_command(
     check_detector(spec)
     detectors = _Detectors(spec, place)
     inputs = [*clouds, *opening.files]
-    files = exchange.check(out, inputs, overwrite=writing.overwrite) if exchange.to else {}
+    files = writing.check(out, inputs) if writing.to else {}
     if files:
         _check_one_format(format, clouds)
     else:
         _check_boxes(out, format, inputs, overwrite=writing.overwrite)
     with ExitStack() as stack:
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
-        origin = exchange.place(recordings[0].site)
+        origin = writing.place(recordings[0].site)
         parts = [Part(recording, frames) for recording in recordings]
         scenes: list[StandingScene | None] = []
         for recording, samples in zip(recordings, parts, strict=True):

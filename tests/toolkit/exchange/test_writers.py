@@ -443,7 +443,7 @@ def test_a_name_a_place_and_a_package_that_are_missing(tmp_path, monkeypatch):
         open_writer("kml", tmp_path / "a").__enter__()
     with pytest.raises(ValueError, match="mf-json needs the recording's place on earth"):
         open_writer("mf-json", tmp_path / "a").__enter__()
-    monkeypatch.setattr("toolkit.exchange.standards.find_spec", lambda module: None)
+    monkeypatch.setattr("toolkit.exchange.standard.find_spec", lambda module: None)
     for name, standard in STANDARDS.items():
         if standard.packages:
             with pytest.raises(ImportError, match=r"needs .*: pip install coview\[exchange\]"):

@@ -225,8 +225,8 @@ def _find_sensors(path: Path) -> dict[str, int]:
         if not models:
             listed = ", ".join(f"{count} of {size} bytes" for size, count in sizes.most_common(4))
             raise ValueError(
-                f"it has no packets of {VELODYNE_PACKET_BYTES} bytes, which Velodyne lidars send, but "
-                f"{listed or 'no UDP packets'}: decode it with the sensor's driver"
+                f"it has no packets of {VELODYNE_PACKET_BYTES} bytes, which Velodyne lidars send, "
+                f"but {listed or 'no UDP packets'}: decode it with the sensor's driver"
             )
         for address, last in models.items():
             if last not in VELODYNE_MODELS:

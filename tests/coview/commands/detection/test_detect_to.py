@@ -79,7 +79,7 @@ def test_what_it_refuses(clouds, tmp_path, refused):
 
 
 def test_a_missing_package_is_named_with_its_extra(clouds, tmp_path, run, monkeypatch):
-    monkeypatch.setattr("toolkit.exchange.standards.find_spec", lambda module: None)
+    monkeypatch.setattr("toolkit.exchange.standard.find_spec", lambda module: None)
     asked = ("detect", clouds, "--detector", DETECTOR, "--out", tmp_path / "x.mcap", "--to", "mcap")
     code, _, error = run(*asked)
     assert code == 3
