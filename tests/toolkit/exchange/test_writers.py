@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -490,7 +491,7 @@ def extreme(seed: int) -> list[dict]:
         count = int(rng.choice([0, 1, 3, 20]))
         low, high = [-500, -500, -3, 0.05, 0.05, 0.05, -9], [500, 500, 9, 30, 4, 5, 9]
         boxes = rng.uniform(low, high, (count, 7))
-        fields = {
+        fields: dict[str, Any] = {
             "boxes": boxes,
             "labels": rng.integers(0, 4, count),
             "scores": rng.uniform(-2, 3, count),

@@ -128,7 +128,7 @@ def test_other_packets_are_passed_over(tmp_path):
 @pytest.mark.parametrize(
     ("packets", "reason"),
     [
-        ([], "but no UDP packets: decode it with the sensor's driver"),
+        ([], "but no UDP packets: an Ouster's needs its metadata"),
         ([(START_S, framed(bytes(24896)))], "but 1 of 24896 bytes"),
         (list(turning(3, last=0x55)), "end in 0x55, which is none of the known models HDL32E"),
     ],
