@@ -13,7 +13,7 @@ from toolkit.frozen import set_fields
 from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.objects import Detections
 
-MAX_SPEED_M_S = 1e4  # no road user comes near
+MAX_OBJECT_SPEED_M_S = 1e4  # no road user comes near
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Instant:
 
     Raises:
         ValueError: Lengths do not fit, a box or score is not finite, a box has no size or is as far
-            as no map reaches, a velocity is infinite or beyond `MAX_SPEED_M_S`, or an id is
+            as no map reaches, a velocity is infinite or beyond `MAX_OBJECT_SPEED_M_S`, or an id is
             negative or there twice.
 
     >>> car = [[0, 0, 1, 4, 2, 1.5, 0]]
@@ -132,10 +132,10 @@ def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
         raise ValueError(
             f"velocities must be 3 numbers for each of the {count} boxes, got shape {rows.shape}"
         )
-    if (np.abs(rows) > MAX_SPEED_M_S).any():
+    if (np.abs(rows) > MAX_OBJECT_SPEED_M_S).any():
         fastest = float(np.nanmax(np.abs(rows)))
         raise ValueError(
-            f"velocities must be at most {MAX_SPEED_M_S:g} m/s, got {fastest:g}: give NaN if "
+            f"velocities must be at most {MAX_OBJECT_SPEED_M_S:g} m/s, got {fastest:g}: give NaN if "
             "unknown"
         )
     return rows

@@ -2,8 +2,8 @@
 
 - The sensor's metadata is NAME.json, or NAME_0.json and on for several, next to NAME.pcap, as
   ouster-cli writes them; it says how packets are laid out and where beams point.
-- Points are `XYZLut`'s, in the sensor's frame in metres, of pixels that have a range in columns that
-  are valid. Rows stay staggered, which only matters for images.
+- Points are `XYZLut`'s, in the sensor's frame in metres, of pixels that have a range in columns
+  that are valid. Rows stay staggered, which only matters for images.
 - Intensity is SIGNAL (photons), or REFLECTIVITY if the profile has no signal; ring is the row.
 - Of two returns the first is read. A frame with less than 97 of 100 columns of its window is part
   of a turn."""
