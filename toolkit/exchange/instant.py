@@ -135,8 +135,8 @@ def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
     if (np.abs(rows) > MAX_OBJECT_SPEED_M_S).any():
         fastest = float(np.nanmax(np.abs(rows)))
         raise ValueError(
-            f"velocities must be at most {MAX_OBJECT_SPEED_M_S:g} m/s, got {fastest:g}: give NaN if "
-            "unknown"
+            f"velocities must be at most {MAX_OBJECT_SPEED_M_S:g} m/s, got {fastest:g}: give NaN "
+            "if unknown"
         )
     return rows
 

@@ -65,6 +65,7 @@ def test_points_are_the_sensors_by_its_lookup_table(tmp_path):
         assert frame.time == pytest.approx(1.7e9 + 0.1 * k, abs=1e-5)
         expected = core.XYZLut(info)(written)[1:]
         np.testing.assert_allclose(cloud.points, expected.reshape(-1, 3), atol=1e-5)
+        assert cloud.time is not None
         assert np.unique(cloud.ring).tolist() == list(range(1, 64))
         np.testing.assert_array_equal(cloud.intensity, np.tile(np.arange(WIDTH), 63))
         np.testing.assert_allclose(cloud.time[:WIDTH], np.arange(WIDTH) * 195_312e-9, atol=1e-9)
