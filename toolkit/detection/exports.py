@@ -8,7 +8,7 @@ from pathlib import Path
 from toolkit.detection.detect import FrameDetections
 from toolkit.exchange.geo_origin import GeoOrigin
 from toolkit.exchange.instant import Instant
-from toolkit.exchange.standards import open_writer
+from toolkit.exchange.standards import find_standard, open_writer
 
 
 def export_detections(
@@ -19,6 +19,7 @@ def export_detections(
     files: file of each standard by its name; complete at the end; origin: place on earth of the
     world frame, for formats in degrees. Warns of values that a format cannot hold. Raises the
     errors of `toolkit.exchange.standards.open_writer`."""
+    takes_clouds = any(find_standard(name).takes_clouds for name in files)
     with ExitStack() as stack:
         writers = {
             name: stack.enter_context(open_writer(name, path, origin=origin))
@@ -26,7 +27,8 @@ def export_detections(
         }
         for result in results:
             frame = result.frame
-            instant = Instant.from_detections(frame.time, result.detections, frame.clouds)
+            clouds = frame.clouds if takes_clouds else ()
+            instant = Instant.from_detections(frame.time, result.detections, clouds)
             for writer in writers.values():
                 writer.write(instant)
             yield result

@@ -22,6 +22,7 @@ class Standard:
         packages: packages that writing needs, by the name of their modules.
         needs_time: True if every instant must have a time.
         needs_place: True if the world frame's place on earth must be known.
+        takes_clouds: True if it holds clouds too.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Standard:
     packages: tuple[tuple[str, str], ...] = ()
     needs_time: bool = True
     needs_place: bool = False
+    takes_clouds: bool = False
 
     def check_packages(self) -> None:
         """Raise ImportError for a missing package."""

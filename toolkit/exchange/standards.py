@@ -30,6 +30,7 @@ STANDARDS = {
             f"{_ROOM}.foxglove_scenes:FoxgloveWriter",
             ".mcap",
             (("mcap", "mcap"), ("foxglove_schemas_protobuf", "foxglove-schemas-protobuf")),
+            takes_clouds=True,
         ),
         Standard(
             "detection3d",
