@@ -1,7 +1,7 @@
 """MCAP files of Foxglove: PointCloud messages in protobuf, with FrameTransform.
 
-World frame: the root of the clouds' frames by FrameTransform(s); a cloud whose frame no transform
-mentions stays in its frame, and is counted if there is more than one sensor.
+World frame: the root of the clouds' frames by FrameTransform(s), or the only frame of all clouds.
+Else a cloud whose frame no transform mentions stays in its frame, and is counted.
 
 - A cloud's points are in its `pose` in `frame_id`, which transforms place in the root. A pose that
   is not set, as protobuf leaves it, is the identity; a quaternion of another length than 1 is
@@ -68,9 +68,10 @@ class CloudKey(NamedTuple):
 
 @dataclass
 class _Index:
-    """Clouds of each topic in the order of the file, and all transforms."""
+    """Clouds of each topic in the order of the file, their frames, and all transforms."""
 
     clouds: dict[str, list[CloudKey]] = field(default_factory=dict)
+    frames: set[str] = field(default_factory=set)
     links: list[TransformLink] = field(default_factory=list)
 
 
@@ -91,7 +92,9 @@ def foxglove(path: Path) -> listing.Listing:
     groups = {}
     for number, group in enumerate(group_by_time(times)):
         groups[f"{number:06d}"] = [index.clouds[topic][row] for topic, row in group.items()]
-    load = partial(_load, file, groups, len(index.clouds), tree, Middles())
+    is_one_frame = len(index.frames) == 1 and not index.links
+    source = _Source(file, len(index.clouds), tree, is_one_frame)
+    load = partial(_load, source, groups)
     return listing.Listing(tuple(groups), load, noted=tree.problems)
 
 
@@ -161,6 +164,7 @@ def _index(file: Path) -> _Index:
                 stamp_ns = _stamp_ns(content.timestamp) or log_ns
                 key = CloudKey(channel.topic, log_ns, number, stamp_ns)
                 index.clouds.setdefault(channel.topic, []).append(key)
+                index.frames.add(content.frame_id)
             else:
                 several = content.transforms if schema.name == TRANSFORMS else [content]
                 index.links += [_link(transform, log_ns) for transform in several]
@@ -188,36 +192,45 @@ def _stamp_ns(stamp: _Message) -> int:
     return int(stamp.seconds) * NS_PER_S + int(stamp.nanos)
 
 
-def _load(
-    file: Path,
-    groups: Mapping[str, list[CloudKey]],
-    topic_count: int,
-    tree: TransformTree,
-    middles: Middles,
-    name: str,
-) -> Frame:
-    """Read a frame.
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """File of clouds.
 
-    groups: clouds of each frame; topic_count: number of topics of clouds in the file; tree: frames
-    of coordinates; middles: middles of the sensors' first clouds; name: name of the frame."""
+    Attributes:
+        file: its path.
+        topic_count: number of its topics of clouds.
+        tree: frames of coordinates.
+        is_one_frame: True if all clouds are in one frame and nothing else is placed.
+        middles: middles of the sensors' first clouds.
+    """
+
+    file: Path
+    topic_count: int
+    tree: TransformTree
+    is_one_frame: bool
+    middles: Middles = field(default_factory=Middles)
+
+
+def _load(source: _Source, groups: Mapping[str, list[CloudKey]], name: str) -> Frame:
+    """Read a frame by its name; groups: clouds of each frame."""
     problems: Problems = {}
     keys = groups[name]
-    add_problem(problems, UNPAIRED, int(len(keys) < topic_count))
+    add_problem(problems, UNPAIRED, int(len(keys) < source.topic_count))
     clouds = []
     roots: list[str] = []
-    with _open_reader(file) as reader:
+    with _open_reader(source.file) as reader:
         for key in keys:
             message = _parse(POINT_CLOUD, _read(reader, key))
-            world_SE3_sensor = _place(message, key, tree, roots, problems)
-            is_alone = topic_count == 1 and not tree.moving
-            add_problem(problems, NO_TF, int(not is_alone and not tree.knows(message.frame_id)))
+            world_SE3_sensor = _place(message, key, source.tree, roots, problems)
+            is_placed = source.is_one_frame or source.tree.knows(message.frame_id)
+            add_problem(problems, NO_TF, int(not is_placed))
             cloud = build_cloud(
                 name_attributes(parse_fields(message)),
                 key.topic.strip("/"),
                 world_SE3_sensor,
                 problems,
                 stamp_s=key.stamp_ns / NS_PER_S,
-                middles=middles,
+                middles=source.middles,
             )
             clouds.append(cloud)
     add_problem(problems, OTHER_TREE, len(set(roots)) - 1 if roots else 0)

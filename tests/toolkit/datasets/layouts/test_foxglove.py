@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,13 +116,16 @@ def test_clouds_that_coview_writes_come_back(tmp_path):
     sensor = SensorCloud("north", points, placed, intensity=np.array([1, 2], np.float32))
     with open_writer("mcap", tmp_path / "a.mcap") as made:
         for k in range(3):
-            made.write(Instant(1.7e9 + k, np.zeros((0, 7)), [], [], clouds=(sensor,)))
+            clouds = (sensor, replace(sensor, name="south"))
+            made.write(Instant(1.7e9 + k, np.zeros((0, 7)), [], [], clouds=clouds))
     frames = list(open_recording(tmp_path / "a.mcap"))
     assert [frame.time for frame in frames] == [1.7e9, 1.7e9 + 1, 1.7e9 + 2]
     np.testing.assert_allclose(
-        frames[2].points(), transform(placed, points.astype(float)), atol=1e-6
+        frames[2].points(), np.tile(transform(placed, points.astype(float)), (2, 1)), atol=1e-6
     )
-    np.testing.assert_allclose(frames[2].clouds[0].world_SE3_sensor, placed, atol=1e-12)
+    for each in frames[2].clouds:
+        np.testing.assert_allclose(each.world_SE3_sensor, placed, atol=1e-12)
+    assert [frame.problems for frame in frames] == [{}, {}, {}]
 
 
 def test_nan_and_no_points_are_counted(tmp_path):
