@@ -5,6 +5,7 @@ earth-centred coordinates after that, so that a point 1 km away is exact althoug
 curved."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -101,8 +102,8 @@ class GeoOrigin:
         return self._axes() @ apart
 
 
-def _normal_radius(sine: Float64[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
-    """Radius of curvature (m) across the meridian at the sine of a latitude."""
+def _normal_radius(sine: Any) -> Any:
+    """Radius of curvature (m) across the meridian at the sine of a latitude, or of several."""
     return EQUATOR_RADIUS_M / np.sqrt(1 - WGS84_ECCENTRICITY_SQUARED * sine**2)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolkit.arrays import BoxRows, Float64, Int64, Shaped
+from toolkit.arrays import Shaped
 from toolkit.boxes import check_boxes
 from toolkit.frame import SensorCloud
 from toolkit.frozen import set_fields
@@ -34,20 +34,21 @@ class Instant:
             as no map reaches, a velocity is infinite or beyond `MAX_OBJECT_SPEED_M_S`, or an id is
             negative or there twice.
 
-    >>> car = [[0, 0, 1, 4, 2, 1.5, 0]]
-    >>> Instant(0.1, car, ["vehicle"], [0.9], ids=[7]).ids
+    >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
+    >>> vehicle = np.array(["vehicle"])
+    >>> Instant(0.1, car, vehicle, np.array([0.9]), ids=np.array([7])).ids
     array([7])
-    >>> Instant(0.1, car, ["vehicle"], [float("nan")])
+    >>> Instant(0.1, car, vehicle, np.array([np.nan]))
     Traceback (most recent call last):
     ValueError: scores must be finite, got [nan]: leave such objects out
     """
 
     time_s: float
-    boxes: BoxRows
+    boxes: Shaped[np.ndarray, "n 7"]
     labels: Shaped[np.ndarray, " n"]
-    scores: Float64[np.ndarray, " n"]
-    ids: Int64[np.ndarray, " n"] | None = None
-    velocities: Float64[np.ndarray, "n 3"] | None = None
+    scores: Shaped[np.ndarray, " n"]
+    ids: Shaped[np.ndarray, " n"] | None = None
+    velocities: Shaped[np.ndarray, "n 3"] | None = None
     clouds: Sequence[SensorCloud] = ()
 
     def __post_init__(self) -> None:

@@ -63,8 +63,10 @@ def open_writer(
     package, OSError as `toolkit.runtime.writing.writing`.
 
     >>> import tempfile
+    >>> import numpy as np
     >>> from toolkit.exchange.instant import Instant
-    >>> car = Instant(0.1, [[10, 0, 1, 4, 2, 1.5, 0]], ["vehicle"], [0.9], ids=[7])
+    >>> box = np.array([[10, 0, 1, 4, 2, 1.5, 0]])
+    >>> car = Instant(0.1, box, np.array(["vehicle"]), np.array([0.9]), ids=np.array([7]))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open_writer("kitti-tracking", f"{folder}/tracks.txt") as writer:
     ...         writer.write(car)

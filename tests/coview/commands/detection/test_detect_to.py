@@ -29,7 +29,7 @@ def clouds(tmp_path, monkeypatch):
     write_recording(frames, tmp_path / "mine", "folder")
     (tmp_path / "found_boxes.py").write_text(
         "import numpy as np\nfrom toolkit.objects import Detections\n"
-        f"def detect(points):\n    return Detections(np.array({BOXES}), [0.9, 0.4], [0, 2])\n"
+        f"def detect(points):\n    return Detections(np.array({BOXES}), np.array([0.9, 0.4]), np.array([0, 2]))\n"
     )
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))

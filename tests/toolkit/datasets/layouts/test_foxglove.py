@@ -16,7 +16,7 @@ from toolkit.exchange.instant import Instant
 from toolkit.exchange.standards import open_writer
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose, transform
-from toolkit.objects import Objects
+from toolkit.objects import Detections, Objects
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*is read as layout foxglove")
 writer = pytest.importorskip("mcap_protobuf.writer")
@@ -117,7 +117,7 @@ def test_clouds_that_coview_writes_come_back(tmp_path):
     with open_writer("mcap", tmp_path / "a.mcap") as made:
         for k in range(3):
             clouds = (sensor, replace(sensor, name="south"))
-            made.write(Instant(1.7e9 + k, np.zeros((0, 7)), [], [], clouds=clouds))
+            made.write(Instant.from_detections(1.7e9 + k, Detections.empty(), clouds))
     frames = list(open_recording(tmp_path / "a.mcap"))
     assert [frame.time for frame in frames] == [1.7e9, 1.7e9 + 1, 1.7e9 + 2]
     np.testing.assert_allclose(
