@@ -18,8 +18,8 @@ class Opening:
     """Options for opening a recording."""
 
     layout: str | None = None
-    """folder, hdf5, rosbag, kitti, openlabel, dair, opv2v, v2xset, v2xreal, rcooper, nuscenes,
-    argoverse or sustech."""
+    """folder, hdf5, rosbag, foxglove, pcap, kitti, kitti-tracking, openlabel, dair, opv2v, v2xset,
+    v2xreal, rcooper, nuscenes, argoverse or sustech."""
     poses: Path | None = None
     """File of sensor poses by name, for layout folder; the folder's own poses.json when left
     out."""

@@ -34,6 +34,9 @@ from .detection.link.foreground import (
     decode_foreground as decode_foreground,
     encode_foreground as encode_foreground,
 )
+from .exchange.geo_origin import GeoOrigin as GeoOrigin
+from .exchange.instant import Instant as Instant
+from .exchange.standards import open_writer as open_writer
 from .doctor.diagnosis import diagnose as diagnose
 from .detection.metrics import (
     average_precision as average_precision,

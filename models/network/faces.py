@@ -157,7 +157,7 @@ def measure_faces(
     measurements = networks.measure(features)
     boxes[rows] = move_faces(boxes[rows], *measurements.shifts)
     doubts = None
-    if np.isfinite(networks.prior).all():  # networks that were trained
+    if bool(torch.isfinite(networks.prior).all()):  # networks that were trained
         doubts = np.empty((len(boxes), 5))
         doubts[:] = USUAL_DOUBTS_M
         doubts[rows] = _by_box(measurements.doubts)

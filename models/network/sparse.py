@@ -84,8 +84,9 @@ class LinearFeatures(nn.Module):
     """`VoxelFeatures` of one layer and local points, folded.
 
     A point's features are its offset from the voxel's reference and from the mean of the voxel's
-    points. The layer is linear before its ReLU, so all that depends on the mean is the same for the
-    points of a voxel: it is added after their maximum, to one row for each voxel.
+    points. The layer is linear before its ReLU, so all that is equal for the points of a voxel is
+    added after their maximum, to one row for each voxel. Offsets are counted from the middle of the
+    voxel, so that rounding errors stay small.
     """
 
     def __init__(self, features: VoxelFeatures) -> None:
@@ -95,20 +96,25 @@ class LinearFeatures(nn.Module):
         weight, bias = fold_norm(layers[0].linear, layers[0].norm)
         from_reference, from_mean = torch.split(weight.T, 3)  # inputs x y z, outputs
         self.point_weight = nn.Parameter((from_reference + from_mean).contiguous())
-        self.mean_weight = nn.Parameter(-from_mean.contiguous())
+        # inputs: mean offset x y z, height of the voxel's middle
+        self.voxel_weight = nn.Parameter(torch.cat((-from_mean, from_reference[2:])))
         self.bias = nn.Parameter(bias)
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
         """Features of the occupied voxels."""
         count = len(voxels.cells)
-        reference = voxelnet.voxel_references(voxels.cells, self.config)
-        offset = voxels.points - reference.index_select(0, voxels.voxel)
-        mean = voxelnet.voxel_means(offset, voxels.voxel, count)
-        point_values = offset @ self.point_weight
+        middles = voxelnet.voxel_references(voxels.cells, self.config)
+        heights = (voxels.cells[:, 3:] + 0.5) * self.config.voxel_size[2]  # above the reference
+        middles[:, 2:] += heights
+        offsets = voxels.points - middles.index_select(0, voxels.voxel)
+        means = voxelnet.voxel_means(offsets, voxels.voxel, count)
+        point_values = offsets @ self.point_weight
         rows = voxels.voxel[:, None].expand_as(point_values)
         lowest = point_values.new_full((count, point_values.shape[1]), -torch.inf)
         greatest = lowest.scatter_reduce_(0, rows, point_values, "amax")
-        return torch.relu_(torch.addmm(self.bias, mean, self.mean_weight).add_(greatest))
+        voxel_inputs = torch.cat((means, heights.to(means.dtype)), 1)
+        voxel_values = torch.addmm(self.bias, voxel_inputs, self.voxel_weight)
+        return torch.relu_(voxel_values.add_(greatest))
 
 
 def _fold_features(features: VoxelFeatures) -> VoxelFeatures:

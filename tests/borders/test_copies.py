@@ -97,7 +97,7 @@ def test_a_pickled_environment_steps_in_a_fresh_process(tmp_path: Path):
 
 def test_panoramas_are_shared_by_copies_and_go_along_when_pickled():
     env, _ = start("coview/SensorPose-v0", vector=False)
-    live = env.unwrapped.task._now[0].preparation.live
+    live = env.unwrapped.task._episodes[0].preparation.live
     copied, pickled = (duplicate(live) for duplicate in COPIES.values())
     place, surround = next(iter(live._kept.items()))
     assert copied._kept[place] is surround

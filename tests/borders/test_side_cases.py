@@ -168,9 +168,9 @@ def test_times_of_points_in_another_unit_are_left_out_and_counted():
 @pytest.mark.parametrize(
     ("files", "found"),
     [
-        (["a.las", "b.las"], r"it holds 2 of \.las, such as a\.las: convert them"),
-        (["scan/a.LAZ"], r"it holds \.LAZ, such as scan/a\.LAZ: convert them"),
-        (["drive.pcap"], r"drive\.pcap: decode the packets with the sensor's driver"),
+        (["a.pts", "b.pts"], r"it holds 2 of \.pts, such as a\.pts: convert them"),
+        (["scan/a.PTX"], r"it holds \.PTX, such as scan/a\.PTX: convert them"),
+        (["drive.pcap"], r"give the recording in it, .*drive\.pcap"),
         (["a.txt"], r"a\.txt: call them \.xyz or \.csv"),
         (["x/a.e57"], r"a\.e57: convert them"),
         (

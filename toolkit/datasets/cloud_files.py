@@ -7,7 +7,8 @@
 .npy                 array (n, 3 or more), x y z first, no other column kept; or one with names
 .bin                 KITTI's: float32 x y z intensity; .pcd.bin, nuScenes': float32 x y z
                      intensity ring
-.feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)"""
+.feather             columns x, y, z and others, as Argoverse 2 has them (needs pyarrow)
+.las .laz            surveyors' scans, with all their attributes (needs laspy)"""
 
 import warnings
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from toolkit.datasets.feather_files import read_table
 from toolkit.datasets.text_clouds import read_text_columns
 from toolkit.geometry import check_pose
 from toolkit.point_columns import Attributes, find_axes, name_attributes
+from toolkit.point_files.las import read_las
 from toolkit.runtime import array_files, reading
 
 if TYPE_CHECKING:
@@ -125,12 +127,14 @@ def _read_by_ending(path: Path) -> Attributes:
         (".npy",): _read_array,
         (".bin",): _read_binary,
         (".feather",): _read_feather,
+        (".las", ".laz"): read_las,
     }
     for endings, reader in readers.items():
         if path.suffix.lower() in endings:
             return reader(path)
     raise ValueError(
-        f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin or .feather"
+        f"{path}: a cloud file ends in .ply .pcd .npz .xyz .txt .csv .npy .bin .feather .las "
+        "or .laz"
     )
 
 

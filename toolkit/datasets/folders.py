@@ -7,8 +7,9 @@ from pathlib import Path
 _WHOLE_NUMBER = re.compile(r"(?<![0-9])(?<![0-9]\.)([0-9]{1,300})")
 MACOS_FOLDER = "__MACOSX"
 BAG_ENDINGS = (".bag", ".mcap", ".db3")
+PCAP_ENDINGS = (".pcap", ".pcapng")
 # endings of cloud files; among several files of one name the first ending counts
-ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv")
+ENDINGS = (".pcd", ".bin", ".ply", ".npy", ".npz", ".feather", ".xyz", ".csv", ".las", ".laz")
 
 
 def list_files(folder: Path, pattern: str = "*", *, recursive: bool = False) -> list[Path]:

@@ -9,21 +9,23 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import cast
 
-from toolkit.datasets.folders import BAG_ENDINGS, ENDINGS, list_bags
+from toolkit.datasets.folders import BAG_ENDINGS, ENDINGS, PCAP_ENDINGS, list_bags
 from toolkit.datasets.layout import Layout
 from toolkit.datasets.listing import Listing
 from toolkit.frame import Frame, Recording
 
 GROUP = "coview.layouts"
 _BUILT_IN = (
-    "folder kitti openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse sustech rosbag "
-    "hdf5"
+    "folder kitti kitti-tracking openlabel dair opv2v v2xset v2xreal rcooper nuscenes argoverse "
+    "sustech rosbag foxglove pcap hdf5"
 )
 # modules of layouts that share them
-_MODULES = {"v2xset": "opv2v", "v2xreal": "opv2v"}
-_READERS = {"v2xset": "opv2v"}
+_MODULES = {"v2xset": "opv2v", "v2xreal": "opv2v", "kitti-tracking": "kitti_sequences"}
+_READERS = {"v2xset": "opv2v", "kitti-tracking": "kitti_sequence"}
+_ONLY_READ = ("rcooper", "foxglove", "kitti-tracking", "pcap")
 _SIGNS = {  # files that only these layouts have in their folders
     ("folder",): ("poses.json", "poses.txt", "poses.csv", "labels.json"),
+    ("kitti-tracking",): ("label_02", "training/label_02"),
     ("kitti",): ("training/velodyne", "label_2"),
     ("dair",): (
         "label/virtuallidar",
@@ -42,7 +44,7 @@ _HDF5 = (".hdf5", ".h5")
 LAYOUTS = {
     name: Layout(
         *(name, f"toolkit.datasets.layouts.{_MODULES.get(name, name)}", _READERS.get(name, name)),
-        writer=None if name == "rcooper" else f"write_{_READERS.get(name, name)}",
+        writer=None if name in _ONLY_READ else f"write_{_READERS.get(name, name)}",
         file=name == "hdf5",
     )
     for name in _BUILT_IN.split()
@@ -75,13 +77,15 @@ def guess_layout(path: str | Path) -> str:
         ending = path.suffix.lower()
         if ending in ENDINGS:
             return "folder"
+        if ending in PCAP_ENDINGS:
+            return "pcap"
         if ending in BAG_ENDINGS:
-            return "rosbag"
+            return "foxglove" if _is_foxglove(path) else "rosbag"
         has_other_ending = ending not in _HDF5 and path.is_file()
         if has_other_ending and not _head(path).startswith(b"\x89HDF"):  # as HDF5 files do
             raise ValueError(
                 f"{path} is no recording: its ending is none of "
-                f"{', '.join((*_HDF5, *BAG_ENDINGS, *ENDINGS))}"
+                f"{', '.join((*_HDF5, *BAG_ENDINGS, *PCAP_ENDINGS, *ENDINGS))}"
             )
         return "hdf5"
     return _guess_folder_layout(path)
@@ -106,11 +110,20 @@ def _guess_folder_layout(folder: Path) -> str:
     if list_bags(folder):
         files = (*folder.glob("*"), *folder.glob("*/*"))
         if not any(file.suffix.lower() in ENDINGS for file in files):
-            return "rosbag"
+            return "foxglove" if _is_foxglove(list_bags(folder)[0]) else "rosbag"
     json_paths = (*folder.glob("*.json"), *folder.glob("*/*.json"))
     json_file = next((path for path in json_paths if path.is_file()), None)
     is_openlabel = json_file is not None and b'"openlabel"' in _head(json_file)
     return "openlabel" if is_openlabel else "folder"
+
+
+def _is_foxglove(path: Path) -> bool:
+    """True for an MCAP file whose header states no profile; bags of ROS state theirs."""
+    if path.suffix.lower() != ".mcap" or not path.is_file():
+        return False
+    head = _head(path)
+    # magic, kind and length of the header's record, length of the profile's name
+    return head[:9] == b"\x89MCAP0\r\n\x01" and head[17:21] == bytes(4)
 
 
 def _head(path: Path) -> bytes:

@@ -12,7 +12,8 @@ from tyro.conf import Positional
 from coview.arguments import check_ending, check_least
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector, open_detector
-from coview.outputs import OK, Writing, check_empty_folder, check_file, print_result
+from coview.exchange import Exchange
+from coview.outputs import OK, check_empty_folder, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
 from toolkit.calibration.place import Place
@@ -35,7 +36,7 @@ def detect_command(
     format: Literal["boxes", "openlabel", "kitti"] = "boxes",
     opening: Opening = Opening(),
     place: Place = Place(),
-    writing: Writing = Writing(),
+    writing: Exchange = Exchange(),
 ) -> int:
     """Find road users in clouds, bags, public sets and simulated recordings, on level ground.
 
@@ -43,6 +44,8 @@ def detect_command(
 
     Example: coview detect junction.bag --layout rosbag --still --area -40 -40 40 40
         --out boxes.json
+
+    Example: coview detect junction.bag --layout rosbag --still --to mcap --out found.mcap
 
     Args:
         clouds: Cloud files, folders, bags or recordings.
@@ -57,6 +60,7 @@ def detect_command(
         format: One JSON file (boxes), openlabel or kitti."""
     from toolkit.datasets.recording_views import Part
     from toolkit.detection.detect import describe_summary, summarise, write_detections
+    from toolkit.detection.exports import export_detections
     from toolkit.detection.standing import learn_standing_scene
 
     check_least("--frames", frames, 1, "leave it out for all")
@@ -65,12 +69,15 @@ def detect_command(
     spec = DetectorSpec.from_name(detector)
     check_detector(spec)
     detectors = _Detectors(spec, place)
-    if format == "boxes":
-        check_ending(out, (".json",), "a file of boxes")
-    check = check_file if format == "boxes" else check_empty_folder
-    check(out, inputs=[*clouds, *opening.files], overwrite=writing.overwrite)
+    inputs = [*clouds, *opening.files]
+    files = writing.check(out, inputs) if writing.to else {}
+    if files:
+        _check_one_format(format, clouds)
+    else:
+        _check_boxes(out, format, inputs, overwrite=writing.overwrite)
     with ExitStack() as stack:
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
+        origin = writing.place(recordings[0].site)
         parts = [Part(recording, frames) for recording in recordings]
         scenes: list[StandingScene | None] = []
         for recording, samples in zip(recordings, parts, strict=True):
@@ -80,14 +87,32 @@ def detect_command(
         level = placed[0].place.level or "none"
         bar = stack.enter_context(progress_bar("cloud", sum(map(len, parts)), hidden=writing.json))
         jobs = list(zip(parts, placed, scenes, strict=True))
-        written = write_detections(
-            _detect(jobs, bar.to), out, format, detector=detector, level=level
-        )
+        results = _detect(jobs, bar.to)
+        if files:
+            written = export_detections(results, files, origin)
+        else:
+            written = write_detections(results, out, format, detector=detector, level=level)
         figures = summarise(written)
     print_result(
         figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json
     )
     return OK
+
+
+def _check_one_format(format: str, clouds: Sequence[Path]) -> None:
+    """Raise ValueError for --format next to --to, and for several recordings in one file."""
+    if format != "boxes":
+        raise ValueError("--format and --to both name what is written: leave one out")
+    if len(clouds) > 1:
+        raise ValueError(f"--to writes one recording, got {len(clouds)}: detect in them one by one")
+
+
+def _check_boxes(out: Path, format: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
+    """Raise ValueError or OSError if a file of boxes, or folder of labels, cannot be written."""
+    if format == "boxes":
+        check_ending(out, (".json",), "a file of boxes")
+    check = check_file if format == "boxes" else check_empty_folder
+    check(out, inputs=inputs, overwrite=overwrite)
 
 
 class _PlacedDetector(NamedTuple):

@@ -138,7 +138,7 @@ def fuse_command(
     Example: coview fuse --argoverse my-log
 
     Args:
-        clouds: Cloud files: ply, pcd, xyz, txt, csv, npy, npz, KITTI bin or feather.
+        clouds: Cloud files: ply, pcd, xyz, txt, csv, npy, npz, KITTI bin, feather, las or laz.
         poses: One file with all poses, or one per cloud; pipes such as <(...) work too.
         inverted: Take the poses as world to sensor (extrinsics) instead of sensor to world.
         out: File for the fused cloud (ply, pcd or npz).

@@ -184,7 +184,7 @@ def test_bad_cloud_files_say_what_is_wrong_and_need_a_pose_each(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such cloud file"):
         cloud_files.read_points(tmp_path / "a.ply")
     for name, content, message in (
-        *(("a.las", b"x", r"ends in \.ply"), ("a.bin", b"12345", "5 bytes")),
+        *(("a.e57", b"x", r"ends in \.ply"), ("a.bin", b"12345", "5 bytes")),
         *(
             ("a.npy", b"12345", r"cannot be read as \.npy array"),
             ("a.feather", b"12345", "no feather file"),

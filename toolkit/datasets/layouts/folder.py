@@ -3,7 +3,8 @@
 There may be poses.json (or .txt) and labels.json. World frame: the poses', world_SE3_sensor;
 without a pose file the clouds are assumed to be in it already.
 
-- Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv (`toolkit.datasets.cloud_files`).
+- Clouds are any of .pcd .bin .ply .npy .npz .feather .xyz .csv .las .laz
+  (`toolkit.datasets.cloud_files`).
 - Sensors' files of one time are one frame if all names are times (`toolkit.datasets.clock_times`),
   else files of one name. If names are no times, no two sensors share one and all have equally many
   files, the k-th files of each are one frame, in the order of their names, 2 before 10. A frame
@@ -50,11 +51,17 @@ from toolkit.runtime.writing import write_text
 POSES = ("poses.json", "poses.txt", "poses.csv")
 LABELS_FILE = "labels.json"
 OTHER_NAME = "labels by the name of a second cloud of a labelled frame"
-RECORDED = ("*.hdf5", "*.h5", "*.bag", "*.mcap", "*.db3")  # recordings in single files
+RECORDED = (
+    "*.hdf5",
+    "*.h5",
+    "*.bag",
+    "*.mcap",
+    "*.db3",
+    "*.pcap",
+    "*.pcapng",
+)  # recordings in single files
 _CONVERT = "convert them to .pcd, .ply, .npy or .csv"
 SCANS = {  # files of points that are not read, and what to do with them
-    (".las", ".laz"): f"{_CONVERT}, with laspy for one",
-    (".pcap", ".pcapng"): f"decode the packets with the sensor's driver, then {_CONVERT}",
     (".e57", ".pts", ".ptx", ".obj", ".stl", ".drc"): _CONVERT,
     (".txt",): "call them .xyz or .csv",
 }

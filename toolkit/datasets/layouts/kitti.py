@@ -33,13 +33,14 @@ from toolkit.datasets import (
     record_values,
 )
 from toolkit.datasets.origins import Middles, near_frames
-from toolkit.frame import Frame, ImageWedge, Region
+from toolkit.frame import Frame, ImageWedge, Region, SensorCloud
 from toolkit.geometry import BODY_SE3_CAMERA, invert, transform
 from toolkit.objects import LABELS, Detections
 from toolkit.runtime.reading import read_bytes
 from toolkit.runtime.writing import write_bytes, write_text
 
 SENSOR = "velodyne"
+DONT_CARE = "DontCare"
 _PLACE = "Tr_velo_to_world"
 _OTHER_NAMES = {"R_rect": "R0_rect", "R_rect_00": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 IMAGE_PX = 1242, 375  # width and height if there is no image
@@ -82,8 +83,7 @@ def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) ->
         raise FileNotFoundError(
             f"no calibration {calib}: the boxes of {labels.name} are in a camera's frame, add it"
         )
-    with record_values.name_damage(calib, "calibration"):
-        calibration = _parse_calibration(read_bytes(calib).decode("utf-8-sig"))
+    calibration = read_calibration(calib)
     with record_values.name_damage(labels, "list of labels"):
         rows = [
             line.split()
@@ -99,31 +99,71 @@ def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) ->
                         ": it is KITTI's tracking, write a file per frame without the first two"
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
+        label_rows = LabelRows.parse(rows)
+    shown = LabelledView(calibration, read_image_size(folder / "image_2" / f"{name}.png"))
+    return shown.frame(name, cloud, label_rows, problems)
+
+
+class LabelRows(NamedTuple):
+    """Labels of one frame.
+
+    kinds: their types, DontCare too; values: the 14 numbers after each; ids: track of each label,
+    None if the labels have no tracks."""
+
+    kinds: list[str]
+    values: Float64[np.ndarray, "n 14"]
+    ids: list[str] | None = None
+
+    @staticmethod
+    def parse(rows: list[list[str]], ids: list[str] | None = None) -> "LabelRows":
+        """Parse rows that begin with their types."""
         values = np.array([_parse_values(row) for row in rows]).reshape(-1, 14)
-        is_object = np.array([row[0] != "DontCare" for row in rows], bool)
-        boxes = _parse_boxes(values[is_object], invert(calibration.camera_SE3_lidar))
-        frame_labels.count_full_turns(values[is_object, 13], problems)
-    labels_in_frame = frame_labels.make_labels(
-        boxes,
-        categories=[row[0] for row in rows if row[0] != "DontCare"],
-        ids=None,
-        problems=problems,
-    )
-    width, height = _read_image_size(folder / "image_2" / f"{name}.png")
-    rectangles = values[~is_object, 3:7].tolist()
-    ignored = tuple((left, top, right, bottom) for left, top, right, bottom in rectangles)
-    projection = calibration.projection @ calibration.camera_SE3_lidar
-    wedge = ImageWedge(projection, width=width, height=height, ignored=ignored)
-    if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
-        problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
-    return Frame.of_clouds(
-        name,
-        (cloud,),
-        *labels_in_frame,  # objects, categories, counts, others
-        complete=wedge,
-        map_SE3_world=calibration.map_SE3_lidar,
-        problems=problems,
-    )
+        return LabelRows([row[0] for row in rows], values, ids)
+
+
+class LabelledView(NamedTuple):
+    """Camera whose image is labelled.
+
+    calibration: of the camera; size_px: width and height of its image."""
+
+    calibration: "KittiCalibration"
+    size_px: tuple[int, int]
+
+    def frame(
+        self, name: str, cloud: SensorCloud, labels: LabelRows, problems: problem_kinds.Problems
+    ) -> Frame:
+        """Return the frame of a cloud and its labels; counts are added to `problems`."""
+        calibration = self.calibration
+        values = labels.values
+        is_real = np.array([kind != DONT_CARE for kind in labels.kinds], bool)
+        ids = None
+        if labels.ids is not None:
+            ids = [labels.ids[row] for row in np.flatnonzero(is_real)]
+        with np.errstate(all="ignore"):
+            boxes = _parse_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
+            frame_labels.count_full_turns(values[is_real, 13], problems)
+        kinds = [kind for kind in labels.kinds if kind != DONT_CARE]
+        labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
+        width, height = self.size_px
+        ignored = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
+        projection = calibration.projection @ calibration.camera_SE3_lidar
+        wedge = ImageWedge(projection, width, height, ignored)
+        if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
+            problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
+        return Frame.of_clouds(
+            name,
+            (cloud,),
+            *labels_in_frame,
+            complete=wedge,
+            map_SE3_world=calibration.map_SE3_lidar,
+            problems=problems,
+        )
+
+
+def read_calibration(path: Path) -> "KittiCalibration":
+    """Read a calibration file. Raises ValueError that names it, OSError if it is missing."""
+    with record_values.name_damage(path, "calibration"):
+        return _parse_calibration(read_bytes(path).decode("utf-8-sig"))
 
 
 def _parse_values(row: list[str]) -> list[float]:
@@ -148,7 +188,7 @@ def _parse_boxes(values: np.ndarray, lidar_SE3_camera: Pose) -> BoxRows:
     return np.column_stack([transform(lidar_SE3_camera, centre), length, width, height, yaw])
 
 
-class _Calibration(NamedTuple):
+class KittiCalibration(NamedTuple):
     """Contents of a calibration file.
 
     camera_SE3_lidar: pose of the lidar in the rectified camera's frame; projection: (3, 4) from
@@ -160,7 +200,7 @@ class _Calibration(NamedTuple):
     map_SE3_lidar: Pose
 
 
-def _parse_calibration(text: str) -> _Calibration:
+def _parse_calibration(text: str) -> KittiCalibration:
     """Parse the text of a calibration file; ValueError if an entry is missing or damaged."""
     entries = {}  # the numbers of each line, as text, by its first word
     for line in text.splitlines():
@@ -185,9 +225,11 @@ def _parse_calibration(text: str) -> _Calibration:
         projection=projection,
         map_SE3_lidar=map_SE3_lidar,
     )
+    camera_SE3_lidar = rectification @ unrectified_SE3_lidar
+    return KittiCalibration(camera_SE3_lidar, projection, map_SE3_lidar)
 
 
-def _read_image_size(image: Path) -> tuple[int, int]:
+def read_image_size(image: Path) -> tuple[int, int]:
     """Width and height (pixels) in the header of a PNG, `IMAGE_PX` without a readable file."""
     head = image.open("rb").read(24) if image.is_file() else b""
     if len(head) < 24 or head[:8] != b"\x89PNG\r\n\x1a\n":

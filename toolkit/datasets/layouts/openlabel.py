@@ -46,7 +46,12 @@ UNCONNECTED_SENSOR = (
     "clouds whose coordinate system nothing connects with the first cloud's, taken in its root"
 )
 NOT_OPENLABEL = "JSON files without openlabel"
-_NAMES = {"vehicle": "CAR", "cyclist": "BICYCLE", "pedestrian": "PEDESTRIAN", "heavy": "TRUCK"}
+OPENLABEL_NAMES = {
+    "vehicle": "CAR",
+    "cyclist": "BICYCLE",
+    "pedestrian": "PEDESTRIAN",
+    "heavy": "TRUCK",
+}
 
 
 def openlabel(path: Path) -> listing.Listing:
@@ -226,7 +231,7 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> Uncheck
             numbers.append({"name": "score", "val": float(found.scores[k])})
         elif sample.counts is not None:
             numbers.append({"name": "num_points", "val": int(sample.counts[k])})
-        kind = _NAMES[LABELS[label]]
+        kind = OPENLABEL_NAMES[LABELS[label]]
         centre, size = box[:3], box[3:6]
         yaw = box[6]
         quaternion = [0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))]  # x y z w

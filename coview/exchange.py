@@ -1,0 +1,71 @@
+"""Options for writing what was found in the formats of other programs."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from coview.arguments import check_each_once, check_ending
+from coview.outputs import Writing, check_empty_folder, check_file
+
+if TYPE_CHECKING:
+    from toolkit.exchange.geo_origin import GeoOrigin
+    from toolkit.sites.site import Site
+
+StandardName = Literal["kitti-tracking", "openlabel", "mf-json", "mcap", "detection3d", "osi"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange(Writing):
+    """Handling of results, and formats of other programs."""
+
+    to: tuple[StandardName, ...] = ()
+    """Formats in place of --format: kitti-tracking (text), openlabel and mf-json (OGC moving
+    features) of the whole recording, mcap (Foxglove: boxes and clouds), detection3d (a ROS 2 bag)
+    and osi (ASAM GroundTruth). --out is the file, or a folder for several."""
+    origin: tuple[float, float] | None = None
+    """Latitude and longitude of the recording's 0 0 0, x east, for mf-json; known for sites with
+    a place on earth."""
+
+    def check(self, out: Path, inputs: Iterable[Path]) -> dict[str, Path]:
+        """Check options and files before long work; return the file of each format.
+
+        Raises ValueError and OSError for files that cannot be written, ImportError for a missing
+        package."""
+        from toolkit.exchange.standards import find_standard
+
+        check_each_once("--to", self.to)
+        inputs = list(inputs)
+        files: dict[str, Path] = {}
+        for name in self.to:
+            standard = find_standard(name)
+            standard.check_packages()
+            path = out if len(self.to) == 1 else out / f"{name}{standard.ending}"
+            if standard.ending:
+                check_ending(path, (standard.ending,), f"a file of {name}")
+            check = check_file if standard.ending else check_empty_folder
+            check(path, inputs=inputs, overwrite=self.overwrite)
+            files[name] = path
+        return files
+
+    def place(self, site: "Site | None") -> "GeoOrigin | None":
+        """Return the place on earth of a recording, None if no format needs it.
+
+        Raises ValueError if it is needed and unknown."""
+        from toolkit.exchange.geo_origin import GeoOrigin
+        from toolkit.exchange.standards import find_standard
+
+        needing = [name for name in self.to if find_standard(name).needs_place]
+        if self.origin is not None and not needing:
+            raise ValueError("--origin is for --to mf-json: leave it out")
+        if not needing:
+            return None
+        if self.origin is not None:
+            return GeoOrigin(*self.origin)
+        place = GeoOrigin.from_site(site)
+        if place is None:
+            raise ValueError(
+                f"--to {needing[0]} needs the place on earth of the recording, which does not "
+                "state it: pass --origin LATITUDE LONGITUDE"
+            )
+        return place

@@ -1,0 +1,1 @@
+"""Writers of detections and tracks in the formats of other programs."""

@@ -1,0 +1,118 @@
+"""Place of the world frame on earth (WGS84), and its points in degrees.
+
+The world's xy plane is level at the origin: x and y become metres east and north after a turn, and
+earth-centred coordinates after that, so that a point 1 km away is exact although the earth is
+curved."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.arrays import Float, Float64
+from toolkit.geometry import pose, transform
+from toolkit.sites.georeference import longitude_latitude
+from toolkit.sites.site import Site
+
+EQUATOR_RADIUS_M = 6378137.0
+WGS84_ECCENTRICITY_SQUARED = 6.69437999014e-3
+_STEPS = 5  # of the fixed point for latitude; four give nanometres
+_BASELINE_M = 100.0  # over which a site's x axis is measured on the ground
+
+
+@dataclass(frozen=True)
+class GeoOrigin:
+    """Place of the world's 0 0 0 on earth.
+
+    Attributes:
+        latitude_deg: Degrees north, WGS84.
+        longitude_deg: Degrees east, WGS84.
+        turn: Direction of the world's x (rad, counter-clockwise from true east).
+
+    Raises:
+        ValueError: A number is out of range; within a degree of the poles there is no east.
+
+    >>> GeoOrigin(48.1, 11.6).degrees(np.array([[0.0, 1000.0, 0.0]])).round(5).tolist()
+    [[11.6, 48.10899]]
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.latitude_deg) <= 89:
+            raise ValueError(
+                f"latitude must lie within 89 degrees of the equator, got {self.latitude_deg:g}"
+            )
+        if not abs(self.longitude_deg) <= 180:
+            raise ValueError(
+                f"longitude must lie within 180 degrees of Greenwich, got {self.longitude_deg:g}"
+            )
+
+    @staticmethod
+    def from_site(site: Site | None) -> "GeoOrigin | None":
+        """Return the place of a site's frame, None if it is unknown.
+
+        Raises the errors of `toolkit.sites.georeference.longitude_latitude`."""
+        if site is None:
+            return None
+        places = longitude_latitude(site, np.array([[0.0, 0.0], [_BASELINE_M, 0.0]]))
+        if places is None:
+            return None
+        longitude, latitude = places[0].tolist()
+        level = GeoOrigin(latitude, longitude)
+        along_x = level._metres_towards(places[1])
+        return GeoOrigin(latitude, longitude, float(np.arctan2(along_x[1], along_x[0])))
+
+    def degrees(self, points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 2"]:
+        """Return longitude and latitude (degrees) of points of the world frame (m)."""
+        east_north_up = transform(pose(yaw=self.turn), np.asarray(points, np.float64))
+        fixed = east_north_up @ self._axes() + _earth_centred(self.latitude_deg, self.longitude_deg)
+        x, y, z = fixed.T
+        longitude = np.arctan2(y, x)
+        across = np.hypot(x, y)
+        latitude = np.arctan2(z, across * (1 - WGS84_ECCENTRICITY_SQUARED))
+        for _ in range(_STEPS):
+            sine = np.sin(latitude)
+            lift = WGS84_ECCENTRICITY_SQUARED * _normal_radius(sine) * sine
+            latitude = np.arctan2(z + lift, across)
+        return np.rad2deg(np.column_stack([longitude, latitude]))
+
+    def bearings_deg(self, yaws: Float[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        """Return compass bearings (degrees in 0..360, clockwise from true north) of yaws."""
+        return (90.0 - np.rad2deg(np.asarray(yaws, np.float64) + self.turn)) % 360.0
+
+    def _axes(self) -> Float64[np.ndarray, "3 3"]:
+        """Rows east, north and up in earth-centred coordinates."""
+        latitude = np.deg2rad(self.latitude_deg)
+        longitude = np.deg2rad(self.longitude_deg)
+        sine = np.sin(latitude)
+        cosine = np.cos(latitude)
+        east = [-np.sin(longitude), np.cos(longitude), 0.0]
+        north = [-sine * np.cos(longitude), -sine * np.sin(longitude), cosine]
+        up = [cosine * np.cos(longitude), cosine * np.sin(longitude), sine]
+        return np.array([east, north, up])
+
+    def _metres_towards(self, place: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "3"]:
+        """Metres east, north and up from the origin to a longitude and latitude (degrees)."""
+        apart = _earth_centred(place[1], place[0]) - _earth_centred(
+            self.latitude_deg, self.longitude_deg
+        )
+        return self._axes() @ apart
+
+
+def _normal_radius(sine: Any) -> Any:
+    """Radius of curvature (m) across the meridian at the sine of a latitude, or of several."""
+    return EQUATOR_RADIUS_M / np.sqrt(1 - WGS84_ECCENTRICITY_SQUARED * sine**2)
+
+
+def _earth_centred(latitude_deg: float, longitude_deg: float) -> Float64[np.ndarray, "3"]:
+    """Earth-centred coordinates (m) of a place on the ellipsoid."""
+    latitude = np.deg2rad(latitude_deg)
+    longitude = np.deg2rad(longitude_deg)
+    radius = _normal_radius(np.sin(latitude))
+    x = radius * np.cos(latitude) * np.cos(longitude)
+    y = radius * np.cos(latitude) * np.sin(longitude)
+    z = radius * (1 - WGS84_ECCENTRICITY_SQUARED) * np.sin(latitude)
+    return np.array([x, y, z])

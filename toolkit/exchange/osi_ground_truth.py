@@ -1,0 +1,106 @@
+"""ASAM OSI 3.8 in MCAP: a GroundTruth of moving objects per instant, topic ground_truth.
+
+- `base.position` is the centre of the box, `orientation.yaw` lies in -pi..pi, velocities are in the
+  world frame; an unknown velocity stays unset.
+- A vehicle is a CAR, heavy is a HEAVY_TRUCK, a cyclist a BICYCLE with its rider's box, and each has
+  the role CIVIL.
+- GroundTruth has no score: it is an identifier of the object's `source_reference`, as
+  `score=0.87`.
+- betterosi adds the file's metadata (versions, time of writing) and fills in nothing else."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.datasets.problem_kinds import Problems
+from toolkit.exchange.instant import Instant
+from toolkit.exchange.writer import nanoseconds
+from toolkit.objects import LABELS
+
+OSI_VERSION = (3, 8, 0)
+OSI_TOPIC = "ground_truth"
+SCORE_KEY = "score"
+_SOURCE = "net.coview"
+_VEHICLE_TYPES = {"vehicle": "CAR", "cyclist": "BICYCLE", "heavy": "HEAVY_TRUCK"}
+_NS_PER_S = 10**9
+
+
+class OsiWriter:
+    """Writer of one MCAP file of OSI."""
+
+    def __init__(self, path: Path) -> None:
+        import betterosi
+
+        self.problems: Problems = {}
+        self._osi = betterosi
+        version = ".".join(map(str, OSI_VERSION))
+        self._writer = betterosi.Writer(
+            str(path), topic=OSI_TOPIC, version=version, library="coview"
+        )
+
+    def write(self, instant: Instant) -> None:
+        """Write the message of an instant."""
+        osi = self._osi
+        time_ns = nanoseconds(instant.time_s)
+        message = osi.GroundTruth(
+            version=osi.InterfaceVersion(
+                version_major=OSI_VERSION[0],
+                version_minor=OSI_VERSION[1],
+                version_patch=OSI_VERSION[2],
+            ),
+            timestamp=osi.Timestamp(seconds=time_ns // _NS_PER_S, nanos=time_ns % _NS_PER_S),
+            moving_object=self._moving_objects(instant),
+        )
+        self._writer.add(message, log_time=time_ns)
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._writer.__exit__(None, None, None)
+
+    def _moving_objects(self, instant: Instant) -> list[Any]:
+        """Return the MovingObject of each row."""
+        velocities = instant.known_velocities()
+        objects = []
+        for row, number in enumerate(instant.list_ids()):
+            label = LABELS[instant.labels[row]]
+            base = self._base(instant.boxes[row], velocities[row])
+            objects.append(self._moving_object(number, label, base, float(instant.scores[row])))
+        return objects
+
+    def _moving_object(self, number: int, label: str, base: Any, score: float) -> Any:
+        """Return a MovingObject."""
+        osi = self._osi
+        kinds = osi.MovingObject.Type
+        reference = osi.ExternalReference(
+            reference=_SOURCE, type=SCORE_KEY, identifier=[f"{SCORE_KEY}={score:.6g}"]
+        )
+        moving = osi.MovingObject(
+            id=osi.Identifier(value=number),
+            base=base,
+            type=kinds.VEHICLE if label in _VEHICLE_TYPES else kinds.PEDESTRIAN,
+            source_reference=[reference],
+        )
+        if label in _VEHICLE_TYPES:
+            classes = osi.MovingObject.VehicleClassification
+            moving.vehicle_classification = classes(
+                type=classes.Type[_VEHICLE_TYPES[label]], role=classes.Role.CIVIL
+            )
+        return moving
+
+    def _base(self, box: np.ndarray, velocity: tuple[float, float, float] | None) -> Any:
+        """Return the BaseMoving of a box."""
+        osi = self._osi
+        x, y, z = box[:3].tolist()
+        yaw = float(np.arctan2(np.sin(box[6]), np.cos(box[6])))
+        base = osi.BaseMoving(
+            dimension=osi.Dimension3d(
+                length=float(box[3]), width=float(box[4]), height=float(box[5])
+            ),
+            position=osi.Vector3d(x=x, y=y, z=z),
+            orientation=osi.Orientation3d(roll=0.0, pitch=0.0, yaw=yaw),
+        )
+        if velocity is not None:
+            x, y, z = velocity
+            base.velocity = osi.Vector3d(x=x, y=y, z=z)
+        return base

@@ -1,0 +1,86 @@
+"""Table of the writers by name, and the function that opens one."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from toolkit.exchange.geo_origin import GeoOrigin
+from toolkit.exchange.standard import Standard
+from toolkit.exchange.writer import OrderedWriter
+from toolkit.runtime.writing import writing, writing_folder
+
+_ROOM = "toolkit.exchange"
+STANDARDS = {
+    standard.name: standard
+    for standard in (
+        Standard(
+            "kitti-tracking",
+            f"{_ROOM}.kitti_tracking:KittiTrackingWriter",
+            ".txt",
+            needs_time=False,
+        ),
+        Standard(
+            "openlabel", f"{_ROOM}.openlabel_tracks:OpenLabelWriter", ".json", needs_time=False
+        ),
+        Standard(
+            "mf-json", f"{_ROOM}.moving_features:MovingFeaturesWriter", ".json", needs_place=True
+        ),
+        Standard(
+            "mcap",
+            f"{_ROOM}.foxglove_scenes:FoxgloveWriter",
+            ".mcap",
+            (("mcap", "mcap"), ("foxglove_schemas_protobuf", "foxglove-schemas-protobuf")),
+            takes_clouds=True,
+        ),
+        Standard(
+            "detection3d",
+            f"{_ROOM}.detection_arrays:DetectionArrayWriter",
+            "",
+            (("rosbags", "rosbags"),),
+        ),
+        Standard("osi", f"{_ROOM}.osi_ground_truth:OsiWriter", ".mcap", (("betterosi",) * 2,)),
+    )
+}
+
+
+def find_standard(name: str) -> Standard:
+    """Return a standard by name. Raises ValueError for an unknown one."""
+    standard = STANDARDS.get(name)
+    if standard is None:
+        raise ValueError(f"there is no writer {name!r}: choose among {', '.join(STANDARDS)}")
+    return standard
+
+
+@contextmanager
+def open_writer(
+    name: str, path: str | Path, *, origin: GeoOrigin | None = None
+) -> Iterator[OrderedWriter]:
+    """Give the block a writer of detections or tracks; the file is complete at the end.
+
+    If the block raises or the process is killed, nothing appears at `path`, and what was there
+    stays. name: a name of `STANDARDS`; origin: place on earth of the world frame, for formats in
+    degrees. Raises ValueError for an unknown name or a missing place, ImportError for a missing
+    package, OSError as `toolkit.runtime.writing.writing`.
+
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from toolkit.exchange.instant import Instant
+    >>> box = np.array([[10, 0, 1, 4, 2, 1.5, 0]])
+    >>> car = Instant(0.1, box, np.array(["vehicle"]), np.array([0.9]), ids=np.array([7]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with open_writer("kitti-tracking", f"{folder}/tracks.txt") as writer:
+    ...         writer.write(car)
+    ...     print(Path(folder, "tracks.txt").read_text().split()[:3])
+    ['0', '7', 'Car']
+    """
+    standard = find_standard(name)
+    standard.check_packages()
+    target = writing(path) if standard.ending else writing_folder(path)
+    with target as unfinished:
+        writer = OrderedWriter(
+            standard.make(unfinished, origin), name, needs_time=standard.needs_time
+        )
+        try:
+            yield writer
+        finally:
+            writer.close()
