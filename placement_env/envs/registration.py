@@ -18,7 +18,7 @@ ENVIRONMENTS: dict[str, tuple[str, str]] = {
 }
 
 
-def register() -> None:
+def register_environments() -> None:
     """Register the environments with Gymnasium, unless they are registered already.
 
     Raises ImportError, with the remedy, if Gymnasium is missing."""
@@ -38,7 +38,7 @@ def register() -> None:
 def register_with_gymnasium() -> None:
     """Register once Gymnasium is imported, without importing it here."""
     if sys.modules.get("gymnasium"):
-        register()
+        register_environments()
     else:
         sys.meta_path.insert(0, _AfterImport())
 
@@ -63,7 +63,7 @@ class _AfterImport(MetaPathFinder):
             execute(module)
             if self in sys.meta_path:  # the hook is needed once only
                 sys.meta_path.remove(self)
-            register()
+            register_environments()
 
         spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec

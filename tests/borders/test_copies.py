@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from placement_env.envs.registration import ENVIRONMENTS, register
+from placement_env.envs.registration import ENVIRONMENTS, register_environments
 from placement_env.live.planner import LivePlanner
 from placement_env.objective import Objective
 from placement_env.setting import Setting
@@ -27,7 +27,7 @@ from toolkit.objects import Objects
 from toolkit.rendering.renderer import Renderer
 from toolkit.runtime.run import Run
 
-register()
+register_environments()
 FEW = {"frames": 2, "fidelity": "coverage", "budget": 2}
 COPIES = {
     "deepcopy": copy.deepcopy,

@@ -1,4 +1,4 @@
-"""`smooth`: tracks of a whole recording, from all that was seen before and after each moment.
+"""`smooth_tracks`: tracks of a whole recording, from all that was seen before and afterwards.
 
 The tracker runs once; then each track gets one size, one class and one direction from all its
 detections, its centres are anchored at the surer faces and smoothed forwards and backwards (Rauch,
@@ -48,7 +48,7 @@ class _TrackDetections(NamedTuple):
     doubts: Float64[np.ndarray, "k 5"]
 
 
-def smooth(
+def smooth_tracks(
     frames: Sequence[Detections],
     times: Sequence[float],
     area: Sequence[float] | None = None,
@@ -89,7 +89,9 @@ def _collect(
     area: Sequence[float] | None,
     progress: Callable[[int], None] | None,
 ) -> dict[int, _TrackDetections]:
-    """Run the tracker; return the detections of each track by its id. Arguments as in `smooth`."""
+    """Run the tracker; return the detections of each track by its id.
+
+    Arguments as in `smooth_tracks`."""
     tracker = Tracker(area)
     rows: dict[int, list[tuple[int, int]]] = {}  # frame and row of the detections of each track
     for k, (detections, time) in enumerate(zip(frames, times.tolist(), strict=True)):

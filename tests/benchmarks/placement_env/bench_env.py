@@ -15,13 +15,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
 from placement_env.setting import Rendering, Setting
 from toolkit.runtime.run import Run
 
-register()
+register_environments()
 ROUNDS = 20
 ROOT = Path(__file__).parents[3]
 OURS = tuple(f"{ROOT / package}/" for package in ("toolkit", "models", "placement_env"))

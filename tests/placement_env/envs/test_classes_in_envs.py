@@ -9,14 +9,14 @@ import pytest
 
 from placement_env.classes import Classes
 from placement_env.defaults import VEHICLES
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from placement_env.fidelity.coverage import Coverage
 from placement_env.objective import Objective
 from placement_env.setting import Setting
 from toolkit.objects import PEDESTRIAN, VEHICLE
 from toolkit.runtime.run import Run
 
-register()
+register_environments()
 BOTH = Classes(("vehicle", "pedestrian"), combine="worst")
 SELECT = "coview/SensorSelect-v0"
 

@@ -13,11 +13,11 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from placement_env.candidates.candidates import paper_candidates
 from placement_env.envs.pose import TILT_LIMITS_RAD, PoseRig
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from toolkit import load_site
 from toolkit.runtime.cache import Cache
 
-register()
+register_environments()
 NAME = "coview/SensorPose-v0"
 FEW: dict[str, Any] = {"frames": 2, "fidelity": "coverage", "budget": 2}
 

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[3]
             "import placement_env, importlib.util as u; u.find_spec('gymnasium'); import "
             f"gymnasium; {KNOWN}"
         ),
-        f"import placement_env, gymnasium; placement_env.envs.registration.register(); {KNOWN}",
+        f"import placement_env, gymnasium; placement_env.envs.registration.register_environments(); {KNOWN}",
         (
             "import placement_env, sys; assert not {'gymnasium', 'matplotlib', 'numpy'} & "
             "set(sys.modules)"
@@ -62,9 +62,9 @@ def test_the_entry_point_registers_or_says_what_is_missing():
     code = """
 import sys
 sys.modules["gymnasium"] = None
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 try:
-    register()
+    register_environments()
 except ImportError as error:
     assert "coview[rl]" in str(error)
 """

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from placement_env.envs.env import summary
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from toolkit.plots.palette import point_colours
 
-register()
+register_environments()
 
 
 @pytest.mark.parametrize("name", ["coview/SensorSelect-v0", "coview/SensorSubset-v0"])

@@ -10,14 +10,14 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from placement_env.envs.scenario import MAX_PLACES, STATIC, Scenario, find_area, places_seen, poses
 from placement_env.envs.state import DYNAMIC, GLOBAL
 from placement_env.fidelity.coverage import LEAST
 from placement_env.objective import Objective
 from placement_env.setting import Setting, Weights
 
-register()
+register_environments()
 CHOOSING = ["coview/SensorSelect-v0"]
 
 

@@ -13,10 +13,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from toolkit.sites.files import load_site, save_site
 
-register()
+register_environments()
 CHOOSING = ["coview/SensorSelect-v0", "coview/SensorSubset-v0"]
 
 

@@ -8,13 +8,13 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from placement_env.candidates.candidates import pool
-from placement_env.envs.registration import register
+from placement_env.envs.registration import register_environments
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.setting import Setting, Weights
 from toolkit.sites.site import Mount, Site
 
-register()
+register_environments()
 N = 5
 
 

@@ -60,7 +60,7 @@ from toolkit.sites.files import document, load_site, parse
 from toolkit.sites.site import Mount, Relief, Site, Solid
 from toolkit.traffic.snapshots import Snapshot
 
-placement_env.envs.registration.register()
+placement_env.envs.registration.register_environments()
 
 
 @register_sensor_model

@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.boxes import iou_3d
 from toolkit.objects import HEAVY, VEHICLE, Detections
-from toolkit.tracking.smoothing import smooth
+from toolkit.tracking.smoothing import smooth_tracks
 
 DOUBTS = np.array([0.05, 0.05, 0.03, 0.03, 0.03])
 
@@ -36,7 +36,7 @@ def noisy_drive():
 
 def test_boxes_are_nearer_to_the_truth_than_detections(noisy_drive):
     truth, noisy, frames = noisy_drive
-    tracks = smooth(frames, times_of(frames))
+    tracks = smooth_tracks(frames, times_of(frames))
     before = [iou_3d(noisy[[k]], truth[[k]])[0, 0] for k in range(50)]
     after = [iou_3d(tracks[k].boxes, truth[[k]])[0, 0] for k in range(50)]
     assert np.mean(after) > 0.93 > np.mean(before)
@@ -47,7 +47,7 @@ def test_boxes_are_nearer_to_the_truth_than_detections(noisy_drive):
 
 def test_size_class_and_direction_are_one(noisy_drive):
     _, _, frames = noisy_drive
-    tracks = smooth(frames, times_of(frames))
+    tracks = smooth_tracks(frames, times_of(frames))
     sizes = np.array([found.boxes[0, 3:6] for found in tracks])
     assert np.ptp(sizes, axis=0).max() < 1e-9
     assert {int(found.labels[0]) for found in tracks} == {VEHICLE}
@@ -59,7 +59,7 @@ def test_size_class_and_direction_are_one(noisy_drive):
 def test_a_gap_is_filled_where_the_car_was(noisy_drive):
     truth, _, frames = noisy_drive
     frames[20:24] = [Detections.empty()] * 4
-    tracks = smooth(frames, times_of(frames))
+    tracks = smooth_tracks(frames, times_of(frames))
     assert all(len(found) == 1 for found in tracks)
     assert np.linalg.norm(tracks[22].boxes[0, :2] - truth[22, :2]) < 0.15
     assert tracks[22].scores[0] < tracks[19].scores[0]
@@ -68,20 +68,26 @@ def test_a_gap_is_filled_where_the_car_was(noisy_drive):
 
 def test_a_direction_follows_the_motion_if_the_detector_is_always_wrong():
     frames = [detected(box + np.array([0, 0, 0, 0, 0, 0, np.pi])) for box in straight_drive(30)]
-    assert all(np.cos(found.boxes[0, 6]) > 0.99 for found in smooth(frames, times_of(frames)))
+    assert all(
+        np.cos(found.boxes[0, 6]) > 0.99 for found in smooth_tracks(frames, times_of(frames))
+    )
 
 
 def test_single_detections_stay_as_they_are():
     box = straight_drive(1)[0]
-    (found,) = smooth([detected(box, score=0.3)], [4.0])
+    (found,) = smooth_tracks([detected(box, score=0.3)], [4.0])
     assert found.boxes == pytest.approx(box[None])
     assert found.scores.tolist() == [0.3]
-    assert smooth([], []) == []
-    assert [len(found) for found in smooth([Detections.empty()] * 3, [0.0, 1.0, 2.0])] == [0, 0, 0]
+    assert smooth_tracks([], []) == []
+    assert [len(found) for found in smooth_tracks([Detections.empty()] * 3, [0.0, 1.0, 2.0])] == [
+        0,
+        0,
+        0,
+    ]
 
 
 def test_times_must_fit_the_frames():
     with pytest.raises(ValueError, match="each frame needs a time, got 2 and 1"):
-        smooth([Detections.empty()] * 2, [0.0])
+        smooth_tracks([Detections.empty()] * 2, [0.0])
     with pytest.raises(ValueError, match="in the order of time"):
-        smooth([Detections.empty()] * 2, [1.0, 0.0])
+        smooth_tracks([Detections.empty()] * 2, [1.0, 0.0])

@@ -220,7 +220,7 @@ def _parse_calibration(text: str) -> KittiCalibration:
     map_SE3_lidar = np.eye(4)
     if _PLACE in entries:
         map_SE3_lidar = record_values.rigid_matrix(entries[_PLACE], _PLACE)
-    return _Calibration(
+    return KittiCalibration(
         camera_SE3_lidar=rectification @ unrectified_SE3_lidar,
         projection=projection,
         map_SE3_lidar=map_SE3_lidar,
