@@ -177,7 +177,8 @@ def _bars_html(title: str, rows: "Iterable[FoundShare]") -> str:
             )
         lines.append(
             "<div "
-            'style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;margin-top:.25em">'
+            'style="display:flex;flex-wrap:wrap;justify-content:space-between;column-gap:.8em;'
+            'margin-top:.25em">'
             f'<span style="overflow-wrap:anywhere">{escape(row.name)}</span><span '
             f'style="{_SMALL}">{share}{interval}{ap}, N = {row.objects}</span></div><div '
             f'style="background:#e3e3e6">{bar}</div>'

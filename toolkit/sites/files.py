@@ -159,6 +159,43 @@ def parse(collection: JsonValue) -> Site:
 
     collection: any JSON value; all of it is checked. Raises ValueError that names the field by its
     path in the document, such as `features[3].properties.kind`."""
+    root = _check_collection(collection)
+    members = root.value
+    matrix = _read_matrix(root)
+    layers = _read_layers(root, matrix)
+    relief = root.node("relief")
+    rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
+    geo_reference = members.get("geo_reference")
+    if not isinstance(geo_reference, str | None):
+        raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
+    lines = _read_network(root)
+    return Site(
+        name=root.get("name", str),
+        area=layers["area"][0],
+        height=root.number("height"),
+        lanes=tuple(layers["lane"]),
+        footways=tuple(layers["footway"]),
+        solids=tuple(layers["solid"]),
+        mounts=tuple(layers["mount"]),
+        sensors=tuple(layers["sensor"]),
+        parking=np.array([bay for bay, _ in layers["parking"]], np.float64).reshape(-1, 3),
+        parking_origins=tuple(origin for _, origin in layers["parking"]),
+        road_origin=root.get("road_origin", str) if "road_origin" in members else "mapped",
+        furnished=root.get("furnished", str) if "furnished" in members else "none",
+        network="".join(f"{line}\n" for line in lines),
+        map_SE3_site=matrix,
+        geo_reference=geo_reference,
+        relief=Relief(relief.number("amplitude"), relief.get("seed", int), (rise, across)),
+        hybrid_radius=root.number("hybrid_radius")
+        if "hybrid_radius" in members
+        else HYBRID_RADIUS_M,
+    )
+
+
+def _check_collection(collection: JsonValue) -> JsonObject:
+    """Return the root of a site's document.
+
+    Raises ValueError for another document, a frame of its own, and a newer version."""
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
         raise ValueError(
             "type must be 'FeatureCollection': a site is a GeoJSON FeatureCollection written by "
@@ -177,8 +214,15 @@ def parse(collection: JsonValue) -> Site:
             f"coview_site is version {version}, this coview reads up to {VERSION}: install a "
             "newer one"
         )
-    matrix = _read_matrix(root)
-    # values of the features of each layer, as `_read_geometry` returns them
+    return root
+
+
+def _read_layers(
+    root: JsonObject, matrix: Float64[np.ndarray, "..."]
+) -> dict[str, list[JsonValue]]:
+    """Values of the features of each layer, as `_read_geometry` returns them.
+
+    matrix: pose of the site in its map. Raises ValueError without exactly one area."""
     layers: dict[str, list[JsonValue]] = {layer: [] for layer in _LAYERS}
     for i, feature in enumerate(root.get("features", list)):
         layer, value = _read_feature(JsonObject(feature, f"features[{i}]"), matrix)
@@ -191,40 +235,20 @@ def parse(collection: JsonValue) -> Site:
         raise ValueError(
             f"features must hold exactly one of layer 'area', got {len(layers['area'])}"
         )
-    relief = root.node("relief")
-    rise, across = relief.numbers("slope", 2) if "slope" in relief.value else LEVEL
-    geo_reference = collection.get("geo_reference")
-    if not isinstance(geo_reference, str | None):
-        raise ValueError(f"geo_reference must be a PROJ text or null, got {geo_reference!r}")
-    lines: list[JsonValue] = []
+    return layers
+
+
+def _read_network(root: JsonObject) -> list[JsonValue]:
+    """Lines of the network of a site's document, none for null."""
     # only null is no network: a missing member, ... here, is an error of `root.get`
-    if collection.get("network", ...) is not None:
-        lines = root.get("network", list)
-        if not lines or not all(isinstance(line, str) for line in lines):
-            raise ValueError(
-                "network must be the lines of a SUMO net.xml, or null for a site without traffic"
-            )
-    return Site(
-        name=root.get("name", str),
-        area=layers["area"][0],
-        height=root.number("height"),
-        lanes=tuple(layers["lane"]),
-        footways=tuple(layers["footway"]),
-        solids=tuple(layers["solid"]),
-        mounts=tuple(layers["mount"]),
-        sensors=tuple(layers["sensor"]),
-        parking=np.array([bay for bay, _ in layers["parking"]], np.float64).reshape(-1, 3),
-        parking_origins=tuple(origin for _, origin in layers["parking"]),
-        road_origin=root.get("road_origin", str) if "road_origin" in collection else "mapped",
-        furnished=root.get("furnished", str) if "furnished" in collection else "none",
-        network="".join(f"{line}\n" for line in lines),
-        map_SE3_site=matrix,
-        geo_reference=geo_reference,
-        relief=Relief(relief.number("amplitude"), relief.get("seed", int), (rise, across)),
-        hybrid_radius=root.number("hybrid_radius")
-        if "hybrid_radius" in collection
-        else HYBRID_RADIUS_M,
-    )
+    if root.value.get("network", ...) is None:
+        return []
+    lines = root.get("network", list)
+    if not lines or not all(isinstance(line, str) for line in lines):
+        raise ValueError(
+            "network must be the lines of a SUMO net.xml, or null for a site without traffic"
+        )
+    return list(lines)
 
 
 def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
