@@ -59,7 +59,8 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     """Indices of the mounts of a pool that stay, ascending: at most `MAX_POLES`, spread evenly.
 
     In each square of a grid only the mount nearest to the middle of the area stays; the squares
-    grow until few enough mounts are left. Mounts that must carry a sensor always stay.
+    grow until few enough mounts are left. Mounts that must carry a sensor always stay, even if they
+    are more.
 
     setting: has the area of the site and the names of such mounts."""
     feet = np.array([mount.position[:2] for mount in pool.mounts])  # x, y (m)
@@ -71,7 +72,7 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     # required mounts first, then by distance from the middle of the area
     order = mounts[np.lexsort((distance[mounts], ~np.isin(mounts, required)))]
     side_m = MIN_SPACING_M
-    while len(order) > MAX_POLES:
+    while len(order) > max(MAX_POLES, len(required)):
         squares = np.floor(feet[order] / side_m).astype(np.int64)
         _, first_in_square = np.unique(squares, axis=0, return_index=True)
         order = np.union1d(order[np.sort(first_in_square)], np.intersect1d(order, required))

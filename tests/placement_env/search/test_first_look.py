@@ -60,6 +60,9 @@ def test_poles_are_thinned_evenly_and_kept_ones_stay(few, monkeypatch):
     feet = np.array([mount.position[:2] for mount in pool.mounts])
     gaps = np.linalg.norm(feet[:, None] - feet[mounts], axis=2).min(axis=1)
     assert gaps.max() < 40  # every pole left out has one that goes on nearby
+    many = tuple(mount.name for mount in pool.mounts[:20])
+    mounts = first_look.thin_poles(pool, replace(few.setting, keep=many))
+    assert mounts.tolist() == list(range(20))  # more than go on otherwise, and no others
     monkeypatch.setattr(first_look, "MAX_POSES", 100)
     chosen = narrow_pool(few.setting, few.run)
     assert chosen is not None
