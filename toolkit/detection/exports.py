@@ -1,14 +1,12 @@
 """Detections of a recording in the formats of other programs (`toolkit.exchange`)."""
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack
 from pathlib import Path
 
 from toolkit.detection.detect import FrameDetections
 from toolkit.exchange.geo_origin import GeoOrigin
 from toolkit.exchange.instant import Instant
-from toolkit.exchange.standards import find_standard, open_writer
+from toolkit.exchange.standards import find_standard, open_writers
 
 
 def export_detections(
@@ -20,18 +18,9 @@ def export_detections(
     world frame, for formats in degrees. Warns of values that a format cannot hold. Raises the
     errors of `toolkit.exchange.standards.open_writer`."""
     takes_clouds = any(find_standard(name).takes_clouds for name in files)
-    with ExitStack() as stack:
-        writers = {
-            name: stack.enter_context(open_writer(name, path, origin=origin))
-            for name, path in files.items()
-        }
+    with open_writers(files, origin=origin) as write:
         for result in results:
             frame = result.frame
             clouds = frame.clouds if takes_clouds else ()
-            instant = Instant.from_detections(frame.time, result.detections, clouds)
-            for writer in writers.values():
-                writer.write(instant)
+            write(Instant.from_detections(frame.time, result.detections, clouds))
             yield result
-        for name, writer in writers.items():
-            for kind, count in writer.problems.items():
-                warnings.warn(f"{name}: {count} {kind}", stacklevel=2)

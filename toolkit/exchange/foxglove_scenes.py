@@ -60,7 +60,7 @@ class FoxgloveWriter:
 
     def close(self) -> None:
         """Write the index and complete the file."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call, unused-ignore]
         self._file.close()
 
     def _send(self, topic: str, message: _Message, time_ns: int) -> None:

@@ -1,10 +1,12 @@
 """Table of the writers by name, and the function that opens one."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from toolkit.exchange.geo_origin import GeoOrigin
+from toolkit.exchange.instant import Instant
 from toolkit.exchange.standard import Standard
 from toolkit.exchange.writer import OrderedWriter
 from toolkit.runtime.writing import writing, writing_folder
@@ -84,3 +86,26 @@ def open_writer(
             yield writer
         finally:
             writer.close()
+
+
+@contextmanager
+def open_writers(
+    files: Mapping[str, Path], *, origin: GeoOrigin | None = None
+) -> Iterator[Callable[[Instant], None]]:
+    """Give the block a function that writes an instant in several formats.
+
+    The files are complete at the end; values that a format cannot hold become warnings. files: file
+    of each standard by its name. Raises the errors of `open_writer`."""
+    with ExitStack() as stack:
+        writers: dict[str, OrderedWriter] = {}
+        for name, path in files.items():
+            writers[name] = stack.enter_context(open_writer(name, path, origin=origin))
+
+        def write(instant: Instant) -> None:
+            for writer in writers.values():
+                writer.write(instant)
+
+        yield write
+        for name, writer in writers.items():
+            for kind, count in writer.problems.items():
+                warnings.warn(f"{name}: {count} {kind}", stacklevel=3)

@@ -130,8 +130,14 @@ def _parse(name: str, content: bytes) -> _Message:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-    kinds = {POINT_CLOUD: PointCloud, TRANSFORM: FrameTransform, TRANSFORMS: FrameTransforms}
-    return kinds[name].FromString(content)
+    # with the package, types differ from those without it
+    kinds: dict[str, Any] = {
+        POINT_CLOUD: PointCloud,
+        TRANSFORM: FrameTransform,
+        TRANSFORMS: FrameTransforms,
+    }
+    message: _Message = kinds[name].FromString(content)
+    return message
 
 
 def _index(file: Path) -> _Index:
