@@ -96,7 +96,8 @@ def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) ->
                 remedy = ""
                 if is_tracking:
                     remedy = (
-                        ": it is KITTI's tracking, write a file per frame without the first two"
+                        ": it is KITTI's tracking, read the sequence with the layout "
+                        "kitti-tracking"
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         label_rows = LabelRows.parse(rows)
