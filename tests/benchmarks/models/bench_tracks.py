@@ -1,4 +1,4 @@
-"""Tracks against single frames: AP of both, and the time that tracking takes.
+"""Tracks against single frames: AP of both, HOTA, and the time that tracking takes.
 
     python tests/benchmarks/models/bench_tracks.py [--sites tjunction roundabout] [--frames 300]
         [--seeds 11] [--errors paper typical]
@@ -24,6 +24,7 @@ from toolkit.frame import Recording
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.points import frame_points, has_centre_inside
 from toolkit.runtime.run import Simulation
+from toolkit.tracking.scores import score_tracks
 from toolkit.tracking.smoothing import smooth_tracks
 from toolkit.tracking.tracker import Tracker
 
@@ -82,6 +83,10 @@ def print_rows(name: str, recording: Recording, site: str, errors: str) -> None:
         if "nan" not in cells[0]:
             iou_text = "/".join(f"{iou:g}" for iou in thresholds)
             print(f"| {name} | {label} {iou_text} | {' | '.join(cells)} |", flush=True)
+        hotas = [score_tracks(found, truths, label) for found in (live, offline)]
+        if hotas[0].objects:
+            texts = [f"{scores.hota:.3f} ({scores.switches} switches)" for scores in hotas]
+            print(f"| {name} | {label} HOTA | | {' | '.join(texts)} |", flush=True)
     print(f"| {name} | ms of processor a frame | | {live_ms:.1f} | {offline_ms:.1f} |", flush=True)
 
 

@@ -96,8 +96,7 @@ def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) ->
                 remedy = ""
                 if is_tracking:
                     remedy = (
-                        ": it is KITTI's tracking, read the sequence with the layout "
-                        "kitti-tracking"
+                        ": it is KITTI's tracking, read the sequence with the layout kitti-tracking"
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         label_rows = LabelRows.parse(rows)

@@ -1,0 +1,241 @@
+"""Scores of tracks against the truth.
+
+With TP, FP, FN the numbers of matched pairs, of tracks and of true objects without a partner:
+
+    HOTA    mean over thresholds a = .05, .1, … .95 of sqrt(DetA · AssA)  (Luiten et al., IJCV 2021)
+    DetA    TP / (TP + FP + FN) at a
+    AssA    mean over the matched pairs at a of m / (n + k - m): a true object has n frames and a
+            track k, in m of which they are matched
+    MOTA    1 - (FP + FN + switches) / true objects, at one threshold (Bernardin and Stiefelhagen
+            2008); a switch is a match with another track than the last one
+    IDF1    2 · IDTP / (frames of true objects + frames of tracks), one track for each true object
+            (Ristani et al. 2016)
+
+A pair's similarity is the IoU of the volumes, or for people and cyclists, whose heights are
+uncertain, 1 at the same place falling to 0 at `MAX_DISTANCE_M` on the ground. Matches are those of
+TrackEval: HOTA prefers pairs that are similar over the whole recording, MOTA those of the frame
+before.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.boxes import iou_3d
+from toolkit.objects import CYCLIST, PEDESTRIAN, Objects, label_index
+from toolkit.tracking.tracks import Tracks
+
+THRESHOLDS = np.arange(0.05, 0.99, 0.05)
+CLEAR_THRESHOLD = 0.5
+MAX_DISTANCE_M = 2.0  # of people and cyclists who are not similar at all
+MOSTLY_TRACKED_SHARE = 0.8
+_EPSILON = np.finfo(np.float64).eps
+_PREFERENCE = 1000.0  # of the pair of the frame before, above any similarity
+
+
+class FramePairs(NamedTuple):
+    """True objects and tracks of one frame.
+
+    Attributes:
+        truth: Id of each true object.
+        tracks: Id of each track.
+        similarity: 0 to 1, a row for each true object, a column for each track."""
+
+    truth: Int64[np.ndarray, " n"]
+    tracks: Int64[np.ndarray, " m"]
+    similarity: Float64[np.ndarray, "n m"]
+
+
+@dataclass(frozen=True)
+class TrackScores:
+    """Scores of one class, as defined at the top of the module; NaN without true objects.
+
+    Attributes:
+        hota: HOTA.
+        deta: Mean of DetA over the thresholds.
+        assa: Mean of AssA over the thresholds.
+        mota: MOTA.
+        idf1: IDF1.
+        switches: Number of switches.
+        mostly_tracked: Share of the true objects that are matched in more than
+            `MOSTLY_TRACKED_SHARE` of their frames.
+        objects: Number of true objects."""
+
+    hota: float
+    deta: float
+    assa: float
+    mota: float
+    idf1: float
+    switches: int
+    mostly_tracked: float
+    objects: int
+
+
+def score_tracks(
+    tracks: Sequence[Tracks], truths: Sequence[Objects], label: str | int = "vehicle"
+) -> TrackScores:
+    """Score the tracks of one class in all frames of a recording.
+
+    Args:
+        tracks: Tracks in each frame.
+        truths: True objects in each frame, with ids that last.
+        label: Name or number of the class.
+
+    Raises ValueError for unequal numbers of frames."""
+    if len(tracks) != len(truths):
+        raise ValueError(
+            f"each frame needs tracks and truth, got {len(tracks)} and {len(truths)} frames"
+        )
+    label = label_index(label)
+    frames = []
+    for frame_tracks, objects in zip(tracks, truths, strict=True):
+        found = frame_tracks[frame_tracks.labels == label]
+        true = objects[objects.labels == label]
+        if label in (CYCLIST, PEDESTRIAN):
+            offsets = true.boxes[:, None, :2] - found.boxes[None, :, :2]
+            distances = np.hypot(offsets[..., 0], offsets[..., 1])
+            similarity = np.maximum(0.0, 1 - distances / MAX_DISTANCE_M)
+        else:
+            similarity = iou_3d(true.boxes, found.boxes)
+        frames.append(FramePairs(true.ids, found.ids, similarity))
+    return score_pairs(frames)
+
+
+def score_pairs(frames: Sequence[FramePairs]) -> TrackScores:
+    """Score tracks whose similarity to the true objects is known in each frame."""
+    truth_ids, track_ids, numbered = _number(frames)
+    if not len(truth_ids):
+        nan = float("nan")
+        return TrackScores(nan, nan, nan, nan, nan, 0, nan, 0)
+    truth_frames = np.zeros(len(truth_ids))
+    track_frames = np.zeros(len(track_ids))
+    for pairs in numbered:
+        truth_frames[pairs.truth] += 1
+        track_frames[pairs.tracks] += 1
+    deta, assa = _score_hota(numbered, truth_frames, track_frames)
+    clear = _count_clear(numbered, len(truth_ids))
+    true_positives = clear.matched_frames.sum()
+    misses = truth_frames.sum() - true_positives
+    false_positives = track_frames.sum() - true_positives
+    errors = misses + false_positives + clear.switches
+    is_mostly_tracked = clear.matched_frames / truth_frames > MOSTLY_TRACKED_SHARE
+    identity_hits = _count_identity_hits(numbered, len(truth_ids), len(track_ids))
+    return TrackScores(
+        hota=float(np.sqrt(deta * assa).mean()),
+        deta=float(deta.mean()),
+        assa=float(assa.mean()),
+        mota=float(1 - errors / truth_frames.sum()),
+        idf1=float(2 * identity_hits / (truth_frames.sum() + track_frames.sum())),
+        switches=clear.switches,
+        mostly_tracked=float(is_mostly_tracked.mean()),
+        objects=len(truth_ids),
+    )
+
+
+def _number(
+    frames: Sequence[FramePairs],
+) -> tuple[Int64[np.ndarray, " N"], Int64[np.ndarray, " M"], list[FramePairs]]:
+    """Ids of all true objects and tracks, and the frames with their numbers in place of ids."""
+    no_ids = np.zeros(0, np.int64)
+    truth_ids = np.unique(np.concatenate([no_ids, *(pairs.truth for pairs in frames)]))
+    track_ids = np.unique(np.concatenate([no_ids, *(pairs.tracks for pairs in frames)]))
+    numbered = []
+    for pairs in frames:
+        truth = np.searchsorted(truth_ids, pairs.truth)
+        tracks = np.searchsorted(track_ids, pairs.tracks)
+        numbered.append(FramePairs(truth, tracks, pairs.similarity))
+    return truth_ids, track_ids, numbered
+
+
+def _score_hota(
+    frames: Sequence[FramePairs],
+    truth_frames: Float64[np.ndarray, " N"],
+    track_frames: Float64[np.ndarray, " M"],
+) -> tuple[Float64[np.ndarray, " a"], Float64[np.ndarray, " a"]]:
+    """DetA and AssA at each of `THRESHOLDS`.
+
+    Args:
+        frames: Frames with numbers in place of ids.
+        truth_frames: Number of frames of each true object.
+        track_frames: Number of frames of each track."""
+    from scipy.optimize import linear_sum_assignment
+
+    # how much each true object and each track share over the whole recording
+    shared = np.zeros((len(truth_frames), len(track_frames)))
+    for truth, tracks, similarity in frames:
+        total = similarity.sum(axis=0) + similarity.sum(axis=1)[:, None] - similarity
+        share = np.where(total > _EPSILON, similarity / np.maximum(total, _EPSILON), 0.0)
+        shared[truth[:, None], tracks] += share
+    alignment = shared / (truth_frames[:, None] + track_frames - shared)
+    matches = np.zeros((len(THRESHOLDS), len(truth_frames), len(track_frames)))
+    for truth, tracks, similarity in frames:
+        rows, columns = linear_sum_assignment(-alignment[truth[:, None], tracks] * similarity)
+        is_match = similarity[rows, columns] >= THRESHOLDS[:, None] - _EPSILON
+        for number, mask in enumerate(is_match):
+            matches[number, truth[rows[mask]], tracks[columns[mask]]] += 1
+    true_positives = matches.sum(axis=(1, 2))
+    # pairs, and partners that either side lacks
+    everything = truth_frames.sum() + track_frames.sum() - true_positives
+    association = matches / np.maximum(1, truth_frames[:, None] + track_frames - matches)
+    assa = (matches * association).sum(axis=(1, 2)) / np.maximum(1, true_positives)
+    return true_positives / np.maximum(1, everything), assa
+
+
+class _ClearCounts(NamedTuple):
+    """Counts for MOTA.
+
+    Attributes:
+        matched_frames: Number of frames in which each true object is matched.
+        switches: Number of switches."""
+
+    matched_frames: Float64[np.ndarray, " N"]
+    switches: int
+
+
+def _count_clear(frames: Sequence[FramePairs], objects: int) -> _ClearCounts:
+    """Match frame by frame at `CLEAR_THRESHOLD`, with preference for the pairs of the frame before.
+
+    Args:
+        frames: Frames with numbers in place of ids.
+        objects: Number of true objects."""
+    from scipy.optimize import linear_sum_assignment
+
+    matched_frames = np.zeros(objects)
+    last = np.full(objects, -1)  # track of the last match
+    before = np.full(objects, -1)  # track of the match in the frame before
+    switches = 0
+    for truth, tracks, similarity in frames:
+        if not len(truth) or not len(tracks):
+            continue
+        score = similarity + _PREFERENCE * (tracks == before[truth][:, None])
+        score[similarity < CLEAR_THRESHOLD - _EPSILON] = 0.0
+        rows, columns = linear_sum_assignment(-score)
+        is_match: Bool[np.ndarray, " k"] = score[rows, columns] > _EPSILON
+        matched = truth[rows[is_match]]
+        partners = tracks[columns[is_match]]
+        switches += int(((last[matched] >= 0) & (last[matched] != partners)).sum())
+        matched_frames[matched] += 1
+        last[matched] = partners
+        before[:] = -1
+        before[matched] = partners
+    return _ClearCounts(matched_frames, switches)
+
+
+def _count_identity_hits(frames: Sequence[FramePairs], objects: int, tracks: int) -> float:
+    """Most frames in which true objects and tracks are similar, if each has one partner for good.
+
+    Args:
+        frames: Frames with numbers in place of ids.
+        objects: Number of true objects.
+        tracks: Number of tracks."""
+    from scipy.optimize import linear_sum_assignment
+
+    similar_frames = np.zeros((objects, tracks))
+    for truth, frame_tracks, similarity in frames:
+        rows, columns = np.nonzero(similarity >= CLEAR_THRESHOLD - _EPSILON)
+        similar_frames[truth[rows], frame_tracks[columns]] += 1
+    rows, columns = linear_sum_assignment(-similar_frames)
+    return float(similar_frames[rows, columns].sum())
