@@ -29,6 +29,7 @@ class Scene:
 
     def __getattr__(self, kind: str):
         def add(name: str, *values: object, **options: object) -> SimpleNamespace:
+            values = values or tuple(options.values())
             self.added[name] = SimpleNamespace(kind=kind, values=values, **options)
             return self.added[name]
 

@@ -86,8 +86,17 @@ def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, monkeypatch)
 def test_the_part_that_halves_in_bfloat16_can_be_exported():
     detector = load_detector("general", area=AREA)
     maps = torch.zeros(1, 48, *detector.config.map_shape)
-    program = torch.export.export(detector.network.rpn, (maps,)).module()
-    for one, other in zip(program(maps), detector.network.rpn(maps), strict=True):
+
+    class WholeMaps(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.rpn = detector.network.rpn
+
+        def forward(self, features):
+            return tuple(self.rpn(features).everywhere())
+
+    program = torch.export.export(WholeMaps(), (maps,)).module()
+    for one, other in zip(program(maps), WholeMaps()(maps), strict=True):
         torch.testing.assert_close(one, other, atol=1e-4, rtol=0)
 
 
