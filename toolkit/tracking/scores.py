@@ -106,7 +106,10 @@ def score_tracks(
 
 def score_pairs(frames: Sequence[FramePairs]) -> TrackScores:
     """Score tracks whose similarity to the true objects is known in each frame."""
-    truth_ids, track_ids, numbered = _number(frames)
+    numbers = _number(frames)
+    truth_ids = numbers.truth_ids
+    track_ids = numbers.track_ids
+    numbered = numbers.frames
     if not len(truth_ids):
         nan = float("nan")
         return TrackScores(nan, nan, nan, nan, nan, 0, nan, 0)
@@ -135,10 +138,21 @@ def score_pairs(frames: Sequence[FramePairs]) -> TrackScores:
     )
 
 
-def _number(
-    frames: Sequence[FramePairs],
-) -> tuple[Int64[np.ndarray, " N"], Int64[np.ndarray, " M"], list[FramePairs]]:
-    """Ids of all true objects and tracks, and the frames with their numbers in place of ids."""
+class _Numbers(NamedTuple):
+    """Numbers of true objects and tracks.
+
+    Attributes:
+        truth_ids: Id of each true object, by its number.
+        track_ids: Id of each track, by its number.
+        frames: Frames with numbers in place of ids."""
+
+    truth_ids: Int64[np.ndarray, " N"]
+    track_ids: Int64[np.ndarray, " M"]
+    frames: list[FramePairs]
+
+
+def _number(frames: Sequence[FramePairs]) -> _Numbers:
+    """Number all true objects and tracks of a recording."""
     no_ids = np.zeros(0, np.int64)
     truth_ids = np.unique(np.concatenate([no_ids, *(pairs.truth for pairs in frames)]))
     track_ids = np.unique(np.concatenate([no_ids, *(pairs.tracks for pairs in frames)]))
@@ -147,7 +161,7 @@ def _number(
         truth = np.searchsorted(truth_ids, pairs.truth)
         tracks = np.searchsorted(track_ids, pairs.tracks)
         numbered.append(FramePairs(truth, tracks, pairs.similarity))
-    return truth_ids, track_ids, numbered
+    return _Numbers(truth_ids, track_ids, numbered)
 
 
 def _score_hota(

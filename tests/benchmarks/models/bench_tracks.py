@@ -53,8 +53,8 @@ def main() -> None:
                 run = Simulation(frames=options.frames, seed=seed, workers=None)
                 simulate_dataset(site, path, interval=0.1, run=run)
                 for errors in options.errors:
-                    with open_recording(path) as recording:
-                        print_rows(f"{site} {seed} {errors}", recording, site, errors)
+                    recording = open_recording(path)
+                    print_rows(f"{site} {seed} {errors}", recording, site, errors)
 
 
 def print_rows(name: str, recording: Recording, site: str, errors: str) -> None:
