@@ -83,7 +83,8 @@ def print_rows(name: str, recording: Recording, site: str, errors: str) -> None:
         if "nan" not in cells[0]:
             iou_text = "/".join(f"{iou:g}" for iou in thresholds)
             print(f"| {name} | {label} {iou_text} | {' | '.join(cells)} |", flush=True)
-        hotas = [score_tracks(found, truths, label) for found in (live, offline)]
+        inside = [objects[has_centre_inside(objects.boxes, area)] for objects in truths]
+        hotas = [score_tracks(found, inside, label) for found in (live, offline)]
         if hotas[0].objects:
             texts = [f"{scores.hota:.3f} ({scores.switches} switches)" for scores in hotas]
             print(f"| {name} | {label} HOTA | | {' | '.join(texts)} |", flush=True)
