@@ -250,7 +250,9 @@ class ClassifiedCells(NamedTuple):
         items, _, rows, columns = self.features.shape
         cell = (places.item * rows + places.row) * columns + places.column
         # cells with a place, each once, and the one of each place among them
-        cells, cell_of_place = torch.unique(cell, return_inverse=True)
+        groups = Groups.from_numbers(cell)
+        cells = groups.number
+        cell_of_place = groups.of_rows()
         cell_features = self.features.permute(0, 2, 3, 1).reshape(items * rows * columns, -1)[cells]
         weight: Any = self.details.weight
         bias: Any = self.details.bias

@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from models.config import VoxelNetConfig
-from models.network.grid import Voxels, grid_cells, thin_voxels
+from models.network.grid import Groups, Voxels, grid_cells, thin_voxels
 from models.network.sparse import (
     ClassifiedCells,
     PlainJoin,
@@ -87,15 +87,14 @@ class PlacedClouds(NamedTuple):
         cells = torch.cat([indices for _, indices in points_and_cells])
         nx, ny = config.grid_shape[:2]
         ix, iy, iz = cells.unbind(1)
-        _, voxel, voxel_count = torch.unique(
-            (iz * nx + ix) * ny + iy, return_inverse=True, return_counts=True
-        )
+        groups = Groups.from_numbers((iz * nx + ix) * ny + iy)
+        voxel = groups.of_rows()
         return PlacedClouds(
             points=torch.cat(inside_points),
             cloud=torch.repeat_interleave(number, counts),
             cells=cells,
             voxel=voxel,
-            crowd=voxel_count[voxel],
+            crowd=groups.counts().index_select(0, voxel),
             clouds=len(clouds),
         )
 
@@ -166,11 +165,10 @@ class PlacedClouds(NamedTuple):
         """
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
-        occupied, voxel = torch.unique(((item * nz + iz) * nx + ix) * ny + iy, return_inverse=True)
-        column = occupied % (nx * ny)
-        level = occupied // (nx * ny)  # item · nz + iz
-        cells = torch.stack((level // nz, column // ny, column % ny, level % nz), 1)
-        return Voxels(points=self.points[rows], voxel=voxel, cells=cells, items=items)
+        groups = Groups.from_numbers(((item * nz + iz) * nx + ix) * ny + iy)
+        first_points = groups.order.index_select(0, groups.begin)
+        cells = torch.stack((item, ix, iy, iz), 1).index_select(0, first_points)
+        return Voxels(points=self.points[rows], voxel=groups.of_rows(), cells=cells, items=items)
 
 
 class PointsByTile(NamedTuple):
