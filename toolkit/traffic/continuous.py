@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import Objects
 from toolkit.sites.site import Site
 from toolkit.traffic.flow import Flow
-from toolkit.traffic.gates import VIEW_MARGIN_M
-from toolkit.traffic.obstacles import LevelBoxes, Obstacles, overlaps
+from toolkit.traffic.obstacles import LevelBoxes, Obstacles, overlaps, place_boxes
 from toolkit.traffic.parked import Parked
+from toolkit.traffic.road_lanes import outline_view
 from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply
 from toolkit.traffic.ways import Traveller, simulate_ways
@@ -96,14 +96,15 @@ def simulate_continuously(
     seconds = max(0, frames - 1) * interval
     ways = simulate_ways(site, supply, seconds=seconds, flow=flow, progress=progress)
     stride = round(interval / FINE_STEP_S)
-    view = shapely.box(*(site.area + VIEW_MARGIN_M * np.array([-1, -1, 1, 1])))
+    view = outline_view(site.area)
     frame_parts = [np.zeros(0, np.int64)]
     box_parts = [np.zeros((0, 7))]
     way_parts = [np.zeros(0, np.int64)]
     for number, way in enumerate(ways):
         steps = way.first + np.arange(len(way.poses))
         rows = np.flatnonzero((steps % stride == 0) & (steps >= 0) & (steps < frames * stride))
-        boxes = _make_boxes(way.poses[rows], supply.sizes[way.traveller.body])
+        sizes = np.tile(supply.sizes[way.traveller.body], (len(rows), 1))
+        boxes = place_boxes(way.poses[rows], sizes)
         is_seen = shapely.intersects(shapely.polygons(footprints(boxes)), view)
         frame_parts.append(steps[rows][is_seen] // stride)
         box_parts.append(boxes[is_seen])
@@ -131,16 +132,6 @@ def simulate_continuously(
         boxes=boxes[is_kept],
         labels=supply.labels,
     )
-
-
-def _make_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]) -> LevelBoxes:
-    """Boxes of one body at poses (x, y, yaw), on level ground. size: length, width, height (m)."""
-    boxes = np.empty((len(poses), 7))
-    boxes[:, :2] = poses[:, :2]
-    boxes[:, 2] = size[2] / 2
-    boxes[:, 3:6] = size
-    boxes[:, 6] = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))  # in -pi..pi
-    return boxes
 
 
 def _refuse(

@@ -13,11 +13,8 @@ from toolkit.arrays import Float64
 from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
 from toolkit.traffic.flow import name_gates
-from toolkit.traffic.road_lanes import Lane, Roads
+from toolkit.traffic.road_lanes import Roads, outline_view
 
-VIEW_MARGIN_M = (
-    10.0  # about the area: a route or walk that comes no nearer is no traffic of the site
-)
 _SAME_GATE_M = 30.0  # between ends of roads that are one gate
 
 
@@ -68,7 +65,8 @@ class Gates:
         type_id: id of a vehicle type of that class. Pedestrians may go either way on an edge. No
         passage leads back to its own gate."""
         walks = vehicle_class == "pedestrian"
-        open_edges = self._list_open_edges(vehicle_class)
+        lanes = self.roads.lanes.values()
+        open_edges = {lane.edge for lane in lanes if lane.is_open(vehicle_class)}
         passages: dict[tuple[str, str], Passage] = {}
         for entry in self._ends:
             if entry.edge not in open_edges or not (walks or entry.is_start):
@@ -89,16 +87,6 @@ class Gates:
                     passages[names] = Passage(edges, start, end)
         return passages
 
-    def _list_open_edges(self, vehicle_class: str) -> set[str]:
-        """Ids of edges with a lane that is open to a SUMO class; for pedestrians, without cars."""
-        walks = vehicle_class == "pedestrian"
-        return {
-            lane.edge
-            for lane in self.roads.lanes.values()
-            if vehicle_class not in lane.forbidden
-            and not (walks and "passenger" not in lane.forbidden)
-        }
-
     def _find_edges(self, first: str, last: str, type_id: str, *, walks: bool) -> tuple[str, ...]:
         """Ids of the edges of the quickest way between two edges; empty without one."""
         if not walks:
@@ -108,30 +96,23 @@ class Gates:
 
     def _comes_near(self, edges: Sequence[str]) -> bool:
         """True if one of these edges, or a junction between them, is near the area."""
-        shapes = [lane.shape for edge in edges for lane in self._lanes_by_edge[edge]]
-        view = shapely.box(*(self.site.area + VIEW_MARGIN_M * np.array([-1, -1, 1, 1])))
+        shapes = [lane.shape for edge in edges for lane in self.roads.by_edge[edge]]
         # as one line, so that gaps at junctions are bridged
-        return bool(shapely.LineString(np.concatenate(shapes)).intersects(view))
-
-    @cached_property
-    def _lanes_by_edge(self) -> dict[str, list[Lane]]:
-        lanes: dict[str, list[Lane]] = {}
-        for lane in self.roads.lanes.values():
-            lanes.setdefault(lane.edge, []).append(lane)
-        return lanes
+        line = shapely.LineString(np.concatenate(shapes))
+        return bool(line.intersects(outline_view(self.site.area)))
 
     @cached_property
     def _ends(self) -> list[_End]:
         """Ends of edges at junctions that join no more than one other junction."""
         edge = self.sumo.edge
         joined: dict[str, set[str]] = {}
-        for name in self._lanes_by_edge:
+        for name in self.roads.by_edge:
             origin = edge.getFromJunction(name)
             target = edge.getToJunction(name)
             joined.setdefault(origin, set()).add(target)
             joined.setdefault(target, set()).add(origin)
         ends = []
-        for name, lanes in self._lanes_by_edge.items():
+        for name, lanes in self.roads.by_edge.items():
             shape = lanes[0].shape
             if len(joined[edge.getFromJunction(name)]) == 1:
                 ends.append(_End(name, True, lanes[0].length, shape[0]))

@@ -81,6 +81,14 @@ def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask,
     return new_boxes, is_kept, int(is_changed.sum())
 
 
+def place_boxes(poses: Float64[np.ndarray, "n 3"], sizes: Float64[np.ndarray, "n 3"]) -> LevelBoxes:
+    """Boxes of bodies on level ground, with yaws in -pi..pi.
+
+    poses: x, y (m), yaw (rad) of each; sizes: its length, width, height (m)."""
+    yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
+    return np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
+
+
 def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
     """Mask (n, n) of pairs of boxes closer than `BODY_GAP_M`, seen from above.
 

@@ -6,9 +6,12 @@ from functools import cached_property
 from types import ModuleType
 
 import numpy as np
+import shapely
 
 from toolkit.arrays import Float, Float64
 
+# m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
+VIEW_MARGIN_M = 10.0
 PLACE_SPACING_M = 2.0  # m between the places of a lane
 
 
@@ -30,6 +33,11 @@ class Lane:
     shape: Float64[np.ndarray, "k 2"]
     forbidden: frozenset[str]
     following: tuple[str, ...]
+
+    def is_open(self, vehicle_class: str) -> bool:
+        """True if a SUMO class may use the lane; pedestrians only if cars may not."""
+        is_shared = vehicle_class == "pedestrian" and "passenger" not in self.forbidden
+        return vehicle_class not in self.forbidden and not is_shared
 
     def at(self, offset: Float[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:
         """Points x, y (m) of the middle line at offsets (m) from its start.
@@ -82,8 +90,7 @@ class Roads:
         offsets = [np.zeros(0)]
         points = [np.zeros((0, 2))]
         for lane in self.lanes.values():
-            is_for_cars = "passenger" not in lane.forbidden
-            if vehicle_class in lane.forbidden or (is_on_foot and is_for_cars):
+            if not lane.is_open(vehicle_class):
                 continue
             lane_offsets = np.arange(PLACE_SPACING_M / 2, lane.length, PLACE_SPACING_M)
             xy = lane.at(lane_offsets)
@@ -118,7 +125,7 @@ class Roads:
             # names of the next lanes; if the lane leads nowhere, the first neighbour on its edge
             # that goes on gives them
             next_lanes = self._list_onward(lane, vehicle_class)
-            for neighbour in self._neighbours[lane.edge]:
+            for neighbour in self.by_edge[lane.edge]:
                 next_lanes = next_lanes or self._list_onward(neighbour, vehicle_class)
             if not next_lanes:
                 break
@@ -132,8 +139,8 @@ class Roads:
         return [name for name in lane.following if vehicle_class not in self.lanes[name].forbidden]
 
     @cached_property
-    def _neighbours(self) -> Mapping[str, Sequence[Lane]]:
-        # Lanes of each edge, by the edge's id.
+    def by_edge(self) -> Mapping[str, Sequence[Lane]]:
+        """Lanes of each edge, by the edge's id."""
         edges: dict[str, list[Lane]] = {}
         for lane in self.lanes.values():
             edges.setdefault(lane.edge, []).append(lane)
@@ -157,6 +164,13 @@ def _read_lane(sumo: ModuleType, name: str) -> Lane:
         forbidden=frozenset(sumo.lane.getDisallowed(name)),
         following=tuple(following),
     )
+
+
+def outline_view(area: Float64[np.ndarray, "4"]) -> shapely.Polygon:
+    """Outline of an area with `VIEW_MARGIN_M` around it, within which objects are seen.
+
+    area: xmin, ymin, xmax, ymax (m)."""
+    return shapely.box(*(area + VIEW_MARGIN_M * np.array([-1, -1, 1, 1])))
 
 
 def distance_to_area(

@@ -23,8 +23,9 @@ from toolkit.objects import VEHICLE, Objects
 from toolkit.sites.site import Site
 from toolkit.traffic.continuous import ContinuousTraffic, simulate_continuously
 from toolkit.traffic.flow import Flow
-from toolkit.traffic.obstacles import Obstacles, separate
+from toolkit.traffic.obstacles import Obstacles, place_boxes, separate
 from toolkit.traffic.parked import Parked
+from toolkit.traffic.road_lanes import outline_view
 from toolkit.traffic.spawner import Spawner
 from toolkit.traffic.strays import Strays
 from toolkit.traffic.sumo import FINE_STEP_S, STEP_S, running
@@ -32,8 +33,6 @@ from toolkit.traffic.supply import Supply
 
 INTERVAL = 5.0  # s between frames
 MOST_OBJECTS = 30
-# m round the area within which objects belong to a snapshot: they occlude, and the edge cuts them
-MARGIN = 10.0
 WARM_UP = 15.0  # s before the first frame
 
 
@@ -42,8 +41,8 @@ class Snapshot:
     """One instant of traffic, site frame.
 
     Attributes:
-        objects: all that touch the area or the `MARGIN` around it, so some centres are outside the
-            area.
+        objects: all that touch the area or `VIEW_MARGIN_M` around it, so some centres are outside
+            the area.
         bodies: for each object, the row of its body among the bodies given to `simulate`.
         time: seconds since the first frame.
         repaired: number of objects moved aside or taken out because bodies overlapped."""
@@ -232,15 +231,11 @@ def _take_snapshot(
     bodies = np.concatenate([parked.bodies, moving_bodies, strays.bodies])
     poses = np.concatenate([parked.poses, moving_poses, strays.at(time)])
     sizes = spawner.supply.sizes[bodies]
-    # wrapped to -pi..pi
-    yaw = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
-    boxes = np.column_stack([poses[:, :2], sizes[:, 2] / 2, sizes, yaw])
-    boxes, is_kept, repaired = separate(boxes, obstacles)
+    boxes, is_kept, repaired = separate(place_boxes(poses, sizes), obstacles)
     spawner.remove(ids[~is_kept])
-    # the area with its margin; kept objects that touch it are in the snapshot
-    near = shapely.box(*(site.area + MARGIN * np.array([-1, -1, 1, 1])))
+    # kept objects that touch the view are in the snapshot
     kept_shapes = shapely.polygons(footprints(boxes[is_kept]))
-    seen = np.flatnonzero(is_kept)[shapely.intersects(kept_shapes, near)]
+    seen = np.flatnonzero(is_kept)[shapely.intersects(kept_shapes, outline_view(site.area))]
     spawner.count_frame(ids[seen])
     boxes = boxes[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)

@@ -14,7 +14,8 @@ from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site, Solid
 from toolkit.traffic.obstacles import BODY_GAP_M, Obstacles, overlaps, separate
 from toolkit.traffic.parked import MEAN_STAY_FRAMES, Parked
-from toolkit.traffic.snapshots import MARGIN, MOST_OBJECTS, Mix, simulate
+from toolkit.traffic.road_lanes import VIEW_MARGIN_M
+from toolkit.traffic.snapshots import MOST_OBJECTS, Mix, simulate
 from toolkit.traffic.spawner import LIFE
 from toolkit.traffic.supply import Supply
 
@@ -102,7 +103,7 @@ def test_snapshots_describe_bodies_on_the_ground_and_few_repairs(snapshots):
 
 
 def test_boxes_stand_on_the_ground_apart_near_the_area(site, snapshots):
-    near = shapely.box(*site.area).buffer(MARGIN, join_style="mitre")
+    near = shapely.box(*site.area).buffer(VIEW_MARGIN_M, join_style="mitre")
     for boxes in (s.objects.boxes for s in snapshots):
         floor = boxes[:, 2] - boxes[:, 5] / 2
         assert np.abs(floor - site.ground(boxes[:, :2])).max() < 0.05

@@ -8,8 +8,7 @@ import pytest
 
 from toolkit.bodies.fleet import catalogue
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
-from toolkit.traffic.road_lanes import Lane, Roads, distance_to_area
-from toolkit.traffic.snapshots import MARGIN
+from toolkit.traffic.road_lanes import VIEW_MARGIN_M, Lane, Roads, distance_to_area
 from toolkit.traffic.spawner import LIFE, SPAWN_REACH_M, Spawner
 from toolkit.traffic.sumo import running
 from toolkit.traffic.supply import POSITIONS, SHARES, Supply
@@ -73,7 +72,7 @@ def test_an_undefined_angle_is_that_of_the_lane(site):
 
 
 def test_shares_lanes_and_types_of_classes():
-    assert SPAWN_REACH_M > MARGIN
+    assert SPAWN_REACH_M > VIEW_MARGIN_M
     assert sum(SHARES.values()) == pytest.approx(1)
     assert SHARES[VEHICLE] + SHARES[HEAVY] == pytest.approx(0.6)
     assert set(SHARES) == set(range(len(LABELS)))
