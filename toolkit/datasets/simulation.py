@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import h5py
 import numpy as np
 
-from toolkit.arrays import Float32, Rng
+from toolkit.arrays import Float32, Int64, Rng
 from toolkit.bodies.body import Body, stretch_randomly
 from toolkit.bodies.fleet import Fleet, fleet_named
 from toolkit.datasets.recording_file import RECORDING_SCHEMA, Header, Scene, encode, join
@@ -248,8 +248,15 @@ class Job:
 
         # all blocks share the site and the fixed bodies
         fixed_renderer = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
-        make_scenes = self._make_scenes if self.traffic is None else self._make_continuous_scenes
-        return partial(make_scenes, fixed_renderer)
+        if self.traffic is None:
+            return partial(self._make_scenes, fixed_renderer)
+        renderer = fixed_renderer.of(self.bodies) if self.fleet.drawn else fixed_renderer
+        return partial(self._make_continuous_scenes, renderer, self._index_bodies(self.bodies))
+
+    def _index_bodies(self, bodies: Sequence[Body]) -> Int64[np.ndarray, " n"]:
+        """Index of each body in `self.fleet.names`, the file's list of bodies."""
+        index_of_name = {name: index for index, name in enumerate(self.fleet.names)}
+        return np.array([index_of_name[body.name] for body in bodies])
 
     def _make_scenes(self, fixed_renderer: "Renderer", block: int) -> Iterator[Scene]:
         """Simulate and render the scenes of a block, one after the other.
@@ -264,8 +271,7 @@ class Job:
             rng = np.random.default_rng([self.seed, block, 1])
             bodies = self.fleet.bodies(len(frames), rng)
             renderer = fixed_renderer.of(bodies)
-            index_of_name = {name: index for index, name in enumerate(self.fleet.names)}
-            body_indices = np.array([index_of_name[body.name] for body in bodies])
+            body_indices = self._index_bodies(bodies)
         traffic = partial(simulate, self.site, interval=self.interval, mix=self.mix)
         once = bool(self.fleet.drawn)  # no body twice before all of its class
         snapshots = traffic(renderer.bodies, frames=len(frames), seed=seed, once=once)
@@ -281,12 +287,14 @@ class Job:
             )
             yield Scene(frame, bodies=body_indices[snapshot.bodies])
 
-    def _make_continuous_scenes(self, fixed_renderer: "Renderer", block: int) -> Iterator[Scene]:
-        """Render the scenes of a block of continuous traffic. Arguments as in `_make_scenes`."""
+    def _make_continuous_scenes(
+        self, renderer: "Renderer", body_indices: Int64[np.ndarray, " n"], block: int
+    ) -> Iterator[Scene]:
+        """Render the scenes of a block of continuous traffic.
+
+        renderer: renderer of all bodies; body_indices: index of each in the file's list; block:
+        number of the block."""
         assert self.traffic is not None
-        renderer = fixed_renderer.of(self.bodies) if self.fleet.drawn else fixed_renderer
-        index_of_name = {name: index for index, name in enumerate(self.fleet.names)}
-        body_indices = np.array([index_of_name[body.name] for body in self.bodies])
         for index in self.block_frames(block):
             snapshot = take_continuous(self.traffic, index)
             frame = Frame(
