@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.datasets.layouts.openlabel import OPENLABEL_NAMES, WORLD
+from toolkit.datasets.layouts.openlabel import OPENLABEL_NAMES, WORLD, cuboid_values
 from toolkit.datasets.problem_kinds import Problems
 from toolkit.exchange.instant import Instant
 from toolkit.objects import LABELS
@@ -99,13 +99,6 @@ class OpenLabelWriter:
             f'\n}},\n"objects": {objects},\n"frame_intervals": {json.dumps(intervals)}}}}}\n'
         )
         self._file.close()
-
-
-def cuboid_values(box: np.ndarray) -> list[float]:
-    """Return a box as OpenLABEL's ten numbers: centre, quaternion x y z w, sizes."""
-    half = float(box[6]) / 2
-    quaternion = [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
-    return [*box[:3].tolist(), *quaternion, *box[3:6].tolist()]
 
 
 def _list_intervals(intervals: list[list[int]]) -> list[dict[str, int]]:

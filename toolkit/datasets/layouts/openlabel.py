@@ -217,6 +217,13 @@ def write_openlabel(samples: Iterable[Frame], folder: Path) -> None:
         write_text(folder / "labels_point_clouds" / f"{name}.json", json.dumps(content, indent=1))
 
 
+def cuboid_values(box: np.ndarray) -> list[float]:
+    """Return a box as OpenLABEL's ten numbers: centre, quaternion x y z w, sizes."""
+    half = float(box[6]) / 2
+    quaternion = [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
+    return [*box[:3].tolist(), *quaternion, *box[3:6].tolist()]
+
+
 def openlabel_content(sample: Frame, found: Detections | None = None) -> Unchecked:
     """Return a frame's objects as one OpenLABEL document.
 
@@ -232,13 +239,10 @@ def openlabel_content(sample: Frame, found: Detections | None = None) -> Uncheck
         elif sample.counts is not None:
             numbers.append({"name": "num_points", "val": int(sample.counts[k])})
         kind = OPENLABEL_NAMES[LABELS[label]]
-        centre, size = box[:3], box[3:6]
-        yaw = box[6]
-        quaternion = [0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))]  # x y z w
         cuboid = {
             "name": "shape3D",
             "coordinate_system": WORLD,
-            "val": centre.tolist() + quaternion + size.tolist(),
+            "val": cuboid_values(box),
             "attributes": {"num": numbers},
         }
         track = str(ids[k])
