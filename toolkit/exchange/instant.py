@@ -12,6 +12,7 @@ from toolkit.frame import SensorCloud
 from toolkit.frozen import set_fields
 from toolkit.geometry import MAX_COORDINATE_M
 from toolkit.objects import Detections
+from toolkit.tracking.tracks import Tracks
 
 MAX_OBJECT_SPEED_M_S = 1e4  # no road user comes near
 
@@ -86,6 +87,18 @@ class Instant:
         """Return detections without ids and velocities as an instant."""
         return Instant(
             time_s, detections.boxes, detections.labels, detections.scores, clouds=clouds
+        )
+
+    @staticmethod
+    def from_tracks(time_s: float, tracks: Tracks) -> "Instant":
+        """Return tracks as an instant, with their ids and velocities."""
+        return Instant(
+            time_s,
+            tracks.boxes,
+            tracks.labels,
+            tracks.scores,
+            ids=tracks.ids,
+            velocities=tracks.velocities,
         )
 
     def list_ids(self) -> list[int]:

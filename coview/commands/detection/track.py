@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from toolkit.tracking.tracks import Tracks
 
 MAX_INTERVAL_S = 1.0  # median time between frames; farther apart, road users are not recognised
+_FIRST_FRAMES = 3
 ENDINGS = (".json", ".csv")
 
 
@@ -100,6 +101,9 @@ def track_command(
     with opening.open(recording) as opened:
         origin = writing.place(opened.site)
         samples = Part(ReadRecording(opened, Reads(tracking.errors)), tracking.frames)
+        # the first frames show most mistakes in times before the long work
+        first_frames = range(min(_FIRST_FRAMES, len(samples)))
+        _check_times([opened[k].time for k in first_frames])
         learns_scene = opened.site is None and spec.learns_scene
         scene = learn_standing_scene(samples) if learns_scene else None
         placed = detectors.choose([samples], [scene])
@@ -116,16 +120,7 @@ def track_command(
 
         with open_writers(files, origin=origin) as write:
             for time, now in zip(tracked.times, tracks, strict=True):
-                write(
-                    Instant(
-                        time_s=time,
-                        boxes=now.boxes,
-                        labels=now.labels,
-                        scores=now.scores,
-                        ids=now.ids,
-                        velocities=now.velocities,
-                    )
-                )
+                write(Instant.from_tracks(time, now))
     else:
         from toolkit.tracking.track_files import write_tracks
 
