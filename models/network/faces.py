@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from toolkit.arrays import Bool, BoxRows, Float, Float32, Int64, Points
 from toolkit.boxes import rows_in_boxes
-from toolkit.objects import LABELS, Detections, label_index
+from toolkit.objects import LABELS, USUAL_DOUBTS_M, Detections, label_index
 
 BIN_M = 0.04
 FIRST_BIN_M = -0.6  # start of the counts, inside the face
@@ -33,8 +33,6 @@ SIDE_MARGIN_M = 0.1  # next to a face, in which its points are counted too
 MIN_FACE_POINTS = 3  # about a face or the opposite one; with fewer a face stays
 HIDDEN_WIDTH = 56
 SORTS = ("end", "side", "top")
-# expected error of the front, rear, left, right and top of a box whose faces are not measured
-USUAL_DOUBTS_M = (0.15, 0.15, 0.08, 0.08, 0.06)
 _FACE_COUNTS = BIN_COUNT * ZONES
 _EXTRA_FEATURES = 2 + 3 + len(LABELS)  # numbers of points, size of the box, its class
 

@@ -21,6 +21,7 @@ from toolkit.tracking.tracker import (
     centre_covariance,
     constant_velocity,
     get_doubts,
+    turn_faces,
     weigh_sizes,
 )
 from toolkit.tracking.tracks import Tracks
@@ -129,9 +130,7 @@ def _smooth_track(
     seconds = times[frames]
     label = int(np.bincount(track.labels, track.scores, len(LABELS)).argmax())
     yaw = _settle_heading(track, times[track.frame])
-    doubts = track.doubts.copy()
-    is_turned = np.cos(track.boxes[:, 6] - yaw) < 0
-    doubts[is_turned] = doubts[is_turned][:, [1, 0, 3, 2, 4]]
+    doubts = turn_faces(track.doubts, np.cos(track.boxes[:, 6] - yaw) < 0)
     weights = weigh_sizes(doubts)
     size = (weights * track.boxes[:, 3:6]).sum(axis=0) / weights.sum(axis=0)
     sizes = np.tile(size, (len(seen), 1))
@@ -144,8 +143,9 @@ def _smooth_track(
     floor = _smooth_over_time(
         track.boxes[:, 2] - track.boxes[:, 5] / 2, times[track.frame], seconds
     )
-    last_seen = seen[np.searchsorted(seen, np.arange(len(frames)), side="right") - 1]
-    unseen = seconds - seconds[last_seen]
+    # the last detection at each frame, which may be of an earlier one
+    last_rows = np.searchsorted(seen, np.arange(len(frames)), side="right") - 1
+    unseen = seconds - seconds[seen[last_rows]]
     score = track.scores.mean()
     scores = np.where(unseen > 0, FILLED_SHARE * score, score)
     boxes = np.empty((len(frames), 7))
@@ -157,7 +157,7 @@ def _smooth_track(
         boxes=boxes,
         scores=scores,
         labels=np.full(len(frames), label),
-        doubts=doubts[np.searchsorted(seen, np.arange(len(frames)), side="right") - 1],
+        doubts=doubts[last_rows],
         ids=np.full(len(frames), name),
         velocities=np.column_stack([motion[:, 2:], np.zeros(len(frames))]),
         ages=seconds - seconds[0],

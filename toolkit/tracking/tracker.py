@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.boxes import iou_bev
-from toolkit.objects import LABELS, PEDESTRIAN, Detections
+from toolkit.objects import LABELS, PEDESTRIAN, USUAL_DOUBTS_M, Detections
 from toolkit.tracking.tracks import Tracks
 
 # by class of `LABELS`: vehicle, cyclist, pedestrian, heavy
@@ -41,7 +41,6 @@ YAW_GAIN = 0.55  # share of the difference to a detection's yaw that is taken ov
 YAW_RATE_GAIN = 0.12
 MIN_HEADED_M_S = 1.5  # faster, the motion of a vehicle or cyclist says where its front is
 SAME_PLACE_IOU = 0.15  # above it, a track without a detection is another one's ghost
-USUAL_DOUBTS_M = (0.15, 0.15, 0.08, 0.08, 0.06)  # of detections that have none
 _UNLIKE = np.array(  # True for two classes that cannot be one road user
     [
         [False, True, True, False],
@@ -272,6 +271,13 @@ def get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
     return np.tile(USUAL_DOUBTS_M, (len(detections), 1))
 
 
+def turn_faces(
+    doubts: Float64[np.ndarray, "n 5"], is_turned: Bool[np.ndarray, " n"]
+) -> Float64[np.ndarray, "n 5"]:
+    """Doubts with front and rear, left and right exchanged for boxes that turn by a half turn."""
+    return np.where(is_turned[:, None], doubts[:, [1, 0, 3, 2, 4]], doubts)
+
+
 def weigh_sizes(doubts: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 3"]:
     """Weight (1/m²) of the length, width and height of detections, by the doubts of their faces."""
     length = np.square(doubts[:, :2]).sum(axis=1)
@@ -364,7 +370,7 @@ def _correct(tracks: _State, detections: Detections, time: float) -> _State:
     residual = np.arctan2(np.sin(boxes[:, 6] - tracks.yaw), np.cos(boxes[:, 6] - tracks.yaw))
     is_turned = np.abs(residual) > np.pi / 2
     residual = np.where(is_turned, residual - np.pi * np.sign(residual), residual)
-    doubts = np.where(is_turned[:, None], doubts[:, [1, 0, 3, 2, 4]], doubts)
+    doubts = turn_faces(doubts, is_turned)
     seconds = np.maximum(time - tracks.last_time, 1e-3)
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
@@ -434,11 +440,10 @@ def _turn_round(tracks: _State) -> _State:
     is_backwards = moves_backwards | ((tracks.front_votes < 0) & (along < MIN_HEADED_M_S))
     if not is_backwards.any():
         return tracks
-    turned_doubts = tracks.doubts[:, [1, 0, 3, 2, 4]]
     return tracks._replace(
         yaw=np.where(is_backwards, tracks.yaw + np.pi, tracks.yaw),
         front_votes=np.where(is_backwards, np.abs(tracks.front_votes), tracks.front_votes),
-        doubts=np.where(is_backwards[:, None], turned_doubts, tracks.doubts),
+        doubts=turn_faces(tracks.doubts, is_backwards),
     )
 
 
