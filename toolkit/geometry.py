@@ -6,7 +6,7 @@ from typing import SupportsFloat
 
 import numpy as np
 
-from toolkit.arrays import Float, Pose
+from toolkit.arrays import Float, Float64, Pose
 
 Slope = tuple[float, float]  # rise (m per m) along x and along y of a plane through the origin
 LEVEL: Slope = (0.0, 0.0)
@@ -91,6 +91,19 @@ def transform(
 def plane_rotation(angle: float) -> Float[np.ndarray, "2 2"]:
     """Matrix (2, 2) that turns column vectors x, y by an angle (rad, counter-clockwise)."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def smooth_rows(values: Float64[np.ndarray, "n k"], sigma: float) -> Float64[np.ndarray, "n k"]:
+    """Means of neighbouring rows, weighted by a Gaussian; the first and last row stay.
+
+    sigma: standard deviation (rows)."""
+    from scipy.ndimage import gaussian_filter1d
+
+    reach = int(np.ceil(4 * sigma))
+    # continued by its mirror image through each end, so that a straight line stays
+    continued = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    smoothed = gaussian_filter1d(continued, sigma, axis=0, mode="nearest")
+    return np.asarray(smoothed[reach : reach + len(values)])
 
 
 def check_slope(slope: Iterable[SupportsFloat], name: str) -> Slope:

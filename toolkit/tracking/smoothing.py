@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import BoxRows, Float64, Int64
+from toolkit.geometry import smooth_rows
 from toolkit.objects import LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.tracker import (
     ACCELERATIONS_M_S2,
@@ -209,15 +210,11 @@ def _smooth_over_time(
     """Means over time of values that are known at some times, at all frames.
 
     known_seconds: times of the values; seconds: times of the frames."""
-    from scipy.ndimage import gaussian_filter1d
-
     filled = np.interp(seconds, known_seconds, values)
     if len(seconds) < 3:
         return filled
     sigma = YAW_SMOOTHING_S / float(np.median(np.diff(seconds)))
-    reach = int(np.ceil(4 * sigma))
-    continued = np.pad(filled, reach, mode="reflect", reflect_type="odd")
-    return np.asarray(gaussian_filter1d(continued, sigma, mode="nearest")[reach : -reach or None])
+    return smooth_rows(filled[:, None], sigma)[:, 0]
 
 
 def _smooth_motion(

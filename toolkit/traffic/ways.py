@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64
+from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
 from toolkit.traffic.flow import ROAD_USER_KINDS, Flow
@@ -344,11 +345,4 @@ def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray,
     """Means over time, weighted by a Gaussian of `SMOOTHING_S`; the first and last value stay.
 
     values: one row for each step of `FINE_STEP_S`."""
-    from scipy.ndimage import gaussian_filter1d
-
-    sigma = SMOOTHING_S / FINE_STEP_S
-    reach = round(4 * sigma)
-    # continued by its mirror image through each end, which keeps speed
-    continued = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
-    smoothed = gaussian_filter1d(continued, sigma, axis=0, mode="nearest")
-    return np.asarray(smoothed[reach : reach + len(values)])
+    return smooth_rows(values, SMOOTHING_S / FINE_STEP_S)
