@@ -173,14 +173,14 @@ def _judge_winners(
     judged = schedule.limit(final).evaluate(
         rows, order, objective.run.stage("frames judged", final.frames)
     )
-    frames = order[: judged.frames]
+    frames = order[: judged.used]
     by_errors = aps_at_profiles(final, rows, frames)
     price = objective.price(rows)
     objects = final.count_objects(frames)
     cost = weigh_costs(objective, rows, judged.kbit)
     points = []
     for number, (winner, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
-        low, high = final.interval(ap, judged.resamples[number], frames)
+        low, high = final.interval(judged[number], frames)
         confidence = math.nan if winner["confidence"] is None else winner["confidence"]
         if not math.isnan(low):
             share = share_beyond_reach(judged.resamples[number] - cost[number])

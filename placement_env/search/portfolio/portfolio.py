@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.analysis.agreement import StageFigure, check_agreement
+from placement_env.analysis.case_figures import CaseFigures
 from placement_env.analysis.intervals import (
     AP_TOLERANCE,
     BLOCK_FRAMES,
@@ -37,7 +38,6 @@ from placement_env.search.portfolio.entrants import (
 )
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
-    Evaluated,
     Frames,
     Report,
     Schedule,
@@ -116,7 +116,7 @@ class Judging:
         final = Preparation(setting, final_run, compares=False)
         return (
             build_evaluator(race, self.by, seed=seed),
-            build_evaluator(final, self.by, seed=seed),
+            build_evaluator(final, self.by, seed=seed, tie=0.0),  # its AP are stated
         )
 
 
@@ -263,7 +263,7 @@ def contest(
         The set with the greatest reward is reported to the objective's watcher."""
         report = objective.run.stage("frames raced", len(frames))
         evaluated = evaluator.evaluate(rows, frames, report)
-        used_frames = frames[: evaluated.frames]  # all unless time ran out
+        used_frames = frames[: evaluated.used]  # all unless time ran out
         cost = weigh_costs(objective, rows, evaluated.kbit)
         reward = evaluated.ap - cost
         if objective.watch is not None:
@@ -273,7 +273,7 @@ def contest(
         return Resampled(
             figure=reward,
             resamples=evaluated.resamples - cost[:, None],
-            frames=evaluated.frames,
+            frames=evaluated.used,
             blocks=float(len(np.unique(used_frames // BLOCK_FRAMES))),
         )
 
@@ -343,11 +343,9 @@ def _assess(
     )
     contenders = []
     # fewer figures than rows if time ran out
-    for row, ap, resamples in zip(
-        rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False
-    ):
-        interval = final.interval(ap, resamples, frames)
-        contenders.append(_build_contender(entrants, row, ap, interval))
+    for n, ap in enumerate(judged.ap.tolist()):
+        interval = final.interval(judged[n], frames)
+        contenders.append(_build_contender(entrants, int(rows[n]), ap, interval))
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
     objects = final.count_objects(frames)
@@ -431,16 +429,16 @@ def aps_at_profiles(
     for n in range(len(sets)):
         profile_aps = []
         for k, name in enumerate(final.cases.names):
-            ap = float(figures.ap[k, n])
-            interval = final.interval(ap, figures.resamples[k, n], frames)
-            profile_aps.append(ProfileAP(name, ap, low=interval.low, high=interval.high))
+            set_figures = figures[k][n]
+            low, high = final.interval(set_figures, frames)
+            profile_aps.append(ProfileAP(name, float(set_figures.ap), low=low, high=high))
         by_set.append(tuple(profile_aps))
     return by_set
 
 
 def _judge_in_time(
     sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
-) -> tuple[Evaluated, Frames]:
+) -> tuple[CaseFigures, Frames]:
     """Figures of the sets judged in time, and the frames, the same for all sets.
 
     The first set is always judged, and decides on how many frames; each further set is judged only
@@ -453,13 +451,13 @@ def _judge_in_time(
         return final.evaluate(sets, all_frames, report), all_frames
     order = race_order(final.frames)
     first_evaluated = schedule.limit(final).evaluate(sets[:1], order, report)
-    frames = order[: first_evaluated.frames]  # None: time sufficed for all
+    frames = order[: first_evaluated.used]  # None: time sufficed for all
     judged_count = 1
     for row in sets[1:]:
         if schedule.left <= 0:
             break
         evaluated = schedule.limit(final).evaluate(row[None], frames)
-        if evaluated.frames is not None:
+        if evaluated.used is not None:
             break
         judged_count += 1
     return final.evaluate(sets[:judged_count], frames), frames

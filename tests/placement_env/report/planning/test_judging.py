@@ -37,7 +37,7 @@ def test_a_set_is_judged_as_the_detector_scores_it_at_any_iou(street):
     assert all_of_them.ap == pytest.approx(float(street.detected(row).ap[0]), abs=1e-12)
     (at,) = street.judge.judge(np.array([[1, 0, 0, 0]], bool), Cases(iou=0.9))
     assert at.ap == 0.5
-    assert street.judge.to_find[0].tolist() == [4] * 8
+    assert street.detected.count_to_find(range(8), 0).tolist() == [4] * 8
     calls = []
     for _ in range(2):  # nothing is detected twice
         street.judge.judge(np.array([[0, 1, 1, 0]], bool), progress=calls.append)

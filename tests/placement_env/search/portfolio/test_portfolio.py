@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement_env.analysis.case_figures import CaseFigures
 from placement_env.analysis.intervals import AP_TOLERANCE, MIN_SURE_FRAMES, figure_interval
 from placement_env.cases import Cases
 from placement_env.objective import Objective
@@ -18,7 +19,6 @@ from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entra
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     DetectorEvaluator,
-    Evaluated,
     Schedule,
     race_order,
 )
@@ -32,7 +32,7 @@ VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in t
 class Truth:
     """AP of a set: the sum of its sensors' values, in frames with noise."""
 
-    name, by_profile, cases = "detector", ("itself",), Cases()
+    name, by_profile, cases, max_blocks = "detector", ("itself",), Cases(), np.inf
 
     def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
@@ -50,19 +50,22 @@ class Truth:
         draws = np.random.default_rng(4).standard_normal(500) * self.noise / np.sqrt(len(frames))
         if progress is not None:
             progress(len(frames))
-        return Evaluated(
-            ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws)
+        return CaseFigures.from_ap(
+            ap,
+            100.0 * sets.sum(axis=1),
+            ap[:, None] + np.outer(np.arange(len(sets)), draws),
+            objects=self.count_objects(frames),
+            frames=len(frames),
         )
 
-    def interval(self, ap, resamples, frames):
-        return figure_interval(ap, resamples, blocks=len(frames) / 4)
+    def interval(self, figures, frames):
+        return figure_interval(float(figures.ap), figures.resamples, blocks=len(frames) / 4)
 
     def mean_ap(self, sets, frames):
         return sets @ VALUE
 
-    def at_thresholds(self, sets, frames, progress=None):
-        found = self.evaluate(sets, frames, progress)
-        return Evaluated(found.ap[None], found.kbit, found.resamples[None])
+    def measure(self, sets, frames, progress=None):
+        return self.evaluate(sets, frames, progress).values
 
 
 class Deceived:
@@ -135,7 +138,9 @@ class Rough(Truth):
     def evaluate(self, sets, frames, progress=None):
         found = super().evaluate(sets, frames, progress)
         less = 0.2 * sets[:, 2]
-        return found._replace(ap=found.ap - less, resamples=found.resamples - less[:, None])
+        return CaseFigures.from_ap(
+            found.ap - less, found.kbit, found.resamples - less[:, None], frames=len(frames)
+        )
 
 
 def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
@@ -279,12 +284,15 @@ def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatc
         (2000010, 20),
     ]  # half, in whole blocks
     assert [compares for (_, _, compares), *_ in made] == [True, False]  # the race alone
-    assert [(own, *rest) for (own, *_), *rest in made] == [(setting, "coverage", {"seed": 7})] * 2
+    assert [(own, *rest) for (own, *_), *rest in made] == [
+        (setting, "coverage", {"seed": 7}),
+        (setting, "coverage", {"seed": 7, "tie": 0.0}),  # what is stated is AP alone
+    ]
     made.clear()
     judging.build_evaluators(objective, Schedule())
     assert [(run.frames, named) for (_, run, _), _, named in made] == [
         (33, {"seed": 0}),
-        (44, {"seed": 0}),
+        (44, {"seed": 0, "tie": 0.0}),
     ]
     assert (Judging().race_frames, Judging().final_frames) == (96, 120)
 
@@ -521,7 +529,7 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
 
     class Cut(Truth):
         def evaluate(self, sets, frames, progress=None):
-            return super().evaluate(sets, frames, progress)._replace(frames=3)
+            return replace(super().evaluate(sets, frames, progress), used=3)
 
     monkeypatch.setattr(portfolio, "race_until", noted)
     weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.01))
@@ -582,12 +590,9 @@ class Clock:
     def limit(self, evaluator):
         def evaluate(sets, frames, report=None):
             self.judged.append((sets.argmax(axis=1).tolist(), len(frames)))
-            return Evaluated(
-                np.zeros(len(sets)),
-                np.zeros(len(sets)),
-                np.zeros((len(sets), 1)),
-                next(self.counts),
-            )
+            nothing = np.zeros((len(sets), 1))
+            figures = CaseFigures.from_ap(nothing[:, 0], 0.0, nothing)
+            return replace(figures, used=next(self.counts))
 
         return SimpleNamespace(evaluate=evaluate)
 
