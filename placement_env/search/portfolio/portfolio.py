@@ -40,11 +40,10 @@ from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     Frames,
     Report,
-    Schedule,
-    Timed,
     build_evaluator,
     race_order,
 )
+from placement_env.search.portfolio.schedule import Schedule, Timed
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from placement_env.setting import Setting

@@ -16,13 +16,9 @@ from placement_env.protocol import Estimate
 from placement_env.racing import Contest, RaceRules, race_until
 from placement_env.search.portfolio import portfolio
 from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
-from placement_env.search.portfolio.evaluators import (
-    CasesEvaluator,
-    DetectorEvaluator,
-    Schedule,
-    race_order,
-)
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
 from placement_env.search.portfolio.portfolio import Judging
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run
 

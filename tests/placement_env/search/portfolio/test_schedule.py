@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from placement_env.analysis.case_figures import CaseFigures
-from placement_env.search.portfolio.evaluators import Schedule, TimedEvaluator
+from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
 from toolkit.runtime.run import Run
 
 SETS = np.eye(3, dtype=bool)
