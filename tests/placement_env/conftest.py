@@ -19,7 +19,7 @@ from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.report.planning import choosing
 from placement_env.report.planning.judging import Judge
-from placement_env.search.portfolio import evaluators, portfolio, schedule
+from placement_env.search.portfolio import evaluators, reward_race, schedule
 from placement_env.setting import Setting, Weights
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
@@ -200,7 +200,7 @@ class Known:
 @pytest.fixture
 def blocks_of_four(monkeypatch):
     """Small examples have blocks of one life, four frames."""
-    for module in (intervals, case_figures, evaluators, schedule, portfolio, choosing):
+    for module in (intervals, case_figures, evaluators, schedule, reward_race, choosing):
         monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
 
 

@@ -21,14 +21,8 @@ from placement_env.search.checkpoint import Checkpoint, KeptState
 from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, race_order
-from placement_env.search.portfolio.portfolio import (
-    MAX_SET_FRAMES,
-    SEARCH_COUNT,
-    Judging,
-    aps_at_profiles,
-    contest,
-    weigh_costs,
-)
+from placement_env.search.portfolio.portfolio import SEARCH_COUNT, Judging, aps_at_profiles
+from placement_env.search.portfolio.reward_race import MAX_SET_FRAMES, contest, weigh_costs
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP

@@ -14,7 +14,8 @@ from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
 from placement_env.search.portfolio.entrants import Effort, keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
-from placement_env.search.portfolio.portfolio import MAX_SET_FRAMES, Judging, contest
+from placement_env.search.portfolio.portfolio import Judging
+from placement_env.search.portfolio.reward_race import MAX_SET_FRAMES, contest
 from placement_env.search.portfolio.schedule import Schedule
 from placement_env.setting import Setting
 

@@ -14,7 +14,7 @@ from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import Contest, RaceRules, race_until
-from placement_env.search.portfolio import portfolio
+from placement_env.search.portfolio import portfolio, reward_race
 from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
 from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
 from placement_env.search.portfolio.portfolio import Judging
@@ -182,7 +182,7 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
             weights=Weights(price=0.01),
         )
     )
-    ran = portfolio.contest(poor, np.eye(4, dtype=bool), Truth())
+    ran = reward_race.contest(poor, np.eye(4, dtype=bool), Truth())
     prices = poor.price(np.eye(4, dtype=bool))
     assert ran.ranking[0] == (VALUE - 0.01 * prices).argmax()
     assert ran.figures[0] == pytest.approx((VALUE - 0.01 * prices).max())
@@ -195,7 +195,9 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
         )
     )
     sets = np.array([[0, 1, 1, 0], [0, 0, 0, 0]], bool)
-    assert portfolio.weigh_costs(linked, sets, np.array([400.0, 0.0])) == pytest.approx([0.2, 0.0])
+    assert reward_race.weigh_costs(linked, sets, np.array([400.0, 0.0])) == pytest.approx(
+        [0.2, 0.0]
+    )
     costly = Objective(
         Setting(
             candidates=street.candidates,
@@ -239,13 +241,13 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
             np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4])
         )
 
-    monkeypatch.setattr(portfolio, "race_until", noted)
+    monkeypatch.setattr(reward_race, "race_until", noted)
     weights = Weights(comm=0.001, price=0.01)
     both = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
     )
     sets, frames = np.array([[0, 1, 1, 0], [1, 0, 0, 0]], bool), np.array([9, 3, 0, 11, 8])
-    portfolio.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
+    reward_race.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
     assert given["order"].tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
     assert given["rules"] == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
     cost = [0.1 + 0.01 * 21.5, 0.1 + 0.01 * 11.0]  # of 100 kbit per sensor, and of the sensors
@@ -254,7 +256,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
     assert found.figure == pytest.approx([0.55 - cost[0], 0.1 - cost[1]])
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure, abs=1e-3)
     assert (found.frames, found.blocks) == (None, 2.0)
-    portfolio.contest(both, sets, Truth(frames=7))
+    reward_race.contest(both, sets, Truth(frames=7))
     assert given["rules"].first == 7
     assert given["order"].tolist() == race_order(7, seed=0).tolist()
 
@@ -335,18 +337,18 @@ def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(stre
         asked.append((sets.argmax(axis=1).tolist(), len(frames)))
         return np.array([means[int(k)] for k in sets.argmax(axis=1)])
 
-    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: ended)
+    monkeypatch.setattr(reward_race, "race_until", lambda *_, **__: ended)
     truth = Truth(frames=20)
     monkeypatch.setattr(truth, "mean_ap", mean_ap)
     objective = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late"))
-    ran = portfolio.contest(objective, np.eye(4, dtype=bool), truth)
+    ran = reward_race.contest(objective, np.eye(4, dtype=bool), truth)
     assert asked == [([0, 1], 8)]
     assert ran.ranking.tolist() == [1, 0, 2, 3]
     assert ran.expected.tolist() == ran.figures.tolist() == [0.895, 0.9, 0.892, 0.9]
     means.update({0: 0.7, 1: 0.7})
     dear = objective.price(np.eye(4, dtype=bool)) + np.array([1.0, 0, 0, 0])
     monkeypatch.setattr(objective, "price", lambda rows: dear[rows.argmax(axis=1)])
-    assert portfolio.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [
+    assert reward_race.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [
         1,
         0,
         2,
@@ -376,7 +378,7 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
 
 
 def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
-    most, contest, shares, limit = [], portfolio.contest, [], Schedule.limit
+    most, contest, shares, limit = [], reward_race.contest, [], Schedule.limit
 
     def limited(schedule, evaluator, share=1.0, **least):
         shares.append((share, *least.values()))
@@ -393,7 +395,7 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
         portfolio.search(
             deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds
         )
-    assert most == [portfolio.MAX_SET_FRAMES, np.inf]
+    assert most == [reward_race.MAX_SET_FRAMES, np.inf]
     assert shares == [
         (0.5, 1),
         (0.5, 1),
@@ -421,7 +423,7 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
     assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)
 
 
-@pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.MAX_SET_FRAMES), (60.0, np.inf)])
+@pytest.mark.parametrize(("seconds", "most"), [(None, reward_race.MAX_SET_FRAMES), (60.0, np.inf)])
 def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypatch):
     asked, race = [], race_until
 
@@ -429,7 +431,7 @@ def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypa
         asked.append((rules, order))
         return race(rewards, sets, order, rules, **more)
 
-    monkeypatch.setattr(portfolio, "race_until", noted)
+    monkeypatch.setattr(reward_race, "race_until", noted)
     judging = Judging(evaluators=(Truth(), Truth()), confidence=0.6)
     portfolio.search(deceived, 2, seed=5, seconds=seconds, judging=judging)
     ((rules, order),) = asked
@@ -438,7 +440,7 @@ def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypa
 
 
 def test_seeds_are_0_unless_given(deceived, monkeypatch):
-    seeds, race, keep = [], portfolio.contest, keep_entrants
+    seeds, race, keep = [], reward_race.contest, keep_entrants
 
     def raced(*given, seed, **more):
         seeds.append(seed)
@@ -527,11 +529,11 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
         def evaluate(self, sets, frames, progress=None):
             return replace(super().evaluate(sets, frames, progress), used=3)
 
-    monkeypatch.setattr(portfolio, "race_until", noted)
+    monkeypatch.setattr(reward_race, "race_until", noted)
     weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.01))
     objective = Objective(weighed)
     sets = np.array([[1, 0, 0, 0], [0, 1, 1, 0], [0, 0, 1, 0]], bool)
-    portfolio.contest(objective, sets, Cut(frames=20), seed=3, frames=5)
+    reward_race.contest(objective, sets, Cut(frames=20), seed=3, frames=5)
     assert given["order"].tolist() == race_order(20, seed=3)[:5].tolist()
     given["rewards"](sets, given["order"])
     objective.watch = lambda *better: told.append(better)
@@ -546,7 +548,7 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
 def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
     deceived, monkeypatch
 ):
-    figures, asked = [0.0, -portfolio.NEAR_TIE_AP], []
+    figures, asked = [0.0, -reward_race.NEAR_TIE_AP], []
 
     def mean_ap(sets, frames):
         asked.append(sets.argmax(axis=1).tolist())
@@ -560,13 +562,13 @@ def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
             for k in (8, 4)
         ]
     )
-    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: next(ends))
+    monkeypatch.setattr(reward_race, "race_until", lambda *_, **__: next(ends))
     truth = Truth(frames=20)
     monkeypatch.setattr(truth, "mean_ap", mean_ap)
     rows = np.eye(4, dtype=bool)[:2]
-    assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
+    assert reward_race.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
     assert asked == [[0, 1]]
-    assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [0, 1]
+    assert reward_race.contest(deceived, rows, truth).ranking.tolist() == [0, 1]
     assert asked == [[0, 1]]  # detections take time
 
 
