@@ -8,9 +8,9 @@ Searches, races and plans reduce the figures of all cases here, in this order:
     drawings         mean over samples of what no map knows of the site
     error profiles   worst or mean
 
-The worst case of a set is the one with the lowest AP; it gives all figures of the set, except that
-every resample has its own worst case. Undefined figures (NaN) are left out, as of a level without
-an object. `placement_env.cases` reduces single figures of fast fidelities by the same rules.
+The worst case of a set is the one with the lowest AP. It gives all figures of the set, except that
+every resample has its worst case. Undefined figures (NaN) are left out: a level without an
+object has no AP. `placement_env.cases` reduces single figures of fast fidelities by the same rules.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ from placement_env.cases import TIE_SHARE, Cases
 from placement_env.classes import Classes, Combine
 from toolkit.arrays import Float64, Int64
 
-AP, RECALL, PRECISION, OBJECTS, FRAMES, KBIT = range(6)  # columns
-COUNT_COLUMNS = slice(OBJECTS, FRAMES + 1)
-RESAMPLE_COLUMNS = slice(KBIT + 1, None)
+AP_COLUMN, RECALL_COLUMN, PRECISION_COLUMN, OBJECTS_COLUMN, FRAMES_COLUMN, KBIT_COLUMN = range(6)
+COUNT_COLUMNS = slice(OBJECTS_COLUMN, FRAMES_COLUMN + 1)
+RESAMPLE_COLUMNS = slice(KBIT_COLUMN + 1, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class CaseFigures:
     Attributes:
         values: The last axis has AP, recall, precision, number of objects, number of frames, kbit
             per frame and the AP of each resample of blocks of frames; the axis before has the sets,
-            and those before it are cases. NaN if undefined or unknown.
+            and the first axes have cases. NaN if undefined or unknown.
         used: Number of requested frames that were used, from the first, if time ran out; None for
             all."""
 
@@ -57,9 +57,9 @@ class CaseFigures:
 
         objects, frames: numbers behind each AP."""
         values = np.full((*ap.shape, RESAMPLE_COLUMNS.start + resamples.shape[-1]), np.nan)
-        values[..., AP] = ap
+        values[..., AP_COLUMN] = ap
         values[..., COUNT_COLUMNS] = objects, frames
-        values[..., KBIT] = kbit
+        values[..., KBIT_COLUMN] = kbit
         values[..., RESAMPLE_COLUMNS] = resamples
         return cls(values)
 
@@ -70,32 +70,32 @@ class CaseFigures:
     @property
     def ap(self) -> Float64[np.ndarray, "*cases"]:
         """AP of each set."""
-        return self.values[..., AP]
+        return self.values[..., AP_COLUMN]
 
     @property
     def recall(self) -> Float64[np.ndarray, "*cases"]:
         """Share of the objects that are found."""
-        return self.values[..., RECALL]
+        return self.values[..., RECALL_COLUMN]
 
     @property
     def precision(self) -> Float64[np.ndarray, "*cases"]:
         """Share of the detections that hit."""
-        return self.values[..., PRECISION]
+        return self.values[..., PRECISION_COLUMN]
 
     @property
     def objects(self) -> Float64[np.ndarray, "*cases"]:
         """Number of objects in the frames of the AP's case."""
-        return self.values[..., OBJECTS]
+        return self.values[..., OBJECTS_COLUMN]
 
     @property
     def frames(self) -> Float64[np.ndarray, "*cases"]:
         """Number of frames of the AP's case."""
-        return self.values[..., FRAMES]
+        return self.values[..., FRAMES_COLUMN]
 
     @property
     def kbit(self) -> Float64[np.ndarray, "*cases"]:
         """Data that each intact set sends per frame (kbit)."""
-        return self.values[..., KBIT]
+        return self.values[..., KBIT_COLUMN]
 
     @property
     def resamples(self) -> Float64[np.ndarray, "*cases resamples"]:
@@ -110,7 +110,7 @@ class CaseFigures:
         It counts the frames and objects of the case that the AP comes from.
 
         Args:
-            frames: Numbers of all frames that were evaluated, with those of other cases.
+            frames: Numbers of all frames that were evaluated, also in other cases.
             max_blocks: Largest number of blocks that the resamples draw from.
             confidence: Level of the interval."""
         blocks = _count_blocks(int(self.frames), frames)
@@ -126,7 +126,7 @@ class CaseFigures:
 def _count_blocks(count: int, frames: Int64[np.ndarray, " k"]) -> int:
     """Return the number of blocks that some of the frames amount to, rounded up.
 
-    count: number of these frames; frames: numbers of all frames."""
+    count: how many frames; frames: numbers of all frames."""
     _, block_frames = np.unique(frames // BLOCK_FRAMES, return_counts=True)
     if count == len(frames):
         return len(block_frames)
@@ -161,7 +161,7 @@ def measure_tallies(
         columns = [ap, recall, precision, objects, frames, kbit]
         threshold_figures.append(np.concatenate([columns, drawn_aps]))
     figures = reduce_cases(np.array(threshold_figures), "mean")
-    figures[KBIT] = kbit
+    figures[KBIT_COLUMN] = kbit
     return figures
 
 
@@ -195,8 +195,8 @@ def reduce_levels(
 
     Means have the objects and frames of all levels with objects. kbit are for all frames."""
     reduced = reduce_cases(values, by)
-    frames = values[:, 0, FRAMES]  # the same for all sets
-    reduced[:, KBIT] = frames / frames.sum() @ values[..., KBIT]
+    frames = values[:, 0, FRAMES_COLUMN]  # the same for all sets
+    reduced[:, KBIT_COLUMN] = frames / frames.sum() @ values[..., KBIT_COLUMN]
     if by == "mean":
         is_defined = ~np.isnan(values[..., :1])
         counts = np.where(is_defined, values[..., COUNT_COLUMNS], 0)
@@ -227,7 +227,7 @@ def reduce_failures(
     reduced = np.stack(
         [reduce_cases(failures[owners[set_count:] == n], cases.failures) for n in range(set_count)]
     )
-    reduced[:, KBIT] = intact[:, KBIT]
-    for columns in (slice(AP, AP + 1), RESAMPLE_COLUMNS):
+    reduced[:, KBIT_COLUMN] = intact[:, KBIT_COLUMN]
+    for columns in (slice(AP_COLUMN, AP_COLUMN + 1), RESAMPLE_COLUMNS):
         reduced[:, columns] += tie * intact[:, columns]
     return reduced

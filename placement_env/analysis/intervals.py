@@ -114,7 +114,7 @@ def resample_ratio(
 ) -> Resamples:
     """Return sum(parts) / sum(wholes) over k frames or blocks in each resample, NaN without wholes.
 
-    draws: how often each resample draws each of them."""
+    draws: how often each resample draws each frame or block."""
     sums = draws @ wholes
     return np.divide(draws @ parts, sums, out=np.full(len(sums), np.nan), where=sums != 0)
 

@@ -1,6 +1,6 @@
 """`Judge`: AP of sensor sets by the detector on new traffic, with resamples for intervals.
 
-Figures are those of `CasesEvaluator`, without the share of intact AP that races add."""
+Figures come from a `CasesEvaluator`, without the share of intact AP that races add."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
 """Races among the sets of one size, from the largest size down.
 
-Sets of one size race each other until the best of them is known well enough (`contest`), until
+Sets of one size race each other until the best is known well enough (`contest`), until
 fewer sensors fall far behind. The winner of each size,
 and others near the best of all, are judged on all frames."""
 

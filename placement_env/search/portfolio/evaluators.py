@@ -3,8 +3,8 @@ for all sets.
 
 `DetectorEvaluator` detects; `FastEvaluator` lets another fidelity, such as the surrogate, score
 batches of the frames. Both know one error profile and return means over the IoU thresholds;
-`CasesEvaluator` reduces them over the other cases (`placement_env.analysis.case_figures`). Frames
-of one block of `BLOCK_FRAMES` show the same objects, so blocks are drawn whole.
+`CasesEvaluator` reduces them over the other cases (`placement_env.analysis.case_figures`). A
+block of `BLOCK_FRAMES` frames shows the same objects, so blocks are drawn whole.
 """
 
 import math
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.analysis.case_figures import (
-    KBIT,
+    KBIT_COLUMN,
     CaseFigures,
     measure_tallies,
     reduce_cases,
@@ -112,7 +112,7 @@ class CasesEvaluator:
     def interval(self, figures: CaseFigures, frames: Frames) -> Interval:
         """95 % interval of the AP of one set, NaN on too few frames.
 
-        figures: of one set on these frames; frames: frame numbers."""
+        figures: figures of one set on these frames; frames: frame numbers."""
         return figures.interval(frames, max_blocks=self.by_profile[0].max_blocks)
 
     def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
@@ -221,7 +221,7 @@ class DetectorEvaluator:
         return np.array([figures[subset] for subset in subsets])
 
     def count_by_class(self, frames: Frames) -> list[Int64[np.ndarray, " k"]]:
-        """Number of objects to find in each of these frames, for each class that counts."""
+        """Number of objects to find in each frame, for each class that counts."""
         labels = self.detected.classes.labels
         return [self.detected.count_to_find(frames.tolist(), label) for label in labels]
 
@@ -230,10 +230,11 @@ class DetectorEvaluator:
     ) -> list[list[Tally]]:
         """Tallies of one set in some frames; axes of the lists: IoU threshold, class.
 
-        outcomes: of the set in each of these frames; truths: objects of each class, by
+        outcomes: the set's outcome in each frame; truths: objects of each class, by
         `count_by_class`."""
-        labels = self.detected.classes.labels
-        class_outcomes = [[outcome.of_class(label) for outcome in outcomes] for label in labels]
+        class_outcomes = []
+        for label in self.detected.classes.labels:
+            class_outcomes.append([outcome.of_class(label) for outcome in outcomes])
         tallies = []
         for iou_index in map(self.detected.ious.index, self.ious):
             class_tallies = [
@@ -300,7 +301,7 @@ class FastEvaluator:
             ap, np.nan, resamples - shift, objects=int(is_counted.sum()), frames=len(frames)
         )
         mean_figures = reduce_cases(figures.values, "mean")
-        mean_figures[:, KBIT] = estimates[0].kbit  # kbit does not depend on the threshold
+        mean_figures[:, KBIT_COLUMN] = estimates[0].kbit  # kbit does not depend on the threshold
         return mean_figures
 
     def _estimate(
