@@ -1,6 +1,7 @@
 """The browser that pages are opened in, a Ray cluster of two nodes, and hypothesis without a
 clock."""
 
+import os
 import shutil
 
 import pytest
@@ -8,6 +9,8 @@ from hypothesis import settings
 
 settings.register_profile("any machine", deadline=None)  # a busy one is no fault
 settings.load_profile("any machine")
+# figures in tests are those of exact numbers, whatever the processor is quickest with
+os.environ.setdefault("COVIEW_NUMBERS", "float32")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")

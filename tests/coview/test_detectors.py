@@ -60,10 +60,10 @@ def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):
     bare: Any = open_named("voxelnet", site)
     phased: Any = open_named("voxelnet+phases3+background", site)
     assert (phased.name, phased.detector.phases) == ("tjunction+phases3+background", 3)
-    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
+    monkeypatch.setattr("models.detector.find_bfloat16_library", lambda device: "torch")
     quick: Any = open_named("voxelnet+bfloat16", site)
     assert (quick.name, quick.digest != bare.digest) == ("tjunction+bfloat16", True)
-    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
+    monkeypatch.setattr("models.detector.find_bfloat16_library", lambda device: None)
     again: Any = open_named("voxelnet+bfloat16", site)
     assert again.digest == bare.digest
     for number in (0, 17):

@@ -83,7 +83,7 @@ def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, monkeypatch)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.onnx", "t.onnx.json"]
 
 
-def test_the_part_that_halves_in_bfloat16_can_be_exported():
+def test_the_proposal_part_can_be_exported():
     detector = load_detector("general", area=AREA)
     maps = torch.zeros(1, 48, *detector.config.map_shape)
 
