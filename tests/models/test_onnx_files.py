@@ -30,8 +30,11 @@ def cloud(n=3000, seed=0):
     "config",
     [
         VoxelNetConfig.light(AREA, **road_users()),
-        VoxelNetConfig(
-            AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+        pytest.param(
+            VoxelNetConfig(
+                AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+            ),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["light", "published"],
