@@ -9,6 +9,7 @@ time, 2 if it takes four times as long.
 
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -22,14 +23,9 @@ import numpy as np
 MAX_EXPONENT = 1.2
 SEED = 7
 CHILD = """
-import json, resource, sys
+import sys
 from tests.benchmarks.toolkit.bench_growth import WORK
 WORK[sys.argv[1]](int(sys.argv[2]), sys.argv[3])
-own = resource.getrusage(resource.RUSAGE_SELF)
-children = resource.getrusage(resource.RUSAGE_CHILDREN)
-seconds = own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
-kilobytes = max(own.ru_maxrss, children.ru_maxrss)
-print(json.dumps([seconds, kilobytes * 1024 / 1e6]))
 """
 
 
@@ -65,8 +61,7 @@ def evaluate_frames(frames: int, folder: str) -> None:
 
 def search_candidates(poles: int, folder: str) -> None:
     """Greedy search over poles on a ring around the junction, with the usual headings of each."""
-    from toolkit.sites.files import format_site
-    from toolkit.sites.site import load_site
+    from toolkit.sites.files import format_site, load_site
 
     angles = np.arange(poles) * 2 * np.pi / poles
     # along the pavements, so that none stands on the carriageway
@@ -104,7 +99,7 @@ def simulate_sensors(sensors: int, folder: str) -> None:
     """Recording by many sensors on a ring around the junction."""
     from toolkit.datasets.simulation import simulate_dataset
     from toolkit.runtime.run import Simulation
-    from toolkit.sites.site import load_site
+    from toolkit.sites.files import load_site
 
     site = load_site("tjunction")
     rng = np.random.default_rng(SEED)
@@ -181,13 +176,13 @@ AMOUNTS: dict[str, tuple[int, ...]] = {
 def measure(axis: str, amount: int) -> Cost:
     """Cost of an amount of work in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run(
-            [sys.executable, "-c", CHILD, axis, str(amount), folder],
-            check=True,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-    return Cost(*json.loads(done.stdout.splitlines()[-1]))
+        words = [sys.executable, "-c", CHILD, axis, str(amount), folder]
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL) as child:
+            _, status, usage = os.wait4(child.pid, 0)  # with what its own children used
+            child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise RuntimeError(f"{axis} {amount} ended with {child.returncode}")
+    return Cost(seconds=usage.ru_utime + usage.ru_stime, megabytes=usage.ru_maxrss * 1024 / 1e6)
 
 
 def find_exponent(seconds: list[float]) -> float:
