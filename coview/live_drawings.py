@@ -161,7 +161,7 @@ class Ghosts:
         self._nodes: list[Handle] = []  # parts of all drawings
 
     def offer(self, suggestions: Sequence[Suggestion]) -> None:
-        """Keep suggestions, the best first, to be drawn in place of those before."""
+        """Keep suggestions, the best first, to be drawn in place of earlier ones."""
         self._suggestions = list(suggestions)
 
     def take_best(self) -> Suggestion:

@@ -275,7 +275,7 @@ def draw_view(
     """Lines (start and end, m) that show the view of a sensor.
 
     They go from the sensor to its handle and its foot, along both sides of its field of view, and
-    from the handle to the ends of these sides. A full circle has no sides. target: position of the
+    from the handle to the ends of both sides. A full circle has no sides. target: position of the
     handle (m)."""
     half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
     is_full_circle = half_angle >= np.pi - 1e-6

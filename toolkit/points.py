@@ -116,7 +116,7 @@ def crop_image(
     *,
     shift: ImageVectors | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
-    """Return x, y, z in the world of every pixel, and the numbers of those inside the crop.
+    """Return x, y, z in the world of every pixel, and the numbers of pixels inside the crop.
 
     Pixels are numbered row by row. shift: displacement of each pixel's point (m, world frame), None
     for none.

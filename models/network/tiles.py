@@ -161,7 +161,7 @@ class PlacedClouds(NamedTuple):
     ) -> Voxels:
         """Voxels of a batch of `items` items.
 
-        rows: points of all items. item: index in the batch of each of them.
+        rows: points of all items. item: index of each in the batch.
         """
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
@@ -394,7 +394,7 @@ class TiledVoxelNet:
         """Yield batches of unions, as large as memory allows.
 
         Each is a slice of the unions, the entries of the head's tiles, and an iterator over the
-        head's maps of these entries.
+        head's maps of the entries.
         """
         count = len(plan.unions)  # in a batch
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MAX_ENTRIES:

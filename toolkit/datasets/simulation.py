@@ -307,7 +307,7 @@ class Job:
             yield Scene(frame, bodies=body_indices[snapshot.bodies])
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
-        """Return the bytes of a shard, a complete file of these scenes."""
+        """Return the bytes of a shard, a complete file of some scenes."""
         return encode(self.header, scenes)
 
 

@@ -227,7 +227,7 @@ class _FrameCounts(NamedTuple):
 def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     """Count the points, bits and agreeing cuboids of a frame.
 
-    site: site whose area limits the objects and points that count, None for all of them; codec:
+    site: site whose area limits the objects and points that count, None for all; codec:
     gives the bits of the points."""
     objects = frame.objects
     count = count_points  # counts the points in boxes

@@ -1,4 +1,4 @@
-"""Scene of recorded frames in 3D: nodes, any part of which can be hidden.
+"""Scene of recorded frames in 3D: nodes that can each be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -147,7 +147,7 @@ def _add_place(
 ) -> scene.Handle:
     """Add the housing and the name of a sensor, and return the handle of the node above both.
 
-    node: path of that node; number: index of the sensor, which gives its colour."""
+    node: path of this node; number: index of the sensor, which gives its colour."""
     x, y, z = cloud.place.tolist()
     handle = api.add_frame(node, show_axes=False, visible=visible)
     housing = box(size=(0.4, 0.4, 0.4), centre=(x, y, z))  # m

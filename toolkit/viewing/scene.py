@@ -137,7 +137,7 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
     x = (xmin + xmax) / 2
     y = (ymin + ymax) / 2
     size = max(xmax - xmin, ymax - ymin)
-    # a little west of the middle, well south of it and above it
+    # a little west of the middle, well to the south and above
     position = (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size)
     return position, (x, y, height)
 

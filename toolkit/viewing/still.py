@@ -148,7 +148,7 @@ def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
 def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, sensor_order: list[str]) -> list[Entry]:
     """Draw sensors as squares, and return their legend entries.
 
-    sensor_order: names of sensors in the order of their colours; all of them have an entry."""
+    sensor_order: names of sensors in the order of their colours; each has an entry."""
     from matplotlib.lines import Line2D
 
     look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}

@@ -97,7 +97,7 @@ def build_plan_scene(
         position, look_at = scene.overview((xmin, ymin, xmax, ymax))
         scene.set_view(server, position, look_at)
         html = scene.scene_html(server)
-    # some of these nodes may be missing; hiding them does nothing
+    # some nodes may be missing; hiding them does nothing
     frame_nodes = []
     for frame in range(len(moments)):
         nodes = [f"/sensors/{index}/points {frame}" for index in range(len(plan.sensors))]
@@ -250,7 +250,7 @@ def drape(
 
     Polygons are cut into square tiles, and only their part in or near the area is kept.
 
-    shapes, without: polygons to draw, and polygons to cut out of them, in the site's frame (m)."""
+    shapes, without: polygons to draw, and polygons to cut out, in the site's frame (m)."""
     xmin, ymin, xmax, ymax = _extent(site)
     grid = np.meshgrid(np.arange(xmin, xmax, TILE_M), np.arange(ymin, ymax, TILE_M))
     x, y = (coordinates.ravel() for coordinates in grid)  # lower left corner of each tile
@@ -264,7 +264,7 @@ def seen_cells(site: Site, ground: GroundGrid, index: int) -> Mesh:
     """Return the cells that a sensor sees as a mesh of rectangles over the ground.
 
     A rectangle is a run of up to `MAX_RUN_CELLS` cells of one row. Each sensor's rectangles are a
-    little above those of the sensor before.
+    little above the previous sensor's.
 
     index: number of the sensor in `ground`."""
     half_cell = ground.cell / 2
