@@ -77,7 +77,9 @@ class PlacedClouds(NamedTuple):
     clouds: int
 
     @staticmethod
-    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> "PlacedClouds":
+    def from_clouds(
+        clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig
+    ) -> "PlacedClouds":
         """Points of clouds (x y z in the frame of the grid, m) that are inside the grid."""
         points_and_cells = [grid_cells(cloud, config) for cloud in clouds]
         inside_points = [points for points, _ in points_and_cells]
@@ -357,7 +359,7 @@ class TiledVoxelNet:
 
         clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
         """
-        placed = PlacedClouds.of(clouds, self.config)
+        placed = PlacedClouds.from_clouds(clouds, self.config)
         max_points = self.config.max_points
         nx, ny, _ = self.config.grid_shape
         # 1 in cells that a point of each cloud, or in the last map a crowded voxel, can change

@@ -78,7 +78,7 @@ class Lookup(NamedTuple):
     extra_tilt: np.float32
 
     @staticmethod
-    def of(sensor: Sensor) -> "Lookup":
+    def from_sensor(sensor: Sensor) -> "Lookup":
         """Aim of a sensor in the table of rays with the nearest tilt.
 
         The table is made when `table` is first read."""

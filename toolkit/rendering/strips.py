@@ -318,7 +318,7 @@ class SuccessiveStrips:
             [], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([])
         )
 
-    def of(self, moment: Moment, fine: Mask) -> Strips:
+    def find_next(self, moment: Moment, fine: Mask) -> Strips:
         """Strips of the next frame, by viewpoint, then object.
 
         fine: mask of the objects to cut into narrow columns, as in `find_sectors`."""

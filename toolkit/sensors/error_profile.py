@@ -65,7 +65,7 @@ class ErrorProfile:
 
         seed: seed of the recording's errors; sensor, frame: their numbers in the recording. Random
         numbers depend on all three."""
-        reading = Reading.of(truth)
+        reading = Reading.from_truth(truth)
         earlier_terms = Counter[str]()
         for term in self.terms:
             kind = type(term).__qualname__

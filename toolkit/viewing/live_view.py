@@ -75,7 +75,7 @@ class LiveView:
         self.origin = drawing.origin(first)
         drawn = drawing.draw(first, self.origin)
         sensors = list_sensors([drawn])
-        self.style = SceneStyle(sensors, COLOURINGS, Scales.of(drawn), LIVE_POINTS)
+        self.style = SceneStyle(sensors, COLOURINGS, Scales.from_sample(drawn), LIVE_POINTS)
         area = find_view_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in groups}

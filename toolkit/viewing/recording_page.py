@@ -89,7 +89,7 @@ def page_content(
     style = SceneStyle(
         sensors=list_sensors(samples),
         colourings=list_colourings(samples),
-        scales=Scales.of(samples[0]),
+        scales=Scales.from_sample(samples[0]),
         max_points=max_cloud_points,
         precision="float16",
     )

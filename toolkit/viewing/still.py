@@ -46,7 +46,7 @@ def write_still(
     sensors: names in the order of their colours, the frame's when empty; half: half the width and
     height (m) of a map around the origin; None for the area with most points."""
     sensor_order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
-    scales = Scales.of(sample)
+    scales = Scales.from_sample(sample)
     subtitle = f"{sample.describe()}; points by {scales.describe(colouring)}"
     if half is None:
         area = find_view_area(sample)
