@@ -101,8 +101,7 @@ def page_content(
         for frame, sample in enumerate(samples):
             handles = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
             frame_nodes.append(tuple(handle.name for handle in handles))
-        position, look_at = scene.overview(area)
-        scene.set_view(server, position, look_at)
+        scene.show_area(server, area)
         html = scene.scene_html(server)
     return PageContent(
         title=title,

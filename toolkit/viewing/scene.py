@@ -142,6 +142,13 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
     return position, (x, y, height)
 
 
+def show_area(server: "ViserServer", area: tuple[float, float, float, float]) -> None:
+    """Let the scene open with a whole area in view (`overview`).
+
+    area: xmin, ymin, xmax, ymax (m), on ground at height 0."""
+    set_view(server, *overview(area))
+
+
 def scene_html(server: "ViserServer") -> str:
     """Return the scene as a page for an iframe.
 
