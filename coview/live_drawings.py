@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coview.live_cameras import Spot
+from coview.live_names import add_name, shorten_name
 from coview.live_signs import lay_picture
 from coview.live_tables import format_ap
 from placement_env.live.picture import GroundPicture
@@ -125,7 +126,7 @@ class SensorDrawings:
         view = self._api.add_line_segments(
             f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen"
         )
-        label = scene_parts.add_label(self._api, f"{node}/label", name, sensor.position, scale=1.2)
+        label = add_name(self._api, f"{node}/label", name, sensor.position, scale=1.2)
         attach(name, housing, handle)
         return [housing, handle, view, label]
 
@@ -143,7 +144,7 @@ class SensorDrawings:
         view.colors = np.array(colour, np.uint8)
         # at the handle: labels of two sensors on a pole are then apart
         label.position = target + np.array([0.0, 0.0, LABEL_RISE_M])
-        text = live_sensor.name
+        text = shorten_name(live_sensor.name)
         if live_sensor.failed:
             text += " (failed)"
         if live_sensor.locked:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from coview.live_names import add_name
 from placement_env.live.picture import GroundPicture
 from toolkit.arrays import Float64, Int64
 from toolkit.plots.map_sheet import scale_length
@@ -59,7 +60,7 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     for k, pole in enumerate(poles if len(poles) <= MAX_NAMED_POLES else ()):
         top = pole.position + np.array([0.0, 0.0, pole.max_height])
         node = f"/signs/poles/{k}"
-        labels[pole.name] = scene_parts.add_label(api, node, pole.name, top, scale=0.7)
+        labels[pole.name] = add_name(api, node, pole.name, top, scale=0.7)
     _add_pole_marks(api, poles)
     length = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
     size = np.array([ARROW_M, ARROW_M + 2 * HEAD_M])
