@@ -243,7 +243,7 @@ def train_policy(
     return model
 
 
-def _save_policy(model: "OnPolicyAlgorithm", identity: KeptState, out: Path) -> None:
+def _save_policy(model: "OnPolicyAlgorithm", identity: Mapping[str, object], out: Path) -> None:
     """Write the policy with its optimiser and number of steps, whole or not at all.
 
     identity: settings that a resumed training must share; out: folder of the policy."""

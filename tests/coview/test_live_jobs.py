@@ -128,20 +128,20 @@ def test_slow_drawing_that_fails_is_said_and_tried_again_only_after_the_next_job
         raise KeyError("map")
 
     # drawing all again lets slow drawing follow, as on the page
-    jobs = LiveJobs(
-        head, show=lambda answer: None, redraw=lambda: jobs.draw_later(), draw_rest=draw_rest
+    page_jobs = LiveJobs(
+        head, show=lambda answer: None, redraw=lambda: page_jobs.draw_later(), draw_rest=draw_rest
     )
-    run(jobs)
-    jobs.do(jobs.draw_later)
+    run(page_jobs)
+    page_jobs.do(page_jobs.draw_later)
     wait_for(lambda: head.shown)
     time.sleep(2 * LATE_S)  # it would be tried again and again
     assert tries == ["rest"]
     assert "by a fault of coview (KeyError: 'map')" in head.note
     assert head.shown == [("", head.note)]
-    jobs.do(jobs.draw_later)
+    page_jobs.do(page_jobs.draw_later)
     wait_for(lambda: len(head.shown) == 2)
     assert tries == ["rest", "rest"]
-    jobs.close()
+    page_jobs.close()
 
 
 def test_refining_shows_what_is_no_longer_coarse_and_holds_only_its_own_thread(jobs, done):
