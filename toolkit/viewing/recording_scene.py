@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 TAGS = "tags"
 SHOWN_POINT_SIZE = 0.07  # m
-HOUSING_SIZE_M = (0.4, 0.4, 0.4)  # along x, y and z
-LABEL_RISE_M = 0.6  # height of a name above its sensor
+_HOUSING_SIZE_M = (0.4, 0.4, 0.4)  # along x, y and z
+_LABEL_RISE_M = 0.6  # height of a name above its sensor
 GRID_NODE = "/grid"
 _MIN_AREA_M = 20.0  # extent of a scene
 _VIEW_PERCENTILES = (10.0, 90.0)  # of the points that the first view shows
@@ -146,8 +146,8 @@ def _add_place(
     node: path of this node; number: index of the sensor, which gives its colour."""
     x, y, z = cloud.place.tolist()
     handle = scene_parts.add_group(api, node, visible=visible)
-    add_housing(api, f"{node}/housing", (x, y, z), HOUSING_SIZE_M, sensor_colour(number))
-    scene_parts.add_label(api, f"{node}/name", cloud.name, (x, y, z + LABEL_RISE_M))
+    add_housing(api, f"{node}/housing", (x, y, z), _HOUSING_SIZE_M, sensor_colour(number))
+    scene_parts.add_label(api, f"{node}/name", cloud.name, (x, y, z + _LABEL_RISE_M))
     return handle
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 REACH_M = 20.0  # greatest horizontal distance between a sensor and its handle
 HANDLE_LIFT_M = 0.3  # height of a handle above the ground
-NO_RETURN_M = 12.0  # length of rays that meet nothing
+RAY_WITHOUT_RETURN_M = 12.0  # length of rays that meet nothing
 MAX_OUTLINE_PIXELS = 240  # pixels of the outline of a sensor's view
 MAX_EDGE_SHARE = 0.25  # length of an outline's edge as a share of its ray; longer ones are left out
 
@@ -72,8 +72,8 @@ def view_edges(sensor: Sensor, background: ImageRanges) -> Segments:
     """Return the outline of a sensor's view of the empty site, and four rays that lead to it.
 
     The outline follows the border of the image, at up to `MAX_OUTLINE_PIXELS` of its pixels; rays
-    that meet nothing have a length of at most `NO_RETURN_M`. Segments are pairs of points in the
-    site's frame (m).
+    that meet nothing have a length of at most `RAY_WITHOUT_RETURN_M`. Segments are pairs of points
+    in the site's frame (m).
 
     background: distances (m) at the empty site, 0 without a return."""
     rows, columns = background.shape
@@ -83,7 +83,7 @@ def view_edges(sensor: Sensor, background: ImageRanges) -> Segments:
     count = min(len(border), MAX_OUTLINE_PIXELS)
     outline_pixels = border[np.linspace(0, len(border), count, endpoint=False).astype(np.int64)]
     measured = background.ravel()[outline_pixels].astype(np.float64)
-    lengths = np.where(measured > 0, measured, min(sensor.model.max_range, NO_RETURN_M))
+    lengths = np.where(measured > 0, measured, min(sensor.model.max_range, RAY_WITHOUT_RETURN_M))
     # `world_rays` has a column for each pixel: its direction, in units of the measured distance
     ends = sensor.position + sensor.world_rays.T[outline_pixels] * lengths[:, None]
     next_ends = np.roll(ends, -1, axis=0)

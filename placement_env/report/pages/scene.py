@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 
 MAX_DRAWN_POINTS = 240_000  # of all clouds in all frames together
-HOUSING_SIZE_M = (0.7, 0.7, 0.5)  # along x, y and z
-LABEL_RISE_M = 1.2  # height of a label above its sensor
+_HOUSING_SIZE_M = (0.7, 0.7, 0.5)  # along x, y and z
+_LABEL_RISE_M = 1.2  # height of a label above its sensor
 MAX_RUN_CELLS = 8  # cells of visible ground in one rectangle
 _DASHED = DashPattern(dash=0.6, gap=0.4)
 _DOTTED = DashPattern(dash=0.15, gap=0.3)
@@ -111,8 +111,8 @@ def _add_sensor(
     pole = tube(pole_ends, radii=0.1)
     scene_parts.add_mesh(api, f"{node}/pole", pole, POLE_INK)
     position = (sensor.x, sensor.y, sensor.z)
-    add_housing(api, f"{node}/housing", position, HOUSING_SIZE_M, colour)
-    label_position = (sensor.x, sensor.y, sensor.z + LABEL_RISE_M)
+    add_housing(api, f"{node}/housing", position, _HOUSING_SIZE_M, colour)
+    label_position = (sensor.x, sensor.y, sensor.z + _LABEL_RISE_M)
     scene_parts.add_label(api, f"{node}/label", sensor.name, label_position, scale=1.3)
     if seen_ground is not None:
         scene_parts.add_mesh(api, f"{node}/ground", seen_ground, colour, opacity=0.28)

@@ -9,7 +9,7 @@ from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Site
-from toolkit.viewing.sensor_parts import NO_RETURN_M, draw_view, find_target, view_edges
+from toolkit.viewing.sensor_parts import RAY_WITHOUT_RETURN_M, draw_view, find_target, view_edges
 
 
 @pytest.mark.parametrize(
@@ -61,6 +61,6 @@ def test_views_end_where_something_stands():
     lengths = np.linalg.norm(rays[:, 1] - rays[:, 0], axis=1)
     corners = background[[0, 0, -1, -1], [0, -1, -1, 0]]
     directions = np.linalg.norm(sensor.model.rays()[[0, 0, -1, -1], [0, -1, -1, 0]], axis=1)
-    expected = np.where(corners > 0, corners, NO_RETURN_M) * directions
+    expected = np.where(corners > 0, corners, RAY_WITHOUT_RETURN_M) * directions
     np.testing.assert_allclose(sorted(lengths), sorted(expected), rtol=0.2)
     assert edges[..., 2].min() > -1
