@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coview.live_cameras import Spot
-from coview.live_names import add_name, shorten_name
+from coview.live_names import add_name
 from coview.live_signs import lay_picture
 from coview.live_tables import format_ap
 from placement_env.live.picture import GroundPicture
@@ -144,7 +144,7 @@ class SensorDrawings:
         view.colors = np.array(colour, np.uint8)
         # at the handle: labels of two sensors on a pole are then apart
         label.position = target + np.array([0.0, 0.0, LABEL_RISE_M])
-        text = shorten_name(live_sensor.name)
+        text = live_sensor.name
         if live_sensor.failed:
             text += " (failed)"
         if live_sensor.locked:

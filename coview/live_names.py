@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.plots.canvas import shorten
 from toolkit.viewing import scene_parts
 from toolkit.viewing.scene import Handle
 
 if TYPE_CHECKING:
     from viser import LabelHandle, SceneApi
 
-MAX_NAME_LETTERS = 24  # of a name in the scene
-MAX_SHORT_NAME_LETTERS = 8  # of a name for which a telephone has room
+MAX_SHORT_NAME_LETTERS = 8  # for which a telephone has room
 LONG_NAMES_NODE = "/names"  # above all longer names
 
 
@@ -31,15 +29,10 @@ def hide_long_names(client: Handle) -> None:
 def add_name(
     api: "SceneApi", node: str, name: str, position: Float64[np.ndarray, "3"], *, scale: float
 ) -> "LabelHandle":
-    """Add a name to the scene, shortened in its middle if need be.
+    """Add a name to the scene.
 
     node: path of its node, which is below `LONG_NAMES_NODE` for a long name; position: x, y and z
     (m) above which it is; scale: size of its letters, as a multiple of the usual one."""
     if len(name) > MAX_SHORT_NAME_LETTERS:
         node = f"{LONG_NAMES_NODE}{node}"
-    return scene_parts.add_label(api, node, shorten_name(name), position, scale=scale)
-
-
-def shorten_name(name: str) -> str:
-    """Name as the scene shows it, with "…" in its middle if it is long."""
-    return shorten(name, MAX_NAME_LETTERS)
+    return scene_parts.add_label(api, node, name, position, scale=scale)
