@@ -5,16 +5,16 @@ With TP, FP, FN the numbers of matched pairs, of tracks and of true objects with
     HOTA    mean over thresholds a = .05, .1, … .95 of sqrt(DetA · AssA)  (Luiten et al., IJCV 2021)
     DetA    TP / (TP + FP + FN) at a
     AssA    mean over the matched pairs at a of m / (n + k - m): a true object has n frames and a
-            track k, matched in m frames
+            track k, in m of which they are matched
     MOTA    1 - (FP + FN + switches) / true objects, at one threshold (Bernardin and Stiefelhagen
             2008); a switch is a match with another track than the last one
     IDF1    2 · IDTP / (frames of true objects + frames of tracks), one track for each true object
             (Ristani et al. 2016)
 
 A pair's similarity is the IoU of the volumes, or for people and cyclists, whose heights are
-uncertain, 1 at the same place falling to 0 at `MAX_DISTANCE_M` on the ground. Matches are as in
-TrackEval: HOTA prefers pairs that are similar over the whole recording, MOTA the matches of the
-frame before.
+uncertain, 1 at the same place falling to 0 at `MAX_DISTANCE_M` on the ground. Matches are those of
+TrackEval: HOTA prefers pairs that are similar over the whole recording, MOTA those of the frame
+before.
 """
 
 from collections.abc import Sequence

@@ -119,7 +119,7 @@ def _collect(
 def _smooth_track(
     name: int, track: _TrackDetections, times: Float64[np.ndarray, " frames"]
 ) -> tuple[Int64[np.ndarray, " f"], Tracks]:
-    """Frames of a track, and one of its rows for each.
+    """Frames of a track, and a row of it for each.
 
     Args:
         name: Its id.
@@ -193,7 +193,7 @@ def _keep_near_course(
 ) -> Float64[np.ndarray, " k"]:
     """Headings (rad) no farther than `MAX_SLIP_RAD` from the course of what moves.
 
-    So a body that is hardly seen at the border does not turn. velocities: along x and y (m/s).
+    So a body of which little is seen at the border does not turn. velocities: along x and y (m/s).
     """
     course = np.arctan2(velocities[:, 1], velocities[:, 0])
     slip = np.arctan2(np.sin(yaw - course), np.cos(yaw - course))
