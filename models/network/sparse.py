@@ -198,7 +198,7 @@ class ClassifiedCells(NamedTuple):
         class_logits: As in `Prediction`.
         features: Feature map for the head, channels last in memory.
         details: 1x1 convolution from features to the other maps, joined.
-        channels: Channels of each of these maps, in the order of the fields of `Prediction`.
+        channels: Channels of each such map, in the order of the fields of `Prediction`.
     """
 
     class_logits: Float[Tensor, "B AC H W"]
@@ -243,7 +243,7 @@ class PlainJoin(nn.Module):
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
-            biases = (shift, None, None)  # the maps are added, so one of them carries the shift
+            biases = (shift, None, None)  # the maps are added, so only one carries the shift
             self.upsample = nn.ModuleList(
                 make_conv(
                     layer.weight * scale[:, None, None],
@@ -359,7 +359,7 @@ def make_conv(
     *,
     transposed: bool = False,
 ) -> nn.Conv2d | nn.ConvTranspose2d:
-    """Convolution with a copy of these weights.
+    """Convolution with a copy of some weights.
 
     weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution. A
     transposed 1x1 convolution of stride 1 is returned as the equal one that is not transposed.

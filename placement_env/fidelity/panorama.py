@@ -74,7 +74,7 @@ class TrafficView:
         self.traffic = traffic
         self._cache = cache
         self._unseen = Visibility.unseen(traffic, (), labels)  # without a sensor
-        self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
+        self._scored = ScoredItems.from_snapshots(traffic, traffic.snapshots, labels)
         # `Surround` by `Place`, longest unused first
         self._kept = Bounded()
         self._max_bytes = DEFAULT_PANORAMA_BYTES
@@ -130,7 +130,7 @@ class TrafficView:
         points = np.zeros((len(sensors), self._scored.items))
         sent, far = np.zeros((2, len(sensors), self._scored.frames))
         for s, sensor in enumerate(sensors):
-            lookup = Lookup.of(sensor)
+            lookup = Lookup.from_sensor(sensor)
             for place, weight in shares[s]:
                 seen = surrounds[place].seen(lookup)
                 points[s] += weight * seen.points
@@ -266,8 +266,10 @@ class TrafficView:
         for place, strips in zip(missing_places, self._find_strips(missing_places), strict=True):
             stills = dict(self._kept[place].stills) if place in self._kept else {}
             for model in models - stills.keys():
-                stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
-            self._kept[place] = Surround.of(strips, self._scored, stills)
+                stills[model] = Still.from_renderer(
+                    renderer, self.traffic.site, np.array(place), model
+                )
+            self._kept[place] = Surround.from_strips(strips, self._scored, stills)
         surrounds = {place: self._kept[place] for place in requested}
         self._kept.keep(surrounds, self._max_bytes)  # may drop others
         return surrounds

@@ -236,7 +236,7 @@ class _RoundLook(_Look):
 
         Each place is looked at once; all sensors there are looked up in that view."""
         snapshots = self.traffic.snapshots[block.first : block.end]
-        scored = ScoredItems.of(self.traffic, snapshots, self.labels)
+        scored = ScoredItems.from_snapshots(self.traffic, snapshots, self.labels)
         places, place_of_sensor = self._places
         count = len(self.sensors)
         seen = SeenPoints(
@@ -248,7 +248,7 @@ class _RoundLook(_Look):
             self._strips, self.traffic, range(block.first, block.end), len(places)
         )
         for place, strips in enumerate(strips_of_places):
-            surround = Surround.of(strips, scored, self._stills[place])
+            surround = Surround.from_strips(strips, scored, self._stills[place])
             for sensor in np.flatnonzero(place_of_sensor == place).tolist():
                 sensor_points = surround.seen(self._lookups[sensor])
                 seen.points[sensor] = sensor_points.points
@@ -270,7 +270,7 @@ class _RoundLook(_Look):
     @cached_property
     def _lookups(self) -> list[Lookup]:
         # aim of each sensor in its table of rays
-        return [Lookup.of(sensor) for sensor in self.sensors]
+        return [Lookup.from_sensor(sensor) for sensor in self.sensors]
 
     @cached_property
     def _strips(self) -> SuccessiveStrips:
@@ -294,7 +294,7 @@ class _RoundLook(_Look):
         for place, model in place_models:
             key = places[place].tobytes(), model
             if key not in cached_stills:
-                cached_stills[key] = Still.of(
+                cached_stills[key] = Still.from_renderer(
                     build_renderer(self.traffic), site, places[place], model
                 )
             stills[place][model] = cached_stills[key]

@@ -138,12 +138,24 @@ def _choose_poses(
     return np.sort(best_poses)
 
 
-def describe_narrowing(pool: Candidates, searched: Int64[np.ndarray, " n"]) -> str:
-    """Sentence on how many poses of a large pool are searched. searched: their indices."""
+def describe_first_frames(search_frames: int) -> str:
+    """Text of the frames that are looked at, such as "first 8 frames": all of a shorter search.
+
+    search_frames: number of frames of the search."""
+    return f"first {describe_count(min(LOOK_FRAMES, search_frames), 'frame')}"
+
+
+def describe_narrowing(
+    pool: Candidates, searched: Int64[np.ndarray, " n"], search_frames: int
+) -> str:
+    """Sentence on how many poses of a large pool are searched.
+
+    searched: indices of these poses; search_frames: number of frames of the search."""
+    frames_text = describe_first_frames(search_frames)
     pole_text = describe_count(len(np.unique(pool.mount)), "pole")
     pose_text = describe_count(len(pool), "pose")
     searched_pole_text = describe_count(len(np.unique(pool.mount[searched])), "pole")
     return (
         f"{pole_text} with {pose_text} are too many to search: the {len(searched):,} poses on "
-        f"{searched_pole_text} go on that see most in the first {LOOK_FRAMES} frames."
+        f"{searched_pole_text} go on that see most in the {frames_text}."
     )

@@ -77,7 +77,7 @@ def test_cluster_knows_its_background_anyhow(monkeypatch):
         Background.learn(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]))
     )
     at_site = SimpleNamespace(site=load_site("tjunction"))
-    monkeypatch.setattr(ClusterDetector, "of", staticmethod(lambda recording: clusters))
+    monkeypatch.setattr(ClusterDetector, "from_recording", staticmethod(lambda recording: clusters))
     assert open_named("cluster+background", at_site) is clusters
     assert open_named("cluster", at_site) is clusters
     for name in ("cluster", "cluster+background"):

@@ -270,7 +270,7 @@ def site_background(site: Site) -> Background:
 
     Points are drawn at random, with a fixed seed, on all surfaces in the area, on average
     `POINTS_PER_FACE` on a surface as large as a side of a voxel."""
-    crop = Crop.of(site)
+    crop = Crop.from_place(site)
     slope = site.relief.slope
     voxel = choose_voxel(crop)
     mesh = build_scenery(site)

@@ -83,7 +83,7 @@ class ClusterDetector:
         return ClusterDetector(Background.learn(points))
 
     @staticmethod
-    def of(recording: CoopDataset) -> "ClusterDetector":
+    def from_recording(recording: CoopDataset) -> "ClusterDetector":
         """Learn from four noisy sweeps of a recording's empty site."""
         return ClusterDetector.learn(empty_sweeps(recording))
 

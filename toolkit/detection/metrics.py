@@ -8,7 +8,7 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 1. The detections of all frames are pooled and taken in order of descending score. Of equal scores
    the detection with the greater best IoU goes first, so the order of the input does not matter.
 2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >=
-   threshold with it; it takes the one of greatest IoU. IoU is that of volumes ("3d") or of
+   threshold with it; it takes the one of greatest IoU. IoU is between volumes ("3d") or
    footprints ("bev"), exact for rotated boxes.
 3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it is on an object
    that is present but not scored: IoU >= threshold with it, or more than half of the detection's

@@ -186,7 +186,7 @@ def _needs_shaping(letter: str) -> bool:
 
 
 def replace_letters(text: str, letters: frozenset[str]) -> str:
-    """Replace letters of a text by `UNSET`, one for each run of them.
+    """Replace letters of a text by `UNSET`, one for each run.
 
     letters: letters that no font can set."""
     new_letters: list[str] = []

@@ -252,7 +252,7 @@ class Renderer:
         )
         return renderer
 
-    def of(self, bodies: Sequence[Body]) -> "Renderer":
+    def with_bodies(self, bodies: Sequence[Body]) -> "Renderer":
         """Renderer of other bodies; shares the static scene, sensors and backgrounds."""
         renderer = self._with(bodies=tuple(bodies))
         renderer._measure_bodies()

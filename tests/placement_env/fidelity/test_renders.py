@@ -215,7 +215,7 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
         assert np.array_equal(renders.objects(k).boxes, recording[k].objects.boxes)
     assert len(renders.digest) == 64
     assert renders.digest != Recorded(recording, 1).digest
-    seen, renders = Visibility.of(recording), Recorded(recording)
+    seen, renders = Visibility.from_recording(recording), Recorded(recording)
     assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
     far = [
         [
@@ -230,7 +230,7 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
     assert seen.points[:, seen.frame == 1].tolist() == [
         count_points(cloud, boxes).tolist() for cloud in clouds
     ]
-    assert Visibility.of(recording, 1).frames == 1
+    assert Visibility.from_recording(recording, 1).frames == 1
     rough = Recorded(recording, errors=TYPICAL)
     for k in (1, 0):
         expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)

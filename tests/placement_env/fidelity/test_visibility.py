@@ -51,7 +51,7 @@ def recording(small_traffic):
 
 @pytest.mark.parametrize("seed", [None, 0, 7])
 def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recording, seen, seed):
-    found, site = Visibility.of(recording, noise_seed=seed), recording.site
+    found, site = Visibility.from_recording(recording, noise_seed=seed), recording.site
     frames = (
         recording.frames
         if seed is None
@@ -69,7 +69,7 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
     assert found.far.tolist() == np.array(far).T.tolist()
     per_frame = [found.points[:, found.frame == k].sum(axis=1) for k in range(found.frames)]
     assert found.on_objects.tolist() == np.array(per_frame).T.tolist()
-    clean = Visibility.of(recording, noise_seed=None)
+    clean = Visibility.from_recording(recording, noise_seed=None)
     assert np.array_equal(found.points, clean.points)
     assert (found.sent != clean.sent).any() == (seed is not None)
     assert np.array_equal(found.boxes, seen.boxes)
@@ -77,9 +77,9 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
 
 
 def test_of_a_recording_only_the_first_frames(recording):
-    first = Visibility.of(recording, 2)
+    first = Visibility.from_recording(recording, 2)
     assert first.frames == 2
-    assert np.array_equal(first.sent, Visibility.of(recording).sent[:, :2])
+    assert np.array_equal(first.sent, Visibility.from_recording(recording).sent[:, :2])
 
 
 def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):

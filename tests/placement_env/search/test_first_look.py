@@ -42,10 +42,13 @@ def test_poles_and_poses_that_see_most_go_on(few, monkeypatch):
     assert score[chosen].max() == score.max()
     counts = np.bincount(pool.mount[chosen])
     assert counts[counts > 0].min() >= first_look.MIN_POSES_ON_POLE
-    text = describe_narrowing(pool, chosen)
+    text = describe_narrowing(pool, chosen, 1000)
     assert text.startswith(
         f"48 poles with {len(pool):,} poses are too many to search: the 200 poses on 48 poles go on"
     )
+    assert text.endswith("see most in the first 8 frames.")
+    # a search of fewer frames looks at all, and says how many
+    assert describe_narrowing(pool, chosen, 3).endswith("see most in the first 3 frames.")
     worst = int(np.argmin(best))
     kept = first_look._choose_poses(pool, score.astype(float), np.array([worst]))
     assert worst in pool.mount[kept]

@@ -38,7 +38,7 @@ def test_points_and_objects_in_the_world_to_the_millimetre():
     sample = Frame.of_clouds(
         "0", (), Objects(boxes, np.array([0, 1, 2])), ("a", "b", "c"), np.array([5, 6, 7])
     )
-    some = sample.of(np.array([True, False, True]))
+    some = sample.select_objects(np.array([True, False, True]))
     assert some.objects.labels.tolist() == [0, 2]
     assert some.categories == ("a", "c")
     assert some.counts.tolist() == [5, 7]

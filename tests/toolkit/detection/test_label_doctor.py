@@ -215,7 +215,7 @@ def test_velocities_and_fronts_that_point_backwards():
     assert count_turned(wrong(driving()), undo) == (4, 16, 24)
     assert count_turned(driving(), undo) is None
     assert count_turned(wrong(driving(ids=False)), undo) is None
-    alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
+    alone = [each.select_objects(np.arange(3)) for each in wrong(driving(8))]
     assert count_turned(alone, undo) is None  # one car that drives backwards is no mistake of all
     # a mistake that spoils as many is none
     assert (

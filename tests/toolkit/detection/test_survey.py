@@ -151,6 +151,21 @@ def test_points_are_counted_without_a_site():
         survey(Labelled())
 
 
+def test_points_and_bits_of_a_sensor_are_means_over_the_frames_that_have_it():
+    clouds = [
+        SensorCloud("s", np.array([[3.0, 0, 0]] * (k + 2), np.float32), np.eye(4)) for k in range(3)
+    ]
+    late = SensorCloud("late", np.array([[5.0, 0, 0]] * 8, np.float32), np.eye(4))
+    nothing = Objects(np.zeros((0, 7)), np.zeros(0, int))
+    frames = [Frame.of_clouds("0", (clouds[0],), nothing)]
+    frames += [Frame.of_clouds(str(k), (clouds[k], late), nothing) for k in (1, 2)]
+    found = survey(Labelled(frames))
+    assert found.points_per_cloud == {"s": 3, "late": 8}
+    # alike with a recording of these frames only, which begins when the sensor does
+    alone = survey(Labelled([Frame.of_clouds("1", (late,), nothing)]))
+    assert found.kbit_per_sensor[1] == alone.kbit_per_sensor[0] > 0
+
+
 def sample(counts):
     boxes = np.array([[x, 0.0, 0, 2, 2, 2, 0] for x in (0.0, 10.0, 20.0)])
     points = np.array([[0, 0, 0], [0.5, 0, 0], [10, 0, 0], [99, 0, 0]], np.float32)

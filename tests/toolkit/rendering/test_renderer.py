@@ -247,7 +247,7 @@ def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed
         camera((0.0, 0.0, 9.0), 2.0, 1.4, DepthCamera(160, 120, 1, fov=2.0)),
         lidar((2.0, -3.0, 3.0), 1.0, channels=32),
     )
-    renderer = Renderer(FLAT, catalogue(), sensors).of(bodies)
+    renderer = Renderer(FLAT, catalogue(), sensors).with_bodies(bodies)
     rendered, out = renderer.render(frame), 0
     for sensor, depth, hits in zip(sensors, *rendered, strict=True):
         whole, ids = everything_at_once(FLAT, bodies, frame, sensor)

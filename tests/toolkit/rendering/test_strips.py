@@ -31,7 +31,7 @@ from toolkit.traffic.snapshots import Snapshot
 CAR = make_body("car", VEHICLE, *box((4.0, 2.0, 1.5)))
 WALL = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, -3], [4, -3]]), 0.0, 4.0)
 SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
-COUNTED = Counted(Crop.of(SITE), 12.0)
+COUNTED = Counted(Crop.from_place(SITE), 12.0)
 BOXES = np.array(
     [
         *(
@@ -210,7 +210,7 @@ def test_strips_of_frames_bodies_and_grids(cast):
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for places, expected in frames:
         moment, all_fine = moment_of(places), np.ones(len(places), bool)
-        made = strips.of(moment, all_fine)
+        made = strips.find_next(moment, all_fine)
         assert cast[-1] == expected
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, all_fine))
     assert len(find_strips(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
@@ -222,7 +222,7 @@ def test_strips_of_frames_bodies_and_grids(cast):
         ([0, 1], False, 0),
     ):
         moment, looked = moment_of([BESIDE, AWAY], bodies), np.full(2, fine)
-        made = strips.of(moment, looked)
+        made = strips.find_next(moment, looked)
         assert len(cast[-1]) == count
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, looked))
 
@@ -234,13 +234,20 @@ def test_random_frames_are_the_same_and_touch_what_they_change():
         shown = np.sort(rng.choice(14, 11, replace=False))
         places[rng.integers(14), 0] += 1.0
         moment, fine = moment_of(places[shown], (shown % 3 == 0).astype(np.int64)), shown % 2 == 0
-        assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(
+            strips.find_next(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine)
+        )
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for few in ([BESIDE, BESIDE], [BESIDE], [BESIDE, BESIDE], [], [NEAR], [NEAR, AWAY]):
         moment, fine = moment_of(few), np.ones(len(few), bool)
-        assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(
+            strips.find_next(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine)
+        )
     nowhere = SuccessiveStrips(RENDERER, np.zeros((0, 3)), COUNTED)
-    assert [len(nowhere.of(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [0, 0]
+    assert [len(nowhere.find_next(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [
+        0,
+        0,
+    ]
     ground = moment_of([(10.0, 0.0, 0.0), (25.0, 0.0, 0.0), (14.5, 0.0, 0.0)]).ground
     for height, expected in ((12.0, [[2, 0]]), (1.0, [[1, 0], [1, 2], [2, 0]])):
         eye = np.array([[0.0, 0.0, height]])

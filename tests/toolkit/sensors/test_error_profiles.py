@@ -143,7 +143,8 @@ def test_calibration_is_what_the_name_says(name, degrees, metres):
 
 def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
     said = [
-        BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 1, frame, 2)) for frame in (0, 9)
+        BlindSector(share=0.25).apply(Reading.from_truth(street), Draws(5, 1, frame, 2))
+        for frame in (0, 9)
     ]
     columns = street.measurement.shape[1]
     for each in said:
@@ -151,15 +152,17 @@ def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
         assert not (each.valid & blind).any()
         assert 0 < blind.sum() <= round(0.25 * columns)
     assert (said[0].measurement == said[1].measurement).all()
-    other = BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 2, 0, 2))
+    other = BlindSector(share=0.25).apply(Reading.from_truth(street), Draws(5, 2, 0, 2))
     assert (other.measurement != said[0].measurement).any()
-    assert BlindSector(share=1.0).apply(Reading.of(street), Draws(5, 1, 0, 2)).valid.sum() == 0
+    assert (
+        BlindSector(share=1.0).apply(Reading.from_truth(street), Draws(5, 1, 0, 2)).valid.sum() == 0
+    )
 
 
 def test_a_bias_of_range_is_one_number_of_a_sensor(street):
     offsets = []
     for sensor in range(200):
-        said = RangeBias(deviation=0.05).apply(Reading.of(street), Draws(5, sensor, 0, 2))
+        said = RangeBias(deviation=0.05).apply(Reading.from_truth(street), Draws(5, sensor, 0, 2))
         off = (said.measurement - street.measurement)[street.valid]
         assert np.ptp(off) < 1e-4
         offsets.append(off.mean())

@@ -72,7 +72,7 @@ def test_points_on_a_car_move_with_its_velocity_and_drops_stay(read, street):
     speed = np.full((4, 3), 10.0)
     near = np.where(street.owners == 0, np.float32(2.0), street.measurement)
 
-    reading = replace(Reading.of(replace(street, velocities=speed)), measurement=near)
+    reading = replace(Reading.from_truth(replace(street, velocities=speed)), measurement=near)
     said = ClockOffset(0.05).apply(reading, Draws(0, 1, 2, 3))
     assert said.shift is not None
     assert not said.shift[street.owners == 0].any()

@@ -87,13 +87,13 @@ def test_it_agrees_with_rendering_and_panoramas_at_any_aim(traffic, view):
 
 def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
     asked = []
-    made = SuccessiveStrips.of
+    made = SuccessiveStrips.find_next
 
     def counted(self, moment, fine):
         asked.append(self._viewpoints[:, 2].round(6).tolist())
         return made(self, moment, fine)
 
-    monkeypatch.setattr(SuccessiveStrips, "of", counted)
+    monkeypatch.setattr(SuccessiveStrips, "find_next", counted)
     view = TrafficView(traffic)
     view.see(hung((0, 4.3, 0.7, 0.3, 0)))
     assert asked == [[4.1, 4.6, 5.1]] * 2  # the foot stands at 0.1
@@ -118,7 +118,7 @@ def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypa
     )
     first = TrafficView(traffic, cache=cache).see(some)
     assert len(cache) == 3
-    monkeypatch.setattr(SuccessiveStrips, "of", None)
+    monkeypatch.setattr(SuccessiveStrips, "find_next", None)
     for one in (TrafficView(traffic, cache=cache).see(some), view.see(some)):
         np.testing.assert_array_equal(one.points, first.points)
         np.testing.assert_array_equal(one.sent, first.sent)

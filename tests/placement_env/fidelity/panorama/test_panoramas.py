@@ -87,7 +87,7 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
     def fail(*_: object) -> None:
         raise AssertionError("made again")
 
-    monkeypatch.setattr(SuccessiveStrips, "of", fail)
+    monkeypatch.setattr(SuccessiveStrips, "find_next", fail)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     turned = [*SENSORS[:3], Sensor("3", CAMERA, look(AT, 2.0, 0.3))]
     others = replace(small_traffic, snapshots=small_traffic.snapshots[::-1])

@@ -57,7 +57,7 @@ def counted(model, rects, heading, tilt, roll=0.0):
 
 def whole(table, rects, heading=0.0, more=0.0):
     where, counts = table.counts(
-        Rectangles.of(*rects),
+        Rectangles.from_edges(*rects),
         np.float32(heading * AZIMUTHS_PER_RAD),
         np.float32(more * ELEVATIONS_PER_RAD),
     )
@@ -99,7 +99,7 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
     large = exact > 100
     assert np.abs(near[large] / exact[large] - 1).mean() < 0.02
     steady, tilted = (
-        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt))))
+        Lookup.from_sensor(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt))))
         for tilt in (15.0, 15.4)
     )
     assert steady.table is tilted.table

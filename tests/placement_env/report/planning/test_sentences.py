@@ -17,7 +17,9 @@ from placement_env.report.content import (
     Verdict,
 )
 from placement_env.report.planning import refusals, sentences
+from placement_env.report.planning.question import Stock
 from toolkit.detection.link.range_images import RangeImages
+from toolkit.runtime.run import Run
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 SITE = Site("street", np.array([-20.0, -20, 20, 20]))
@@ -232,6 +234,28 @@ def test_schemes_at_the_plans_iou_and_single_failures_are_said(ask):
             "sets 0.910 (0.850 to 0.950)."
         )
     ]
+
+
+def test_numbers_in_assumptions_are_the_ones_in_use(ask, monkeypatch):
+    said = assume(ask(SITE, errors=("typical",)))
+    assert "over blocks of 8 frames, two lives of an object" in said
+    assert "links are compared with them at 10 frames a second" in said
+    assert "drawn anew for every 4 frames" in said
+    for name, number in (("BLOCK_FRAMES", 12), ("FRAME_RATE_HZ", 2.5), ("LIFE", 6)):
+        monkeypatch.setattr(sentences, name, number)
+    changed = assume(ask(SITE, errors=("typical",)))
+    for words in ("blocks of 12 frames", "at 2.5 frames a second", "for every 6 frames"):
+        assert words in changed
+
+
+def test_a_narrowed_search_states_the_frames_that_it_looked_at(ask):
+    question = ask(SITE, candidates=None)
+    narrowed = replace(
+        question, setting=replace(question.setting, candidates=Stock(only=("p0", "p1")))
+    )
+    assert "the 2 that see most in the first 8 frames went on" in assume(narrowed)
+    short = replace(narrowed, run=Run(frames=3))
+    assert "the 2 that see most in the first 3 frames went on" in assume(short)
 
 
 def test_assumptions_name_what_was_asked_and_no_more(ask):
