@@ -1,8 +1,9 @@
 """What tests of every folder share: smaller limits, noted calls, errors of functions, missing
-packages, variables of the environment, a folder to work in, the browser that pages are opened in, a Ray cluster of two nodes, and hypothesis
-without a clock."""
+packages, variables of the environment, a folder to work in, the browser that pages are opened in, a
+Ray cluster of two nodes, and hypothesis without a clock."""
 
 import importlib
+import os
 import shutil
 import sys
 from typing import Any, NamedTuple
@@ -14,6 +15,8 @@ from toolkit.plots import fonts
 
 settings.register_profile("any machine", deadline=None)  # a busy one is no fault
 settings.load_profile("any machine")
+# figures in tests are those of exact numbers, whatever the processor is quickest with
+os.environ.setdefault("COVIEW_NUMBERS", "float32")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -130,13 +133,14 @@ def system_fonts(monkeypatch):
 
 
 @pytest.fixture
-def bfloat16_speed(monkeypatch):
-    """Say whether this machine is quick at bfloat16: `bfloat16_speed(quick=True)`."""
+def bfloat16_library(monkeypatch):
+    """Say which library this machine is quickest with at bfloat16, None for none:
+    `bfloat16_library("torch")`."""
 
-    def set_speed(*, quick):
-        monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: quick)
+    def set_library(name):
+        monkeypatch.setattr("models.detector.find_bfloat16_library", lambda device: name)
 
-    return set_speed
+    return set_library
 
 
 @pytest.fixture(scope="module")

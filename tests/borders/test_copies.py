@@ -34,6 +34,10 @@ COPIES = {
     "pickle": lambda original: pickle.loads(pickle.dumps(original)),
 }
 both_ways = pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
+# copies of vectors are copies of their environments
+scalar_quickly = pytest.mark.parametrize(
+    "vector", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["scalar", "vector"]
+)
 
 STEP_ELSEWHERE = """
 import pickle, sys
@@ -72,7 +76,7 @@ def is_same(one, other) -> bool:
 
 
 @both_ways
-@pytest.mark.parametrize("vector", [False, True], ids=["scalar", "vector"])
+@scalar_quickly
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_a_copied_environment_goes_its_own_way(name, vector, duplicate):
     env, draw_action = start(name, vector=vector)

@@ -11,7 +11,6 @@ from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, load_detector
 from models.network.candidates import MIN_RIVAL_SCORE, apply_rivals
 from models.network.grid import collate, voxelise
-from models.network.sparse import is_quick_at_bfloat16
 from models.network.voxelnet import VoxelNet
 from models.weight_files import WeightsHeader, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
@@ -315,35 +314,14 @@ def test_unions_may_have_many_candidates_or_none(limits):
     assert [len(each) for each in detector.unions([], np.zeros((2, 0), bool))] == [0, 0]
 
 
-def test_bfloat16_is_quick_where_it_takes_less_time(monkeypatch):
-    def quick_at(seconds, device="cpu"):
-        monkeypatch.setattr(
-            "models.network.sparse.time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
-        )
-        is_quick_at_bfloat16.cache_clear()
-        return is_quick_at_bfloat16(torch.device(device))
-
-    def support(supported, *names):
-        for name in names:
-            monkeypatch.setattr(f"torch.cpu._is_{name}_supported", lambda: supported, raising=False)
-
-    support(True, "avx512_bf16")
-    assert quick_at((2.0, 1.0))
-    assert not quick_at((2.0, 1.9))  # so near might be chance
-    assert not quick_at((2.0, 4.0))
-    assert not quick_at((2.0, 1.0), device="cuda")
-    support(False, "avx512_bf16", "amx_tile")
-    assert not quick_at((2.0, 1.0))
-    is_quick_at_bfloat16.cache_clear()
-
-
-def test_a_quick_detector_differs_a_little_and_says_so(bfloat16_speed):
+def test_a_quick_detector_differs_a_little_and_says_so(bfloat16_library):
     detector = VoxelNetDetector(network(), score_threshold=0.0)
-    bfloat16_speed(quick=False)
+    bfloat16_library(None)
     assert detector.quick() is detector
-    bfloat16_speed(quick=True)
+    bfloat16_library("torch")
     quick = detector.quick()
     assert quick.digest != detector.digest
+    assert quick.quick() is quick
     exact, coarse = (
         each.network(collate([voxelise(torch.as_tensor(points()), CONFIG)]))
         for each in (detector, quick)

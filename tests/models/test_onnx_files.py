@@ -30,8 +30,11 @@ def cloud(n=3000, seed=0):
     "config",
     [
         VoxelNetConfig.light(AREA, **road_users()),
-        VoxelNetConfig(
-            AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+        pytest.param(
+            VoxelNetConfig(
+                AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+            ),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["light", "published"],
@@ -80,7 +83,7 @@ def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, fail):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.onnx", "t.onnx.json"]
 
 
-def test_the_part_that_halves_in_bfloat16_can_be_exported():
+def test_the_proposal_part_can_be_exported():
     detector = load_detector("general", area=AREA)
     maps = torch.zeros(1, 48, *detector.config.map_shape)
 

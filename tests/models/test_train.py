@@ -57,6 +57,7 @@ def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weigh
     assert {"losses.png", "ap.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
+@pytest.mark.slow
 def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, limits):
     limits("models.training.second_stage", FACE_STEPS=20)
     chosen = {

@@ -34,6 +34,7 @@ def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
     assert json.loads(out) == json.loads((tmp_path / "stress.json").read_text())
 
 
+@pytest.mark.slow
 def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
     arguments = (
         "stress",

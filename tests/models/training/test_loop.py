@@ -94,6 +94,7 @@ def test_folders_of_other_runs_and_heads_that_do_not_fit_are_refused(packed_file
         loop.train(packed_file, VoxelNetConfig.light(AREA), presets.PRESETS["paper"], tmp_path)
 
 
+@pytest.mark.slow
 def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(
     packed_file, tmp_path, limits
 ):

@@ -117,6 +117,7 @@ CASES: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "given"),
     [CASES[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])],
@@ -184,6 +185,7 @@ def test_both_checkers_pass_where_episodes_differ(name: str, given: dict[str, An
     check_env_sb3(env)
 
 
+@pytest.mark.slow
 def test_episodes_draw_their_traffic_where_asked():
     own = {
         "site": "tjunction",

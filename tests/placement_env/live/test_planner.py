@@ -354,6 +354,7 @@ def test_keep_out_areas_bar_poles_and_can_be_undone(planner) -> None:
     assert not planner.variant.keep_out
 
 
+@pytest.mark.slow
 def test_another_question_is_answered_on_the_same_traffic(planner) -> None:
     before, traffic = planner.finish(), planner.preparation.traffic
     strict = planner.ask(cases=Cases(iou=0.8))

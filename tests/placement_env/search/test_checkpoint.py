@@ -219,6 +219,7 @@ print(found.best.subset, found.evaluations, found.history.reward.tolist())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_killed_by_the_system_in_the_middle(make, tmp_path):
     def start():

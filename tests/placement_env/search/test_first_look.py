@@ -19,6 +19,7 @@ def few():
     )
 
 
+@pytest.mark.slow
 def test_the_first_look_has_a_few_frames(few):
     assert few.visibility.frames == first_look.LOOK_FRAMES
 

@@ -46,6 +46,7 @@ def test_a_recording_is_whole_by_seed_and_number(recording):
     assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
 
 
+@pytest.mark.slow
 def test_site_files_are_recorded_in_turn_instead_of_drawn_junctions(tmp_path):
     paths = [tmp_path / f"{k}.json" for k in range(2)]
     for k, path in enumerate(paths):
@@ -62,6 +63,7 @@ def test_site_files_are_recorded_in_turn_instead_of_drawn_junctions(tmp_path):
     assert out.read_text() == "\n".join(repr(digest(each)) for each in made[:2])
 
 
+@pytest.mark.slow
 def test_everyone_is_drawn_afresh_or_stretched():
     recording = random_recording(seed=4, number=1, frames=3, fleet=fleet_named("catalogue"))
     sizes = np.concatenate(

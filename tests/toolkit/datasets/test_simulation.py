@@ -272,6 +272,7 @@ def test_progress_is_told_while_processes_work(tmp_path):
     assert told[-1] == FRAMES
 
 
+@pytest.mark.slow
 def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after_a_break(
     tmp_path, limits
 ):

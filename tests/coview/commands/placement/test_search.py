@@ -396,6 +396,7 @@ def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.slow
 def test_classes_are_weighed(run, tmp_path):
     asked = (
         "search",
@@ -554,6 +555,7 @@ def test_the_cheapest_set_and_the_curve(tmp_path, run):
     ]
 
 
+@pytest.mark.slow
 def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
     swapped = (
         "search",
@@ -601,6 +603,7 @@ def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp
     assert call.args[0].run.cache == tmp_path / "o.parts" / "search.cache.state"
 
 
+@pytest.mark.slow
 def test_levels_of_traffic_are_searched_and_judged(run, refused, tmp_path):
     few = (
         "search",

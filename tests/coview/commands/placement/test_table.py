@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 
 def test_it_scores_every_set_and_replaces_nothing_untold(recording, tmp_path, run, refused):
     out = tmp_path / "table.npz"
@@ -27,6 +29,7 @@ def test_errors_by_name(recording, tmp_path, run, refused, fail, spy):
     )
 
 
+@pytest.mark.slow
 def test_a_table_of_classes_is_searched(recording, tmp_path, run, refused):
     out, classes = (
         tmp_path / "all.npz",

@@ -325,6 +325,11 @@ def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(str
             return Detections(boxes, found.scores)
 
     rough = Judge((Detected(street.detected.renders, Rough(), "early"),))
+    drawn = replace(street.judge, drawings=(rough,))  # schemes are those of the first drawing
+    of_first = ChosenSet((0, 1), ("a", "b"), drawn, street.objective).schemes()
+    assert [(row.iou, row.judged.ap, row.as_good) for row in of_first] == [
+        (row.iou, row.judged.ap, row.as_good) for row in single.schemes()
+    ]
     aps = {
         row.iou: row.judged.ap
         for row in ChosenSet((0, 1), ("a", "b"), rough, street.objective).schemes()[:3]
