@@ -64,11 +64,11 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     _add_pole_marks(api, poles)
     length = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
     size = np.array([ARROW_M, ARROW_M + 2 * HEAD_M])
-    middle = _find_room(site, size, site.area[2:])
+    middle = find_free_spot(site, size, site.area[2:])
     _add_north(api, site, middle)
     arrow = shapely.box(*(middle - size / 2), *(middle + size / 2))
     _add_scale(
-        api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2], [arrow])
+        api, site, length, find_free_spot(site, np.array([length, HEAD_M]), site.area[:2], [arrow])
     )
     low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
@@ -120,7 +120,7 @@ def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) ->
     )
 
 
-def _find_room(
+def find_free_spot(
     site: Site,
     size: Float64[np.ndarray, "2"],
     corner: Float64[np.ndarray, "2"],

@@ -162,7 +162,7 @@ def look_round(
         Block(first=k, end=min(k + VIEW_BLOCK_FRAMES, len(traffic)))
         for k in range(0, len(traffic), VIEW_BLOCK_FRAMES)
     ]
-    look = _RoundLook(traffic, tuple(sensors), tuple(labels))
+    look = RoundLook(traffic, tuple(sensors), tuple(labels))
     seen = look.see(blocks, run, total=len(traffic))
     # points, sent and far of all blocks, each joined along the objects or frames
     return SeenPoints(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
@@ -228,7 +228,7 @@ class _FullLook(_Look):
         return make_key("seen", self.traffic.digest(), *self._depends_on(sensors))
 
 
-class _RoundLook(_Look):
+class RoundLook(_Look):
     """Points of all sensors, from panoramas; a block is a range of frames."""
 
     def __call__(self, block: Block) -> SeenPoints:
@@ -257,6 +257,7 @@ class _RoundLook(_Look):
         return seen
 
     def key(self, block: Block) -> bytes:
+        """Key of a block's points in a cache."""
         traffic = self.traffic.part(block.first, block.end)
         return make_key("panoramas", traffic.digest(), self._depends_on(self.sensors))
 

@@ -51,7 +51,7 @@ def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray
     on_thinned_poles = np.flatnonzero(np.isin(pool.mount, thin_poles(pool, setting)))
     thinned_setting = replace(setting, candidates=pool.select(on_thinned_poles))
     first_look = prepare_first_look(thinned_setting, run, stride)
-    best_rows = _choose_at_first_look(first_look)  # indices in the thinned pool
+    best_rows = choose_at_first_look(first_look)  # indices in the thinned pool
     return on_thinned_poles if best_rows is None else on_thinned_poles[best_rows]
 
 
@@ -81,7 +81,7 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     return np.sort(order)
 
 
-def _choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
+def choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
     """Indices of the candidates that see most at the first look, ascending; None for all.
 
     All stay if they are few enough, or if none may be built."""
@@ -98,7 +98,7 @@ def _choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | 
     if not is_allowed.any():
         return None
     score = np.where(is_allowed, _score_poses(first_look), -math.inf)
-    return _choose_poses(pool, score, objective.kept)
+    return choose_poses(pool, score, objective.kept)
 
 
 def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
@@ -112,7 +112,7 @@ def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
     return np.array(scores)
 
 
-def _choose_poses(
+def choose_poses(
     pool: Candidates, score: Float64[np.ndarray, " C"], required: Int64[np.ndarray, " k"]
 ) -> Int64[np.ndarray, " n"]:
     """Indices of the poses with the highest scores, ascending, at most `MAX_POSES`.

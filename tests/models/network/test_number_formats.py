@@ -18,7 +18,7 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def processor(monkeypatch):
+def processor(monkeypatch, environment, without_packages):
     """A processor whose times and instructions are given: float32, torch and OpenVINO."""
 
     def describe(float32=2.0, by_torch=1.0, by_openvino=1.0, *, sets=("avx512_bf16",), has=True):
@@ -28,14 +28,15 @@ def processor(monkeypatch):
             ("openvino", torch.bfloat16): by_openvino,
         }
         monkeypatch.setattr(number_formats, "time_layer", lambda *key: seconds[key])
-        monkeypatch.setattr(number_formats, "find_spec", lambda name: name if has else None)
+        if not has:
+            without_packages("openvino")
         for name in ("avx512_bf16", "amx_tile"):
             monkeypatch.setattr(
                 f"torch.cpu._is_{name}_supported", lambda name=name: name in sets, raising=False
             )
         number_formats._time_libraries.cache_clear()
 
-    monkeypatch.setenv(NUMBERS_VARIABLE, "auto")
+    environment(**{NUMBERS_VARIABLE: "auto"})
     yield describe
     number_formats._time_libraries.cache_clear()
 
@@ -67,14 +68,14 @@ def test_only_processors_with_the_instructions_count(processor):
     assert find_bfloat16_library(torch.device("cuda")) is None
 
 
-def test_float32_can_be_demanded(processor, monkeypatch):
+def test_float32_can_be_demanded(processor, environment):
     processor()
-    monkeypatch.setenv(NUMBERS_VARIABLE, "float32")
+    environment(**{NUMBERS_VARIABLE: "float32"})
     assert find_bfloat16_library(CPU) is None
 
 
-def test_an_unknown_format_is_refused_by_its_name(processor, monkeypatch):
-    monkeypatch.setenv(NUMBERS_VARIABLE, "int8")
+def test_an_unknown_format_is_refused_by_its_name(processor, environment):
+    environment(**{NUMBERS_VARIABLE: "int8"})
     with pytest.raises(ValueError, match="must be auto or float32, got 'int8'"):
         find_bfloat16_library(CPU)
 

@@ -72,10 +72,10 @@ def test_threads_get_the_maps_of_their_own_cloud(trained, cloud, assert_same):
             assert_same(maps, network(voxels))
 
 
-def test_a_detector_finds_the_same_boxes_in_float32(trained, cloud, monkeypatch):
+def test_a_detector_finds_the_same_boxes_in_float32(trained, cloud, bfloat16_library):
     config = CONFIGS["light"]
     exact = VoxelNetDetector(trained(config), score_threshold=0.01)
-    monkeypatch.setattr("models.detector.find_bfloat16_library", lambda device: "openvino")
+    bfloat16_library("openvino")
     quick = exact.quick()
     assert quick.name.endswith("+bfloat16")
     quick.network = by_openvino(exact.network)

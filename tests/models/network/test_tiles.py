@@ -192,13 +192,13 @@ def test_several_classes_crowded_voxels_and_many_clouds(trained):
     assert_maps_are_those_of_the_network(network, clouds, unions)
 
 
-def test_what_memory_does_not_hold_comes_in_parts(trained, monkeypatch):
+def test_what_memory_does_not_hold_comes_in_parts(trained, limits):
     network = SparseVoxelNet(trained(light(AREAS["whole tiles"])))
     clouds = drawn(network.config, 6)
     unions = np.random.default_rng(3).permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))
     at_once = assert_maps_are_those_of_the_network(network, clouds, unions)
-    monkeypatch.setattr(tiles, "MAX_ENTRIES", 8)
-    monkeypatch.setattr(tiles, "MAX_BATCH_TILES", 3)
+    limits(tiles, MAX_ENTRIES=8)
+    limits(tiles, MAX_BATCH_TILES=3)
     assert assert_maps_are_those_of_the_network(network, clouds, unions) > at_once
 
 

@@ -144,6 +144,9 @@ def test_points_are_counted_without_a_site():
     text = found.text([[0]])
     assert "7 of 8 labelled cuboids hold as many points as the set says" in text
     assert "vehicle from 0: 0.0% of 4 without a point, mean 1.5, median 1.5 points" in text
+
+
+def test_a_class_without_counts_is_left_out_and_no_frame_refused():
     found = survey(Labelled([sample(None)]), classes=["cyclist"])
     assert found.agreeing == (1, 1)  # of the cone
     assert "cyclist from" not in found.text([[0]])

@@ -457,14 +457,14 @@ def test_detections_without_ids_are_objects_of_one_instant(tmp_path):
     assert list(json.loads(path.read_text())["openlabel"]["objects"]) == list("012345")
 
 
-def test_a_name_a_place_and_a_package_that_are_missing(tmp_path, monkeypatch):
+def test_a_name_a_place_and_a_package_that_are_missing(tmp_path, without_packages):
     with pytest.raises(ValueError, match="no writer 'kml': choose among kitti-tracking"):
         open_writer("kml", tmp_path / "a").__enter__()
     with pytest.raises(ValueError, match="mf-json needs the recording's place on earth"):
         open_writer("mf-json", tmp_path / "a").__enter__()
-    monkeypatch.setattr("toolkit.exchange.standard.find_spec", lambda module: None)
     for name, standard in STANDARDS.items():
         if standard.packages:
+            without_packages(*(module for module, _ in standard.packages))
             with pytest.raises(ImportError, match=r"needs .*: pip install coview\[exchange\]"):
                 open_writer(name, tmp_path / "a", origin=ORIGIN).__enter__()
     assert list(tmp_path.iterdir()) == []

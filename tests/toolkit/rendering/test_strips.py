@@ -150,8 +150,8 @@ def test_boxes_have_their_solid_angle_and_nothing_none(scene):
     assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]
 
 
-def test_portions_make_no_difference(scene, strips, monkeypatch):
-    monkeypatch.setattr(module, "RAYS_AT_ONCE", 500)
+def test_portions_make_no_difference(scene, strips, limits):
+    limits(module, RAYS_AT_ONCE=500)
     for one, other in zip(
         find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True
     ):
@@ -180,19 +180,18 @@ def assert_same(one, other):
 
 
 @pytest.fixture
-def cast(monkeypatch):
-    """Viewpoint and object of what is cast, frame after frame."""
-    found: list[set[tuple[int, int]]] = []
+def last_cast(spy):
+    """Viewpoints and objects of what was cast last."""
+    calls = spy(module, "cast_strips")
 
-    def noted(renderer: Any, moment: Any, viewpoints: Any, counted: Any, sectors: Any) -> Any:
-        found.append(set(zip(sectors.viewpoint.tolist(), sectors.item.tolist(), strict=True)))
-        return cast_strips(renderer, moment, viewpoints, counted, sectors)
+    def find_pairs():
+        (*_, sectors), _ = calls[-1]
+        return set(zip(sectors.viewpoint.tolist(), sectors.item.tolist(), strict=True))
 
-    monkeypatch.setattr(module, "cast_strips", noted)
-    return found
+    return find_pairs
 
 
-def test_strips_of_frames_bodies_and_grids(cast):
+def test_strips_of_frames_bodies_and_grids(last_cast):
     frames: list[tuple[list[Any], set[tuple[int, int]]]] = [
         ([NEAR, FAR, BESIDE], {(v, n) for v in (0, 1) for n in range(3)}),
         ([BESIDE, NEAR, FAR], set()),  # all of them stand, in another order
@@ -211,7 +210,7 @@ def test_strips_of_frames_bodies_and_grids(cast):
     for places, expected in frames:
         moment, all_fine = moment_of(places), np.ones(len(places), bool)
         made = strips.find_next(moment, all_fine)
-        assert cast[-1] == expected
+        assert last_cast() == expected
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, all_fine))
     assert len(find_strips(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
@@ -223,7 +222,7 @@ def test_strips_of_frames_bodies_and_grids(cast):
     ):
         moment, looked = moment_of([BESIDE, AWAY], bodies), np.full(2, fine)
         made = strips.find_next(moment, looked)
-        assert len(cast[-1]) == count
+        assert len(last_cast()) == count
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, looked))
 
 
@@ -275,12 +274,12 @@ def test_random_frames_are_the_same_and_touch_what_they_change():
     assert find_touching(moment_of([]).ground).tolist() == []
 
 
-def test_what_may_hide_what(monkeypatch):
+def test_what_may_hide_what(limits):
     ground = moment_of([NEAR, FAR, BESIDE, BELOW]).ground
     fine = np.ones(4, bool)
     found = may_hide(ground, EYES, find_sectors(ground, EYES, fine))
     assert np.argwhere(found[0]).tolist() == [[1, 0]]  # far ones are hidden by near ones alone
     assert not found[:, 2].any()
     assert not found[1, 3].any()  # right below: nothing begins nearer
-    monkeypatch.setattr(module, "PAIRS_AT_ONCE", 1)
+    limits(module, PAIRS_AT_ONCE=1)
     np.testing.assert_array_equal(may_hide(ground, EYES, find_sectors(ground, EYES, fine)), found)

@@ -39,7 +39,7 @@ class Offset:
         return reading.measuring(reading.measurement + np.float32(self.metres) * reading.valid)
 
 
-def test_digests_and_names_of_profiles():
+def test_digests_follow_terms_and_order():
     one = ErrorProfile("one", (OwnNoise(), Calibration(0.01, 0.05)))
     assert one.digest == ErrorProfile("two", one.terms).digest
     assert len(one.digest) == 64
@@ -58,6 +58,9 @@ def test_digests_and_names_of_profiles():
     assert hash(one) == hash(ErrorProfile("one", one.terms))
     with pytest.raises(ValueError, match="needs a name"):
         ErrorProfile("", ())
+
+
+def test_profiles_are_found_by_name():
     assert list(PROFILES) == ["paper", "surveyed", "typical", "glare", "typical-clock", "poor"]
     assert [find_profile(name) for name in ("paper", "surveyed", "typical", "poor")] == [
         *(PAPER_ERRORS, SURVEYED, TYPICAL, POOR)
@@ -69,6 +72,9 @@ def test_digests_and_names_of_profiles():
     ):
         find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 6
+
+
+def test_drawn_errors_need_a_seed():
     check_drawn(PAPER_ERRORS, None)
     check_drawn(TYPICAL, 0)
     with pytest.raises(
@@ -84,7 +90,7 @@ def test_what_is_no_term_is_refused(terms):
     assert "term" in str(refused.value)
 
 
-def test_own_terms_take_part_and_draw_the_same_in_any_company(street):
+def test_own_terms_take_part(street):
     assert isinstance(Offset(), ErrorTerm)
     mine = ErrorProfile("mine", (Offset(0.25),))
     said = mine.read(street, seed=0, sensor=1, frame=2)
@@ -92,12 +98,18 @@ def test_own_terms_take_part_and_draw_the_same_in_any_company(street):
     assert not said.measurement[~street.valid].any()
     assert mine.modules == [__name__]
     assert not mine.needs_velocities
+
+
+def test_terms_draw_the_same_in_any_company(street):
     rainy = ErrorProfile("a", (rain(30.0),)).read(street, seed=1, sensor=2, frame=3)
     later = ErrorProfile("b", (Calibration(0.01, 0.1), DropOut(0.0), rain(30.0))).read(
         street, seed=1, sensor=2, frame=3
     )
     assert np.array_equal(rainy.measurement, later.measurement)
     assert (later.pose != rainy.pose).any()
+
+
+def test_no_terms_change_nothing(street):
     said = ErrorProfile("none", ()).read(street, seed=0, sensor=0, frame=0)
     assert said.measurement is street.measurement
     assert said.pose is street.sensor.pose

@@ -34,10 +34,9 @@ thing = 3
 
 
 @pytest.fixture
-def ours(tmp_path, monkeypatch):
+def ours(tmp_path, work_in):
     (tmp_path / "our_detectors.py").write_text(OURS)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
+    work_in(tmp_path)
     yield
     sys.modules.pop("our_detectors", None)
 

@@ -21,7 +21,7 @@ def scene(example):
     return build_plan_scene(example.plan, example.site, example.ground, example.moments)
 
 
-def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
+def test_every_sensor_and_box_has_a_node(scene):
     sensors, boxes = scene.layers[:4], scene.layers[4:]
     assert [(each.name, each.node) for each in sensors] == [
         *(("d0", "/sensors/0"), ("d1", "/sensors/1"), ("d3", "/sensors/2"), ("d5", "/sensors/3"))
@@ -32,9 +32,15 @@ def test_every_sensor_box_and_frame_has_nodes_in_a_small_page(scene):
         "Detections that hit", "/hit", OUTCOME["hit"].colour, "thick solid boxes"
     )
     assert len({each.colour for each in boxes}) == len({each.mark for each in boxes}) == 4
+
+
+def test_every_frame_has_nodes_of_its_own(scene):
     assert len(scene.frames) == 3
     assert scene.frames[1][:2] == ("/sensors/0/points 1", "/sensors/1/points 1")
     assert len(set(sum(scene.frames, ()))) == 3 * 8
+
+
+def test_the_page_is_small_and_loads_nothing(scene):
     assert len(scene.html) < 4e6
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:|//|/)", scene.html)
     assert "__VISER_EMBED_DATA__" in scene.html
