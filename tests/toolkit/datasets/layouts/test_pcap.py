@@ -74,6 +74,8 @@ def test_turns_of_a_vlp16_are_frames(tmp_path):
 def test_rays_of_a_vlp16_turn_clockwise_by_its_manual(tmp_path):
     frames = list(open_recording(capture(tmp_path / "a.pcap", turning())))
     (cloud,) = frames[1].clouds
+    assert cloud.ring is not None
+    assert cloud.time is not None
     ranges = np.linalg.norm(cloud.points, axis=1)
     np.testing.assert_allclose(ranges, 10.0, atol=0.01)  # beams begin 4 cm beside the axis
     elevations = np.rad2deg(np.arcsin(cloud.points[:, 2] / ranges))
