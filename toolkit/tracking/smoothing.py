@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import BoxRows, Float64, Int64
+from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.tracker import (
@@ -31,6 +31,10 @@ YAW_SMOOTHING_S = 0.25  # standard deviation of the mean over time
 FILLED_SHARE = 0.7  # score of a box that fills a gap, per score of the track
 MAX_SLIP_RAD = np.radians(10.0)  # between heading and course, as in narrow bends
 MIN_FILLING_HITS = 3  # detections of a track whose gaps are filled
+MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
+MAX_TURN_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
+MAX_YAW_RATE_RAD_S = 1.5  # of a body on wheels
+OUTLIER_DOUBT = 5.0  # factor of the doubts of a detection that cannot face so
 
 
 class _TrackDetections(NamedTuple):
@@ -132,6 +136,10 @@ def _smooth_track(
     label = int(np.bincount(track.labels, track.scores, len(LABELS)).argmax())
     yaw = _settle_heading(track, times[track.frame])
     doubts = turn_faces(track.doubts, np.cos(track.boxes[:, 6] - yaw) < 0)
+    if label != PEDESTRIAN:
+        usual_yaw, is_outlier = _find_outliers(yaw, times[track.frame])
+        yaw = np.where(is_outlier, usual_yaw, yaw)
+        doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
     weights = weigh_sizes(doubts)
     size = (weights * track.boxes[:, 3:6]).sum(axis=0) / weights.sum(axis=0)
     sizes = np.tile(size, (len(seen), 1))
@@ -186,6 +194,26 @@ def _settle_heading(
         along = steps[:, 0] * np.cos(yaw[1:]) + steps[:, 1] * np.sin(yaw[1:])
         backwards = bool(along.sum() < 0)
     return yaw + np.pi if backwards else yaw
+
+
+def _find_outliers(
+    yaw: Float64[np.ndarray, " k"], seconds: Float64[np.ndarray, " k"]
+) -> tuple[Float64[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
+    """Median heading (rad) around each detection, and a mask of those too far from it.
+
+    At the border of the area a body of which a corner is left is detected across its course. yaw:
+    heading of each detection (rad, continuous); seconds: time of each."""
+    from scipy.ndimage import median_filter
+
+    count = len(yaw)
+    if count < MEDIAN_DETECTIONS:
+        return yaw, np.zeros(count, np.bool_)
+    median = median_filter(yaw, MEDIAN_DETECTIONS, mode="mirror")
+    half = MEDIAN_DETECTIONS // 2
+    rows = np.arange(count)
+    span = seconds[np.minimum(rows + half, count - 1)] - seconds[np.maximum(rows - half, 0)]
+    max_turn = MAX_TURN_RAD + MAX_YAW_RATE_RAD_S * span / 2
+    return median, np.abs(yaw - median) > max_turn
 
 
 def _keep_near_course(

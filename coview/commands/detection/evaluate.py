@@ -40,7 +40,8 @@ class Link:
     step: float = 0.02
     """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
     rate: float | None = None
-    """Frame rate (Hz); prints each scheme's load on the link."""
+    """Frame rate (Hz); prints each scheme's load on the link, and gives times to --tracks of
+    texts."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,9 @@ class Rules:
     """Print AP by range and points, and in other protocols; usual without a known site."""
     radius: float | None = None
     """Distance (m) beyond which hybrid fusion shares points; the site's when left out."""
+    similarity: tuple[float, ...] | None = None
+    """Similarities from which a track and an object match, for MOTA, IDF1 and sAMOTA of --tracks;
+    0.5 when left out."""
     link: Link = Link()
 
 
@@ -82,6 +86,9 @@ class Subject:
     errors: str = "paper"
     """Error profile of sensors that measured images: paper (their own noise), surveyed, typical,
     glare, typical-clock, poor."""
+    tracks: Path | None = None
+    """Tracks to score instead of a detector: JSON or CSV of coview track, OpenLABEL, or KITTI's
+    tracking text; a folder of such texts next to a folder of labels."""
 
 
 def evaluate_command(
@@ -109,9 +116,11 @@ def evaluate_command(
     Example: coview evaluate my-junction --schemes early late foreground --calibrate together
         --still
 
+    Example: coview evaluate street.hdf5 --tracks tracks.json
+
     Args:
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any
-            layout.
+            layout; with --tracks also KITTI's labels of tracks (.txt), or a folder of them.
         out: Folder for table.json and the PR curves."""
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.datasets.recording_views import ReadRecording, Reads
@@ -119,6 +128,19 @@ def evaluate_command(
     from toolkit.detection.evaluation_files import save_evaluation
     from toolkit.objects import check_known, known_labels
 
+    if subject.tracks is not None:
+        from coview.commands.detection.evaluate_tracks import evaluate_track_file
+
+        return evaluate_track_file(
+            dataset,
+            out=out,
+            subject=subject,
+            rules=rules,
+            opening=opening,
+            place=place,
+            run=run,
+            writing=writing,
+        )
     _check_options(rules, subject)
     sets = [arguments.sensor_set(names) for names in rules.sensors]
     spec = None if subject.detector is None else DetectorSpec.from_name(subject.detector)
@@ -176,6 +198,8 @@ def _check_options(rules: Rules, subject: Subject) -> None:
     arguments.check_least("--radius", rules.radius, 0.0)
     arguments.check_positive("--rate", rules.link.rate)
     arguments.check_share("--step", rules.link.step)
+    if rules.similarity is not None:
+        raise ValueError("--similarity is for --tracks: leave it out")
     find_profile(subject.errors)
 
 
