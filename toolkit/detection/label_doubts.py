@@ -22,7 +22,7 @@ MIN_FRAMES = 10
 MIN_SURE_SCORE = 0.5
 MAX_UNSEEN_SHARE = 0.3
 MAX_ACCELERATION_M_S2 = 15.0  # no road user brakes harder
-MIN_OVERLAP_IOU = 0.1  # of footprints; bodies do not overlap
+MIN_OVERLAP_IOU = 0.1  # footprints; bodies do not overlap
 DOUBT_COLUMNS = (
     *("rank", "id", "label", "doubt", "reasons", "first_frame", "last_frame", "frames", "x", "y"),
 )
@@ -39,7 +39,7 @@ class DoubtfulTrack(NamedTuple):
         first: Name or number of its first frame.
         last: Name or number of its last frame.
         frames: Number of its frames.
-        place: x and y (m, world frame) in the middle of its frames."""
+        middle: x and y (m, world frame) in the middle of its frames."""
 
     number: int
     label: str
@@ -48,7 +48,7 @@ class DoubtfulTrack(NamedTuple):
     first: str
     last: str
     frames: int
-    place: tuple[float, float]
+    middle: tuple[float, float]
 
 
 @dataclass
@@ -104,7 +104,7 @@ class _Course:
             first=self.names[0],
             last=self.names[-1],
             frames=count,
-            place=(x, y),
+            middle=(x, y),
         )
 
 
@@ -135,7 +135,7 @@ def format_doubts(doubts: Sequence[DoubtfulTrack]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(DOUBT_COLUMNS)
     for rank, track in enumerate(doubts, 1):
-        x, y = track.place
+        x, y = track.middle
         reasons = "; ".join(track.reasons)
         doubt = f"{track.doubt:.3f}"
         frames = (track.first, track.last, track.frames)

@@ -1,6 +1,6 @@
 """Evaluation of tracks: AP of their boxes, and the scores and errors of the tracks.
 
-AP is that of `toolkit.detection.metrics`, of every track in every frame. HOTA, MOTA and IDF1 are
+AP, as in `toolkit.detection.metrics`, takes every track in every frame. HOTA, MOTA and IDF1 are
 defined in `toolkit.tracking.scores`, AMOTA and sAMOTA in `toolkit.tracking.recall_sweep`, errors of
 speed and heading and times to the first detection in `toolkit.tracking.object_errors`, and what
 does not count in `toolkit.tracking.frame_overlap`."""
@@ -133,19 +133,19 @@ def evaluate_tracks(
         thresholds: Similarities from which an object and a track match, except for HOTA.
 
     Raises ValueError if no object is to be found."""
-    found = [np.zeros(0, np.int64)]
-    found += [frame.truth.objects.labels[frame.counted] for frame in frames]
-    numbers = np.unique(np.concatenate(found)).tolist()
-    chosen = [LABELS[number] for number in numbers] if labels is None else list(labels)
-    if not {label_index(label) for label in chosen} & set(numbers):
+    label_parts = [np.zeros(0, np.int64)]
+    label_parts += [frame.truth.objects.labels[frame.counted] for frame in frames]
+    numbers = np.unique(np.concatenate(label_parts)).tolist()
+    classes = [LABELS[number] for number in numbers] if labels is None else list(labels)
+    if not {label_index(label) for label in classes} & set(numbers):
         raise ValueError(
-            f"no {' and no '.join(chosen) or 'road user'} is to be found in "
+            f"no {' and no '.join(classes) or 'road user'} is to be found in "
             f"{describe_count(len(frames), 'frame')}: give more frames, other --classes or another "
             "area"
         )
     rows: list[TrackApRow] = []
     tracks: list[ClassTracks] = []
-    for label in chosen:
+    for label in classes:
         rows += _score_boxes(frames, label, class_thresholds(ious, label), metric)
         tracks += _score_class(frames, label, thresholds)
     return TrackEvaluation(tuple(rows), tuple(tracks), len(frames))

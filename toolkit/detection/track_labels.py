@@ -2,7 +2,7 @@
 
 - Truncated and heavily occluded objects, vans and people who sit (Person) are not to be found.
 - Tracks without a match are no false alarm if their rectangle in the image is at most 25 pixels
-  high, or more than half of it is in a DontCare rectangle. Rectangles follow from the boxes if
+  high, or is by more than half in a DontCare rectangle. Rectangles follow from the boxes if
   there is a calibration, calib/NAME.txt next to the labels' folder; else they are the file's. A
   track without a rectangle is never ignored.
 - Frames go by their numbers. A frame without any row has no objects."""
@@ -33,8 +33,8 @@ from toolkit.tracking.tracks import Tracks
 MAX_TRUNCATION = 0.0
 MAX_OCCLUSION = 2.0
 MIN_HEIGHT_PX = 25.0
-MAX_IGNORED_SHARE = 0.5  # of a track's rectangle in a DontCare rectangle
-OTHER_KINDS_OF_TEXT = ("van", "person", "person_sitting")  # next to those of the benchmark
+MAX_IGNORED_SHARE = 0.5  # part of a track's rectangle in a DontCare rectangle
+UNCOUNTED_KINDS = ("van", "person", "person_sitting")
 ID_STEP = 2**32  # between the numbers of two sequences
 
 
@@ -49,9 +49,6 @@ class LabelFrame(NamedTuple):
     objects: Objects
     counted: Mask
     ignored: Float64[np.ndarray, "k 4"]
-
-
-_NO_LABELS = LabelFrame(Objects.empty(), np.zeros(0, np.bool_), np.zeros((0, 4)))
 
 
 class LabelledTracks(NamedTuple):
@@ -86,14 +83,14 @@ def pair_with_labels(truth: Path, tracks: Path, rate_hz: float | None = None) ->
     strays = [name for name in tracks_by_name if name not in labels_by_name]
     if strays or not tracks_by_name:
         raise ValueError(
-            f"{tracks} has {', '.join(strays[:3]) or 'no text'}, of which {truth} has no labels: "
-            "name the files of tracks as those of labels"
+            f"{tracks} has {', '.join(strays[:3]) or 'no text'}, for which {truth} has no labels: "
+            "give both files the same name"
         )
     frames: list[ScoredFrame] = []
     problems: Problems = {}
     late = 0
     for sequence, (name, path) in enumerate(tracks_by_name.items()):
-        labels = read_labels(labels_by_name[name])
+        labels = read_label_text(labels_by_name[name])
         file = read_track_file(path)
         for kind, number in file.problems.items():
             add_problem(problems, kind, number)
@@ -106,7 +103,7 @@ def pair_with_labels(truth: Path, tracks: Path, rate_hz: float | None = None) ->
     return LabelledTracks(frames, problems, unscored, late)
 
 
-def read_labels(path: Path) -> dict[int, LabelFrame]:
+def read_label_text(path: Path) -> dict[int, LabelFrame]:
     """Read the labels of each frame of a sequence, by its number.
 
     Raises ValueError that names the file, OSError if it is missing."""
@@ -122,7 +119,7 @@ def _parse_frame(rows: LabelRows) -> LabelFrame:
     is_ignored = np.array([kind == DONT_CARE for kind in rows.kinds], np.bool_)
     placed = place_rows(rows, BODY_SE3_CAMERA, {})
     has_id = placed.ids >= 0
-    kept = placed.rows[has_id]
+    rows_with_id = placed.rows[has_id]
     checked = Instant(
         np.nan,
         placed.boxes[has_id],
@@ -130,10 +127,10 @@ def _parse_frame(rows: LabelRows) -> LabelFrame:
         placed.scores[has_id],
         placed.ids[has_id],
     )
-    kinds = [rows.kinds[row].lower() for row in kept.tolist()]
-    is_other = np.array([kind in OTHER_KINDS_OF_TEXT for kind in kinds], np.bool_)
-    truncation = rows.values[kept, 0]
-    occlusion = rows.values[kept, 1]
+    kinds = [rows.kinds[row].lower() for row in rows_with_id.tolist()]
+    is_other = np.array([kind in UNCOUNTED_KINDS for kind in kinds], np.bool_)
+    truncation = rows.values[rows_with_id, 0]
+    occlusion = rows.values[rows_with_id, 1]
     is_clear = (truncation <= MAX_TRUNCATION) & (occlusion <= MAX_OCCLUSION)
     objects = Objects(checked.boxes, checked.labels, placed.ids[has_id])
     return LabelFrame(objects, is_clear & ~is_other, rows.values[is_ignored, 3:7])
@@ -148,7 +145,8 @@ def _pair_sequence(
     tracks_by_number = {frame.number: frame for frame in file.frames}
     last = max([*labels, *tracks_by_number], default=-1)
     numbers = range(last + 1)
-    truth = [labels.get(number, _NO_LABELS) for number in numbers]
+    no_labels = LabelFrame(Objects.empty(), np.zeros(0, np.bool_), np.zeros((0, 4)))
+    truth = [labels.get(number, no_labels) for number in numbers]
     times = [np.nan if rate_hz is None else number / rate_hz for number in numbers]
     motions = find_motions([frame.objects for frame in truth], times)
     nothing = TrackFrame(0, "", np.nan, Tracks.empty(), np.zeros((0, 4)))
@@ -193,7 +191,7 @@ def _find_wedge(labels: Path) -> ImageWedge | None:
 
 
 def _list_texts(path: Path) -> dict[str, Path]:
-    """Texts of a folder by their names without ending; a file is the only one of its own."""
+    """Texts of a folder by their names without ending; a file alone."""
     if not path.is_dir():
         return {path.stem: path}
     return {file.stem: file for file in sorted(path.glob("*.txt"))}

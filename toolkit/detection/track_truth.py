@@ -106,21 +106,21 @@ def _order_tracks(lookup: TrackLookup, keys: Sequence[FrameKey], *, is_part: boo
     """Tracks of each frame of a recording, empty in frames that the file does not list.
 
     lookup: tracks of the file; keys: frames of the recording; is_part: as in `pair_with_truth`."""
-    found = [lookup.find(key) for key in keys]
+    tracks_by_key = [lookup.find(key) for key in keys]
     lookup.check_all_used(len(keys), keys[-1] if is_part else None)
-    missing = [key for key, tracks in zip(keys, found, strict=True) if tracks is None]
+    missing = [key for key, tracks in zip(keys, tracks_by_key, strict=True) if tracks is None]
     if lookup.file.is_complete and missing:
         raise ValueError(
             f"{lookup.file.path} lacks {len(missing)} of {describe_count(len(keys), 'frame')}, the "
             f"first {missing[0].describe()}: track the whole recording, or pass --frames"
         )
-    return [Tracks.empty() if tracks is None else tracks for tracks in found]
+    return [Tracks.empty() if tracks is None else tracks for tracks in tracks_by_key]
 
 
 def find_motions(truth: Sequence[Objects], times: Sequence[float]) -> list[TruthMotion]:
     """Return the objects of each frame of a recording with their velocities.
 
-    A velocity is unknown (NaN) without times, beside frames more than `MOST_APART` seconds away,
+    A velocity is unknown (NaN) without times, next to frames more than `MOST_APART` seconds away,
     and of an object that is not in the frames next to it."""
     motions = []
     for k, objects in enumerate(truth):

@@ -14,6 +14,8 @@ from toolkit.datasets.record_values import Unchecked, as_number, entry, numbers
 from toolkit.exchange.instant import Instant
 from toolkit.exchange.track_frames import TrackFile, TrackFrame, check_rising, make_tracks
 
+UNKNOWN_VELOCITY = (float("nan"), float("nan"), float("nan"))  # m/s
+
 
 def parse_openlabel_tracks(path: Path, content: Unchecked) -> TrackFile:
     """Parse the cuboids of all frames of an OpenLABEL file.
@@ -33,7 +35,7 @@ def parse_openlabel_tracks(path: Path, content: Unchecked) -> TrackFile:
         cuboids = CuboidRows.parse(content, frame, key, systems, root, problems)
         labels = frame_labels.make_labels(cuboids.boxes, cuboids.kinds, cuboids.ids, problems)
         further = _list_openlabel_values(frame)
-        rows = [further.get(number, _NO_VALUES) for number in labels.objects.ids.tolist()]
+        rows = [further.get(number, _OpenLabelValues()) for number in labels.objects.ids.tolist()]
         instant = Instant(
             np.nan if seconds is None else seconds,
             labels.objects.boxes,
@@ -54,11 +56,8 @@ def parse_openlabel_tracks(path: Path, content: Unchecked) -> TrackFile:
 class _OpenLabelValues(NamedTuple):
     """Score of an object in one frame of OpenLABEL, and its velocity (m/s)."""
 
-    score: float
-    velocity: tuple[float, float, float]
-
-
-_NO_VALUES = _OpenLabelValues(1.0, (np.nan, np.nan, np.nan))
+    score: float = 1.0
+    velocity: tuple[float, float, float] = UNKNOWN_VELOCITY
 
 
 def _list_openlabel_values(frame: Unchecked) -> dict[int, _OpenLabelValues]:
@@ -75,7 +74,7 @@ def _list_openlabel_values(frame: Unchecked) -> dict[int, _OpenLabelValues]:
         for number in [*(attributes.get("num") or []), *(data.get("num") or [])]:
             if number.get("name") == "score":
                 score = as_number(entry(number, "val"), "score")
-        velocity = _NO_VALUES.velocity
+        velocity = UNKNOWN_VELOCITY
         for vector in data.get("vec") or []:
             if vector.get("name") == "velocity":
                 x, y, z = numbers(entry(vector, "val"), 3, "velocity").tolist()

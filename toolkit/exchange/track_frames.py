@@ -19,8 +19,8 @@ class TrackFrame(NamedTuple):
 
     Attributes:
         number: Number of the frame from 0; in JSON and CSV its place in the file.
-        name: Name of the frame, "" if the format has none.
-        time: Time (s), NaN if the format has none.
+        name: Name of the frame, "" if the format has no names.
+        time: Time (s), NaN if the format has no times.
         tracks: Tracks; velocities are NaN if they are unknown.
         rectangles: (n, 4), left, top, right, bottom (px) in an image, NaN if unknown."""
 

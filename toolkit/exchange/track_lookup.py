@@ -15,7 +15,7 @@ class FrameKey(NamedTuple):
 
     Attributes:
         number: Its number.
-        name: Its name, "" if it has none.
+        name: Its name, "" without one.
         time: Its time (s), NaN if unknown."""
 
     number: int
@@ -43,20 +43,20 @@ class TrackLookup:
         self._times = np.array([frame.time for frame in file.frames])
         self._places: dict[str | int, int] = {}
         self._has_names = all(frame.name for frame in file.frames)
-        for place, frame in enumerate(file.frames):
-            self._places[frame.name if self._has_names else frame.number] = place
+        for number, frame in enumerate(file.frames):
+            self._places[frame.name if self._has_names else frame.number] = number
         self._used: set[int] = set()
 
     def find(self, key: FrameKey) -> Tracks | None:
         """Return the tracks of a frame, None if the file does not list it."""
-        place = self.find_place(key)
-        if place is None:
+        index = self.find_index(key)
+        if index is None:
             return None
-        self._used.add(place)
-        return self.file.frames[place].tracks
+        self._used.add(index)
+        return self.file.frames[index].tracks
 
-    def find_place(self, key: FrameKey) -> int | None:
-        """Return the place in the file of a frame of the recording, None if it is not there."""
+    def find_index(self, key: FrameKey) -> int | None:
+        """Return the index in the file of a frame of the recording, None if it is not there."""
         if self._is_timed(key):
             if not len(self._times):
                 return None
@@ -66,7 +66,7 @@ class TrackLookup:
 
     def list_used(self) -> list[TrackFrame]:
         """List the frames of the file that were found, in its order."""
-        return [self.file.frames[place] for place in sorted(self._used)]
+        return [self.file.frames[index] for index in sorted(self._used)]
 
     def list_unused(self, last: FrameKey | None = None) -> list[TrackFrame]:
         """List the frames of the file that were never found.
@@ -74,24 +74,24 @@ class TrackLookup:
         last: last frame of a part of the recording, after which frames are passed over; None if the
         recording ends there."""
         unused = []
-        for place, frame in enumerate(self.file.frames):
+        for index, frame in enumerate(self.file.frames):
             is_later = False
             if last is not None and self._is_timed(last):
                 is_later = frame.time > last.time
             elif last is not None:
                 is_later = frame.number > last.number
-            if place not in self._used and not is_later:
+            if index not in self._used and not is_later:
                 unused.append(frame)
         return unused
 
     def check_all_used(self, frames: int, last: FrameKey | None = None) -> None:
-        """Raise ValueError for a frame of the file that is none of the recording's.
+        """Raise ValueError for a frame of the file that is not in the recording.
 
         frames: number of frames of the recording; last: as in `list_unused`."""
         for frame in self.list_unused(last):
             key = FrameKey(frame.number, frame.name, frame.time)
             raise ValueError(
-                f"{self.file.path} has frame {key.describe()}, which is none of the recording's "
+                f"{self.file.path} has frame {key.describe()}, which is not among the recording's "
                 f"{frames}: is it of another recording?"
             )
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from toolkit.arrays import Float64, Int64, Pose
 from toolkit.class_names import CATEGORIES, check_classes
-from toolkit.datasets.layouts.kitti import DONT_CARE, IMAGE_PX, LabelRows, place_boxes
+from toolkit.datasets.layouts.kitti import DONT_CARE, IMAGE_PX, LabelRows, parse_camera_boxes
 from toolkit.datasets.layouts.kitti_track_rows import read_track_rows
 from toolkit.datasets.problem_kinds import OTHER_KINDS, Problems, add_problem
 from toolkit.datasets.record_values import name_damage
@@ -53,10 +53,10 @@ def read_detection_text(
         are_logits = bool(((scores < 0) | (scores > 1)).any())
         for number, rows in frames:
             checked = Instant(np.nan, rows.boxes, rows.labels, rows.scores)
-            found = checked.scores
+            confidence = checked.scores
             if are_logits:
-                found = 1 / (1 + np.exp(-np.clip(found, -500, 500)))
-            detections[number] = Detections(checked.boxes, found, checked.labels)
+                confidence = 1 / (1 + np.exp(-np.clip(confidence, -500, 500)))
+            detections[number] = Detections(checked.boxes, confidence, checked.labels)
     return detections
 
 
@@ -112,18 +112,17 @@ def place_rows(rows: LabelRows, world_SE3_camera: Pose, problems: Problems) -> T
         add_problem(problems, OTHER_KINDS, int(name == "misc"))
         labels.append(CATEGORIES.get(name, -1))
     numbers = np.array(labels, np.int64)
-    kept = np.flatnonzero(numbers >= 0)
-    values = rows.values[kept]
-    scores = np.ones(len(kept))
+    known_rows = np.flatnonzero(numbers >= 0)
+    values = rows.values[known_rows]
+    scores = np.ones(len(known_rows))
     if rows.scores is not None:
-        given = rows.scores[kept]
-        scores = np.where(np.isnan(given), 1.0, given)
+        scores = np.nan_to_num(rows.scores[known_rows], nan=1.0)
     ids = np.array(rows.ids or [], np.int64).reshape(-1)
     return TextRows(
-        boxes=place_boxes(values, world_SE3_camera),
-        labels=numbers[kept],
+        boxes=parse_camera_boxes(values, world_SE3_camera),
+        labels=numbers[known_rows],
         scores=scores,
-        ids=ids[kept] if len(ids) else np.arange(len(kept)),
+        ids=ids[known_rows] if len(ids) else np.arange(len(known_rows)),
         rectangles=values[:, 3:7],
-        rows=kept,
+        rows=known_rows,
     )

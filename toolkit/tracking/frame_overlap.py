@@ -20,7 +20,7 @@ from toolkit.boxes import iou_3d
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.tracking.tracks import Tracks
 
-MAX_DISTANCE_M = 2.0  # of people and cyclists who are not similar at all
+MAX_DISTANCE_M = 2.0  # people and cyclists farther apart are not similar at all
 SIMILARITY_TOLERANCE = float(np.finfo(np.float64).eps)
 
 
@@ -77,8 +77,8 @@ class FrameOverlap:
         """Return the overlap without the tracks whose mean score is below a score.
 
         mean_scores: mean score of each track over its frames, by its id."""
-        kept = [mean_scores[number] >= score for number in self.pairs.tracks.tolist()]
-        return self.select(np.ones(len(self.counted), np.bool_), np.array(kept, np.bool_))
+        is_above = [mean_scores[number] >= score for number in self.pairs.tracks.tolist()]
+        return self.select(np.ones(len(self.counted), np.bool_), np.array(is_above, np.bool_))
 
     def scored(self, threshold: float) -> "FrameOverlap":
         """Return the overlap without what does not count, as defined at the top of the module.

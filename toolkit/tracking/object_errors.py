@@ -1,6 +1,6 @@
 """Errors of tracks against the true objects that they match, and how soon objects are found.
 
-Matches are those of MOTA.
+Objects and tracks match as for MOTA.
 
     speed error         mean over all matches of |speed of the track - speed of the object|; a true
                         speed comes from the object's places in the frames before and after
@@ -8,7 +8,7 @@ Matches are those of MOTA.
     first detection     seconds from the frame in which a true object is first to be found to its
                         first match, over the objects that come in after the first frame of their
                         recording. Quantiles count objects that are never matched as infinite.
-    never found         share of those objects that are never matched
+    never found         share of these objects without any match
 """
 
 from collections.abc import Sequence
@@ -105,7 +105,7 @@ def _list_waits(
 
     Arguments as in `measure_errors`."""
     entered: dict[int, float] = {}
-    found: dict[int, float] = {}
+    first_matches: dict[int, float] = {}
     present_at_first: set[int] = set()
     for overlap, match, truth in zip(overlaps, matches, truths, strict=True):
         for number in overlap.pairs.truth.tolist():
@@ -113,11 +113,12 @@ def _list_waits(
             if truth.is_first:
                 present_at_first.add(number)
         for number in overlap.pairs.truth[match.rows].tolist():
-            found.setdefault(number, truth.time)
+            first_matches.setdefault(number, truth.time)
     waits = []
     for number, time in entered.items():
         if number not in present_at_first:
-            waits.append(found[number] - time if number in found else np.inf)
+            wait = first_matches[number] - time if number in first_matches else np.inf
+            waits.append(wait)
     return np.array(waits, np.float64)
 
 

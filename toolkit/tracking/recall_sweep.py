@@ -1,9 +1,9 @@
 """MOTA over all recalls: AMOTA and sAMOTA (Weng, Wang, Held and Kitani, IROS 2020).
 
-A track's score is the mean of its scores over its frames. A recall r of 1/40, 2/40, … 1 stands for
-the score of that true positive, among all in descending order of their tracks' scores, whose share
-of the true objects is nearest to r. Tracks below this score are left out, and false positives FP,
-misses FN and switches S are counted as for MOTA. With G true objects,
+A track's score is the mean of its scores over its frames. The score of recall r (1/40, 2/40, … 1)
+is found among the true positives in descending order of their tracks' scores, at the one whose
+number is nearest to r · G, with G true objects. Tracks below this score are left out, and false
+positives FP, misses FN and switches S are counted as for MOTA.
 
     AMOTA    sum over r of 1 - (FP + FN + S) / G, divided by 40
     sAMOTA   sum over r of 1 - (FP + FN + S - (1 - r) · G) / (r · G), cut to 0 to 1, divided by 40
@@ -65,8 +65,8 @@ def sweep_recalls(
     samota = 0.0
     for recall, score in list_recalls(np.array(hit_scores), objects):
         if score not in errors_by_score:
-            kept = [overlap.above(score, mean_scores).scored(threshold) for overlap in frames]
-            counts = match_clear([overlap.pairs for overlap in kept], threshold)
+            surer = [overlap.above(score, mean_scores).scored(threshold) for overlap in frames]
+            counts = match_clear([overlap.pairs for overlap in surer], threshold)
             errors_by_score[score] = counts.false_positives + counts.misses + counts.switches
         errors = errors_by_score[score]
         amota += 1 - errors / objects

@@ -31,7 +31,7 @@ MAX_SLIP_RAD = np.radians(10.0)  # between heading and course, as in narrow bend
 MIN_FILLING_HITS = 3  # detections of a track whose gaps are filled
 MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
 MAX_TURN_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
-MAX_YAW_RATE_RAD_S = 1.5  # of a body on wheels
+MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
 OUTLIER_DOUBT = 5.0  # factor of the doubts of a detection that cannot face so
 
 
@@ -299,10 +299,10 @@ def _settle_heading(
 def _find_outliers(
     yaw: Float64[np.ndarray, " k"], seconds: Float64[np.ndarray, " k"]
 ) -> tuple[Float64[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Median heading (rad) around each detection, and a mask of those too far from it.
+    """Median heading (rad) around each detection, and a mask of headings too far from it.
 
-    At the border of the area a body of which a corner is left is detected across its course. yaw:
-    heading of each detection (rad, continuous); seconds: time of each."""
+    At the border of the area, where a corner of a body is left, detections face across its course.
+    yaw: heading of each detection (rad, continuous); seconds: time of each."""
     from scipy.ndimage import median_filter
 
     count = len(yaw)

@@ -163,7 +163,7 @@ class Drawing:
     def _draw_trails(
         self, frame: Frame, detections: Detections, lift: _Lift
     ) -> dict[str, Segments]:
-        """Lines of where the tracks of a frame were, by kind; none without tracks."""
+        """Trails of the tracks of a frame, by kind; empty without tracks."""
         if self.tracks is None or not isinstance(detections, Tracks):
             return {}
         lines: dict[str, list[Segments]] = {}

@@ -1,4 +1,4 @@
-"""Tracks that are drawn over the frames of a recording, with trails of where they were."""
+"""Tracks that are drawn over the frames of a recording, with trails of their past places."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from toolkit.objects import LABELS
 from toolkit.tracking.tracks import Tracks
 from toolkit.viewing.box_lines import Segments
 
-TRAIL_FRAMES = 30  # of the file, before the frame that is shown
+TRAIL_FRAMES = 30  # frames of the file before the one that is drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +35,19 @@ class TrackOverlay:
             )
         return Tracks.empty() if tracks is None else tracks
 
-    def trace(self, frame: Frame, shown: Tracks) -> dict[str, BoxRows]:
+    def trace(self, frame: Frame, tracks: Tracks) -> dict[str, BoxRows]:
         """Return the boxes that some tracks had in a frame and before it, in the order of time.
 
-        frame: the frame; shown: tracks to trace in it. Boxes are by class and number of the track,
+        frame: the frame; tracks: tracks to trace in it. Boxes are by class and number of the track,
         such as "vehicle 7"."""
-        place = self.lookup.find_place(FrameKey(frame.index, frame.name, frame.time))
-        if place is None:
+        index = self.lookup.find_index(FrameKey(frame.index, frame.name, frame.time))
+        if index is None:
             return {}
         names = {}
-        for number, label in zip(shown.ids.tolist(), shown.labels.tolist(), strict=True):
+        for number, label in zip(tracks.ids.tolist(), tracks.labels.tolist(), strict=True):
             names[number] = f"{LABELS[label]} {number}"
         boxes: dict[str, list[BoxRows]] = {}
-        for past in self.lookup.file.frames[max(0, place - TRAIL_FRAMES) : place + 1]:
+        for past in self.lookup.file.frames[max(0, index - TRAIL_FRAMES) : index + 1]:
             for row, number in enumerate(past.tracks.ids.tolist()):
                 if number in names:
                     boxes.setdefault(names[number], []).append(past.tracks.boxes[[row]])

@@ -5,11 +5,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from coview import arguments
+from coview.commands.detection.evaluate_tracks import evaluate_track_file
+from coview.commands.detection.evaluation_options import Rules, Subject
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
@@ -28,67 +30,6 @@ if TYPE_CHECKING:
     from toolkit.detection.evaluation_result import Evaluation
     from toolkit.frame import Recording
     from toolkit.objects import Detector
-
-
-@dataclass(frozen=True)
-class Link:
-    """Link from sensors to the centre."""
-
-    codec: str = "paper"
-    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes, as scheme
-    foreground does."""
-    step: float = 0.02
-    """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
-    rate: float | None = None
-    """Frame rate (Hz); prints each scheme's load on the link, and gives times to --tracks of
-    texts."""
-
-
-@dataclass(frozen=True)
-class Rules:
-    """Rules of scoring."""
-
-    schemes: tuple[str, ...] | None = None
-    """Fusion schemes: early, late, hybrid, foreground; when left out, the first three at a
-    known site."""
-    sensors: tuple[str, ...] = ("all",)
-    """Sensor sets, each a comma-separated list of numbers or names, or all."""
-    classes: tuple[arguments.Label, ...] | None = None
-    """Classes to score; those that the detector knows when left out."""
-    iou: tuple[float, ...] | None = None
-    """IoU thresholds; 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian
-    when left out."""
-    metric: Literal["3d", "bev"] = "3d"
-    """IoU of volumes or of footprints."""
-    protocol: Literal["exact", "published", "measured"] | None = None
-    """Objects that count: exact, as the published code counts, or with a point (measured, usual
-    without a site)."""
-    breakdown: bool | None = None
-    """Print AP by range and points, and in other protocols; usual without a known site."""
-    radius: float | None = None
-    """Distance (m) beyond which hybrid fusion shares points; the site's when left out."""
-    similarity: tuple[float, ...] | None = None
-    """Similarities from which a track and an object match, for MOTA, IDF1 and sAMOTA of --tracks;
-    0.5 when left out."""
-    link: Link = Link()
-
-
-@dataclass(frozen=True)
-class Subject:
-    """Detector and sensors to score."""
-
-    detector: str | None = None
-    """Detector: voxelnet (the site's network, or general), cluster, general, a file of weights or
-    in ONNX, or package.module:callable; +background drops what stands, +phases4 detects on four
-    shifted grids, +bfloat16 in coarser numbers."""
-    calibrate: str | None = None
-    """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
-    errors: str = "paper"
-    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical,
-    glare, typical-clock, poor."""
-    tracks: Path | None = None
-    """Tracks to score instead of a detector: JSON or CSV of coview track, OpenLABEL, or KITTI's
-    tracking text; a folder of such texts next to a folder of labels."""
 
 
 def evaluate_command(
@@ -122,25 +63,37 @@ def evaluate_command(
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any
             layout; with --tracks also KITTI's labels of tracks (.txt), or a folder of them.
         out: Folder for table.json and the PR curves."""
+    score = _evaluate_detector if subject.tracks is None else evaluate_track_file
+    return score(
+        dataset,
+        out=out,
+        subject=subject,
+        rules=rules,
+        opening=opening,
+        place=place,
+        run=run,
+        writing=writing,
+    )
+
+
+def _evaluate_detector(
+    dataset: Path,
+    *,
+    out: Path,
+    subject: Subject,
+    rules: Rules,
+    opening: Opening,
+    place: Place,
+    run: Run,
+    writing: Writing,
+) -> int:
+    """Score a detector on a recording. Arguments as in `evaluate_command`."""
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.datasets.recording_views import ReadRecording, Reads
     from toolkit.detection.evaluation import evaluate_recording
     from toolkit.detection.evaluation_files import save_evaluation
     from toolkit.objects import check_known, known_labels
 
-    if subject.tracks is not None:
-        from coview.commands.detection.evaluate_tracks import evaluate_track_file
-
-        return evaluate_track_file(
-            dataset,
-            out=out,
-            subject=subject,
-            rules=rules,
-            opening=opening,
-            place=place,
-            run=run,
-            writing=writing,
-        )
     _check_options(rules, subject)
     sets = [arguments.sensor_set(names) for names in rules.sensors]
     spec = None if subject.detector is None else DetectorSpec.from_name(subject.detector)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from coview.arguments import check_least, check_positive, check_share
+from coview.commands.detection.evaluation_options import Rules, Subject
 from coview.outputs import OK, Writing, check_folder, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
@@ -14,7 +15,6 @@ from coview.tracks import TEXT, find_sequence, number_frames, read_tracks
 from toolkit.calibration.place import Place
 
 if TYPE_CHECKING:
-    from coview.commands.detection.evaluate import Rules, Subject
     from toolkit.detection.track_evaluation import ScoredFrame
     from toolkit.runtime.run import Run
 
@@ -26,8 +26,8 @@ def evaluate_track_file(
     dataset: Path,
     *,
     out: Path,
-    subject: "Subject",
-    rules: "Rules",
+    subject: Subject,
+    rules: Rules,
     opening: Opening,
     place: Place,
     run: "Run",
@@ -73,13 +73,13 @@ def evaluate_track_file(
     return OK
 
 
-def _check_track_options(subject: "Subject", rules: "Rules") -> None:
+def _check_track_options(subject: Subject, rules: "Rules") -> None:
     """Raise ValueError for options that do not go with --tracks."""
-    for group, kept in ((subject, ("tracks",)), (rules, SCORING)):
+    for group, allowed in ((subject, ("tracks",)), (rules, SCORING)):
         usual = type(group)()
         for option in fields(group):
             name = option.name
-            if name not in kept and getattr(group, name) != getattr(usual, name):
+            if name not in allowed and getattr(group, name) != getattr(usual, name):
                 raise ValueError(
                     f"--{name} does not go with --tracks, which were made: leave it out"
                 )

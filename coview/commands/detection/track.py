@@ -179,15 +179,15 @@ def _read_text(path: Path, tracking: Tracking) -> _Tracked:
         raise ValueError(f"{path} holds detections already: leave --detections out")
     if tracking.rate is None:
         raise ValueError(f"{path} has no times: give --rate, the number of frames in a second")
-    found = read_detection_text(path)
-    if not found:
+    detections_by_frame = read_detection_text(path)
+    if not detections_by_frame:
         raise ValueError(f"{path} has no detections: give another file")
-    count = max(found) + 1
+    count = max(detections_by_frame) + 1
     if tracking.frames is not None:
         count = min(count, tracking.frames)
     tracked = _Tracked()
     for number in range(count):
-        detections = found.get(number, Detections.empty())
+        detections = detections_by_frame.get(number, Detections.empty())
         tracked.add(f"{number:06d}", number / tracking.rate, detections)
     return tracked
 
@@ -207,7 +207,7 @@ def _read_beside(
     from toolkit.objects import Detections
 
     camera = BODY_SE3_CAMERA if sequence is None else find_camera(sequence)
-    found = read_detection_text(path, camera)
+    detections_by_frame = read_detection_text(path, camera)
     area: Sequence[float] | None = place.area
     if opened.site is not None and place.at(opened.site):
         area = opened.site.area.tolist()
@@ -218,12 +218,13 @@ def _read_beside(
         frame = samples[k]
         time = _find_time(k, frame.time, tracking.rate)
         numbers.append(frame.index)
-        tracked.add(frame.name, time, found.get(frame.index, Detections.empty()))
+        detections = detections_by_frame.get(frame.index, Detections.empty())
+        tracked.add(frame.name, time, detections)
     is_part = len(samples) < len(opened)
-    strays = [number for number in sorted(found) if number not in numbers]
+    strays = [number for number in sorted(detections_by_frame) if number not in numbers]
     if strays and not (is_part and strays[0] > numbers[-1]):
         raise ValueError(
-            f"{path} has frame {strays[0]}, which is none of the recording's {len(numbers)} "
+            f"{path} has frame {strays[0]}, which is not among the recording's {len(numbers)} "
             f"frames from {numbers[0]} to {numbers[-1]}: are both of one recording?"
         )
     return tracked
@@ -232,7 +233,7 @@ def _read_beside(
 def _find_time(number: int, time: float, rate: float | None) -> float:
     """Return the time of a frame (s).
 
-    number: of the frame, from 0; time: that of the recording, NaN if unknown; rate: frames in a
+    number: number from 0; time: time in the recording, NaN if unknown; rate: frames in a
     second, None if not given. Raises ValueError for a rate next to times."""
     if rate is None:
         return time

@@ -142,7 +142,7 @@ class LabelledView(NamedTuple):
         if labels.ids is not None:
             ids = [labels.ids[row] for row in np.flatnonzero(is_real)]
         with np.errstate(all="ignore"):
-            boxes = place_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
+            boxes = parse_camera_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
             frame_labels.count_full_turns(values[is_real, 13], problems)
         kinds = [kind for kind in labels.kinds if kind != DONT_CARE]
         labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
@@ -173,7 +173,7 @@ def _parse_values(row: list[str]) -> list[float]:
     return [record_values.as_number(cell) for cell in row[1:15]]
 
 
-def place_boxes(values: np.ndarray, lidar_SE3_camera: Pose) -> BoxRows:
+def parse_camera_boxes(values: np.ndarray, lidar_SE3_camera: Pose) -> BoxRows:
     """Boxes in the lidar's frame from labels, whose places are in the camera's frame.
 
     values: the 14 numbers of each label after its type: h w l in columns 7 to 9, x y z of the floor
