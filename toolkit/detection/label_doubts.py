@@ -1,7 +1,7 @@
 """Doubts about tracks that serve as labels, so that an annotator looks at the worst first.
 
 The certainty of a track is its mean score, times the share of its frames in which it was detected,
-times its number of frames by `MIN_FRAMES` if it has fewer, halved if it jumps and again if it
+times its number of frames by `MIN_LABEL_FRAMES` if it has fewer, halved if it jumps and again if it
 overlaps another track. Its doubt is 1 minus that.
 """
 
@@ -18,9 +18,9 @@ from toolkit.boxes import iou_bev
 from toolkit.exchange.track_frames import TrackFrame
 from toolkit.objects import LABELS
 
-MIN_FRAMES = 10
+MIN_LABEL_FRAMES = 10
 MIN_SURE_SCORE = 0.5
-MAX_UNSEEN_SHARE = 0.3
+MAX_GAP_SHARE = 0.3
 MAX_ACCELERATION_M_S2 = 15.0  # no road user brakes harder
 MIN_OVERLAP_IOU = 0.1  # footprints; bodies do not overlap
 DOUBT_COLUMNS = (
@@ -88,12 +88,12 @@ class _Course:
         jumps = self.jumps()
         checks = {
             "unsure": score < MIN_SURE_SCORE,
-            "often unseen": self.unseen > MAX_UNSEEN_SHARE * count,
-            "short": count < MIN_FRAMES,
+            "often unseen": self.unseen > MAX_GAP_SHARE * count,
+            "short": count < MIN_LABEL_FRAMES,
             "jumps": jumps,
             "overlaps another": self.overlaps,
         }
-        certainty = score * (1 - self.unseen / count) * min(1.0, count / MIN_FRAMES)
+        certainty = score * (1 - self.unseen / count) * min(1.0, count / MIN_LABEL_FRAMES)
         certainty *= 0.5 ** (jumps + self.overlaps)
         x, y = self.places[count // 2].tolist()
         return DoubtfulTrack(

@@ -30,7 +30,7 @@ class TrueFrame(NamedTuple):
     """True objects of one frame of a recording.
 
     Attributes:
-        key: What the frame is known by.
+        key: Number, name and time of the frame.
         objects: All labelled objects.
         counted: Mask of the objects that are to be found.
         corners: Detection area: xmin, ymin, xmax, ymax (m, world frame).

@@ -11,7 +11,7 @@ MAX_TIME_GAP_S = 0.001  # between a frame's time in a recording and in a file of
 
 
 class FrameKey(NamedTuple):
-    """What a frame of a recording is known by.
+    """Key of a frame of a recording: number, name and time.
 
     Attributes:
         number: Its number.

@@ -152,7 +152,8 @@ def _collect(
         labels=everything.labels[rows],
         doubts=doubts[rows],
     )
-    names, begins, counts = np.unique(track_ids, return_index=True, return_counts=True)
+    names, begins = np.unique(track_ids, return_index=True)
+    counts = np.diff(np.append(begins, len(track_ids)))
     is_single = counts == 1
     detections_by_track = {}
     several = zip(names[~is_single], begins[~is_single], counts[~is_single], strict=True)
