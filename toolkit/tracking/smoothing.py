@@ -30,7 +30,7 @@ FILLED_SHARE = 0.7  # score of a box that fills a gap, per score of the track
 MAX_SLIP_RAD = np.radians(10.0)  # between heading and course, as in narrow bends
 MIN_FILLING_HITS = 3  # detections of a track whose gaps are filled
 MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
-MAX_TURN_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
+MAX_HEADING_GAP_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
 MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
 OUTLIER_DOUBT = 5.0  # factor of the doubts of a detection that cannot face so
 
@@ -313,7 +313,7 @@ def _find_outliers(
     half = MEDIAN_DETECTIONS // 2
     rows = np.arange(count)
     span = seconds[np.minimum(rows + half, count - 1)] - seconds[np.maximum(rows - half, 0)]
-    max_turn = MAX_TURN_RAD + MAX_YAW_RATE_RAD_S * span / 2
+    max_turn = MAX_HEADING_GAP_RAD + MAX_YAW_RATE_RAD_S * span / 2
     return median, np.abs(yaw - median) > max_turn
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from toolkit.detection.track_evaluation import ScoredFrame
     from toolkit.runtime.run import Run
 
-TABLE = "table.json"
+SCORES_FILE = "table.json"
 SCORING = ("classes", "iou", "metric", "protocol", "similarity", "link")  # rules for tracks
 
 
@@ -50,7 +50,7 @@ def evaluate_track_file(
     if not path.exists():
         raise FileNotFoundError(f"no such file of tracks: {path}")
     inputs = [dataset, path, *opening.files]
-    check_folder(out, holds=TABLE, inputs=inputs, overwrite=writing.overwrite)
+    check_folder(out, holds=SCORES_FILE, inputs=inputs, overwrite=writing.overwrite)
     if _holds_labels(dataset, path):
         paired = _pair_labels(dataset, path, rules.link.rate)
     else:
@@ -67,8 +67,8 @@ def evaluate_track_file(
     )
     evaluation = replace(evaluation, problems=paired.problems)
     figures = evaluation.as_dict()
-    write_text(out / TABLE, f"{json.dumps(figures, indent=1)}\n")
-    text = f"{evaluation.text()}\nwritten to {out}/{TABLE}"
+    write_text(out / SCORES_FILE, f"{json.dumps(figures, indent=1)}\n")
+    text = f"{evaluation.text()}\nwritten to {out}/{SCORES_FILE}"
     print_result(figures, text, as_json=writing.json)
     return OK
 
