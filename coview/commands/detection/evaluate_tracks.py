@@ -80,9 +80,7 @@ def _check_track_options(subject: Subject, rules: "Rules") -> None:
         for option in fields(group):
             name = option.name
             if name not in allowed and getattr(group, name) != getattr(usual, name):
-                raise ValueError(
-                    f"--{name} does not go with --tracks, which were made: leave it out"
-                )
+                raise ValueError(f"--{name} does not go with --tracks: leave it out")
     if replace(rules.link, rate=None) != type(rules.link)():
         raise ValueError("--codec and --step do not go with --tracks: leave them out")
     if rules.protocol == "published":

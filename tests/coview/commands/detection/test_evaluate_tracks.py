@@ -92,7 +92,7 @@ def test_what_does_not_match_is_refused_by_name(street, truth, tmp_path, refused
     write_tracks(path, names[:4], times[:4], tracks[:4])
     assert f"tracks.json lacks 2 of {FRAMES} frames" in refused(*evaluate)
     write_tracks(path, names, [time + 3 for time in times], tracks)
-    assert "which is none of the recording's 6" in refused(*evaluate)
+    assert "which is not among the recording's 6" in refused(*evaluate)
     shift = np.array([900.0, 0, 0, 0, 0, 0, 0])
     moved = [Tracks(now.boxes + shift, now.scores) for now in tracks]
     write_tracks(path, names, times, moved)

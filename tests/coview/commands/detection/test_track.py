@@ -104,7 +104,7 @@ def test_texts_that_cannot_be_followed_are_refused(recording, tmp_path, refused)
     line = refused("track", text, "--rate", 0.5, *out)
     assert "at most 1 s apart, got 2 s" in line
     line = refused("track", recording, "--detections", text, *out)
-    assert "has frame 4, which is none of the recording's 4 frames" in line
+    assert "has frame 4, which is not among the recording's 4 frames" in line
     text.write_text("")
     assert "has no detections" in refused("track", text, "--rate", 10, *out)
 
