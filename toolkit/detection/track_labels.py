@@ -66,13 +66,16 @@ class LabelledTracks(NamedTuple):
     late: int
 
 
-def pair_with_labels(truth: Path, tracks: Path, rate_hz: float | None = None) -> LabelledTracks:
+def pair_with_labels(
+    truth: Path, tracks: Path, rate_hz: float | None = None, count: int | None = None
+) -> LabelledTracks:
     """Read labels and tracks of one sequence, or of folders with a file for each sequence.
 
     Args:
         truth: Text of labels, or folder of such texts.
         tracks: File of tracks, or folder of texts with the names of the labels.
         rate_hz: Frames in a second, None if unknown.
+        count: Number of first frames of each sequence, None for all.
 
     Raises ValueError, by name, for damaged files and for tracks without labels; OSError for missing
     ones."""
@@ -96,7 +99,8 @@ def pair_with_labels(truth: Path, tracks: Path, rate_hz: float | None = None) ->
             add_problem(problems, kind, number)
         late += sum(frame.number > max(labels, default=-1) for frame in file.frames)
         wedge = _find_wedge(labels_by_name[name])
-        for frame in _pair_sequence(file, labels, wedge, rate_hz):
+        sequence_frames = _pair_sequence(file, labels, wedge, rate_hz)
+        for frame in sequence_frames[:count]:
             frames.append(_number_apart(frame, sequence * ID_STEP))
     check_near(str(tracks), frames)
     unscored = [name for name in labels_by_name if name not in tracks_by_name]

@@ -79,7 +79,7 @@ class LiveView:
         self.style = SceneStyle(
             sensors,
             COLOURINGS,
-            Scales.of(drawn),
+            Scales.from_sample(drawn),
             LIVE_POINTS,
             has_trails=drawing.tracks is not None,
         )
@@ -89,7 +89,7 @@ class LiveView:
         self.shown: list[scene.Handle] = []
         self.switches: dict[str, scene.Handle] = {}  # of the page, by the part that they show
         self._wanted = 0
-        scene.set_view(server, *scene.overview(area))
+        scene.show_area(server, area)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._line = server.gui.add_markdown("")
         if len(samples) > 1:

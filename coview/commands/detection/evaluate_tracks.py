@@ -52,7 +52,7 @@ def evaluate_track_file(
     inputs = [dataset, path, *opening.files]
     check_folder(out, holds=SCORES_FILE, inputs=inputs, overwrite=writing.overwrite)
     if _holds_labels(dataset, path):
-        paired = _pair_labels(dataset, path, rules.link.rate)
+        paired = _pair_labels(dataset, path, rules.link.rate, run.frames)
     else:
         if rules.link.rate is not None:
             raise ValueError("--rate is for texts of labels: a recording has times, leave it out")
@@ -142,14 +142,14 @@ class _Reading:
         return _Paired(pair_with_truth(file, truth, is_part=is_part), file.problems)
 
 
-def _pair_labels(labels: Path, tracks: Path, rate_hz: float | None) -> _Paired:
+def _pair_labels(labels: Path, tracks: Path, rate_hz: float | None, count: int | None) -> _Paired:
     """Return tracks and labels of each frame of KITTI's tracking text.
 
-    rate_hz: frames in a second, None if unknown."""
+    rate_hz: frames in a second, None if unknown; count: number of first frames, None for all."""
     from toolkit.detection.track_labels import describe_unscored, pair_with_labels
 
     check_positive("--rate", rate_hz)
-    paired = pair_with_labels(labels, tracks, rate_hz)
+    paired = pair_with_labels(labels, tracks, rate_hz, count)
     if paired.unscored:
         warnings.warn(describe_unscored(paired.unscored), stacklevel=2)
     if paired.late:
