@@ -1,1 +1,1 @@
-"""Counting: what tracks or true road users say about a street: ways, speeds, queues, conflicts."""
+"""Counting: trips, speeds, queues and conflicts of tracks or of true road users."""

@@ -12,7 +12,7 @@ from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
 
 SAME_ARM_M = 12.0  # between pieces of roads at the border that are one arm
-MAX_APPROACH_M = 15.0  # from the border to where a road user that came in may be first seen
+MAX_APPROACH_M = 15.0  # from the border to the first place of a road user that came in
 MAX_APPROACH_S = 3.0  # from the border till then
 
 
@@ -39,8 +39,8 @@ def find_arms(site: Site) -> list[Arm]:
         pieces = list(shapely.get_parts(shapely.buffer(touched, SAME_ARM_M / 2)))
         merged = shapely.union_all(pieces)
         points = [
-            shapely.get_coordinates(shapely.centroid(shapely.intersection(touched, part)))[0]
-            for part in shapely.get_parts(merged)
+            shapely.get_coordinates(shapely.centroid(shapely.intersection(touched, arm)))[0]
+            for arm in shapely.get_parts(merged)
         ]
     xmin, ymin, xmax, ymax = site.area.tolist()
     middle = np.array([xmin + xmax, ymin + ymax]) / 2
@@ -72,7 +72,7 @@ def find_crossing(
 
     Args:
         point: x, y (m) of the road user, inside.
-        velocity: along x and y (m/s); of one that came in, turned round.
+        velocity: along x and y (m/s); turned round for one that came in.
         area: xmin, ymin, xmax, ymax (m)."""
     speed = float(np.hypot(*velocity))
     if speed <= 0:

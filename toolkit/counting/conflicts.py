@@ -8,7 +8,7 @@
 
 A conflict is a pair with a PET of at most `MAX_PET_S` whose courses differ by more than
 `MIN_CROSSING_DEG`, both at the common place and at one and the same moment: not one who follows,
-and not two side by side in a bend. Two people on foot have none."""
+and not two side by side in a bend. Two people on foot are no pair."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -31,8 +31,8 @@ class Conflict(NamedTuple):
     """Conflict of two road users.
 
     Attributes:
-        first: number of the one who takes up the common place first.
-        second: number of the other.
+        first: number of the road user who takes up the common place first.
+        second: number of the second road user.
         labels: names of their classes.
         time: time at which the second one arrives there (s).
         x: place of the conflict, along x (m).
@@ -63,8 +63,8 @@ def find_conflicts(
     area: xmin, ymin, xmax, ymax (m) in which their places are, None for anywhere."""
     moving = [trajectory for trajectory in trajectories if (trajectory.speeds > MOVING_M_S).any()]
     conflicts = []
-    for one, other in _list_pairs(moving, max_pet):
-        conflict = _find_conflict(one, other, max_pet)
+    for user, partner in _list_pairs(moving, max_pet):
+        conflict = _find_conflict(user, partner, max_pet)
         if conflict is None:
             continue
         point = np.array([conflict.x, conflict.y])
@@ -102,32 +102,32 @@ class _CommonPlaces(NamedTuple):
 
     Attributes:
         rows: rows of the first trajectory.
-        other_rows: rows of the second one.
-        gaps: time of the second one minus that of the first (s)."""
+        partner_rows: rows of the second user.
+        gaps: delay of the second one (s)."""
 
     rows: Int64[np.ndarray, " k"]
-    other_rows: Int64[np.ndarray, " k"]
+    partner_rows: Int64[np.ndarray, " k"]
     gaps: Float64[np.ndarray, " k"]
 
 
-def _find_conflict(one: Trajectory, other: Trajectory, max_pet: float) -> Conflict | None:
+def _find_conflict(user: Trajectory, partner: Trajectory, max_pet: float) -> Conflict | None:
     """Conflict of two road users; None without one of at most `max_pet` seconds."""
-    places = _find_common_places(one, other, max_pet)
+    places = _find_common_places(user, partner, max_pet)
     if not len(places.gaps):
         return None
     shortest = np.abs(places.gaps).min()
     nearest = np.flatnonzero(np.abs(places.gaps) <= shortest + 1e-6)
     middle = int(nearest[len(nearest) // 2])
     row = int(places.rows[middle])
-    other_row = int(places.other_rows[middle])
-    angle = _angle_deg(one.velocities[row], other.velocities[other_row])
-    moment = (one.times[row] + other.times[other_row]) / 2
-    together_angle = _angle_deg(_velocity_at(one, moment), _velocity_at(other, moment))
+    partner_row = int(places.partner_rows[middle])
+    angle = _angle_deg(user.velocities[row], partner.velocities[partner_row])
+    moment = (user.times[row] + partner.times[partner_row]) / 2
+    together_angle = _angle_deg(_find_velocity(user, moment), _find_velocity(partner, moment))
     if min(angle, together_angle) <= MIN_CROSSING_DEG:
         return None
-    first, second = (one, other) if places.gaps[middle] >= 0 else (other, one)
-    point = (one.boxes[row, :2] + other.boxes[other_row, :2]) / 2
-    arrival = float(max(one.times[row], other.times[other_row]))
+    first, second = (user, partner) if places.gaps[middle] >= 0 else (partner, user)
+    point = (user.boxes[row, :2] + partner.boxes[partner_row, :2]) / 2
+    arrival = float(max(user.times[row], partner.times[partner_row]))
     return Conflict(
         first=first.id,
         second=second.id,
@@ -136,23 +136,23 @@ def _find_conflict(one: Trajectory, other: Trajectory, max_pet: float) -> Confli
         x=float(point[0]),
         y=float(point[1]),
         pet_s=float(shortest),
-        ttc_s=_find_shortest_ttc(one, other, arrival),
+        ttc_s=_find_shortest_ttc(user, partner, arrival),
         angle_deg=angle,
     )
 
 
-def _find_common_places(one: Trajectory, other: Trajectory, max_pet: float) -> _CommonPlaces:
+def _find_common_places(user: Trajectory, partner: Trajectory, max_pet: float) -> _CommonPlaces:
     """Rows of two trajectories, at most `max_pet` seconds apart, whose bodies overlap."""
-    rows = np.flatnonzero(_mask_near(one, other))
-    other_rows = np.flatnonzero(_mask_near(other, one))
-    gaps = other.times[other_rows] - one.times[rows, None]
-    offsets = other.boxes[other_rows, :2] - one.boxes[rows, None, :2]
-    reach = (np.hypot(*one.boxes[0, 3:5]) + np.hypot(*other.boxes[0, 3:5])) / 2 + 0.5
+    rows = np.flatnonzero(_mask_near(user, partner))
+    partner_rows = np.flatnonzero(_mask_near(partner, user))
+    gaps = partner.times[partner_rows] - user.times[rows, None]
+    offsets = partner.boxes[partner_rows, :2] - user.boxes[rows, None, :2]
+    reach = (np.hypot(*user.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
     is_near = (np.square(offsets).sum(axis=2) < reach**2) & (np.abs(gaps) <= max_pet)
     near_rows, near_others = np.nonzero(is_near)
     pair_rows = rows[near_rows]
-    pair_others = other_rows[near_others]
-    is_common = are_close(one.boxes[pair_rows], other.boxes[pair_others], 0.0)
+    pair_others = partner_rows[near_others]
+    is_common = are_close(user.boxes[pair_rows], partner.boxes[pair_others], 0.0)
     return _CommonPlaces(
         pair_rows[is_common],
         pair_others[is_common],
@@ -160,61 +160,64 @@ def _find_common_places(one: Trajectory, other: Trajectory, max_pet: float) -> _
     )
 
 
-def _mask_near(trajectory: Trajectory, other: Trajectory) -> Bool[np.ndarray, " n"]:
+def _mask_near(trajectory: Trajectory, partner: Trajectory) -> Bool[np.ndarray, " n"]:
     """Mask of the times at which a road user moves where another one may ever be."""
-    margin = (np.hypot(*trajectory.boxes[0, 3:5]) + np.hypot(*other.boxes[0, 3:5])) / 2 + 0.5
+    margin = (np.hypot(*trajectory.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
     points = trajectory.boxes[:, :2]
-    low = other.boxes[:, :2].min(axis=0) - margin
-    high = other.boxes[:, :2].max(axis=0) + margin
+    low = partner.boxes[:, :2].min(axis=0) - margin
+    high = partner.boxes[:, :2].max(axis=0) + margin
     is_near = ((points >= low) & (points <= high)).all(axis=1)
     return is_near & (trajectory.speeds > MOVING_M_S)
 
 
-def _velocity_at(trajectory: Trajectory, time: float) -> Float64[np.ndarray, "2"]:
+def _find_velocity(trajectory: Trajectory, time: float) -> Float64[np.ndarray, "2"]:
     """Velocity (m/s) at a time, the first or last one beyond the ends."""
     row = int(np.clip(np.searchsorted(trajectory.times, time), 0, len(trajectory.times) - 1))
     return trajectory.velocities[row]
 
 
-def _angle_deg(one: Float64[np.ndarray, "2"], other: Float64[np.ndarray, "2"]) -> float:
+def _angle_deg(user: Float64[np.ndarray, "2"], partner: Float64[np.ndarray, "2"]) -> float:
     """Angle between two directions (degrees, 0 to 180)."""
-    cross = float(one[0] * other[1] - one[1] * other[0])
-    return float(np.rad2deg(np.arctan2(abs(cross), float(one @ other))))
+    cross = float(user[0] * other[1] - user[1] * other[0])
+    return float(np.rad2deg(np.arctan2(abs(cross), float(user @ partner))))
 
 
-def _find_shortest_ttc(one: Trajectory, other: Trajectory, time: float) -> float:
+def _find_shortest_ttc(user: Trajectory, partner: Trajectory, time: float) -> float:
     """Shortest time to collision (s) of two road users in the seconds before a time."""
-    times, rows, other_rows = np.intersect1d(one.times, other.times, return_indices=True)
-    is_before = (times <= time) & (times >= time - TTC_SPAN_S)
-    rows = rows[is_before]
-    other_rows = other_rows[is_before]
+    is_before = (user.times <= time) & (user.times >= time - TTC_SPAN_S)
+    rows = np.flatnonzero(is_before & np.isin(user.times, partner.times))
+    partner_rows = np.searchsorted(partner.times, user.times[rows])
     seconds = time_to_collision(
-        one.boxes[rows],
-        other.boxes[other_rows],
-        other.velocities[other_rows] - one.velocities[rows],
+        user.boxes[rows],
+        partner.boxes[partner_rows],
+        partner.velocities[partner_rows] - user.velocities[rows],
     )
     return float(seconds.min(initial=np.inf))
 
 
 def time_to_collision(
-    boxes: BoxRows, others: BoxRows, velocities: Float64[np.ndarray, "n 2"]
+    boxes: BoxRows, partner_boxes: BoxRows, velocities: Float64[np.ndarray, "n 2"]
 ) -> Float64[np.ndarray, " n"]:
     """Seconds after which two bodies touch, row by row, if both keep their velocities.
 
     0 for bodies that touch now, infinite for those that never do. Along the normal of each edge the
-    bodies overlap during an interval of time; they touch when all intervals have begun and none has
-    ended.
+    bodies overlap during an interval of time; they touch while all intervals last.
 
     Args:
         boxes: Boxes of the first body.
-        others: Boxes of the second body.
+        partner_boxes: Boxes of the second body.
         velocities: Velocity of the second body as seen from the first (m/s)."""
-    offsets = others[:, :2] - boxes[:, :2]
+    offsets = partner_boxes[:, :2] - boxes[:, :2]
     begin = np.zeros(len(boxes))
     end = np.full(len(boxes), np.inf)
-    for yaw in (boxes[:, 6], boxes[:, 6] + np.pi / 2, others[:, 6], others[:, 6] + np.pi / 2):
+    for yaw in (
+        boxes[:, 6],
+        boxes[:, 6] + np.pi / 2,
+        partner_boxes[:, 6],
+        partner_boxes[:, 6] + np.pi / 2,
+    ):
         normal = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-        reach = _half_extent(boxes, yaw) + _half_extent(others, yaw)
+        reach = _half_extent(boxes, yaw) + _half_extent(partner_boxes, yaw)
         distance = (offsets * normal).sum(axis=1)
         speed = (velocities * normal).sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -237,9 +240,9 @@ class ConflictMatches(NamedTuple):
 
     Attributes:
         found: number of conflicts found.
-        right: number of these that are true ones, whose PET may be longer by the tolerance.
+        right: number of found ones that are true, whose PET may be longer by the tolerance.
         true: number of true conflicts.
-        detected: number of these that were found, whose found PET may be longer by the tolerance.
+        detected: number of true ones that were found, with a PET up to the tolerance longer.
         pet_errors_s: errors of the PET of the true conflicts that were found (s)."""
 
     found: int
@@ -250,39 +253,39 @@ class ConflictMatches(NamedTuple):
 
 
 def match_conflicts(
-    found: Sequence[Conflict], true: Sequence[Conflict], *, max_pet: float, tolerance: float
+    detected: Sequence[Conflict], true: Sequence[Conflict], *, max_pet: float, tolerance: float
 ) -> ConflictMatches:
     """Match conflicts with the true ones at the same place and time.
 
     Args:
-        found: Conflicts found, also some with a longer PET than `max_pet` + `tolerance`.
+        detected: Conflicts found, also some with a longer PET than `max_pet` + `tolerance`.
         true: True conflicts, likewise.
         max_pet: PET up to which conflicts count (s).
         tolerance: Excess over `max_pet` that a partner may have (s)."""
     from scipy.optimize import linear_sum_assignment
 
-    places = np.array([[conflict.x, conflict.y] for conflict in found]).reshape(-1, 2)
+    places = np.array([[conflict.x, conflict.y] for conflict in detected]).reshape(-1, 2)
     true_places = np.array([[conflict.x, conflict.y] for conflict in true]).reshape(-1, 2)
-    times = np.array([conflict.time for conflict in found])
+    times = np.array([conflict.time for conflict in detected])
     true_times = np.array([conflict.time for conflict in true])
     distances = np.hypot(*np.moveaxis(places[:, None] - true_places, 2, 0)) / MAX_PLACE_OFFSET_M
     delays = np.abs(times[:, None] - true_times) / MAX_TIME_OFFSET_S
     is_pair = (distances <= 1) & (delays <= 1)
     rows, columns = linear_sum_assignment(np.where(is_pair, distances + delays - 10, 0.0))
-    partner = {}
-    true_partner = {}
+    partners = {}
+    true_partners = {}
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if is_pair[row, column]:
-            partner[row] = true[column]
-            true_partner[column] = found[row]
-    counted = [row for row, conflict in enumerate(found) if conflict.pet_s <= max_pet]
+            partners[row] = true[column]
+            true_partners[column] = detected[row]
+    counted = [row for row, conflict in enumerate(detected) if conflict.pet_s <= max_pet]
     counted_true = [row for row, conflict in enumerate(true) if conflict.pet_s <= max_pet]
     longest = max_pet + tolerance
-    right = [row for row in counted if row in partner and partner[row].pet_s <= longest]
-    detected = [
-        row for row in counted_true if row in true_partner and true_partner[row].pet_s <= longest
+    right = [row for row in counted if row in partners and partners[row].pet_s <= longest]
+    recalled = [
+        row for row in counted_true if row in true_partners and true_partners[row].pet_s <= longest
     ]
-    errors = [true_partner[row].pet_s - true[row].pet_s for row in detected]
+    errors = [true_partners[row].pet_s - true[row].pet_s for row in recalled]
     return ConflictMatches(
-        len(counted), len(right), len(counted_true), len(detected), tuple(errors)
+        len(counted), len(right), len(counted_true), len(recalled), tuple(errors)
     )

@@ -99,11 +99,10 @@ def count_street(
             partial[LABELS[trip.label]] += 1
     movements = []
     for key in sorted(groups):
-        label, entry, leave = key
         movement = MovementCount(
-            label=LABELS[label],
-            entry=entry,
-            exit=leave,
+            label=LABELS[key[0]],
+            entry=key[1],
+            exit=key[2],
             count=len(groups[key]),
             speed_km_h=_mean([trip.speed_km_h for trip in groups[key]]),
             dwell_s=_mean([trip.dwell_s for trip in groups[key]]),
@@ -204,7 +203,7 @@ class TripMatches(NamedTuple):
 
 
 def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> TripMatches:
-    """Match whole trips of some classes with true ones of these classes, entry and exit.
+    """Match whole trips of some classes with true ones, by entry and exit.
 
     Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart."""
     from scipy.optimize import linear_sum_assignment

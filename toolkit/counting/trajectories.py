@@ -48,8 +48,8 @@ def collect_trajectories(
 ) -> list[Trajectory]:
     """Trajectories of true objects, or of tracks that are sure enough, in the order of their ids.
 
-    A track has the class in which most of its boxes are, by their scores. Velocities are those of
-    the positions, smoothed over `SPEED_SMOOTHING_S`.
+    A track has the class in which most of its boxes are, by their scores. Velocities
+    follow from the positions, smoothed over `SPEED_SMOOTHING_S`.
 
     Args:
         frames: Road users in each frame, with ids that last.

@@ -1,4 +1,4 @@
-"""Trips: ways of road users through the detection area, from the arm of entry to that of exit."""
+"""Trips: ways of road users through the detection area, from arm of entry to arm of exit."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Trip(NamedTuple):
         end: time at which it is last in the area (s).
         way_m: length of its way in the area, as far as it moves.
         moving_s: seconds in which it moves.
-        standing_s: seconds in which it stands."""
+        standing_s: seconds in which it does not move."""
 
     id: int
     label: int
@@ -38,7 +38,7 @@ class Trip(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """True for a trip of which entry and exit are known."""
+        """True if entry and exit are known."""
         return self.entry is not None and self.exit is not None
 
     @property
@@ -76,12 +76,12 @@ def _find_trip(
     trajectory: Trajectory,
     first: int,
     last: int,
-    place: tuple[Sequence[Arm], Float64[np.ndarray, "4"]],
+    surroundings: tuple[Sequence[Arm], Float64[np.ndarray, "4"]],
 ) -> Trip:
     """Trip of a road user that is in the area from its first to its last row.
 
-    place: arms and area."""
-    arms, area = place
+    surroundings: arms and area."""
+    arms, area = surroundings
     inside = trajectory.select(slice(first, last + 1))
     steps = np.diff(inside.times)
     speeds = (inside.speeds[1:] + inside.speeds[:-1]) / 2

@@ -1,7 +1,7 @@
-"""Turning-movement diagram: bands from the arms of entry to those of exit, as wide as their counts.
+"""Turning-movement diagram: bands from entry to exit, as wide as their counts.
 
 A panel for each kind of road user has the arms on a circle, in their compass directions, north up.
-Beside each arm are the numbers of those who came in and who left."""
+Next to each arm are the numbers of road users who came in and who left."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 PANEL_INCHES = 4.0
 HEAD_INCHES = 0.75
-MAX_BAND = 0.2  # width of the widest band, where the circle has a radius of 1
+MAX_BAND = 0.2  # width of the widest band; the radius of the circle is 1
 MIN_BAND = 0.008
-SIDE = 0.21  # from the middle of an arm to the middle of those who come in or leave
-LIMIT = 1.72  # of the axes
+SIDE = 0.21  # from the middle of an arm to the middle of its entries or exits
+LIMIT = 1.72  # half of the axes' width
 ARM_TEXT = 1.4  # from the middle to an arm's name and sums
 CURVE_POINTS = 40
 
@@ -58,24 +58,24 @@ def draw_turning_diagram(
         subtitle: Line below it, "" for none.
         lefthand: True if traffic keeps left."""
     counts_by_panel = {name: _sum_counts(movements, labels) for name, labels in GROUPS.items()}
-    shown = {name: counts for name, counts in counts_by_panel.items() if counts}
-    if not shown:
-        shown = {"vehicles": {}}
-    width = PANEL_INCHES * max(2, len(shown))
+    panels = {name: counts for name, counts in counts_by_panel.items() if counts}
+    if not panels:
+        panels = {"vehicles": {}}
+    width = PANEL_INCHES * max(2, len(panels))
     height = PANEL_INCHES + HEAD_INCHES
     with house_style():
         figure = blank_figure(width, height)
         heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
         figure.text(0.2 / width, 1 - 0.24 / height, shorten(title, 88), **heading)
         figure.text(0.2 / width, 1 - 0.5 / height, plain(subtitle), fontsize=9, va="center")
-        for number, (name, counts) in enumerate(shown.items()):
-            place = (
+        for number, (name, counts) in enumerate(panels.items()):
+            bounds = (
                 PANEL_INCHES * number / width,
                 0.0,
                 PANEL_INCHES / width,
                 PANEL_INCHES / height,
             )
-            axes = figure.add_axes(place)
+            axes = figure.add_axes(bounds)
             _draw_panel(axes, f"{sum(counts.values())} {name}", counts, (arms, lefthand))
         write_figure(figure, out)
 
@@ -136,8 +136,8 @@ def _direction(bearing: float) -> Float64[np.ndarray, "2"]:
 
 def _band_widths(counts: Mapping[tuple[str, str], int]) -> dict[tuple[str, str], float]:
     """Width of each band, in proportion to its count."""
-    most = max(counts.values(), default=1)
-    return {key: max(MIN_BAND, MAX_BAND * count / most) for key, count in counts.items()}
+    max_count = max(counts.values(), default=1)
+    return {key: max(MIN_BAND, MAX_BAND * count / max_count) for key, count in counts.items()}
 
 
 def _spread(
@@ -160,7 +160,7 @@ def _spread(
         left = np.array([-outward[1], outward[0]])
         keys = [key for key in counts if key[0 if by_entry else 1] == arm]
         # clockwise by the other arm, so that bands of one arm do not cross
-        keys.sort(key=lambda key: _turn_to(outward, outwards[key[1 if by_entry else 0]]))
+        keys.sort(key=lambda key: _measure_turn(outward, outwards[key[1 if by_entry else 0]]))
         offset = side - sum(widths[key] for key in keys) / 2
         for key in keys:
             places[key] = outward + (offset + widths[key] / 2) * left
@@ -168,10 +168,10 @@ def _spread(
     return places
 
 
-def _turn_to(outward: Float64[np.ndarray, "2"], other: Float64[np.ndarray, "2"]) -> float:
+def _measure_turn(outward: Float64[np.ndarray, "2"], target: Float64[np.ndarray, "2"]) -> float:
     """Turn from one direction counter-clockwise to another (rad, 0 to 2 pi), turned round."""
-    cross = outward[0] * other[1] - outward[1] * other[0]
-    return -float(np.arctan2(cross, outward @ other) % (2 * np.pi))
+    cross = outward[0] * target[1] - outward[1] * target[0]
+    return -float(np.arctan2(cross, outward @ target) % (2 * np.pi))
 
 
 def _curve(
@@ -185,8 +185,8 @@ def _curve(
     reach = 0.35 + 0.25 * float(np.hypot(*(end - begin))) / 2
     controls = [begin, begin - reach * begin_outward, end - reach * end_outward, end]
     share = np.linspace(0, 1, CURVE_POINTS)[:, None]
-    rest = 1 - share
-    factors = [rest**3, 3 * rest**2 * share, 3 * rest * share**2, share**3]
+    remainder = 1 - share
+    factors = [remainder**3, 3 * remainder**2 * share, 3 * remainder * share**2, share**3]
     return np.sum([factor * point for factor, point in zip(factors, controls, strict=True)], axis=0)
 
 

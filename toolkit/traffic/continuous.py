@@ -1,4 +1,4 @@
-"""Continuous traffic: frames of ways that lead through a site, none of which overlap.
+"""Continuous traffic: frames of ways through a site that never overlap.
 
 Frames may be any number of steps of 0.1 s apart. A road user that would overlap another, a parked
 vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`). It is refused as a whole

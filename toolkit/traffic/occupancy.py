@@ -53,7 +53,7 @@ class Occupancy:
         self._obstacles = obstacles
         self._parked_boxes = parked_boxes
         self._boxes: list[LevelBoxes] = []
-        # of each body: first and last step, xmin, ymin, xmax, ymax of all it covers
+        # for each body: first and last step, xmin, ymin, xmax, ymax of all it covers
         self._extents = np.empty((_FIRST_CAPACITY, 6))
 
     def add(self, boxes: LevelBoxes, first: int) -> None:
@@ -80,10 +80,10 @@ class Occupancy:
         conflicts = [int(step) for step in steps[self.is_obstructed(boxes[rows])][:1]]
         for body in self._list_near(_bounds(boxes[rows]), int(steps[0]), int(steps[-1])):
             body_first = int(self._extents[body, 0])
-            other = self._boxes[body]
-            is_common = (steps >= body_first) & (steps < body_first + len(other))
+            body_track = self._boxes[body]
+            is_common = (steps >= body_first) & (steps < body_first + len(body_track))
             common = steps[is_common]
-            is_close = are_close(boxes[common - first], other[common - body_first], BODY_GAP_M)
+            is_close = are_close(boxes[common - first], body_track[common - body_first], BODY_GAP_M)
             conflicts += common[is_close][:1].tolist()
         return min(conflicts, default=None)
 
@@ -98,7 +98,7 @@ class Occupancy:
         """Mask of boxes of `is_obstructed` that may be seen."""
         return self.is_obstructed(boxes, gap) & self._is_near_view(boxes)
 
-    def is_taken(
+    def find_blocked(
         self, boxes: LevelBoxes, moments: Moments, gap: float
     ) -> Bool[np.ndarray, "moments n"]:
         """Mask of moments and boxes at which a body is within a gap of a box.
@@ -107,27 +107,35 @@ class Occupancy:
             boxes: Boxes of one size.
             moments: Moments.
             gap: Gap (m)."""
-        taken = np.zeros((moments.count, len(boxes)), np.bool_)
+        blocked = np.zeros((moments.count, len(boxes)), np.bool_)
         is_seen = self._is_near_view(boxes)
         steps = moments.steps
         bounds = _bounds(boxes) + gap * np.array([-1, -1, 1, 1])
         for body in self._list_near(bounds, int(steps[0]), int(steps[-1])):
             body_first = int(self._extents[body, 0])
-            other = self._boxes[body]
-            rows = np.flatnonzero((steps >= body_first) & (steps < body_first + len(other)))
-            body_boxes = other[steps[rows] - body_first]
+            body_track = self._boxes[body]
+            rows = np.flatnonzero((steps >= body_first) & (steps < body_first + len(body_track)))
+            body_boxes = body_track[steps[rows] - body_first]
             radius = np.hypot(*body_boxes[0, 3:5]) / 2
             is_inside = (body_boxes[:, :2] > bounds[:2] - radius).all(axis=1)
             is_inside &= (body_boxes[:, :2] < bounds[2:] + radius).all(axis=1)
             rows = rows[is_inside]
             body_boxes = body_boxes[is_inside]
+            if not len(rows):
+                continue
             reach = radius + np.hypot(*boxes[0, 3:5]) / 2 + gap
-            dx = body_boxes[:, 0, None] - boxes[:, 0]
-            dy = body_boxes[:, 1, None] - boxes[:, 1]
-            moment, box = np.nonzero((dx * dx + dy * dy < reach**2) & is_seen)
+            low = body_boxes[:, :2].min(axis=0) - reach
+            high = body_boxes[:, :2].max(axis=0) + reach
+            near = np.flatnonzero(
+                ((boxes[:, :2] > low) & (boxes[:, :2] < high)).all(axis=1) & is_seen
+            )
+            dx = body_boxes[:, 0, None] - boxes[near, 0]
+            dy = body_boxes[:, 1, None] - boxes[near, 1]
+            moment, column = np.nonzero(dx * dx + dy * dy < reach**2)
+            box = near[column]
             is_close = are_close(body_boxes[moment], boxes[box], gap)
-            taken[rows[moment[is_close]], box[is_close]] = True
-        return taken
+            blocked[rows[moment[is_close]], box[is_close]] = True
+        return blocked
 
     def _list_seen(self, boxes: LevelBoxes, first: int) -> Int64[np.ndarray, " k"]:
         """Rows of boxes that may be seen in a frame."""

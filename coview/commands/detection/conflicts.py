@@ -97,18 +97,20 @@ def _search(street: Street, max_pet: float) -> _Row:
     longest = max_pet + PET_TOLERANCE_S
     area = street.site.area
     true = None if street.true is None else find_conflicts(street.true, area, max_pet=longest)
-    found = None if street.found is None else find_conflicts(street.found, area, max_pet=longest)
-    listed = true if found is None else found
+    measured = (
+        None if street.measured is None else find_conflicts(street.measured, area, max_pet=longest)
+    )
+    listed = true if measured is None else measured
     assert listed is not None
     result: _Row = {
         "site": street.site.name,
         "seconds": street.times[-1] - street.times[0] if len(street.times) else 0.0,
-        "searched": "truth" if found is None else "tracks",
+        "searched": "truth" if measured is None else "tracks",
         "max_pet_s": max_pet,
         "conflicts": [_list_row(conflict) for conflict in listed if conflict.pet_s <= max_pet],
     }
-    if found is not None and true is not None:
-        matches = match_conflicts(found, true, max_pet=max_pet, tolerance=PET_TOLERANCE_S)
+    if measured is not None and true is not None:
+        matches = match_conflicts(measured, true, max_pet=max_pet, tolerance=PET_TOLERANCE_S)
         errors = np.abs(matches.pet_errors_s)
         nan = float("nan")
         result |= {

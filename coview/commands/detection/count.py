@@ -53,7 +53,7 @@ def count_command(
 ) -> int:
     """Count a street: turning movements by entry, exit and class, speeds, dwell times and queues.
 
-    A recording is counted by its tracks, next to its own truth if it has any. A site is counted by
+    A recording is counted by its tracks, next to its truth if it has any. A site is counted by
     simulated traffic, and --stretch gives the errors of its sensors.
 
     Example: coview count street.hdf5 --detector tjunction+background --out counts.csv
@@ -94,23 +94,23 @@ def _count(street: Street) -> _Row:
 
     arms = find_arms(street.site)
     true = _count_trajectories(street, street.true, arms)
-    found = _count_trajectories(street, street.found, arms)
-    counts = found or true
+    measured = _count_trajectories(street, street.measured, arms)
+    counts = measured or true
     assert counts is not None
-    if found is not None and true is not None:
-        movements = [_list_error(error) for error in compare_counts(found, true)]
+    if measured is not None and true is not None:
+        movements = [_list_error(error) for error in compare_counts(measured, true)]
     else:
         movements = [movement._asdict() for movement in counts.movements]
     queues = {queue.entry: queue._asdict() for queue in counts.queues}
-    if found is not None and true is not None:
+    if measured is not None and true is not None:
         for queue in true.queues:
             row = queues.setdefault(queue.entry, {"entry": queue.entry, "mean": 0.0, "longest": 0})
             row |= {"true_mean": queue.mean, "true_longest": queue.longest}
     return {
         "site": street.site.name,
         "seconds": counts.seconds,
-        "counted": "truth" if found is None else "tracks",
-        "totals": _list_totals(found, true),
+        "counted": "truth" if measured is None else "tracks",
+        "totals": _list_totals(measured, true),
         "movements": movements,
         "queues": [queues[entry] for entry in sorted(queues)],
         "partial": counts.partial,
@@ -133,24 +133,24 @@ def _list_error(error: "CountError") -> _Row:
     return error._asdict() | {"error": error.count - error.true_count}
 
 
-def _list_totals(found: "StreetCounts | None", true: "StreetCounts | None") -> list[_Row]:
+def _list_totals(measured: "StreetCounts | None", true: "StreetCounts | None") -> list[_Row]:
     """Totals by group of classes, with their errors if both are known."""
     from toolkit.counting.counts import GROUPS, match_trips, wilson_interval
 
     rows = []
     for group, labels in GROUPS.items():
-        counts = found or true
+        counts = measured or true
         assert counts is not None
         row: _Row = {
             "group": group,
             "count": counts.total(*labels),
             "speed_km_h": counts.mean_speed(*labels),
         }
-        if found is not None and true is not None:
-            matches = match_trips(found, true, *labels)
+        if measured is not None and true is not None:
+            matches = match_trips(measured, true, *labels)
             row |= {
                 "true_count": true.total(*labels),
-                "error": found.total(*labels) - true.total(*labels),
+                "error": measured.total(*labels) - true.total(*labels),
                 "true_speed_km_h": true.mean_speed(*labels),
                 "found_share": matches.right / matches.true if matches.true else float("nan"),
                 "found_interval": wilson_interval(matches.right, matches.true),
@@ -168,7 +168,7 @@ def _draw(street: Street, out: Path) -> None:
     from toolkit.sites.georeference import bearing_deg
 
     arms = find_arms(street.site)
-    trajectories = street.true if street.found is None else street.found
+    trajectories = street.true if street.measured is None else street.measured
     counts = _count_trajectories(street, trajectories, arms)
     assert counts is not None
     bearings = [
@@ -176,7 +176,7 @@ def _draw(street: Street, out: Path) -> None:
         for arm in arms
     ]
     minutes = counts.seconds / 60
-    source = "true road users" if street.found is None else "tracks"
+    source = "true road users" if street.measured is None else "tracks"
     draw_turning_diagram(
         counts.movements,
         bearings,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from toolkit.traffic.supply import Supply
 
 FRAME_S = 0.1  # between frames of simulated traffic
-FLEET_FRAMES = 100  # of a recording for which as many bodies are drawn as for simulated traffic
+FLEET_FRAMES = 100  # frames whose number of bodies is drawn for simulated traffic
 SECONDS_AN_HOUR = 3600.0
 SITE_ENDINGS = (".json", ".geojson")
 
@@ -66,12 +66,12 @@ class Street(NamedTuple):
     Attributes:
         site: the place.
         times: time of each frame (s).
-        found: trajectories that were found, None for simulated traffic without rays.
+        measured: trajectories that were found, None for simulated traffic without rays.
         true: true trajectories, None for a recording without truth."""
 
     site: "Site"
     times: Sequence[float]
-    found: "list[Trajectory] | None"
+    measured: "list[Trajectory] | None"
     true: "list[Trajectory] | None"
 
 
@@ -102,7 +102,7 @@ def open_street(
     place: Place,
     hidden: bool,
 ) -> tuple[Street, Street | None]:
-    """Road users of a source, and of a stretch with rays if it is a site of which one is asked for.
+    """Road users of a source, and of a site's stretch with rays if one is asked for.
 
     source: recording, or name or file of a site; hidden: True to show no progress. Raises the
     errors of `simulate_street` and `observe_street`."""

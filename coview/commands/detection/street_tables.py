@@ -24,9 +24,11 @@ def write_rows(out: Path, columns: Sequence[str], rows: Sequence[StreetRow]) -> 
 
 
 def align_rows(columns: Sequence[str], rows: Sequence[StreetRow], *, texts: int) -> str:
-    """Lines of a table. columns: names of the columns, of which the first `texts` hold texts."""
-    cells = [[str(_format_cell(row[name])) for name in columns] for row in rows]
-    return align_columns([list(columns), *cells], texts=texts)
+    """Lines of a table. columns: names of the columns, the first `texts` of them for texts."""
+    cells = [list(columns)]
+    for row in rows:
+        cells.append([str(_format_cell(row[name])) for name in columns])
+    return align_columns(cells, texts=texts)
 
 
 def _format_cell(value: object) -> object:

@@ -10,6 +10,7 @@ from toolkit.sites.site import Site
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.right_of_way import Course, give_way
+from toolkit.traffic.road_lanes import distance_to_area
 
 AREA = np.array([-40.0, -20, 40, 20])
 WALKER = np.array([0.5, 0.6, 1.75])
@@ -29,14 +30,16 @@ def straight(start, velocity, first, steps, *, size=WALKER, label=PEDESTRIAN):
 
 
 def touch(one, one_course, other, other_course):
-    """True if two bodies overlap at some step."""
+    """True if two bodies overlap at some step while both can be seen."""
     begin = max(one_course.first, other_course.first)
     end = min(one_course.first + len(one), other_course.first + len(other))
     shapes = []
+    is_seen = True
     for poses, course in ((one, one_course), (other, other_course)):
         boxes = size_boxes(poses[begin - course.first : end - course.first], course.size)
         shapes.append(shapely.polygons(footprints(boxes)))
-    return shapely.intersects(*shapes).any()
+        is_seen = is_seen & (distance_to_area(boxes[:, :2], AREA) < 10)
+    return shapely.intersects(*shapes)[is_seen].any()
 
 
 def test_who_meets_nobody_goes_as_planned(occupancy):
@@ -47,7 +50,7 @@ def test_who_meets_nobody_goes_as_planned(occupancy):
 
 def test_a_walker_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
     cars = [
-        straight((-60, 0), (10, 0), 80 + 25 * k, 160, size=CAR, label=VEHICLE) for k in range(3)
+        straight((-60, 0), (10, 0), 80 + 25 * k, 160, size=CAR, label=VEHICLE) for k in range(6)
     ]
     for car in cars:
         assert give_way(car, occupancy) is car.poses
@@ -83,9 +86,11 @@ def test_a_car_follows_a_slower_one(occupancy):
 
 
 def test_no_way_through_is_refused(occupancy):
-    blocker = straight((0, 0), (0, 0), 0, LAST + 1, size=np.array([1.0, 30, 2]))
-    give_way(blocker, occupancy)
-    assert give_way(straight((-45, 0), (1.4, 0), 0, 700), occupancy) is None
+    fence = straight((0, 0), (0, 0), 300, LAST - 299, size=np.array([90.0, 50, 2]))
+    give_way(fence, occupancy)
+    waiting = give_way(straight((-70, 0), (1.4, 0), 0, 700), occupancy)
+    assert waiting[-1, 0] < -45
+    assert give_way(straight((-5, 0), (0, 0), 0, LAST + 1), occupancy) is None
 
 
 def test_what_is_not_seen_does_not_count(occupancy):
@@ -106,7 +111,7 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
     )
     boxes = size_boxes(poses, WALKER)
     moments = Moments(0, 4, 20)
-    taken = occupancy.is_taken(boxes, moments, 0.0)
+    taken = occupancy.find_blocked(boxes, moments, 0.0)
     shapes = shapely.polygons(footprints(boxes))
     for moment, step in enumerate(moments.steps.tolist()):
         if 5 <= step < 75:
