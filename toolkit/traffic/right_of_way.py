@@ -265,7 +265,7 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     columns = np.column_stack([plan.progress, plan.aside])
     smoothed = smooth_rows(columns, sigma)[:count]
     poses = _pick(course.poses, smoothed[:, 0])
-    if not len(poses) or not smoothed[:, 1].any():
+    if len(poses) < 2 or not smoothed[:, 1].any():
         return poses
     shifted = _shift(poses, smoothed[:, 1])
     # a heading turns with the course that the body takes

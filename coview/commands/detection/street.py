@@ -38,7 +38,7 @@ class StreetDemand:
     hours: float = 1.0
     """Hours of traffic to simulate, without rays."""
     flow: str | None = None
-    """StreetDemand, as in coview simulate; drawn when left out."""
+    """Demand, as in coview simulate; drawn when left out."""
     seed: int = 0
     """Seed of the traffic."""
     stretch: float | None = None
@@ -107,7 +107,14 @@ def open_street(
     source: recording, or name or file of a site; hidden: True to show no progress. Raises the
     errors of `simulate_street` and `observe_street`."""
     if not is_site(source):
+        if demand != StreetDemand():
+            raise ValueError(
+                f"--hours, --flow, --seed and --stretch are for a site, but {source} is a recording: "
+                "leave them out"
+            )
         return observe_street(Path(source), measuring, opening, place, hidden=hidden), None
+    if measuring.tracks is not None:
+        raise ValueError(f"--tracks is for a recording, but {source} is a site: leave it out")
     flow = choose_flow(source, demand)
     street = simulate_street(source, demand, flow, hidden=hidden)
     stretch = record_stretch(source, demand, flow, measuring, place=place, hidden=hidden)

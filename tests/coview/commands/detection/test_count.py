@@ -80,6 +80,8 @@ def test_what_cannot_be_counted_is_refused(recording, tmp_path, refused):
     assert "at most 1 s apart, got 5 s" in refused("count", recording)
     assert "--hours must be above 0" in refused("count", "tjunction", "--hours", "0")
     assert "--max-pet must be at most 5" in refused("conflicts", recording, "--max-pet", "9")
+    assert "are for a site" in refused("count", recording, "--hours", "2")
+    assert "--tracks is for a recording" in refused("count", "tjunction", "--tracks", recording)
     assert ".csv" in refused("count", recording, "--out", tmp_path / "counts.json")
     assert ".png or .svg" in refused("count", recording, "--diagram", tmp_path / "counts.gif")
     assert "detector" in refused("count", recording, "--detector", "nobody")
