@@ -109,8 +109,8 @@ def open_street(
     if not is_site(source):
         if demand != StreetDemand():
             raise ValueError(
-                f"--hours, --flow, --seed and --stretch are for a site, but {source} is a recording: "
-                "leave them out"
+                f"--hours, --flow, --seed and --stretch are for a site, but {source} is a "
+                "recording: leave them out"
             )
         return observe_street(Path(source), measuring, opening, place, hidden=hidden), None
     if measuring.tracks is not None:
