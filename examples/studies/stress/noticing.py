@@ -14,7 +14,7 @@ import numpy as np
 
 from examples.studies.stress.channel import PERFECT, delay_frames
 from examples.studies.stress.conditions import make_conditions
-from examples.studies.stress.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
+from toolkit.centre.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.arrays import ImageMask
 from toolkit.boxes import count_points
 from toolkit.calibration.recording_scenes import Scenes
