@@ -66,6 +66,8 @@ class Rules:
     """Print AP by range and points, and in other protocols; usual without a known site."""
     radius: float | None = None
     """Distance (m) beyond which hybrid fusion shares points; the site's when left out."""
+    timings: bool = False
+    """Print median, 95th and 99th percentile of the milliseconds of each stage, by scheme."""
     link: Link = Link()
 
 
@@ -285,6 +287,7 @@ def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
         radius=rules.radius,
         rate=link.rate,
         breakdown=rules.breakdown,
+        timings=rules.timings,
     )
 
 
