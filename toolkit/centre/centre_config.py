@@ -39,6 +39,7 @@ area = [-40, -40, 40, 40]
 folder = "out"                  # out/mcap/000000.mcap, ...
 to = ["mcap", "kitti-tracking"]
 piece_s = 60                    # time of a file
+clouds = false                  # write clouds, too, in formats that hold them
 origin = [48.137, 11.575]       # latitude and longitude of 0 0 0, for mf-json
 
 [page]
@@ -117,11 +118,13 @@ class OutputConfig:
         folders: Folder of each format by its name.
         piece_s: Time of a file (s).
         origin: Place on earth of the world's 0 0 0, None if unknown.
+        clouds: True to write clouds, too, in formats that hold them.
     """
 
     folders: dict[str, Path] = field(default_factory=dict)
     piece_s: float = PIECE_S
     origin: GeoOrigin | None = None
+    clouds: bool = False
 
     def make_writer(self) -> PieceWriter:
         """Make the writer of the files. Raises the errors of `PieceWriter`."""
@@ -287,7 +290,7 @@ def _parse_place(document: JsonObject) -> Place:
 
 def _parse_output(document: JsonObject, folder: Path) -> OutputConfig:
     """Parse formats and folders of the output, empty without any."""
-    table = _take_table(document, "output", ("folder", "to", "piece_s", "origin"))
+    table = _take_table(document, "output", ("folder", "to", "piece_s", "origin", "clouds"))
     if not table.value:
         return OutputConfig()
     names = table.texts("to")
@@ -305,6 +308,7 @@ def _parse_output(document: JsonObject, folder: Path) -> OutputConfig:
         {name: target / name for name in names},
         piece_s=_take_number(table, "piece_s", PIECE_S, (0.1, _MAX_S)),
         origin=origin,
+        clouds=_take(table, "clouds", bool, False),
     )
 
 

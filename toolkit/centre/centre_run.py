@@ -22,6 +22,7 @@ from toolkit.centre.turn_watch import TurnFinder, TurnProcess, TurnWatch
 from toolkit.exchange.instant import Instant
 from toolkit.frame import Frame
 from toolkit.sensors.sensor import Sensor
+from toolkit.tracking.tracker import Tracker
 
 _WARM_UPS = 2  # the first detection loads, the second one is as fast as any
 PATIENCE_SHARE = 0.5  # of the interval: wait for a sensor that should have sent
@@ -143,7 +144,7 @@ def run_centre(
             clock=clock,
             write=writer.write,
             tick=tick,
-            with_clouds=writer.takes_clouds,
+            with_clouds=parts.output.clouds and writer.takes_clouds,
         )
         for frame in centre.run(queue):
             health.add(frame)
@@ -155,13 +156,15 @@ def run_centre(
 
 
 def warm_up(parts: CentreParts) -> None:
-    """Detect in the sample and write it to a temporary folder.
+    """Detect and track in the sample, and write it to a temporary folder.
 
-    So the first frames do not wait for packages to load. Raises the errors of both."""
+    So the first frames do not wait for packages to load. Raises the errors of all."""
     if parts.sample is None:
         return
-    for result in parts.detection.detect([parts.sample] * _WARM_UPS):
-        instant = Instant.from_detections(0.0, result.detections, result.frame.clouds)
+    tracker = Tracker()
+    for number, result in enumerate(parts.detection.detect([parts.sample] * _WARM_UPS)):
+        tracks = tracker.update(result.detections, float(number))
+        instant = Instant.from_tracks(float(number), tracks, result.frame.clouds)
     with TemporaryDirectory() as folder:
         folders = {name: Path(folder) / name for name in parts.output.folders}
         writer = replace(parts.output, folders=folders).make_writer()

@@ -124,10 +124,9 @@ class InputPumps:
 
     def _put(self, message: SensorMessage) -> bool:
         """Put a message into the queue at its time; return False if the run has ended."""
-        if self._is_live:
-            message = replace(message, arrival_s=self._clock.now())
-        else:
+        if not self._is_live:
             self._clock.wait(message.arrival_s, self._stop)
+        message = replace(message, arrival_s=max(self._clock.now(), message.arrival_s))
         if self._stop.is_set():
             return False
         setup = self._setups.get(message.sensor)

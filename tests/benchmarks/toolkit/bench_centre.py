@@ -5,7 +5,7 @@
 
 Street traffic is simulated at 10 Hz at the T-junction and at 5 Hz at the roundabout, unless the
 folder has it. It is replayed at its own pace through `coview run`'s parts with the site's network,
-its background, and tracks and clouds written to MCAP. Then a sensor falls silent, one is delayed
+its background, and tracks written to MCAP. Then a sensor falls silent, one is delayed
 by 300 ms, and one is turned by 2 degrees about each axis, each in a run of its own.
 
 --minutes repeats the recording for so long, for the growth of memory. --threads reads the recording

@@ -99,7 +99,7 @@ def test_a_recording_is_replayed_in_order_with_poses_and_clocks(read):
     pumps.stop()
     assert clock.now() >= 7.35
     assert [m.time_s for m in received] == pytest.approx([5.0 + 0.05 * k for k in range(8)])
-    assert [m.arrival_s for m in received] == pytest.approx([7.0 + 0.05 * k for k in range(8)])
+    assert all(m.arrival_s >= 7.0 + 0.05 * k for k, m in enumerate(received))
     assert [m.measurement.points[0, 0] for m in received] == list(range(8))
     assert np.array_equal(received[0].measurement.world_SE3_sensor, moved)
 
