@@ -30,7 +30,7 @@ from toolkit.tracking.tracker import Tracker
 from toolkit.tracking.tracks import Tracks
 
 MAX_WAITING_FRAMES = 2
-TICK_S = 0.02  # longest wait for a message before the watch looks again
+MAX_PAUSE_S = 0.02  # longest wait for a message before the watch looks again
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +180,7 @@ class RunningCentre:
     def _take_groups(self, source: MessageSource) -> Iterator[MessageGroup]:
         """Yield groups of messages in the order of time, and look at the sensors meanwhile."""
         waiting: deque[MessageGroup] = deque()
-        while (messages := source.take(0.0 if waiting else TICK_S)) is not None:
+        while (messages := source.take(0.0 if waiting else MAX_PAUSE_S)) is not None:
             for message in messages:
                 self._watch.hear(message)
                 self._synchroniser.add(message)

@@ -10,6 +10,7 @@ from coview.detectors import check_detector
 from coview.recordings import Opening
 
 if TYPE_CHECKING:
+    from toolkit.calibration.empty_scene import EmptyScene
     from toolkit.calibration.recording_scenes import LearntScene
     from toolkit.centre.centre_config import CentreConfig, InputConfig
     from toolkit.centre.centre_run import CentreParts
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 _INTERVAL_S = 0.1  # if neither input nor configuration states it
-MAX_SCENE_IMAGES = 64  # from which a sensor's empty scene is learnt
+_LEARNT_IMAGES = 64  # from which a sensor's empty scene is learnt
 
 
 @contextmanager
@@ -70,7 +71,7 @@ def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") 
         ),
         config.interval_s or source.interval_s,
         source.spread_s,
-        scenes=Scenes(frames, sample=MAX_SCENE_IMAGES).every,
+        scenes=Scenes(frames, sample=_LEARNT_IMAGES).every,
         speed=config.speed,
         sample=frames[0],
     )
@@ -152,7 +153,7 @@ def _place_backgrounds(parts: "CentreParts", config: "CentreConfig") -> "CentreP
     )
 
 
-def _wrap_scenes(scenes: "Sequence[object]") -> "dict[str, LearntScene]":
+def _wrap_scenes(scenes: "Sequence[EmptyScene]") -> "dict[str, LearntScene]":
     """Return given empty scenes by sensor."""
     from toolkit.calibration.recording_scenes import Scenes
 

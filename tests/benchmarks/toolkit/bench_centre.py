@@ -29,7 +29,7 @@ from toolkit.centre.health import HealthLog, read_memory_mb
 from toolkit.centre.input_pumps import read_in_thread
 from toolkit.centre.recording_input import RecordingInput
 from toolkit.centre.running_centre import CentreFrame
-from toolkit.centre.sensor_message import SensorInput, SensorMessage
+from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_watch import FaultEvent
 from toolkit.datasets.recording_views import ReadRecording, Reads
 from toolkit.datasets.recordings import open_recording
@@ -127,7 +127,9 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
 
     with open_centre(configure(site, path, {"mcap": folder / f"{site}-tracks"})) as parts:
         if options.minutes:
-            parts = replace(parts, inputs=[Repeated(parts.inputs[0], parts.interval_s)])
+            (recorded,) = parts.inputs
+            assert isinstance(recorded, RecordingInput)
+            parts = replace(parts, inputs=[Repeated(recorded, parts.interval_s)])
         if options.threads:
             parts = replace(parts, read=read_in_thread)
         seconds = 60 * options.minutes or None
@@ -150,7 +152,7 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
 
 
 def time_naming(
-    site: str, path: Path, fault: str, break_input: Callable[[SensorInput], SensorInput]
+    site: str, path: Path, fault: str, break_input: Callable[[RecordingInput], "Broken"]
 ) -> None:
     """Print how soon a fault of one sensor is named, and what the other sensors did meanwhile."""
     events: list[FaultEvent] = []
@@ -162,7 +164,9 @@ def time_naming(
             stop.set()
 
     with open_centre(configure(site, path, {})) as parts:
-        source = break_input(parts.inputs[0])
+        (recorded,) = parts.inputs
+        assert isinstance(recorded, RecordingInput)
+        source = break_input(recorded)
         seconds = ONSET_S + NAMING_S[fault] + 5
         figures = run_centre(
             replace(parts, inputs=[source]), HealthLog(None), stop, seconds=seconds, report=report
@@ -193,6 +197,9 @@ class Broken:
     @property
     def onset_s(self) -> float:
         return float(self.source.recording[0].time + ONSET_S)
+
+    def messages(self, stop: Event) -> Iterator[SensorMessage]:
+        raise NotImplementedError
 
     def fails(self, message: SensorMessage) -> bool:
         return message.sensor == FAILING and message.time_s >= self.onset_s - 1e-6
