@@ -17,6 +17,7 @@ import heapq
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -67,10 +68,10 @@ def main() -> None:
             latencies[site] = measure_pace(site, path, Path(temporary), options)
             if not options.no_faults:
                 for name in ("silent", "late"):
-                    time_naming(site, path, name, lambda source, name=name: FAULTS[name](source))
+                    time_naming(site, path, name, FAULTS[name])
                 for axis in range(3):
                     turned = simulate_turned(site, axis, options.frames, folder)
-                    time_naming(site, path, "shifted", lambda source, t=turned: Turned(source, t))
+                    time_naming(site, path, "shifted", partial(Turned, turned_path=turned))
     if options.plot is not None:
         plot_latencies(latencies, options.plot)
 

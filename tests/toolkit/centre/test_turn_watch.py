@@ -80,17 +80,16 @@ def test_the_turned_sensor_is_named_in_time_and_no_other(rendered):
     (first, second) = sensors
     rng = np.random.default_rng(1)
     onset_s = 6.0
-    named_s = None
+    named_times_s = []
     for k in range(90):
         time_s = 0.5 * IMAGE_EVERY_S * k * 2
         shown = first + "y" if time_s >= onset_s else first
         is_turned = watch.look(first, sensors[first].model.noisy(images[shown], rng), time_s)
         assert not watch.look(second, sensors[second].model.noisy(images[second], rng), time_s)
-        if is_turned and named_s is None:
-            named_s = time_s
-    assert onset_s < named_s <= onset_s + 30.0
+        if is_turned:
+            named_times_s.append(time_s)
+    assert onset_s < named_times_s[0] <= onset_s + min(30.0, 3 * MAX_ROUND_S)
     assert watch.turned == {first}
-    assert named_s <= onset_s + 3 * MAX_ROUND_S
 
 
 @pytest.mark.slow
