@@ -139,7 +139,7 @@ class LiveView:
                 self._drawn = None
                 self.status_text = f"sample {number} cannot be shown: {error}"
             self._redraw()
-            self._line.content = _escape_markdown(self.status_text)
+            self._line.content = escape_markdown(self.status_text)
 
     def colour_by(self, colouring: Colouring) -> None:
         """Colour the points of the shown frame, and of later ones, by another attribute."""
@@ -203,8 +203,8 @@ class LiveView:
         switch.on_update(apply)
 
 
-def _escape_markdown(text: str) -> str:
-    # Markdown that shows any characters literally
+def escape_markdown(text: str) -> str:
+    """Return Markdown that shows any characters literally."""
     return "".join(f"\\{letter}" if letter in MARKDOWN_SIGNS else letter for letter in text)
 
 

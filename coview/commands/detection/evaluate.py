@@ -267,6 +267,7 @@ def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
         radius=rules.radius,
         rate=link.rate,
         breakdown=rules.breakdown,
+        timings=rules.timings,
     )
 
 

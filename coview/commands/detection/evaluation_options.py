@@ -44,6 +44,8 @@ class Rules:
     """Print AP by range and points, and in other protocols; usual without a known site."""
     radius: float | None = None
     """Distance (m) beyond which hybrid fusion shares points; the site's when left out."""
+    timings: bool = False
+    """Print median, 95th and 99th percentile of the milliseconds of each stage, by scheme."""
     similarity: tuple[float, ...] | None = None
     """Similarities from which a track and an object match, for MOTA, IDF1 and sAMOTA of --tracks;
     0.5 when left out."""
