@@ -30,7 +30,7 @@ Overlap = Literal["bev", "3d"]
 FACE_TOLERANCE = (
     1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
 )
-_PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
+BATCH_PAIRS = 1 << 15  # keeps the temporaries of one step inside the cache
 _AT_ONCE = 512  # boxes compared at once, which bounds time and memory of many in one place
 
 # Signs of the half extents at the four corners of a footprint, counter-clockwise from front left.
@@ -122,6 +122,31 @@ def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
         return _overlap_area(first, second) / (length * width)
 
     return _measure_all_pairs(a, b, covered_share)
+
+
+def are_close(first: BoxRows, second: BoxRows, gap: float) -> Bool[np.ndarray, " n"]:
+    """Mask of rows at which two boxes are closer than a gap (m), seen from above.
+
+    Both boxes are widened by half of the gap on each side, and overlap unless an edge of one
+    separates them."""
+    half_first = (first[:, 3:5] + gap) / 2
+    half_second = (second[:, 3:5] + gap) / 2
+    dx = second[:, 0] - first[:, 0]
+    dy = second[:, 1] - first[:, 1]
+    turn = second[:, 6] - first[:, 6]
+    cos = np.abs(np.cos(turn))
+    sin = np.abs(np.sin(turn))
+    is_close = np.ones(len(dx), np.bool_)
+    for yaw, near_half, far_half in (
+        (first[:, 6], half_first, half_second),
+        (second[:, 6], half_second, half_first),
+    ):
+        ahead = dx * np.cos(yaw) + dy * np.sin(yaw)
+        aside = dy * np.cos(yaw) - dx * np.sin(yaw)
+        reach_ahead = near_half[:, 0] + far_half[:, 0] * cos + far_half[:, 1] * sin
+        reach_aside = near_half[:, 1] + far_half[:, 0] * sin + far_half[:, 1] * cos
+        is_close &= (np.abs(ahead) <= reach_ahead) & (np.abs(aside) <= reach_aside)
+    return is_close
 
 
 def nms(
@@ -351,8 +376,8 @@ def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     then linear, then constant, so its mean needs only the two places where the edge crosses
     y = -width/2 and y = width/2.
     """
-    if len(a) > _PAIRS_AT_ONCE:
-        blocks = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
+    if len(a) > BATCH_PAIRS:
+        blocks = [slice(k, k + BATCH_PAIRS) for k in range(0, len(a), BATCH_PAIRS)]
         return np.concatenate([_overlap_area(a[rows], b[rows]) for rows in blocks])
     length_a, width_a, yaw_a = a[:, 3], a[:, 4], a[:, 6]
     yaw_b = b[:, 6]

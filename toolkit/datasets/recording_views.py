@@ -35,7 +35,7 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
     if classes is None:
         return (frame for frame in frames)
     class_numbers = [label_index(label) for label in classes]
-    return (frame.of(np.isin(frame.objects.labels, class_numbers)) for frame in frames)
+    return (frame.select_objects(np.isin(frame.objects.labels, class_numbers)) for frame in frames)
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,20 @@ class Part(RecordingView):
         if not 0 <= number < len(self):
             raise IndexError(f"there is no frame {number}: {len(self)} are chosen, counted from 0")
         return self.recording[number * self.every]
+
+
+@dataclass(frozen=True)
+class Numbered(RecordingView):
+    """View of a recording whose frames have their numbers as `index`.
+
+    by_name: True if the numbers are the frames' names, as in KITTI, else they count from 0."""
+
+    by_name: bool = False
+
+    def __getitem__(self, index: int) -> Frame:
+        frame = self.recording[index]
+        number = int(frame.name) if self.by_name else index
+        return frame if frame.index == number else replace(frame, index=number)
 
 
 @dataclass(frozen=True)

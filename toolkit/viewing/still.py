@@ -46,7 +46,7 @@ def write_still(
     sensors: names in the order of their colours, the frame's when empty; half: half the width and
     height (m) of a map around the origin; None for the area with most points."""
     sensor_order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
-    scales = Scales.of(sample)
+    scales = Scales.from_sample(sample)
     subtitle = f"{sample.describe()}; points by {scales.describe(colouring)}"
     if half is None:
         area = find_view_area(sample)
@@ -57,6 +57,7 @@ def write_still(
         figure, axes = _make_sheet(area)
         _draw_clouds(axes, sample, sensor_order, colouring, scales)
         entries = [*_draw_labels(axes, sample), *_draw_outcomes(axes, sample)]
+        _draw_trails(axes, sample)
         _draw_tags(axes, sample.tags)
         entries += _draw_sensors(axes, sample, sensor_order)
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
@@ -129,6 +130,16 @@ def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
     return entries
 
 
+def _draw_trails(axes: "Axes", sample: drawn.DrawnSample) -> None:
+    """Draw where tracks were, as lines from above."""
+    colour = OUTCOME["detection"].colour
+    for segments in sample.trails.values():
+        for start, end in segments:
+            axes.plot(
+                [start[0], end[0]], [start[1], end[1]], color=colour, linewidth=1.2, zorder=3.4
+            )
+
+
 def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
     """Write the texts of tags above their places, in the colours of their outcomes."""
     for tag in tags:
@@ -148,7 +159,7 @@ def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
 def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, sensor_order: list[str]) -> list[Entry]:
     """Draw sensors as squares, and return their legend entries.
 
-    sensor_order: names of sensors in the order of their colours; all of them have an entry."""
+    sensor_order: names of sensors in the order of their colours; each has an entry."""
     from matplotlib.lines import Line2D
 
     look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}

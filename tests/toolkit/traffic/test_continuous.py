@@ -10,12 +10,13 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, PEDESTRIAN
 from toolkit.sites.files import load_site
+from toolkit.traffic.body_motion import move_driver, move_walker, smooth_motion
 from toolkit.traffic.continuous import simulate_continuously
 from toolkit.traffic.flow import Flow, Movement
 from toolkit.traffic.road_lanes import distance_to_area
 from toolkit.traffic.snapshots import simulate
 from toolkit.traffic.supply import Supply
-from toolkit.traffic.ways import move_driver, move_walker, possible_movements, smooth_motion
+from toolkit.traffic.ways import possible_movements
 
 needs_sumo = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 BODIES = catalogue()

@@ -127,7 +127,7 @@ class Restored(NamedTuple):
     """Image that the centre restores from a message and the empty scene.
 
     header: header of the message; image: measurements (m), the empty scene's in all pixels that
-    were neither sent nor missing, 0 in missing ones; sent, missing: masks of these pixels; steps:
+    were neither sent nor missing, 0 in missing ones; sent, missing: masks of such pixels; steps:
     measurements of sent pixels in whole steps, 0 elsewhere."""
 
     header: wire.MessageHeader
@@ -300,7 +300,7 @@ def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
     """Points that the centre draws for a sensor that sends nothing: its empty scene, cropped.
 
     captured: image that defines the sensor's pose, the crop and the lift. Results are cached."""
-    crop = Crop.of(captured.area, captured.height)
+    crop = Crop.from_place(captured.area, captured.height)
     return _crop_scene(scene, captured.sensor, crop, lift=captured.lift)
 
 
