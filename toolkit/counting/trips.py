@@ -69,7 +69,7 @@ def find_trips(
 def mask_inside(trajectory: Trajectory, area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
     """Mask of the times at which a road user's middle is in an area."""
     points = trajectory.boxes[:, :2]
-    return ((points >= area[:2]) & (points <= area[2:])).all(axis=1)
+    return np.all((points >= area[:2]) & (points <= area[2:]), axis=1)
 
 
 def _find_trip(

@@ -18,16 +18,16 @@ class Moments(NamedTuple):
     Attributes:
         begin: step of the first moment.
         stride: steps between moments.
-        count: number of moments."""
+        number: number of moments."""
 
     begin: int
     stride: int
-    count: int
+    number: int
 
     @property
     def steps(self) -> Int64[np.ndarray, " moments"]:
         """Step of each moment."""
-        return self.begin + self.stride * np.arange(self.count)
+        return self.begin + self.stride * np.arange(self.number)
 
 
 class Occupancy:
@@ -107,7 +107,7 @@ class Occupancy:
             boxes: Boxes of one size.
             moments: Moments.
             gap: Gap (m)."""
-        blocked = np.zeros((moments.count, len(boxes)), np.bool_)
+        blocked = np.zeros((moments.number, len(boxes)), np.bool_)
         is_seen = self._is_near_view(boxes)
         steps = moments.steps
         bounds = _bounds(boxes) + gap * np.array([-1, -1, 1, 1])

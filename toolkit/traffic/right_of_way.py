@@ -144,10 +144,10 @@ def _plan_window(
     offsets = np.repeat(asides, len(rows))
     poses = _shift(_pick(course.poses, np.tile(rows, len(asides))), offsets)
     boxes = size_boxes(poses, course.size)
-    shape = (window.count, len(asides), len(rows))
+    shape = (window.number, len(asides), len(rows))
     blocked = occupancy.find_blocked(boxes, window, gap)
     blocked = _widen(blocked, ceil(SMOOTHING_STEPS[course.label] / STRIDE))
-    is_crossed = blocked.any(axis=0).reshape(shape[1:])
+    is_crossed = np.any(blocked, axis=0).reshape(shape[1:])
     blocked |= occupancy.is_obstructed_in_view(boxes, gap)
     moves = _find_moves(blocked.reshape(shape), is_crossed, start_line + side_lines)
     if moves is None:
