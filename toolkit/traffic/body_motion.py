@@ -54,19 +54,30 @@ def move_walker(
         points: x, y (m), one for each step of `FINE_STEP_S`.
         yaw: heading at the start (rad), for one who does not move."""
     smoothed = smooth_motion(points)
-    velocities = (
-        np.gradient(smoothed, FINE_STEP_S, axis=0) if len(smoothed) > 1 else np.zeros((1, 2))
-    )
+    return np.column_stack([smoothed, face_course(smoothed, yaw)])
+
+
+def face_course(
+    points: Float64[np.ndarray, "steps 2"], yaw: float
+) -> Float64[np.ndarray, " steps"]:
+    """Headings (rad, without jumps) of a walker who faces where the course leads.
+
+    Slower than `MIN_WALKING_M_S` a walker keeps the last heading.
+
+    Args:
+        points: x, y (m), one for each step of `FINE_STEP_S`.
+        yaw: heading (rad) of one who never walks."""
+    if len(points) < 2:
+        return np.full(len(points), yaw)
+    velocities = np.gradient(points, FINE_STEP_S, axis=0)
     is_walking = np.hypot(*velocities.T) >= MIN_WALKING_M_S
+    if not is_walking.any():
+        return np.full(len(points), yaw)
     yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
     # step of the last heading that holds; before the first one, that one
     last = np.maximum.accumulate(np.where(is_walking, np.arange(len(yaws)), -1))
-    if is_walking.any():
-        last[last < 0] = int(np.argmax(is_walking))
-        yaws = yaws[last]
-    else:
-        yaws[:] = yaw
-    return np.column_stack([smoothed, smooth_motion(np.unwrap(yaws)[:, None])[:, 0]])
+    last[last < 0] = int(np.argmax(is_walking))
+    return smooth_motion(np.unwrap(yaws[last])[:, None])[:, 0]
 
 
 def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:

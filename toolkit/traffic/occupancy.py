@@ -69,11 +69,16 @@ class Occupancy:
         self._extents[count, :2] = first + begin, first + end - 1
         self._extents[count, 2:] = _bounds(boxes[begin:end])
 
-    def find_conflict(self, boxes: LevelBoxes, first: int) -> int | None:
+    def find_conflict(
+        self, boxes: LevelBoxes, first: int, *, since: int | None = None
+    ) -> int | None:
         """First step at which a body comes closer to another than `BODY_GAP_M`; None without one.
 
-        boxes: box of the body for each step from `first` on."""
+        boxes: box of the body for each step from `first` on; since: step to begin at, None for the
+        first."""
         rows = self._list_seen(boxes, first)
+        if since is not None:
+            rows = rows[rows >= since - first]
         if not len(rows):
             return None
         steps = first + rows

@@ -17,15 +17,16 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
-from toolkit.traffic.body_motion import shift_left, smooth_direction
+from toolkit.traffic.body_motion import face_course, shift_left, smooth_direction
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.sumo import FINE_STEP_S
 
 STRIDE = 3  # steps of `FINE_STEP_S` between the moments of a plan
 # steps from the begin of a window to its conflict and on to its end, tried one after the other
-WINDOWS_STEPS = ((80, 250), (400, 400))
-REACH_STEPS = 120  # part of the course after a conflict that a plan covers
+WINDOWS_STEPS = ((50, 120), (400, 400))
+REACH_STEPS = 80  # part of the course after a conflict that a plan covers
 ASIDE_SPACING_M = 0.2
+SMOOTHED_STEPS = 50  # before a window, whose poses smoothing may change
 MAX_PLANS = 40  # windows planned for one road user
 WAIT_COST = 1.0
 CROSSED_WAIT_COST = 3.0  # for waiting where another comes along within the window
@@ -35,7 +36,7 @@ OFFSET_COST = 0.02  # for each moment and line away from the course
 # rows ahead and lines to the left; with one line only the first two
 MOVES = ((1, 0), (0, 0), (1, 1), (1, -1), (0, 1), (0, -1))
 # by class: lines next to the course, on each side, that they may take
-SIDE_LINES = {VEHICLE: 2, HEAVY: 1, CYCLIST: 3, PEDESTRIAN: 8}
+SIDE_LINES = {VEHICLE: 2, HEAVY: 1, CYCLIST: 3, PEDESTRIAN: 6}
 # by class: gaps to others that are tried one after the other (m)
 GAPS_M = {
     VEHICLE: (1.5, 0.6, 0.14),
@@ -100,10 +101,11 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
     poses = course.poses
     settings = [(span, gap) for span in WINDOWS_STEPS for gap in GAPS_M[course.label]]
     setting = 0
+    since = course.first  # earlier steps have no conflict
     latest = -1
     for _ in range(MAX_PLANS):
         boxes = size_boxes(poses, course.size)
-        conflict = occupancy.find_conflict(boxes, course.first)
+        conflict = occupancy.find_conflict(boxes, course.first, since=since)
         if conflict is None:
             occupancy.add(boxes, course.first)
             return poses
@@ -118,6 +120,7 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
             begin = max(course.first, conflict - before)
             window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
             reach = conflict - begin + REACH_STEPS
+            since = begin - SMOOTHED_STEPS
             changed = _plan_window(course, plan, window, (gap, reach), occupancy)
             setting += changed is None
         plan = changed
@@ -275,6 +278,10 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
         return poses
     shifted = _shift(course, smoothed[:, 0], smoothed[:, 1])
     # a heading turns with the course that the body takes
+    if course.label == PEDESTRIAN:
+        facing = face_course(poses[:, :2], 0.0)
+        shifted[:, 2] += face_course(shifted[:, :2], 0.0) - facing
+        return shifted
     ahead_m_s = np.hypot(*np.gradient(poses[:, :2], FINE_STEP_S, axis=0).T)
     aside_m_s = np.gradient(smoothed[:, 1], FINE_STEP_S)
     shifted[:, 2] += np.arctan2(aside_m_s, np.maximum(ahead_m_s, MIN_TURNING_M_S))
