@@ -128,15 +128,20 @@ class Occupancy:
             body_boxes = body_boxes[is_inside]
             if not len(rows):
                 continue
-            reach = radius + np.hypot(*boxes[0, 3:5]) / 2 + gap
-            low = body_boxes[:, :2].min(axis=0) - reach
-            high = body_boxes[:, :2].max(axis=0) + reach
-            near = np.flatnonzero(
-                ((boxes[:, :2] > low) & (boxes[:, :2] < high)).all(axis=1) & is_seen
-            )
-            dx = body_boxes[:, 0, None] - boxes[near, 0]
-            dy = body_boxes[:, 1, None] - boxes[near, 1]
-            moment, column = np.nonzero(dx * dx + dy * dy < reach**2)
+            # in the frame of the body, how far a box can be away and still be close
+            box_radius = np.hypot(*boxes[0, 3:5]) / 2 + gap
+            reach = body_boxes[0, 3:5] / 2 + box_radius
+            low = body_boxes[:, :2].min(axis=0) - radius - box_radius
+            high = body_boxes[:, :2].max(axis=0) + radius + box_radius
+            is_near = is_seen & ((boxes[:, :2] > low) & (boxes[:, :2] < high)).all(axis=1)
+            near = np.flatnonzero(is_near)
+            dx = boxes[near, 0] - body_boxes[:, 0, None]
+            dy = boxes[near, 1] - body_boxes[:, 1, None]
+            cos = np.cos(body_boxes[:, 6, None])
+            sin = np.sin(body_boxes[:, 6, None])
+            is_beside = np.abs(dx * cos + dy * sin) < reach[0]
+            is_beside &= np.abs(dy * cos - dx * sin) < reach[1]
+            moment, column = np.nonzero(is_beside)
             box = near[column]
             is_close = are_close(body_boxes[moment], boxes[box], gap)
             blocked[rows[moment[is_close]], box[is_close]] = True
