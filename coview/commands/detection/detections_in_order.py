@@ -36,12 +36,13 @@ class DetectionsInOrder:
     truths: "list[Objects]" = field(default_factory=list)
     area: list[float] | None = None
 
-    def add(self, result: "FrameDetections") -> None:
-        """Add a frame."""
+    def add(self, result: "FrameDetections", rate_hz: float | None = None) -> None:
+        """Add a frame. rate_hz: frames in a second, None for the recording's times."""
         from toolkit.sites.site import Site
 
+        time = find_frame_time(len(self.names), result.frame.time, rate_hz)
         self.names.append(result.frame.name)
-        self.times.append(result.frame.time)
+        self.times.append(time)
         self.detections.append(result.detections)
         self.truths.append(result.frame.objects)
         if isinstance(result.stand.area, Site):
@@ -62,7 +63,13 @@ class DetectionsInOrder:
 
 
 def detect_in_order(
-    recording: "Recording", detectors: Detectors, *, errors: str, frames: int | None, hidden: bool
+    recording: "Recording",
+    detectors: Detectors,
+    *,
+    errors: str,
+    frames: int | None,
+    hidden: bool,
+    rate_hz: float | None = None,
 ) -> DetectionsInOrder:
     """Detect road users in the frames of a recording.
 
@@ -72,6 +79,7 @@ def detect_in_order(
         errors: Error profile of simulated sensors.
         frames: Number of first frames to use, None for all.
         hidden: True to show no progress.
+        rate_hz: Frames in a second of a recording without times, None for its times.
 
     Raises ValueError for frames without times, out of order, or too far apart."""
     from toolkit.datasets.recording_views import Part, ReadRecording, Reads
@@ -81,15 +89,31 @@ def detect_in_order(
     samples = Part(ReadRecording(recording, Reads(errors)), frames)
     # the first frames show most mistakes in times before the long work
     first_frames = range(min(_FIRST_FRAMES, len(samples)))
-    check_times([recording[k].time for k in first_frames])
+    check_times([find_frame_time(k, recording[k].time, rate_hz) for k in first_frames])
     learns_scene = recording.site is None and detectors.spec.learns_scene
     scene = learn_standing_scene(samples) if learns_scene else None
     placed = detectors.choose([samples], [scene])
     with progress_bar("frame", len(samples), hidden=hidden) as bar:
         for result in detect_in_turn([(samples, placed[0], scene)], bar.to):
-            in_order.add(result)
+            in_order.add(result, rate_hz)
     check_times(in_order.times)
     return in_order
+
+
+def find_frame_time(number: int, time: float, rate_hz: float | None) -> float:
+    """Return the time of a frame (s).
+
+    Args:
+        number: Number of the frame from 0.
+        time: Its time in the recording (s), NaN if unknown.
+        rate_hz: Frames in a second, None for the recording's times.
+
+    Raises ValueError for a rate next to times."""
+    if rate_hz is None:
+        return time
+    if np.isfinite(time):
+        raise ValueError("--rate is for recordings without times, but this one has them")
+    return number / rate_hz
 
 
 def check_times(times: Sequence[float]) -> None:

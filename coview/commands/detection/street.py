@@ -239,9 +239,8 @@ def _read_street(recording: "Recording", site: "Site", path: Path, frames: int |
     """Road users of a file of tracks, next to the truth of its recording.
 
     frames: number of first frames to use, None for all."""
-    from toolkit.exchange.track_reading import read_track_file
-
     from toolkit.counting.trajectories import collect_trajectories
+    from toolkit.exchange.track_reading import read_track_file
 
     tracked = read_track_file(path).frames[:frames]
     count = len(tracked)

@@ -1,6 +1,6 @@
 """`coview track`: follow road users through a recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tyro.conf import Positional
 
-from coview.arguments import check_ending, check_least
+from coview.arguments import check_ending, check_least, check_positive
+from coview.commands.detection.detection_texts import DetectionText, read_text_alone
 from coview.commands.detection.detections_in_order import detect_in_order
 from coview.commands.detection.placed_detectors import Detectors
 from coview.detector_spec import DetectorSpec
@@ -16,12 +17,15 @@ from coview.detectors import check_detector
 from coview.exchange import Exchange
 from coview.outputs import OK, check_file, print_result
 from coview.recordings import Opening
+from coview.tracks import TEXT, find_sequence
 from toolkit.calibration.place import Place
 
 if TYPE_CHECKING:
     from toolkit.arrays import Float64
+    from toolkit.exchange.geo_origin import GeoOrigin
     from toolkit.tracking.tracks import Tracks
 
+USUAL_DETECTOR = "general"
 ENDINGS = (".json", ".csv")
 
 
@@ -36,6 +40,11 @@ class Tracking:
     """Error profile of simulated sensors, as in coview evaluate."""
     frames: int | None = None
     """Number of first frames to use; all when left out."""
+    detections: Path | None = None
+    """Detections to follow instead of a detector's: KITTI's tracking text, whose frames are
+    numbered as the recording's."""
+    rate: float | None = None
+    """Frames in a second, for recordings and texts without times."""
 
 
 def track_command(
@@ -43,7 +52,7 @@ def track_command(
     /,
     *,
     out: Path,
-    detector: str = "general",
+    detector: str = USUAL_DETECTOR,
     tracking: Tracking = Tracking(),
     opening: Opening = Opening(),
     place: Place = Place(),
@@ -55,32 +64,53 @@ def track_command(
 
     Example: coview track junction.bag --layout rosbag --to mcap kitti-tracking --out tracks
 
+    Example: coview track detections.txt --rate 10 --offline --out tracks.json
+
     Args:
-        recording: Folder, bag or recording in any layout, with the time of each frame.
+        recording: Folder, bag or recording in any layout, with the time of each frame; or
+            detections in KITTI's tracking text (.txt).
         out: File of tracks (.json or .csv), or what --to writes.
         detector: Detector, as in coview detect."""
     check_least("--frames", tracking.frames, 1, "leave it out for all")
+    check_positive("--rate", tracking.rate)
     spec = DetectorSpec.from_name(detector)
-    check_detector(spec)
-    inputs = [recording, *opening.files]
+    path = tracking.detections
+    is_text = recording.suffix.lower() == TEXT
+    if is_text or path is not None:
+        if detector != USUAL_DETECTOR:
+            raise ValueError("--detector does not go with detections of a text: leave it out")
+    else:
+        check_detector(spec)
+    texts = [] if path is None else [path]
+    inputs = [recording, *opening.files, *texts]
     files = writing.check(out, inputs) if writing.to else {}
     if not files:
         check_ending(out, ENDINGS, "a file of tracks")
         check_file(out, inputs=inputs, overwrite=writing.overwrite)
-    detectors = Detectors(spec, place)
-    with opening.open(recording) as opened:
-        origin = writing.place(opened.site)
-        followed = detect_in_order(
-            opened, detectors, errors=tracking.errors, frames=tracking.frames, hidden=writing.json
-        )
+    if is_text:
+        if path is not None:
+            raise ValueError(f"{recording} holds detections already: leave --detections out")
+        followed = read_text_alone(recording, tracking.rate, tracking.frames)
+        origin = writing.place(None)
+    else:
+        with opening.open(recording) as opened:
+            origin = writing.place(opened.site)
+            if path is not None:
+                sequence = find_sequence(recording, opening)
+                text = DetectionText(path, place, sequence, tracking.rate)
+                followed = text.read(opened, tracking.frames)
+            else:
+                followed = detect_in_order(
+                    opened,
+                    Detectors(spec, place),
+                    errors=tracking.errors,
+                    frames=tracking.frames,
+                    hidden=writing.json,
+                    rate_hz=tracking.rate,
+                )
     tracks = followed.track(offline=tracking.offline)
     if files:
-        from toolkit.exchange.instant import Instant
-        from toolkit.exchange.standards import open_writers
-
-        with open_writers(files, origin=origin) as write:
-            for time, now in zip(followed.times, tracks, strict=True):
-                write(Instant.from_tracks(time, now))
+        _export(followed.times, tracks, files, origin)
     else:
         from toolkit.tracking.track_files import write_tracks
 
@@ -92,6 +122,24 @@ def track_command(
     )
     print_result(figures | {"out": str(out)}, text, as_json=writing.json)
     return OK
+
+
+def _export(
+    times: Sequence[float],
+    tracks: "Sequence[Tracks]",
+    files: Mapping[str, Path],
+    origin: "GeoOrigin | None",
+) -> None:
+    """Write tracks in the formats of other programs.
+
+    times: time of each frame (s); tracks: tracks in each frame; files: file of each format by its
+    name; origin: place on earth of the world frame."""
+    from toolkit.exchange.instant import Instant
+    from toolkit.exchange.standards import open_writers
+
+    with open_writers(files, origin=origin) as write:
+        for time, now in zip(times, tracks, strict=True):
+            write(Instant.from_tracks(time, now))
 
 
 def _summarise(tracks: "Sequence[Tracks]") -> dict[str, float]:
