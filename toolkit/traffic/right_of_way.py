@@ -44,6 +44,7 @@ GAPS_M = {
     CYCLIST: (0.6, 0.3, 0.14),
     PEDESTRIAN: (0.4, 0.22, 0.14),
 }
+HEADWAYS_STEPS = (12, 0, 0)  # time kept to others, with each of these gaps
 # by class: standard deviation of the mean over time that smooths changes
 SMOOTHING_STEPS = {VEHICLE: 12.0, HEAVY: 12.0, CYCLIST: 6.0, PEDESTRIAN: 4.0}
 MIN_TURNING_M_S = 0.7  # speed with which a step aside is compared at least, for the heading
@@ -99,7 +100,8 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
     way through."""
     plan = _Plan(np.arange(len(course.poses), dtype=np.float64), np.zeros(len(course.poses)))
     poses = course.poses
-    settings = [(span, gap) for span in WINDOWS_STEPS for gap in GAPS_M[course.label]]
+    distances = list(zip(GAPS_M[course.label], HEADWAYS_STEPS, strict=True))
+    settings = [(span, distance) for span in WINDOWS_STEPS for distance in distances]
     setting = 0
     since = course.first  # earlier steps have no conflict
     latest = -1
@@ -116,12 +118,12 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
         while changed is None:
             if setting == len(settings):
                 return None
-            (before, after), gap = settings[setting]
+            (before, after), distance = settings[setting]
             begin = max(course.first, conflict - before)
             window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
             reach = conflict - begin + REACH_STEPS
             since = begin - SMOOTHED_STEPS
-            changed = _plan_window(course, plan, window, (gap, reach), occupancy)
+            changed = _plan_window(course, plan, window, (*distance, reach), occupancy)
             setting += changed is None
         plan = changed
         poses = _follow(course, plan, occupancy.last)
@@ -129,7 +131,11 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
 
 
 def _plan_window(
-    course: Course, plan: _Plan, window: Moments, limits: tuple[float, int], occupancy: Occupancy
+    course: Course,
+    plan: _Plan,
+    window: Moments,
+    limits: tuple[float, int, int],
+    occupancy: Occupancy,
 ) -> _Plan | None:
     """Plan again from a window's begin on; None if there is no way through.
 
@@ -137,9 +143,11 @@ def _plan_window(
         course: Course of the body.
         plan: Plan so far.
         window: Moments for which to plan.
-        limits: Gap to keep to others (m), and steps of the course that the plan covers.
+        limits: Gap (m) and time (steps) to keep to others, and steps of the course that the plan
+            covers.
         occupancy: The others."""
-    gap, reach = limits
+    reach = limits[2]
+    gap, headway = limits[:2]
     side_lines = SIDE_LINES[course.label]
     row = window.begin - course.first
     progress = float(plan.progress[row])
@@ -155,7 +163,8 @@ def _plan_window(
     boxes = size_boxes(poses, course.size)
     margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
     shape = (window.number, len(asides), len(rows))
-    blocked = _widen(occupancy.find_blocked(boxes, window, gap).reshape(shape), margin)
+    blocked = occupancy.find_blocked(boxes, window, gap).reshape(shape)
+    blocked = _widen(blocked, margin + ceil(headway / STRIDE))
     is_crossed = np.any(blocked, axis=0)
     is_obstructed = occupancy.is_obstructed_in_view(boxes, gap).reshape(shape[1:])
     blocked |= _widen(is_obstructed.T, margin).T
