@@ -233,6 +233,7 @@ def measure_faces(runs: Sequence[Run], kind: int, label: int) -> tuple[np.ndarra
             is_match = overlap.max(axis=1) >= MIN_FACE_IOU
             boxes = tracks.boxes[is_match]
             truth = true_boxes[overlap.argmax(axis=1)[is_match]]
+            assert tracks.doubts is not None
             doubts = tracks.doubts[is_match]
             errors, size_errors = find_face_errors(boxes, truth)
             ratios.append(errors / doubts)
