@@ -362,7 +362,9 @@ def measure_links(
 
 
 def _add_radio(load: PoleLoad, packets: float, airtime_us: float) -> PoleLoad:
-    """Return a load with packets and airtime (µs) per frame, as those of a second."""
+    """Return a load with its packets and airtime per second.
+
+    packets, airtime_us: number and airtime (µs) of its packets per frame."""
     return replace(
         load, packets_s=packets * FRAME_RATE_HZ, airtime_ms_s=airtime_us * FRAME_RATE_HZ / 1000
     )

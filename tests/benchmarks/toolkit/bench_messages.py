@@ -76,7 +76,7 @@ def learnt(folder: Path, site: str) -> tuple[Any, ...]:
 
 def links(*, differences: bool) -> dict[str, Any]:
     """What makes the messages of a sensor with an empty scene, and what reads them, by name in
-    rows. differences: with those of `examples/differences`."""
+    rows. differences: with `examples/differences` too."""
 
     def whole(step: float) -> Any:
         return lambda scene: (

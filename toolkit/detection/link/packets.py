@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.arrays import Int64
 
 PACKET_BYTES = 1398  # largest part of a message in one packet
-HEADER_BYTES = 88 + 38  # of GeoNetworking and 802.11, in every packet
+HEADER_BYTES = 88 + 38  # headers of GeoNetworking and 802.11 in every packet
 _PREAMBLE_US = 40
 _SYMBOL_US = 8
 _SYMBOL_BITS = 48
