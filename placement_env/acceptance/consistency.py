@@ -8,12 +8,13 @@ that the other confirms is the other's recall, and both together find 1 - (1 - a
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from placement_env.acceptance.street_detections import FrameBoxes
 from placement_env.analysis.intervals import RESAMPLES, Interval, draws_of_blocks, percentiles
-from toolkit.arrays import Bool, Float64, Int64
+from toolkit.arrays import Bool, Int64
 from toolkit.objects import Detections
 from toolkit.points import has_centre_inside
 from toolkit.sites.site import Site
@@ -70,36 +71,62 @@ def check_consistency(
         tracks: Tracks in each frame, None if frames are too far apart to follow anyone.
         seed: Seed of the interval."""
     counts = np.array([_count_confirmed(frame, site) for frame in frames], np.float64)
-    recall = _estimate_recall(counts.sum(axis=0))
+    total = _Confirmed(*counts.sum(axis=0))
     draws = draws_of_blocks(blocks, resamples=RESAMPLES, seed=seed)
-    resamples = np.array([_estimate_recall(row) for row in draws @ counts])
+    resamples = np.array([_Confirmed(*row).recall for row in draws @ counts])
     interval: Interval = percentiles(resamples, len(np.unique(blocks)))
-    first_confirmed, first_total, second_confirmed, second_total = counts.sum(axis=0)
     ended = find_ends(frames, tracks, site) if tracks is not None else np.zeros(0, bool)
     return Consistency(
-        first_share=_divide(second_confirmed, second_total),
-        second_share=_divide(first_confirmed, first_total),
-        recall=recall,
+        first_share=total.first_recall,
+        second_share=total.second_recall,
+        recall=total.recall,
         recall_low=interval.low,
         recall_high=interval.high,
-        detections=int(first_total + second_total),
+        detections=int(total.first + total.second),
         vanished_share=float(ended.mean()) if len(ended) else float("nan"),
         tracks=len(ended),
     )
 
 
-def _count_confirmed(frame: FrameBoxes, site: Site) -> tuple[int, int, int, int]:
-    """Count confirmed and all sure detections of the first half, then of the second."""
+class _Confirmed(NamedTuple):
+    """Numbers of sure detections.
+
+    first, second: by each half; first_confirmed, second_confirmed: detections that the
+    other half confirms."""
+
+    first: float
+    first_confirmed: float
+    second: float
+    second_confirmed: float
+
+    @property
+    def first_recall(self) -> float:
+        """Share of the second half's detections that the first half confirms."""
+        return self.second_confirmed / self.second if self.second else float("nan")
+
+    @property
+    def second_recall(self) -> float:
+        """Share of the first half's detections that the second half confirms."""
+        return self.first_confirmed / self.first if self.first else float("nan")
+
+    @property
+    def recall(self) -> float:
+        """Share that both halves together find, if their misses are independent."""
+        return 1 - (1 - self.first_recall) * (1 - self.second_recall)
+
+
+def _count_confirmed(frame: FrameBoxes, site: Site) -> _Confirmed:
+    """Count the sure detections of both halves, and those that are confirmed."""
     if not frame.halves:
-        return 0, 0, 0, 0
+        return _Confirmed(0, 0, 0, 0)
     first, second = frame.halves
     first_confirmed = _confirm(first, second, site)
     second_confirmed = _confirm(second, first, site)
-    return (
-        int(first_confirmed.sum()),
-        len(first_confirmed),
-        int(second_confirmed.sum()),
-        len(second_confirmed),
+    return _Confirmed(
+        first=len(first_confirmed),
+        first_confirmed=int(first_confirmed.sum()),
+        second=len(second_confirmed),
+        second_confirmed=int(second_confirmed.sum()),
     )
 
 
@@ -109,18 +136,6 @@ def _confirm(detections: Detections, others: Detections, site: Site) -> Bool[np.
     offsets = detections.boxes[is_sure, None, :2] - others.boxes[None, :, :2]
     distances = np.hypot(offsets[..., 0], offsets[..., 1])
     return np.asarray((distances < MAX_PAIR_DISTANCE_M).any(axis=1))
-
-
-def _estimate_recall(counts: Float64[np.ndarray, "4"]) -> float:
-    """Share that both halves together find. counts: as `_count_confirmed` returns them."""
-    first_confirmed, first_total, second_confirmed, second_total = counts
-    first_recall = _divide(second_confirmed, second_total)
-    second_recall = _divide(first_confirmed, first_total)
-    return 1 - (1 - first_recall) * (1 - second_recall)
-
-
-def _divide(part: float, whole: float) -> float:
-    return float(part / whole) if whole else float("nan")
 
 
 def find_ends(

@@ -273,8 +273,15 @@ def _class_texts(check: ClassCheck) -> list[str]:
         measured_ap,
         f"{percent(promised.recall)}/{percent(measured_recall)}",
         number_text(check.hota),
-        "less" if check.falls_short else "as promised" if check.is_compared else "unknown",
+        _outcome(check),
     ]
+
+
+def _outcome(check: ClassCheck) -> str:
+    """Return the result of the comparison in a word or two."""
+    if check.falls_short:
+        return "less"
+    return "as promised" if check.is_compared else "unknown"
 
 
 def _describe_consistency(consistency: Consistency, promised_recall: float) -> str:

@@ -72,7 +72,7 @@ class SensorCheck:
         pose_error: difference of the found pose from the pose that the recording states, None if
             no pose was found.
         mount_error: difference of the found pose from the planned one, None likewise.
-        pose_note: why no pose was found, or what of it is not observed; else empty."""
+        pose_note: why no pose was found, or which motions are not observed; else empty."""
 
     name: str
     promised: SensorFigures

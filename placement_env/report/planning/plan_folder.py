@@ -29,7 +29,7 @@ from placement_env.report.planning.plan_stock import (
 )
 from placement_env.setting import Setting
 from toolkit.detection.schemes import SCHEMES
-from toolkit.objects import LABELS, VEHICLE
+from toolkit.objects import LABELS
 from toolkit.runtime.json_object import JsonObject
 from toolkit.runtime.reading import name_errors
 from toolkit.runtime.text_values import read_json
@@ -294,7 +294,6 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
 
 def _read_class(row: JsonObject) -> StatedClass:
     """Read the result of one class. row: entry of `class_ap` of a plan.json."""
-    label = row.choice("label", LABELS)
     judged = row.node("judged")
     low = read_optional(judged, "low", judged.number)
     high = read_optional(judged, "high", judged.number)
@@ -306,14 +305,14 @@ def _read_class(row: JsonObject) -> StatedClass:
         precision=read_optional(judged, "precision", judged.number),
         vehicles=judged.whole("vehicles", 0, MAX_OBJECTS),
         frames=judged.whole("frames", 1, MAX_FRAMES),
-        kind="vehicle" if label == LABELS[VEHICLE] else "object",
+        kind=judged.get("kind", str),
     )
     iou: IoUs
     if isinstance(row.value.get("iou"), list):
         iou = tuple(row.numbers("iou"))
     else:
         iou = row.number("iou", 0, 1)
-    return StatedClass(label, iou, judgement)
+    return StatedClass(row.choice("label", LABELS), iou, judgement)
 
 
 def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:
