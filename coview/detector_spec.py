@@ -91,10 +91,6 @@ class DetectorSpec:
         has_scenery = site is not None and len(site.solids) > 0
         return bool(self.background) or (self.learns_scene and has_scenery)
 
-    def with_background(self) -> "DetectorSpec":
-        """Same detector that knows what is always there."""
-        return replace(self, name=self.name + _BACKGROUND, background=True)
-
     def without_background(self) -> "DetectorSpec":
         """Same detector that leaves nothing out."""
         name = self.name.replace(_BACKGROUND, _NO_BACKGROUND)

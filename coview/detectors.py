@@ -219,7 +219,7 @@ def _open_for_known_site(
         return load_shipped_detector(find_network(site, sensors), site)
     dataset = cast("CoopDataset", recording)
     if spec.base == CLUSTER:
-        return _tune(spec, ClusterDetector.of(dataset))
+        return _tune(spec, ClusterDetector.from_recording(dataset))
     detector = _tune(spec, _load_network(spec, site))
     if not spec.knows_background(site):
         return detector

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coview.live_cameras import Spot
-from coview.live_signs import draw_view, find_target, lay_picture
+from coview.live_names import add_name
+from coview.live_signs import lay_picture
 from coview.live_tables import format_ap
 from placement_env.live.picture import GroundPicture
 from placement_env.live.planner import LivePlanner
@@ -19,8 +20,12 @@ from placement_env.live.suggestions import Suggestion
 from placement_env.live.variant import LiveSensor
 from toolkit.plots.palette import FAINT, INK, OUTCOME, sensor_colour
 from toolkit.sensors.sensor import Sensor
-from toolkit.viewing import box_lines, scene, scene_parts
+from toolkit.viewing import scene, scene_parts
+from toolkit.viewing.box_lines import arrows, roof_crosses
+from toolkit.viewing.box_styles import BoxStyle, add_boxes
 from toolkit.viewing.scene import Handle
+from toolkit.viewing.sensor_parts import draw_view, find_target
+from toolkit.viewing.site_scene import lift_points
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -35,6 +40,9 @@ HANDLE_RADIUS_M = 0.8
 # heights of labels: a sensor's above its handle, a suggestion's above its sensor
 LABEL_RISE_M = 1.1
 GHOST_LABEL_RISE_M = 2.2
+TRAFFIC_WIDTH_PX = 2.5
+FOUND_STYLE = BoxStyle(OUTCOME["hit"].colour, TRAFFIC_WIDTH_PX)
+MISSED_STYLE = BoxStyle(OUTCOME["missed"].colour, TRAFFIC_WIDTH_PX, mark=roof_crosses)
 GHOST_COLOUR = "#4463f6"
 AREA_COLOUR = "#b3261e"
 # heights of drawings above the ground
@@ -118,9 +126,7 @@ class SensorDrawings:
         view = self._api.add_line_segments(
             f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen"
         )
-        label = self._api.add_label(
-            f"{node}/label", name, font_screen_scale=1.2, anchor="bottom-center"
-        )
+        label = add_name(self._api, f"{node}/label", name, sensor.position, scale=1.2)
         attach(name, housing, handle)
         return [housing, handle, view, label]
 
@@ -161,7 +167,7 @@ class Ghosts:
         self._nodes: list[Handle] = []  # parts of all drawings
 
     def offer(self, suggestions: Sequence[Suggestion]) -> None:
-        """Keep suggestions, the best first, to be drawn in place of those before."""
+        """Keep suggestions, the best first, to be drawn in place of earlier ones."""
         self._suggestions = list(suggestions)
 
     def take_best(self) -> Suggestion:
@@ -196,9 +202,7 @@ class Ghosts:
         if suggestion.kind == "remove":
             text = f"without {text}"
         position = sensor.position + np.array([0.0, 0.0, GHOST_LABEL_RISE_M])
-        label = self._api.add_label(
-            f"{node}/label", text, position=position, anchor="bottom-center"
-        )
+        label = scene_parts.add_label(self._api, f"{node}/label", text, position)
         return [housing, view, label]
 
 
@@ -224,10 +228,7 @@ class AreaDrawing:
             return
         self._drawn_outlines = outlines
         for outline in outlines:
-            points = [
-                np.array([x, y, float(site.ground(np.array([x, y]))) + AREA_LIFT_M])
-                for x, y in outline
-            ]
+            points = lift_points(site, np.array(outline).reshape(-1, 2), AREA_LIFT_M)
             lines += [[start, end] for start, end in pairwise(points)]
         self._api.remove_by_name("/areas")
         segments = np.array(lines).reshape(-1, 2, 3)  # axes: line, end, xyz
@@ -279,24 +280,17 @@ class TrafficDrawing:
         self._drawn = state
         for node in self._nodes:
             node.remove()
-        found_boxes = unseen.boxes[rows[is_found]]
-        missed_boxes = unseen.boxes[rows[~is_found]]
-        hidden_boxes = unseen.boxes[rows[is_hidden]]
-        missed_lines = np.concatenate(
-            [box_lines.box_edges(missed_boxes), box_lines.roof_crosses(missed_boxes)]
-        )
-        # name, lines and colour of each drawing; hidden road users are found or missed, too
-        drawings = (
-            ("found", box_lines.box_edges(found_boxes), OUTCOME["hit"].colour),
-            ("missed", missed_lines, OUTCOME["missed"].colour),
-            ("unseen", box_lines.arrows(hidden_boxes), INK),
-        )
-        nodes = [
+        api = self._api
+        found = unseen.boxes[rows[is_found]]
+        missed = unseen.boxes[rows[~is_found]]
+        hidden = arrows(unseen.boxes[rows[is_hidden]])  # these are found or missed, too
+        nodes = (
+            add_boxes(api, "/traffic/found", found, FOUND_STYLE, visible=True),
+            add_boxes(api, "/traffic/missed", missed, MISSED_STYLE, visible=True),
             scene_parts.add_lines(
-                self._api, f"/traffic/{name}", lines, colour, width=2.5, visible=True
-            )
-            for name, lines, colour in drawings
-        ]
+                api, "/traffic/unseen", hidden, INK, width=TRAFFIC_WIDTH_PX, visible=True
+            ),
+        )
         self._nodes = [node for node in nodes if node is not None]
 
 

@@ -135,8 +135,8 @@ class LiveJobs:
     def attempt(self, job: Job) -> bool:
         """Do a job, and return True if it did not fail.
 
-        A failure never ends the page: its reason becomes the note, and everything is drawn
-        again."""
+        A failure never ends the page: its reason becomes the note, and everything is drawn again.
+        If drawing itself failed, it waits for the next job, because it would fail again."""
         try:
             job()
         except (ValueError, OSError, ImportError) as error:
@@ -151,7 +151,7 @@ class LiveJobs:
             return True
         with suppress(Exception):  # such as of a browser that has gone
             self._head.show_note()
-        if job != self._redraw:
+        if job not in (self._redraw, self._draw_rest):
             self.do(self._redraw)
         return False
 

@@ -26,6 +26,7 @@ from coview.live_drawings import (
 )
 from coview.live_head import PanelHead
 from coview.live_jobs import Job, LiveJobs, Refining
+from coview.live_names import add_long_names, hide_long_names
 from coview.live_panel import LivePanel
 from coview.live_signs import add_signs
 from coview.live_tables import describe_stated
@@ -90,6 +91,7 @@ class LivePage:
         """Make the drawings of the scene, and what follows drags, clicks and long tasks."""
         api = self.server.scene
         planner = self.planner
+        add_long_names(api)
         self.sensors = SensorDrawings(api, planner)
         context = LiveContext(
             planner, jobs=self.jobs, head=self.head, show=self.show, redraw=self.draw
@@ -178,6 +180,8 @@ class LivePage:
         # follow a browser that has come: its camera is aimed, and first figures get time to show
         self.jobs.touch()
         self.cameras.greet(client)
+        if self.cameras.aims[client.client_id].is_phone:
+            hide_long_names(client)
 
     # drawing
 

@@ -125,7 +125,7 @@ class SensorTab:
         return str(self._chosen.value)
 
     def choose(self, name: str) -> bool:
-        """Choose a sensor; False if the panel has none of that name."""
+        """Choose a sensor; False if the panel does not offer it."""
         if name not in self._chosen.options:  # another browser may have removed it
             return False
         self._chosen.value = name
@@ -245,7 +245,7 @@ class ScoreTab:
 
 
 class VariantsTab:
-    """Tab with a table of the variants, and small maps of them."""
+    """Tab with a table and small maps of the variants."""
 
     def __init__(
         self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs, guard: FieldGuard

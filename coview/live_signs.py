@@ -1,5 +1,4 @@
-"""Drawings in the live planner's scene: a map's signs, poles that may be used, sensors' views,
-pictures below."""
+"""Drawings in the live planner's scene: a map's signs, poles that may be used, pictures below."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,24 +8,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from coview.live_names import add_name
 from placement_env.live.picture import GroundPicture
-from placement_env.report.pages.scene import add_site
-from toolkit.arrays import Float32, Float64, Int64
+from toolkit.arrays import Float64, Int64
 from toolkit.plots.map_sheet import scale_length
 from toolkit.plots.north_arrow import north
 from toolkit.plots.palette import INK
-from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Mount, Site
 from toolkit.sites.streets import find_lane_arrows, find_street_names
 from toolkit.viewing import scene, scene_parts
 from toolkit.viewing.scene import Handle
+from toolkit.viewing.site_scene import add_site, lift_points
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
 LIFT_M = 0.15  # height of signs above the ground
-REACH_M = 20.0  # greatest horizontal distance between a sensor and its handle
-HANDLE_LIFT_M = 0.3  # height of a handle above the ground
 PICTURE_LIFT_M = 0.06  # height of a picture above the ground, below the signs
 PICTURE_ALPHA = 215  # opacity of a picture, 0 to 255
 # lengths of the north arrow, head included, and of its head
@@ -61,29 +58,24 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     add_site(api, site, set())
     labels = {}
     for k, pole in enumerate(poles if len(poles) <= MAX_NAMED_POLES else ()):
-        label = api.add_label(
-            f"/signs/poles/{k}", pole.name, font_screen_scale=0.7, anchor="bottom-center"
-        )
-        label.position = pole.position + np.array([0.0, 0.0, pole.max_height])
-        labels[pole.name] = label
+        top = pole.position + np.array([0.0, 0.0, pole.max_height])
+        node = f"/signs/poles/{k}"
+        labels[pole.name] = add_name(api, node, pole.name, top, scale=0.7)
     _add_pole_marks(api, poles)
     length = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
     size = np.array([ARROW_M, ARROW_M + 2 * HEAD_M])
-    middle = _find_room(site, size, site.area[2:])
+    middle = find_free_spot(site, size, site.area[2:])
     _add_north(api, site, middle)
     arrow = shapely.box(*(middle - size / 2), *(middle + size / 2))
     _add_scale(
-        api, site, length, _find_room(site, np.array([length, HEAD_M]), site.area[:2], [arrow])
+        api, site, length, find_free_spot(site, np.array([length, HEAD_M]), site.area[:2], [arrow])
     )
     low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
-        position = _lift(site, np.array([[street.x, street.y]]))[0]
-        api.add_label(
-            f"/signs/streets/{k}",
-            street.name,
-            position=position,
-            font_screen_scale=STREET_SCALE,
-            anchor="center-center",
+        position = lift_points(site, np.array([[street.x, street.y]]), LIFT_M)[0]
+        node = f"/signs/streets/{k}"
+        scene_parts.add_label(
+            api, node, street.name, position, scale=STREET_SCALE, anchor="center-center"
         )
     arrows = [
         _arrow(np.array([x, y]), angle, length=LANE_ARROW_M, head=1.0)
@@ -122,13 +114,13 @@ def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) ->
     lines = _arrow(middle, angle, length=ARROW_M, head=HEAD_M)
     _add_lines(api, "/signs/north", site, lines, INK, width=3.0)
     letter_xy = middle + (ARROW_M / 2 + LETTER_GAP_M) * direction
-    (position,) = _lift(site, letter_xy[None])
-    api.add_label(
-        "/signs/north/letter", "N", position=position, font_screen_scale=1.2, anchor="center-center"
+    (position,) = lift_points(site, letter_xy[None], LIFT_M)
+    scene_parts.add_label(
+        api, "/signs/north/letter", "N", position, scale=1.2, anchor="center-center"
     )
 
 
-def _find_room(
+def find_free_spot(
     site: Site,
     size: Float64[np.ndarray, "2"],
     corner: Float64[np.ndarray, "2"],
@@ -213,8 +205,9 @@ def _add_scale(
         [[start, end], [start - half_tick, start + half_tick], [end - half_tick, end + half_tick]]
     )
     _add_lines(api, "/signs/scale", site, lines, INK, width=3.0)
-    (position,) = _lift(site, end[None])
-    api.add_label("/signs/scale/length", f"{length:g} m", position=position, anchor="center-left")
+    (position,) = lift_points(site, end[None], LIFT_M)
+    text = f"{length:g} m"
+    scene_parts.add_label(api, "/signs/scale/length", text, position, anchor="center-left")
 
 
 def _arrow(
@@ -244,51 +237,8 @@ def _add_lines(
     width: float,
 ) -> None:
     # draw lines just above the ground; their axes: line, start and end, x and y (m); width in px
-    lifted_lines = _lift(site, lines.reshape(-1, 2)).reshape(-1, 2, 3)
+    lifted_lines = lift_points(site, lines.reshape(-1, 2), LIFT_M).reshape(-1, 2, 3)
     scene_parts.add_lines(api, name, lifted_lines, colour, width=width, visible=True)
-
-
-def _lift(site: Site, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-    # points (m) just above the ground at places (x, y in m)
-    return np.column_stack([places, site.ground(places) + LIFT_M])
-
-
-def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:
-    """Find the position (m) of a sensor's handle: the point of the ground that it looks at.
-
-    The handle is on the line of sight, just above the ground, but no farther than `REACH_M`
-    horizontally."""
-    ahead = sensor.world_SE3_body[:3, 0]  # unit vector along the line of sight
-    ground_z = float(site.ground(sensor.position[:2]))
-    horizontal_length = max(float(np.hypot(*ahead[:2])), 1e-6)  # `ahead` seen from above
-    # distance (m) along the line of sight to the handle's height, very long if it looks up
-    distance_to_ground = (sensor.position[2] - ground_z - HANDLE_LIFT_M) / max(
-        -float(ahead[2]), 1e-9
-    )
-    distance = min(distance_to_ground, REACH_M / horizontal_length)
-    return np.asarray(sensor.position + ahead * distance)
-
-
-def draw_view(
-    site: Site, sensor: Sensor, target: Float64[np.ndarray, "3"]
-) -> Float32[np.ndarray, "n 2 3"]:
-    """Lines (start and end, m) that show the view of a sensor.
-
-    They go from the sensor to its handle and its foot, along both sides of its field of view, and
-    from the handle to the ends of these sides. A full circle has no sides. target: position of the
-    handle (m)."""
-    half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
-    is_full_circle = half_angle >= np.pi - 1e-6
-    x, y, z = target - sensor.position
-    side_ends = []  # both sides of the field of view, as far as the handle
-    for turn in () if is_full_circle else (-half_angle, half_angle):
-        cos, sin = np.cos(turn), np.sin(turn)
-        side = np.array([cos * x - sin * y, sin * x + cos * y, z])
-        side_ends.append(sensor.position + side)
-    foot = np.array([*sensor.position[:2], site.ground(sensor.position[:2])])
-    lines = [(sensor.position, end) for end in (target, *side_ends, foot)]
-    lines += [(target, end) for end in side_ends]
-    return np.array(lines, np.float32)
 
 
 def lay_picture(api: "SceneApi", site: Site, picture: GroundPicture, folder: Path) -> None:

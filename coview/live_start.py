@@ -66,7 +66,9 @@ class StartPage:
         )
         upload = gui.add_upload_button("Upload a map or site")
         upload.on_upload(
-            lambda _: self._open(lambda: self._keep(upload.value.name, upload.value.content))
+            lambda _: self._open(
+                lambda: keep_upload(upload.value.name, upload.value.content, self._folder)
+            )
         )
         self._note_html = gui.add_html("")
 
@@ -83,23 +85,6 @@ class StartPage:
             self._note_html.content = note_html("", str(error) or type(error).__name__)
         finally:
             self._busy.release()
-
-    def _keep(self, name: str, content: bytes) -> Path:
-        """Write an upload to the folder, under a safe name, and return its path.
-
-        Raises ValueError for another kind of file, and one of more than `MOST_BYTES`."""
-        ending = Path(name).suffix.lower()
-        if ending not in (*MAPS, *SITES) or len(content) > MOST_BYTES:
-            raise ValueError(
-                f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most "
-                f"{MOST_BYTES // 10**6} MB, got {name!r:.70} of {len(content) / 1e6:.1f} MB"
-            )
-        # letters, digits, _ and - stay; all else, such as spaces and .., becomes -
-        safe_stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(name).stem)[:LONGEST] or "map"
-        path = self._folder / f"{safe_stem}{ending}"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, content)
-        return path
 
     def _import(self, path: Path) -> str:
         """Return the name or file of a site. A map is first imported and saved as a site.
@@ -122,6 +107,24 @@ class StartPage:
         target.parent.mkdir(parents=True, exist_ok=True)
         save_site(site, target)
         return str(target)
+
+
+def keep_upload(name: str, content: bytes, folder: Path) -> Path:
+    """Write an upload to a folder, under a safe name, and return its path.
+
+    Raises ValueError for another kind of file, and one of more than `MOST_BYTES`."""
+    ending = Path(name).suffix.lower()
+    if ending not in (*MAPS, *SITES) or len(content) > MOST_BYTES:
+        raise ValueError(
+            f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most "
+            f"{MOST_BYTES // 10**6} MB, got {name!r:.70} of {len(content) / 1e6:.1f} MB"
+        )
+    # letters, digits, _ and - stay; all else, such as spaces and .., becomes -
+    safe_stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(name).stem)[:LONGEST] or "map"
+    path = folder / f"{safe_stem}{ending}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, content)
+    return path
 
 
 def find_middle(path: Path) -> tuple[float, float]:

@@ -67,18 +67,6 @@ def figures_html(answer: "LiveAnswer") -> str:
 
     They are the change since the answer before (if any), the AP, problems, costs, and the share
     found by class (if there are several) and by approach."""
-    change = ""
-    if answer.change:
-        colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
-        bounds = _format_interval(
-            answer.change_low, answer.change_high, answer.objects, signed=True
-        )
-        interval = f" ({bounds})" if np.isfinite(answer.change_low) else ""
-        figure = format_share(answer.change, answer.objects, signed=True)
-        change = (
-            f'<div style="color:{colour}"><b class="live-change">{figure}</b>{interval} '
-            f"{escape(answer.what)}</div>"
-        )
     limited = np.isfinite(answer.budget)
     last_amount = answer.budget if limited else answer.price  # the unit comes after it
     unit = escape(answer.currency) or ("pole" if last_amount == 1 else "poles")
@@ -124,9 +112,23 @@ def figures_html(answer: "LiveAnswer") -> str:
         f'<div style="{_SMALL}">95 %: {_format_interval(answer.low, answer.high, answer.objects)}; '
         f"{_describe_counts(answer)}; "
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
-        f"user is found and nothing else is.</div>{change}{problems}"
+        f"user is found and nothing else is.</div>{_change_html(answer)}{problems}"
         f'<table style="width:100%">{rows}</table>{several}'
         f"{_bars_html('Found, by approach (95 % interval)', answer.approaches)}</div>"
+    )
+
+
+def _change_html(answer: "LiveAnswer") -> str:
+    # HTML of the change of AP since the answer before, "" without one
+    if not answer.change:
+        return ""
+    colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
+    bounds = _format_interval(answer.change_low, answer.change_high, answer.objects, signed=True)
+    interval = f" ({bounds})" if np.isfinite(answer.change_low) else ""
+    figure = format_share(answer.change, answer.objects, signed=True)
+    return (
+        f'<div style="color:{colour}"><b class="live-change">{figure}</b>{interval} '
+        f"{escape(answer.what)}</div>"
     )
 
 

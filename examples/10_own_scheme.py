@@ -82,7 +82,7 @@ def main(frames: int = 10) -> None:
         simulate_dataset("tjunction", Path(folder, "few.hdf5"), run=Run(frames=frames))
         with CoopDataset(Path(folder, "few.hdf5")) as recording:
             schemes: list[Scheme | str] = ["late", Budgeted(), "foreground", "early"]
-            detector = ClusterDetector.of(recording)
+            detector = ClusterDetector.from_recording(recording)
             asked = Comparison(schemes=schemes, iou_thresholds=(0.5,))
             print(format_table(evaluate_recording(recording, detector, asked)))
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import SupportsFloat
+from typing import Literal, SupportsFloat
 
 import numpy as np
 import torch
@@ -15,7 +15,8 @@ from models.config import MAX_COLUMNS, SHIPPED, VoxelNetConfig
 from models.network import candidates as decoding
 from models.network.faces import measure_faces
 from models.network.grid import anchors, collate, voxelise
-from models.network.sparse import SparseVoxelNet, is_quick_at_bfloat16
+from models.network.number_formats import convert_to_bfloat16, find_bfloat16_library
+from models.network.sparse import SparseVoxelNet
 from models.network.tiles import TiledVoxelNet, UnionPlan, tileable
 from models.network.voxelnet import VoxelNet
 from models.weight_files import digest_detector, digest_tensors, load_weights
@@ -86,6 +87,7 @@ class VoxelNetDetector:
         self.rival_shares = None if score_threshold is not None else decoding.rival_shares(config)
         self.nms_threshold = nms_threshold
         self.phases = 1
+        self.numbers: Literal["float32", "bfloat16"] = "float32"
         self.anchors = anchors(config).to(self.device)
 
     @property
@@ -108,9 +110,10 @@ class VoxelNetDetector:
     def digest(self) -> str:
         """SHA-256 of weights, configuration and thresholds."""
         threshold = self.thresholds if len(set(self.thresholds)) > 1 else self.thresholds[0]
-        digest = digest_detector(
-            self._weights, self.config.to_dict(), threshold, self.nms_threshold
-        )
+        weights = self._weights
+        if self.numbers != "float32":
+            weights = f"{weights} in {self.numbers}"
+        digest = digest_detector(weights, self.config.to_dict(), threshold, self.nms_threshold)
         return digest if self.phases == 1 else f"{digest} on {self.phases} grids"
 
     def shift_grids(self, phases: int) -> "VoxelNetDetector":
@@ -130,17 +133,19 @@ class VoxelNetDetector:
         return shifted
 
     def quick(self) -> "VoxelNetDetector":
-        """Same detector with coarser numbers if the processor is faster with them, otherwise
-        itself."""
-        if not is_quick_at_bfloat16(self.device) or not isinstance(
-            getattr(self, "network", None), SparseVoxelNet
-        ):
+        """Same detector in bfloat16 if the processor is much faster with it, otherwise itself.
+
+        Where OpenVINO computes it, unions that share work (`unions`) stay in float32."""
+        library = find_bfloat16_library(self.device)
+        network = getattr(self, "network", None)
+        if library is None or self.numbers != "float32" or not isinstance(network, SparseVoxelNet):
             return self
         quick = copy.copy(self)
-        quick.network = self.network.halve()
-        quick._weights = f"{self._weights} in bfloat16"
+        quick.network = convert_to_bfloat16(network, library)
+        quick.numbers = "bfloat16"
         quick.name = f"{self.name}+bfloat16"
-        quick._tiled = None if self._tiled is None else TiledVoxelNet(quick.network)
+        if self._tiled is not None and library == "torch":
+            quick._tiled = TiledVoxelNet(quick.network)
         return quick
 
     def __call__(self, points: Points, /) -> Detections:

@@ -1,7 +1,7 @@
 """`Cases`: circumstances under which sets are scored, and how their figures become one.
 
 Four kinds of case are combined: IoU thresholds, sensors that fail, levels of traffic and error
-profiles of the sensors. A figure of m sets in all of them is an array [profile, level, iou, set];
+profiles of the sensors. A figure of m sets in all cases is an array [profile, level, iou, set];
 the axes are reduced from the last:
 
     IoU thresholds   mean, as in COCO, so that no single threshold decides what is built

@@ -1,16 +1,146 @@
-"""The browser that pages are opened in, a Ray cluster of two nodes, and hypothesis without a
-clock."""
+"""What tests of every folder share: smaller limits, noted calls, errors of functions, missing
+packages, variables of the environment, a folder to work in, the browser that pages are opened in, a
+Ray cluster of two nodes, and hypothesis without a clock."""
 
+import importlib
+import os
 import shutil
+import sys
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
 
+from toolkit.plots import fonts
+
 settings.register_profile("any machine", deadline=None)  # a busy one is no fault
 settings.load_profile("any machine")
+# figures in tests are those of exact numbers, whatever the processor is quickest with
+os.environ.setdefault("COVIEW_NUMBERS", "float32")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@pytest.fixture
+def limits(monkeypatch):
+    """Give constants of a module other values, so that small inputs reach a limit:
+    `limits(module, MAX_CELLS=750)`. Only numbers may change: code stays as it is."""
+
+    def set_limits(module, **values):
+        module = importlib.import_module(module) if isinstance(module, str) else module
+        for name, value in values.items():
+            assert isinstance(getattr(module, name), int | float), f"{name} is no number"
+            monkeypatch.setattr(module, name, value)
+
+    return set_limits
+
+
+class Call(NamedTuple):
+    """Arguments of one call."""
+
+    args: tuple[Any, ...]
+    named: dict[str, Any]
+
+
+@pytest.fixture
+def spy(monkeypatch):
+    """Note the calls of a function, which works as before: `calls = spy(module, "name")`."""
+
+    def note_calls(owner, name):
+        owner = importlib.import_module(owner) if isinstance(owner, str) else owner
+        function, calls = getattr(owner, name), []
+
+        def noted(*args, **named):
+            calls.append(Call(args, named))
+            return function(*args, **named)
+
+        monkeypatch.setattr(owner, name, noted)
+        return calls
+
+    return note_calls
+
+
+@pytest.fixture
+def fail():
+    """Let a function raise an error instead, because a disk is full or as nothing may call it:
+    `fail(module, "name", OSError())`. The patch that comes back has `undo`."""
+    patches = []
+
+    def replace_by_error(owner, name, error=None):
+        owner = importlib.import_module(owner) if isinstance(owner, str) else owner
+
+        def raising(*_, **__):
+            raise error or AssertionError(f"{name} was called")
+
+        patch = pytest.MonkeyPatch()
+        patches.append(patch)
+        patch.setattr(owner, name, raising)
+        return patch
+
+    yield replace_by_error
+    for patch in patches:
+        patch.undo()
+
+
+@pytest.fixture
+def without_packages(monkeypatch):
+    """Hide installed packages from `import` and `find_spec`: `without_packages("ray")`."""
+
+    def hide(*names):
+        for name in names:
+            monkeypatch.setitem(sys.modules, name, None)
+
+    return hide
+
+
+@pytest.fixture
+def environment(monkeypatch):
+    """Set variables of the environment, None to remove one: `environment(PATH="")`."""
+
+    def set_variables(**values):
+        for name, value in values.items():
+            if value is None:
+                monkeypatch.delenv(name, raising=False)
+            else:
+                monkeypatch.setenv(name, value)
+
+    return set_variables
+
+
+@pytest.fixture
+def work_in(monkeypatch):
+    """Change to a folder whose modules can be imported, as `python` does: `work_in(folder)`."""
+
+    def change(folder):
+        monkeypatch.chdir(folder)
+        monkeypatch.syspath_prepend(str(folder))
+        return folder
+
+    return change
+
+
+@pytest.fixture
+def system_fonts(monkeypatch):
+    """Say which files of fonts this computer has: `system_fonts(path, other_path)`."""
+
+    def set_fonts(*files):
+        monkeypatch.setattr(fonts, "list_system_fonts", lambda: files)
+        fonts.cover_letters.cache_clear()
+
+    yield set_fonts
+    fonts.cover_letters.cache_clear()
+
+
+@pytest.fixture
+def bfloat16_library(monkeypatch):
+    """Say which library this machine is quickest with at bfloat16, None for none:
+    `bfloat16_library("torch")`."""
+
+    def set_library(name):
+        monkeypatch.setattr("models.detector.find_bfloat16_library", lambda device: name)
+
+    return set_library
 
 
 @pytest.fixture(scope="module")

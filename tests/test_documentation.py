@@ -30,9 +30,9 @@ CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
 
 
 @pytest.fixture
-def extension(monkeypatch):
+def extension(work_in):
     """Import the modules of docs/ by name."""
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    work_in(ROOT / "docs")
     return import_module
 
 
@@ -56,10 +56,9 @@ def python_blocks(*, lasting):
     ]
 
 
-def run_block(page, number, folder, monkeypatch):
+def run_block(page, number, folder, work_in):
     """Run a block with nothing but the files that its page shows."""
-    monkeypatch.chdir(folder)
-    monkeypatch.syspath_prepend(str(folder))
+    work_in(folder)
     for mark, text in blocks(page, "python"):
         if mark.startswith("file: "):
             (folder / mark.removeprefix("file: ")).write_text(text)
@@ -69,14 +68,14 @@ def run_block(page, number, folder, monkeypatch):
 
 
 @pytest.mark.parametrize(("page", "number"), python_blocks(lasting=False))
-def test_a_python_block_runs_alone(page, number, tmp_path, monkeypatch):
-    run_block(page, number, tmp_path, monkeypatch)
+def test_a_python_block_runs_alone(page, number, tmp_path, work_in):
+    run_block(page, number, tmp_path, work_in)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "number"), python_blocks(lasting=True))
-def test_a_python_block_of_minutes_runs_alone(page, number, tmp_path, monkeypatch):
-    run_block(page, number, tmp_path, monkeypatch)
+def test_a_python_block_of_minutes_runs_alone(page, number, tmp_path, work_in):
+    run_block(page, number, tmp_path, work_in)
 
 
 def command_lines(page):
@@ -211,8 +210,8 @@ def test_names_and_files_in_running_text_exist(page):
 
 
 @pytest.mark.slow
-def test_pictures_are_drawn(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "docs" / "pictures"))
+def test_pictures_are_drawn(tmp_path, work_in):
+    work_in(ROOT / "docs" / "pictures")
     import_module("draw").main(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "directions.png",

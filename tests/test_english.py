@@ -34,8 +34,8 @@ MAX_RATES = {
         r"|\bwhere (not|missing|known|needed|given)\b",
         0.4,
     ),
-    "that of, of those": (r"\b(that|those) of\b|\bof (those|that|them|these|it|which|whom)\b", 1),
-    "fragment that begins with of": (r"(^|: |; )of [a-z]", 1.1),
+    "that of, of those": (r"\b(that|those) of\b|\bof (those|that|them|these|it|which|whom)\b", 0.5),
+    "fragment that begins with of": (r"(^|: |; )of [a-z]", 0.6),
     "say for pass or state": (
         r"\b[Ss]ay (--|more|another|both|it|which|a|one|what)|\bsays?\b",
         0.3,

@@ -22,14 +22,14 @@ SLOW = ("02", "10")
     ],
     ids=lambda path: str(path.relative_to(FOLDER)),
 )
-def test_example(example, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_example(example, capsys, tmp_path, work_in):
+    work_in(tmp_path)
     runpy.run_path(str(example), run_name="__main__")
     assert capsys.readouterr().out.strip()
 
 
-def test_readme(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_readme(capsys, tmp_path, work_in):
+    work_in(tmp_path)
     blocks = re.findall(
         r"```python\n(.*?)```",
         (Path(__file__).parents[1] / "README.md").read_text(),

@@ -21,7 +21,6 @@ def documents(tmp_path, monkeypatch):
     """Folder with a page and a table of its own."""
     monkeypatch.setattr(figures, "FIGURES", tmp_path / "figures.json")
     monkeypatch.setattr(figures, "PAGE", tmp_path / "figures.md")
-    monkeypatch.setattr(figures, "current_commit", lambda: "def")
     (tmp_path / "figures.md").write_text(PAGE, encoding="utf-8")
     tables = {"speed": {"columns": ["what", "result"], "rows": [ROW]}}
     (tmp_path / "figures.json").write_text(json.dumps(tables), encoding="utf-8")
@@ -55,18 +54,19 @@ def test_what_rows_do_not_share_gets_a_column():
     assert lines[4] == "| nms | 3 ms | `site` | 2 Jan 2026, abc, B |"
 
 
-def test_nothing_is_kept_without_the_name_of_the_machine(documents, monkeypatch):
-    monkeypatch.delenv("COVIEW_FIGURES", raising=False)
+def test_nothing_is_kept_without_the_name_of_the_machine(documents, environment):
+    environment(COVIEW_FIGURES=None)
     figures.record("speed", "iou", ["1 ms"])
     assert figures.read_tables()["speed"]["rows"] == [ROW]
 
 
-def test_a_measured_row_replaces_the_row_of_its_name(documents, monkeypatch):
-    monkeypatch.setenv("COVIEW_FIGURES", "Q")
+def test_a_measured_row_replaces_the_row_of_its_name(documents, environment):
+    environment(COVIEW_FIGURES="Q")
     figures.record("speed", "iou", ["1 ms"])
     figures.record("speed", "nms", ["4 ms"])
+    commit = figures.current_commit()
     first, second = figures.read_tables()["speed"]["rows"]
-    assert (first["cells"], first["machine"], first["commit"]) == (["iou", "1 ms"], "Q", "def")
+    assert (first["cells"], first["machine"], first["commit"]) == (["iou", "1 ms"], "Q", commit)
     assert second["cells"] == ["nms", "4 ms"]
     assert "| nms | 4 ms |" in (documents / "figures.md").read_text(encoding="utf-8")
 
@@ -78,8 +78,8 @@ def test_a_measured_row_replaces_the_row_of_its_name(documents, monkeypatch):
         ("speed", ["1 ms", "2 ms"], ValueError, "has 2 columns"),
     ],
 )
-def test_a_row_that_fits_no_table_is_refused(documents, monkeypatch, table, cells, error, words):
-    monkeypatch.setenv("COVIEW_FIGURES", "B")
+def test_a_row_that_fits_no_table_is_refused(documents, environment, table, cells, error, words):
+    environment(COVIEW_FIGURES="B")
     with pytest.raises(error, match=words):
         figures.record(table, "iou", cells)
 
@@ -91,8 +91,8 @@ def test_page_and_tables_must_name_the_same_ones():
         figures.render_page(PAGE, {})
 
 
-def test_results_of_evaluate_become_rows_of_schemes(documents, monkeypatch):
-    monkeypatch.setenv("COVIEW_FIGURES", "B")
+def test_results_of_evaluate_become_rows_of_schemes(documents, environment):
+    environment(COVIEW_FIGURES="B")
     tables = {"schemes": {"columns": ["site, scheme", "AP", "kbit"], "rows": []}}
     figures.FIGURES.write_text(json.dumps(tables), encoding="utf-8")
     figures.PAGE.write_text("<!-- table schemes -->\n<!-- end -->\n", encoding="utf-8")

@@ -35,8 +35,8 @@ def test_they_were_executed_from_top_to_bottom_and_show_pictures(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_they_run_anew(name, monkeypatch):
-    monkeypatch.syspath_prepend(str(FOLDER))
-    monkeypatch.setenv("PYTHONPATH", str(FOLDER.parents[1]))
+def test_they_run_anew(name, work_in, environment):
+    work_in(FOLDER)
+    environment(PYTHONPATH=str(FOLDER.parents[1]))
     notebook = import_module("execute").execute(name)
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")

@@ -30,7 +30,7 @@ Overlap = Literal["bev", "3d"]
 FACE_TOLERANCE = (
     1e-8  # m; a point this far outside a face still lies on it, so that rounding loses no corner
 )
-_PAIRS_AT_ONCE = 1 << 15  # keeps the temporaries of one step inside the cache
+BATCH_PAIRS = 1 << 15  # keeps the temporaries of one step inside the cache
 _AT_ONCE = 512  # boxes compared at once, which bounds time and memory of many in one place
 
 # Signs of the half extents at the four corners of a footprint, counter-clockwise from front left.
@@ -351,8 +351,8 @@ def _overlap_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     then linear, then constant, so its mean needs only the two places where the edge crosses
     y = -width/2 and y = width/2.
     """
-    if len(a) > _PAIRS_AT_ONCE:
-        blocks = [slice(k, k + _PAIRS_AT_ONCE) for k in range(0, len(a), _PAIRS_AT_ONCE)]
+    if len(a) > BATCH_PAIRS:
+        blocks = [slice(k, k + BATCH_PAIRS) for k in range(0, len(a), BATCH_PAIRS)]
         return np.concatenate([_overlap_area(a[rows], b[rows]) for rows in blocks])
     length_a, width_a, yaw_a = a[:, 3], a[:, 4], a[:, 6]
     yaw_b = b[:, 6]

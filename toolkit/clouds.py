@@ -288,7 +288,7 @@ def crop(
     if np.isnan(floor):
         raise ValueError("floor must be a number of metres, got NaN")
     cloud = _tensor_cloud(cloud)
-    return _select(cloud, Crop.of(area, height).holds(positions(cloud), floor))
+    return _select(cloud, Crop.from_place(area, height).holds(positions(cloud), floor))
 
 
 def points_per_box(cloud: AnyCloud, boxes: Float[np.ndarray, "m 7"]) -> Int64[np.ndarray, " m"]:

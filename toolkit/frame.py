@@ -464,7 +464,7 @@ class Frame(Displayed):
         shifts = tuple(self.shifts[k] for k in positions) if self.shifts else ()
         return replace(self, sensors=kept_sensors, measurements=measurements, shifts=shifts)
 
-    def of(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
+    def select_objects(self, rows: Shaped[np.ndarray, " k"]) -> "Frame":
         """Return the frame with only some objects, their categories and counts.
 
         rows: mask of the objects or their row numbers."""

@@ -28,7 +28,7 @@ def pose(
     """Pose (4, 4) of a body at x, y, z (m) with yaw, pitch and roll (rad).
 
     The body is turned by roll about x, then pitch about y (positive: nose down), then yaw about z
-    (counter-clockwise from +x), all of them fixed axes of the outer frame.
+    (counter-clockwise from +x), all fixed axes of the outer frame.
 
     >>> transform(pose(1.0, 2.0, yaw=np.pi / 2), np.array([[1.0, 0.0, 0.0]])).round(6)
     array([[1., 3., 0.]])

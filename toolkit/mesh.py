@@ -163,7 +163,7 @@ def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     if len(pieces) == 0:
         return merge([])
-    # an outline of a triangle has four coordinates, the last of which repeats the first
+    # an outline of a triangle has four coordinates; the last repeats the first
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     # from the first corner to the second (a) and to the third (b); their cross product is twice
     # the triangle's area, negative if the corners run clockwise

@@ -56,7 +56,7 @@ def frame_points(
     Raises:
         ValueError: A sensor is unknown, or the area is empty.
     """
-    crop = Crop.of(area, height)
+    crop = Crop.from_place(area, height)
     return [
         crop_sensor(frame, index, crop, rng) for index in select_sensors(frame.sensors, sensors)
     ]
@@ -89,7 +89,7 @@ class Crop(NamedTuple):
     slope: Slope = LEVEL
 
     @staticmethod
-    def of(place: Area, height: float | None = None) -> "Crop":
+    def from_place(place: Area, height: float | None = None) -> "Crop":
         """Return the crop of a site or an area (xmin, ymin, xmax, ymax, m) below `height` (m).
 
         The height is the site's by default, else 4 m (paper section II-B).
@@ -116,7 +116,7 @@ def crop_image(
     *,
     shift: ImageVectors | None = None,
 ) -> tuple[Float32[np.ndarray, "3 pixels"], Int64[np.ndarray, " n"]]:
-    """Return x, y, z in the world of every pixel, and the numbers of those inside the crop.
+    """Return x, y, z in the world of every pixel, and the numbers of pixels inside the crop.
 
     Pixels are numbered row by row. shift: displacement of each pixel's point (m, world frame), None
     for none.

@@ -15,11 +15,11 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from coview.live_cameras import DISTANCE_FACTOR
-from coview.live_signs import find_target
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from toolkit.runtime.run import Run
 from toolkit.viewing import scene
+from toolkit.viewing.sensor_parts import find_target
 
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 COLOURS = 96  # of the picture's palette, so that the file is small

@@ -30,7 +30,7 @@ def main(frames: int = 10) -> None:
                 ForegroundDifferences(),
                 ForegroundDifferences(refers_to="key", name="differences to key"),
             ]
-            detector = ClusterDetector.of(recording)
+            detector = ClusterDetector.from_recording(recording)
             comparison = Comparison(schemes=schemes, iou_thresholds=(0.5,))
             print(format_table(evaluate_recording(recording, detector, comparison)))
 

@@ -114,11 +114,7 @@ def all_candidates(
             pairs = torch.tensor(config.calibration, dtype=logits.dtype, device=logits.device)
             slope, intercept = pairs[anchor_label].T[..., None] if config.kinds else pairs.T
             min_logit = (min_logit - intercept) / slope
-        # scores are clipped to 1e-6, so a threshold below it lets every logit pass
-        min_logit = torch.where(
-            min_logit > math.log(1e-6), min_logit.clamp(max=_SURE_LOGIT), -torch.inf
-        )
-        is_passing = logits > min_logit - _LOGIT_ROUNDING
+        is_passing = logits > _subtract_rounding(min_logit)
     places = AnchorPlaces(*torch.nonzero(is_passing.any(-1), as_tuple=True))
     outputs = prediction.at(places, count)
     class_index = places.anchor if config.kinds else slice(None)
@@ -154,6 +150,15 @@ def all_candidates(
         scores = scores * is_label[anchor_label[anchor]]
     item = places.item[candidate_rows]
     return BoxCandidates(item=item, place=anchor_number, boxes=boxes, scores=scores)
+
+
+def _subtract_rounding(min_logit: Tensor) -> Tensor:
+    """Lowest logits to keep, lower than the threshold's by the largest rounding error.
+
+    min_logit: logits of thresholds, any shape. Scores are clipped to 1e-6, so below that every
+    logit is kept."""
+    clamped = torch.where(min_logit > math.log(1e-6), min_logit.clamp(max=_SURE_LOGIT), -torch.inf)
+    return clamped - _LOGIT_ROUNDING
 
 
 def suppress_boxes(

@@ -142,7 +142,7 @@ class FaceNetworks(nn.Module):
 def measure_faces(
     networks: FaceNetworks, detections: Detections, points: Points, labels: Sequence[str]
 ) -> Detections:
-    """Detections with the faces of all boxes of these labels moved; scores and order stay.
+    """Detections with the faces of all boxes of some labels moved; scores and order stay.
 
     Boxes of other labels have `USUAL_DOUBTS_M`. points: x y z (m) in the frame of the
     boxes.

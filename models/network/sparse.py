@@ -7,9 +7,7 @@ BatchNorm and the linear layers before the published head are folded.
 """
 
 import copy
-import time
 from collections.abc import Sequence
-from functools import lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -72,13 +70,6 @@ class SparseVoxelNet(nn.Module):
         """Class maps of `forward`; the other maps are computed where they are needed."""
         return self.rpn(self.middle(self.features(voxels), voxels))
 
-    def halve(self) -> "SparseVoxelNet":
-        """Copy of the network whose proposal part, which takes most of the time, computes in
-        bfloat16."""
-        halved = copy.deepcopy(self)
-        halved.rpn.to(torch.bfloat16).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        return halved
-
 
 class LinearFeatures(nn.Module):
     """`VoxelFeatures` of one layer and local points, folded.
@@ -127,36 +118,6 @@ def _fold_features(features: VoxelFeatures) -> VoxelFeatures:
         linear.weight.data, linear.bias.data = fold_norm(layer.linear, layer.norm)
         folded.layers.append(nn.Sequential(linear, nn.ReLU(inplace=True)))
     return folded
-
-
-@lru_cache
-def is_quick_at_bfloat16(device: torch.device) -> bool:
-    """True if a processor is much faster in bfloat16.
-
-    It is timed once, since its instruction set does not show it."""
-    checks = [
-        getattr(torch.cpu, f"_is_{name}_supported", lambda: False)
-        for name in ("avx512_bf16", "amx_tile")
-    ]
-    if device.type != "cpu" or not any(is_supported() for is_supported in checks):
-        return False
-    float32_times = []
-    bfloat16_times = []
-    for _ in range(5):  # in turns, so that other work on the machine delays both
-        float32_times.append(time_layer(torch.float32))
-        bfloat16_times.append(time_layer(torch.bfloat16))
-    return min(bfloat16_times) < 0.8 * min(float32_times)
-
-
-@torch.inference_mode()
-def time_layer(dtype: torch.dtype) -> float:
-    """Seconds that a convolution of the network's size takes."""
-    layer = nn.Conv2d(48, 48, 3, padding=1).to(dtype)
-    x = torch.ones(1, 64, 96, 48, dtype=dtype).movedim(3, 1)  # channels last, as in the network
-    layer(x)  # the first run prepares the convolution
-    began = time.perf_counter()
-    layer(x)
-    return time.perf_counter() - began
 
 
 def scale_and_shift(norm: nn.Module) -> tuple[Tensor, Tensor]:
@@ -237,7 +198,7 @@ class ClassifiedCells(NamedTuple):
         class_logits: As in `Prediction`.
         features: Feature map for the head, channels last in memory.
         details: 1x1 convolution from features to the other maps, joined.
-        channels: Channels of each of these maps, in the order of the fields of `Prediction`.
+        channels: Channels of each such map, in the order of the fields of `Prediction`.
     """
 
     class_logits: Float[Tensor, "B AC H W"]
@@ -282,7 +243,7 @@ class PlainJoin(nn.Module):
         if rpn.add:
             scale, shift = scale_and_shift(rpn.norm)
             layers: Any = rpn.upsample
-            biases = (shift, None, None)  # the maps are added, so one of them carries the shift
+            biases = (shift, None, None)  # the maps are added, so only one carries the shift
             self.upsample = nn.ModuleList(
                 make_conv(
                     layer.weight * scale[:, None, None],
@@ -398,7 +359,7 @@ def make_conv(
     *,
     transposed: bool = False,
 ) -> nn.Conv2d | nn.ConvTranspose2d:
-    """Convolution with a copy of these weights.
+    """Convolution with a copy of some weights.
 
     weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution. A
     transposed 1x1 convolution of stride 1 is returned as the equal one that is not transposed.

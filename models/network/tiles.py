@@ -77,7 +77,9 @@ class PlacedClouds(NamedTuple):
     clouds: int
 
     @staticmethod
-    def of(clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig) -> "PlacedClouds":
+    def from_clouds(
+        clouds: Sequence[Float32[Tensor, "_ 3"]], config: VoxelNetConfig
+    ) -> "PlacedClouds":
         """Points of clouds (x y z in the frame of the grid, m) that are inside the grid."""
         points_and_cells = [grid_cells(cloud, config) for cloud in clouds]
         inside_points = [points for points, _ in points_and_cells]
@@ -161,7 +163,7 @@ class PlacedClouds(NamedTuple):
     ) -> Voxels:
         """Voxels of a batch of `items` items.
 
-        rows: points of all items. item: index in the batch of each of them.
+        rows: points of all items. item: index of each in the batch.
         """
         nx, ny, nz = config.grid_shape
         ix, iy, iz = self.cells[rows].unbind(1)
@@ -357,7 +359,7 @@ class TiledVoxelNet:
 
         clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
         """
-        placed = PlacedClouds.of(clouds, self.config)
+        placed = PlacedClouds.from_clouds(clouds, self.config)
         max_points = self.config.max_points
         nx, ny, _ = self.config.grid_shape
         # 1 in cells that a point of each cloud, or in the last map a crowded voxel, can change
@@ -394,7 +396,7 @@ class TiledVoxelNet:
         """Yield batches of unions, as large as memory allows.
 
         Each is a slice of the unions, the entries of the head's tiles, and an iterator over the
-        head's maps of these entries.
+        head's maps of the entries.
         """
         count = len(plan.unions)  # in a batch
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MAX_ENTRIES:

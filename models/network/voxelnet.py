@@ -277,7 +277,7 @@ def fold_columns(
     level: index along z of each voxel. column: row in `start` of each voxel's column. weight: one
     matrix for each of D levels. start: values of the n columns before.
     """
-    # the voxels of one cloud come level by level, those of several clouds must be sorted
+    # the voxels of one cloud come level by level; if there are several clouds, they must be sorted
     if bool((level[1:] < level[:-1]).any()):
         by_level = torch.argsort(level, stable=True)
         features = features[by_level]

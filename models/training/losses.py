@@ -108,7 +108,7 @@ def assign_by_kind(
     """Match anchors to objects of their class; owners are rows of `boxes`.
 
     kinds: classes of anchors, in the order of the anchors of a cell. labels: class of each box.
-    is_required: objects that should be detected; negatives on the others of that class are ignored.
+    is_required: objects that should be detected; negatives on other boxes of a class are ignored.
     """
     parts = []
     first_anchor = 0

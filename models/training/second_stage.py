@@ -293,8 +293,8 @@ def fit_calibration(
     """Network with calibration, rivalry and a threshold per class.
 
     Each threshold is the lowest above which `MIN_PRECISION` of the detections are true, over the
-    first `count` frames (None: all) of a file that training did not use. Some of them are seen by
-    some of the sensors or by sensors with errors."""
+    first `count` frames (None: all) of a file that training did not use. Some are seen by only
+    some sensors or by sensors with errors."""
     uncalibrated = rebuild(network, score_threshold=MIN_FIT_SCORE, **dict.fromkeys(FITTED, ()))
     labels = uncalibrated.config.labels
     judged = _judge(uncalibrated, frames, count, seed)
@@ -484,7 +484,7 @@ def train_faces(
 
 
 def displace_boxes(boxes: BoxRows, rng: Rng) -> BoxRows:
-    """Copy of boxes with random errors of place, size and yaw, a tenth of them reversed; the floor
+    """Copy of boxes with random errors of place, size and yaw, a tenth reversed; the floor
     stays."""
     boxes = boxes.copy()
     width = boxes[:, 4]

@@ -36,7 +36,7 @@ class StageFigure(NamedTuple):
     def ends(self) -> Interval:
         """Interval of the AP that holds practically always (`CERTAIN_SHARE`).
 
-        It is Wilson's for independent objects, each of which lives `LIFE` frames, widened by the
+        It is Wilson's for independent objects that live `LIFE` frames each, widened by the
         spread.
         """
         share = min(max(self.ap, 0.0), 1.0)

@@ -125,7 +125,7 @@ def estimate_worth(
         rule = f"need at least {MIN_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
         raise ValueError(f"{rule}, got {rounds}, {sensors} and {confidence}")
     rng = np.random.default_rng(seed)
-    square = _williams_square(sensors)
+    square = williams_square(sensors)
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
     # place of each sensor in its order: rounds, orders, 1, sensors
     position = np.argsort(orders)[:, :, None]
@@ -270,7 +270,7 @@ def _compute_weights(n: int) -> Float64[np.ndarray, " sizes"]:
     return np.array(weights + [0.0] * 3)
 
 
-def _williams_square(n: int) -> Int64[np.ndarray, "n n"]:
+def williams_square(n: int) -> Int64[np.ndarray, "n n"]:
     """n orders (rows) of n sensors: each sensor once in each place, each pair adjacent twice.
 
     (Williams 1949)

@@ -2,7 +2,7 @@
 and sensor model.
 
 Heading is counter-clockwise from +x, tilt below the horizon (rad), height above the mount's foot
-(m). The five indices of a candidate are its `factors`; not every combination of them is a
+(m). The five indices of a candidate are its `factors`; not every combination is a
 candidate. A mount carries up to `Mount.max_sensors` sensors; all their data shares its one link,
 and the mount itself is paid once.
 
@@ -37,8 +37,8 @@ DEFAULT_HEIGHTS_M = (4.0, 6.0, 8.0)  # heights of a pool above the foot of the m
 DEFAULT_TILTS_DEG = (5.0, 15.0, 25.0)  # tilts of a pool below the horizon
 DEFAULT_TILTS_RAD = tuple(float(np.deg2rad(tilt)) for tilt in DEFAULT_TILTS_DEG)
 MAX_MOUNT_DISTANCE_M = 1.0  # from a present sensor to the foot of its mount, seen from above
-AREA_CELLS = 16  # the area is checked at 16 x 16 points for poses that see nothing of it
-AREA_HEIGHT_M = 1.0  # height of these points above the street
+AREA_CELLS = 16  # the area is checked at 16 x 16 points for poses that see no part of the area
+AREA_HEIGHT_M = 1.0  # height of the checked points above the street
 PAPER = (DepthCamera(),)  # the paper's camera, the default model
 MAX_RANDOM_POSES = 8  # pool poses in one random set
 # sensor models, or their prices by model if sensors cost anything
@@ -589,7 +589,7 @@ def own_and_random(
 def random_sets(candidates: Candidates, present: int, count: int, rng: np.random.Generator) -> Sets:
     """Draw up to `count` different sets, as rows of booleans in ascending order.
 
-    Half of them are from the first `present` candidates, if there are any. The others have 1 to
+    Half are from the first `present` candidates, if there are any. The others have 1 to
     `MAX_RANDOM_POSES` of the other candidates, at most one on a mount. The order of the draws from
     `rng` fixes the sets of a seed.
 

@@ -187,7 +187,7 @@ class _PoseTask(Task):
         super().__init__(n, scenarios, max_steps=scenarios.moves, fixed=True)
         self.action_space = Box(-1.0, 1.0, (3 * scenarios.slots,), np.float32)
         self._source = scenarios
-        self._episodes = dict[int, _PoseEpisode]()  # by row, with the present poses
+        self.episodes = dict[int, _PoseEpisode]()  # by row, with the present poses
 
     def reset(
         self, rows: Int64[np.ndarray, " m"], rngs: Sequence[Rng], options: Options | None
@@ -195,7 +195,7 @@ class _PoseTask(Task):
         """Start new episodes in some rows, one from each generator."""
         episodes = [self._source.draw(rng, options) for rng in rngs]
         self.state.reset(rows, episodes)
-        self._episodes.update(zip(rows.tolist(), episodes, strict=True))
+        self.episodes.update(zip(rows.tolist(), episodes, strict=True))
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Move the sensors of each active row. A move that overloads a link more than before is
@@ -206,7 +206,7 @@ class _PoseTask(Task):
         is_illegal = np.zeros(state.n, np.bool_)
         scenarios = dict[int, Scenario]()
         for row in np.flatnonzero(active).tolist():
-            episode = self._episodes[row]
+            episode = self.episodes[row]
             objective, _ = state.placement(row)
             rig = episode.rig.move(moves[row, : len(episode.rig.aim)])
             if (rig.aim == episode.rig.aim).all():
@@ -218,7 +218,7 @@ class _PoseTask(Task):
             sends_more = moved_objective.loads > objective.loads  # a flag for each sensor
             is_illegal[row] = (~moved_objective.linked & sends_more).any()
             if not is_illegal[row]:
-                self._episodes[row] = replace(episode, rig=rig)
+                self.episodes[row] = replace(episode, rig=rig)
                 scenarios[row] = scenario
         state.step(active, illegal=is_illegal, scenarios=scenarios)
         terminated = np.zeros(state.n, np.bool_)

@@ -1,8 +1,8 @@
 """Scenarios, objectives as agents observe them, and episodes drawn from them.
 
 A scenario pads its candidates to a number of slots, so that one policy can be used at sites with
-different numbers of them. The view of a candidate is taken at up to `MAX_PLACES` places: vehicles
-of the traffic if known, otherwise spots of the area.
+different numbers of candidates. The view of a candidate is taken at up to `MAX_PLACES` places:
+vehicles of the traffic if known, otherwise spots of the area.
 """
 
 from collections.abc import Iterable, Mapping

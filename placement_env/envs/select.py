@@ -111,7 +111,7 @@ class SensorSelectEnv(PlacementEnv):
     used up. Illegal are an empty slot and a candidate that is chosen already, has failed, is on a
     full mount, or sends more than its link carries. `info["action_mask"]` and `action_masks()` mark
     the legal actions; of factored actions, the values of each factor that some legal candidate has,
-    one factor after another, so a combination of them may still be illegal.
+    one factor after another, so a combination may still be illegal.
 
     ## Observation Space
     `Box(-1, 1, (14 · slots + 13,), float32)`. 14 features of every slot, each for all slots before

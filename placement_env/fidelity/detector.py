@@ -1,6 +1,6 @@
 """`Detected`: score sensor sets by running the detector.
 
-Each set is fused, detected in and matched against the truth. The result equals that of
+Each set is fused, detected in and matched against the truth. The result equals the one from
 `toolkit.detection.evaluation.evaluate_recording` for the same sensors and frames, by protocol
 `exact`: objects centred outside the site's area are present but not scored. Every run of the
 detector and every match is kept in a `Cache` under all that it depends on. So a set costs detection
@@ -12,7 +12,7 @@ Two kinds of value are kept, of one frame each:
                  processing. Sensors that add no point are left out of the key; schemes and codecs
                  with the same points share it.
     outcome      detections of one set in one scheme with one codec, fused and matched at each IoU
-                 threshold, class by class: vehicles at those of `Detected.ious`, the others at
+                 threshold, class by class: vehicles at `Detected.ious`, the others at
                  those that `Classes.get_iou` gives"""
 
 import sys

@@ -10,7 +10,7 @@ probability is
     p = 0 without any point
     r = (Σ N_i ^ norm) ^ (1 / norm)
 
-A point from farther away stands for more of the object: with reach 2, n is the visible share of it.
+A point from farther away stands for more of the object: with reach 2, n is its visible share.
 At 45° to the axes of the world, along which a network's anchors lie, an object needs exp(oblique)
 times the points: a network that has seen few vehicles turn finds those less surely.
 

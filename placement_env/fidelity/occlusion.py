@@ -292,7 +292,7 @@ class _Scene:
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
         self._site = site
-        self._crop = Crop.of(site)
+        self._crop = Crop.from_place(site)
         views = self.views = SensorRays(renderer, sensors)
         self._positions = np.array([sensor.position for sensor in sensors], np.float32)
         models = [sensor.model for sensor in sensors]

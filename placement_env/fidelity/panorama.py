@@ -64,6 +64,7 @@ class TrafficView:
             only.
 
     Attributes:
+        surrounds: Panoramas in memory by place, the longest unused first.
         casting: Lock that a thread holds while it casts rays.
         hold: Function that is asked before each frame of a panorama; while it returns True, the
             thread that casts waits, unless another thread waits to cast."""
@@ -74,9 +75,8 @@ class TrafficView:
         self.traffic = traffic
         self._cache = cache
         self._unseen = Visibility.unseen(traffic, (), labels)  # without a sensor
-        self._scored = ScoredItems.of(traffic, traffic.snapshots, labels)
-        # `Surround` by `Place`, longest unused first
-        self._kept = Bounded()
+        self._scored = ScoredItems.from_snapshots(traffic, traffic.snapshots, labels)
+        self.surrounds = Bounded()
         self._max_bytes = DEFAULT_PANORAMA_BYTES
         self._reset_threads()
 
@@ -90,7 +90,7 @@ class TrafficView:
 
     def __getstate__(self) -> dict[str, Any]:
         with self.casting:  # no panorama is added meanwhile
-            state = {**self.__dict__, "_kept": self._kept.copy()}
+            state = {**self.__dict__, "surrounds": self.surrounds.copy()}
         for name in ("casting", "_waiting", "hold"):
             del state[name]
         return state
@@ -130,7 +130,7 @@ class TrafficView:
         points = np.zeros((len(sensors), self._scored.items))
         sent, far = np.zeros((2, len(sensors), self._scored.frames))
         for s, sensor in enumerate(sensors):
-            lookup = Lookup.of(sensor)
+            lookup = Lookup.from_sensor(sensor)
             for place, weight in shares[s]:
                 seen = surrounds[place].seen(lookup)
                 points[s] += weight * seen.points
@@ -180,7 +180,7 @@ class TrafficView:
         # a list, as other threads may add panoramas meanwhile
         near_places = [
             place
-            for place in list(self._kept)
+            for place in list(self.surrounds)
             if place[:2] == (x, y) and height_gap(place) <= MAX_HEIGHT_GAP_M
         ]
         known_places = [place for place in near_places if self._has_panoramas([place], model)]
@@ -198,11 +198,11 @@ class TrafficView:
     @property
     def full(self) -> bool:
         """True if panoramas fill `FULL_SHARE` of their memory, so that another may drop one."""
-        return self._kept.nbytes > FULL_SHARE * self._max_bytes
+        return self.surrounds.nbytes > FULL_SHARE * self._max_bytes
 
     def _has_panoramas(self, places: list[Place], model: SensorModel) -> bool:
         # True if panoramas at all of the places are in memory, for this model
-        surrounds = [self._kept.get(place) for place in places]
+        surrounds = [self.surrounds.get(place) for place in places]
         return all(surround is not None and model in surround.stills for surround in surrounds)
 
     def _prepare(
@@ -218,7 +218,7 @@ class TrafficView:
             all_heights: Make missing panoramas at all half metres of the mount too."""
         requested = dict.fromkeys(place for place, _ in mount_places)
         # references keep these alive even if another thread drops them from memory
-        kept = {place: self._kept.get(place) for place in requested}
+        kept = {place: self.surrounds.get(place) for place in requested}
         surrounds = {place: surround for place, surround in kept.items() if surround is not None}
         if len(surrounds) == len(requested) and all(
             models <= surround.stills.keys() for surround in surrounds.values()
@@ -252,7 +252,7 @@ class TrafficView:
 
         def lacks(place: Place) -> bool:
             # True without a panorama there, or with one that does not serve all of the models
-            return place not in self._kept or not models <= self._kept[place].stills.keys()
+            return place not in self.surrounds or not models <= self.surrounds[place].stills.keys()
 
         requested = dict.fromkeys(place for place, _ in mount_places)
         renderer = build_renderer(self.traffic)
@@ -264,12 +264,14 @@ class TrafficView:
         }
         missing_places = sorted(filter(lacks, {*requested, *other_heights}))
         for place, strips in zip(missing_places, self._find_strips(missing_places), strict=True):
-            stills = dict(self._kept[place].stills) if place in self._kept else {}
+            stills = dict(self.surrounds[place].stills) if place in self.surrounds else {}
             for model in models - stills.keys():
-                stills[model] = Still.of(renderer, self.traffic.site, np.array(place), model)
-            self._kept[place] = Surround.of(strips, self._scored, stills)
-        surrounds = {place: self._kept[place] for place in requested}
-        self._kept.keep(surrounds, self._max_bytes)  # may drop others
+                stills[model] = Still.from_renderer(
+                    renderer, self.traffic.site, np.array(place), model
+                )
+            self.surrounds[place] = Surround.from_strips(strips, self._scored, stills)
+        surrounds = {place: self.surrounds[place] for place in requested}
+        self.surrounds.keep(surrounds, self._max_bytes)  # may drop others
         return surrounds
 
     def _find_strips(self, places: list[Place]) -> list[Strips]:

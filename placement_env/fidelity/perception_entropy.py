@@ -10,7 +10,7 @@ Early fusion adds the m of all sensors, late fusion their 1/σ², and the entrop
 Checked against the formulas and constants that an implementation quotes from the paper
 (github.com/robosquiggles/go4robo). Only abstract and introduction of the paper itself were
 available. So its equation numbers are not checked, nor whether m counts the points of an object or
-of a voxel of the space around the car. Here m counts those of an object.
+of a voxel of the space around the car. Here m counts an object's points.
 
 Adapted: the mean is over the vehicles of our frames rather than over weighted voxels around a car;
 AP is held within 0.001 to 0.999, as in that implementation; late fusion joins single sensors, there

@@ -1,7 +1,7 @@
 """`RayTable`: number of rays in rectangles of azimuth and elevation, for a sensor model at a tilt.
 
 Counts of rays up to a place of a fine grid are summed over both angles once (Crow 1984, a
-summed-area table). A rectangle then costs four of these sums, however many rays it holds."""
+summed-area table). A rectangle then costs four sums, however many rays it holds."""
 
 from itertools import pairwise
 from threading import Lock
@@ -78,7 +78,7 @@ class Lookup(NamedTuple):
     extra_tilt: np.float32
 
     @staticmethod
-    def of(sensor: Sensor) -> "Lookup":
+    def from_sensor(sensor: Sensor) -> "Lookup":
         """Aim of a sensor in the table of rays with the nearest tilt.
 
         The table is made when `table` is first read."""

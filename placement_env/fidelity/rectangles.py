@@ -52,7 +52,7 @@ class Rectangles(NamedTuple):
     tan: Float32[np.ndarray, " n"]
 
     @staticmethod
-    def of(
+    def from_edges(
         left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray
     ) -> "Rectangles":
         """Build from edges (rad, float32): azimuths left < right, elevations bottom < top."""

@@ -162,7 +162,7 @@ def look_round(
         Block(first=k, end=min(k + VIEW_BLOCK_FRAMES, len(traffic)))
         for k in range(0, len(traffic), VIEW_BLOCK_FRAMES)
     ]
-    look = _RoundLook(traffic, tuple(sensors), tuple(labels))
+    look = RoundLook(traffic, tuple(sensors), tuple(labels))
     seen = look.see(blocks, run, total=len(traffic))
     # points, sent and far of all blocks, each joined along the objects or frames
     return SeenPoints(*(np.concatenate(parts, axis=1) for parts in zip(*seen, strict=True)))
@@ -228,7 +228,7 @@ class _FullLook(_Look):
         return make_key("seen", self.traffic.digest(), *self._depends_on(sensors))
 
 
-class _RoundLook(_Look):
+class RoundLook(_Look):
     """Points of all sensors, from panoramas; a block is a range of frames."""
 
     def __call__(self, block: Block) -> SeenPoints:
@@ -236,7 +236,7 @@ class _RoundLook(_Look):
 
         Each place is looked at once; all sensors there are looked up in that view."""
         snapshots = self.traffic.snapshots[block.first : block.end]
-        scored = ScoredItems.of(self.traffic, snapshots, self.labels)
+        scored = ScoredItems.from_snapshots(self.traffic, snapshots, self.labels)
         places, place_of_sensor = self._places
         count = len(self.sensors)
         seen = SeenPoints(
@@ -248,7 +248,7 @@ class _RoundLook(_Look):
             self._strips, self.traffic, range(block.first, block.end), len(places)
         )
         for place, strips in enumerate(strips_of_places):
-            surround = Surround.of(strips, scored, self._stills[place])
+            surround = Surround.from_strips(strips, scored, self._stills[place])
             for sensor in np.flatnonzero(place_of_sensor == place).tolist():
                 sensor_points = surround.seen(self._lookups[sensor])
                 seen.points[sensor] = sensor_points.points
@@ -257,6 +257,7 @@ class _RoundLook(_Look):
         return seen
 
     def key(self, block: Block) -> bytes:
+        """Key of a block's points in a cache."""
         traffic = self.traffic.part(block.first, block.end)
         return make_key("panoramas", traffic.digest(), self._depends_on(self.sensors))
 
@@ -270,7 +271,7 @@ class _RoundLook(_Look):
     @cached_property
     def _lookups(self) -> list[Lookup]:
         # aim of each sensor in its table of rays
-        return [Lookup.of(sensor) for sensor in self.sensors]
+        return [Lookup.from_sensor(sensor) for sensor in self.sensors]
 
     @cached_property
     def _strips(self) -> SuccessiveStrips:
@@ -294,7 +295,7 @@ class _RoundLook(_Look):
         for place, model in place_models:
             key = places[place].tobytes(), model
             if key not in cached_stills:
-                cached_stills[key] = Still.of(
+                cached_stills[key] = Still.from_renderer(
                     build_renderer(self.traffic), site, places[place], model
                 )
             stills[place][model] = cached_stills[key]

@@ -32,7 +32,7 @@ class Still:
     far: UInt8[np.ndarray, " cells"]
 
     @staticmethod
-    def of(
+    def from_renderer(
         renderer: Renderer, site: Site, viewpoint: Float64[np.ndarray, "3"], model: SensorModel
     ) -> "Still":
         """Cast a ray through each cell of directions and find the chances of its point.

@@ -59,7 +59,9 @@ class ScoredItems(NamedTuple):
     frames: int
 
     @staticmethod
-    def of(traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]) -> "ScoredItems":
+    def from_snapshots(
+        traffic: Traffic, snapshots: Sequence[Snapshot], labels: Sequence[int]
+    ) -> "ScoredItems":
         """Scored objects of some classes.
 
         Args:
@@ -107,14 +109,16 @@ class Surround:
         return self  # never changed, and up to 10 MB
 
     @staticmethod
-    def of(strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]") -> "Surround":
+    def from_strips(
+        strips: Strips, scored: ScoredItems, stills: "dict[SensorModel, Still]"
+    ) -> "Surround":
         """Sort the strips seen from one place, and compare them with the static scene behind.
 
         Args:
             strips: Strips of all frames; `item` counts the objects frame after frame.
             scored: Scored objects among these.
             stills: Static scene seen from the same place, by sensor model."""
-        rectangles = Rectangles.of(strips.left, strips.right, strips.bottom, strips.top)
+        rectangles = Rectangles.from_edges(strips.left, strips.right, strips.bottom, strips.top)
         # whole turns are taken off, so that all left edges are within the first turn
         full_turns = np.floor(rectangles.left / AZIMUTHS) * AZIMUTHS
         rectangles = rectangles._replace(
@@ -205,7 +209,7 @@ def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> S
     """Finder of the strips seen from V places (x, y, z; m, world frame), frame after frame.
 
     Each strip shows an object outside the crop, in it, or in it and beyond the hybrid radius."""
-    limits = Counted(crop=Crop.of(traffic.site), radius=traffic.site.hybrid_radius)
+    limits = Counted(crop=Crop.from_place(traffic.site), radius=traffic.site.hybrid_radius)
     return SuccessiveStrips(build_renderer(traffic), places, limits)
 
 
@@ -227,7 +231,7 @@ def place_strips(
     for k in frames:
         # objects centred in the area are cut into narrow strips
         is_fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
-        strips = successive.of(build_moment(traffic, k), is_fine)
+        strips = successive.find_next(build_moment(traffic, k), is_fine)
         parts.append(strips._replace(item=strips.item + np.int32(first_item)))
         first_item += len(is_fine)
     all_strips = concatenate_strips(parts)

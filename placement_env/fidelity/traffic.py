@@ -91,8 +91,8 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
     """Simulate frames of traffic, the same for the same seed.
 
     The last `MAX_KEPT_TRAFFIC` results are kept in memory. Bodies are drawn for each simulation.
-    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over blocks
-    of that length, which a van parked there throughout would bias unnoticed.
+    Parked vehicles stay for `LIFE` frames, like all: sets are compared by a bootstrap over equally
+    long blocks, which a van parked there throughout would bias unnoticed.
 
     Raises ValueError for fewer frames than one, and errors of
     `toolkit.traffic.snapshots.simulate`."""

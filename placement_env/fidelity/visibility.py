@@ -124,7 +124,7 @@ class Visibility:
         return Visibility(**arrays)
 
     @staticmethod
-    def of(
+    def from_recording(
         recording: "CoopDataset",
         frames: int | None = None,
         *,

@@ -221,7 +221,7 @@ def _density(
     sensor: Sensor, image: ImageRanges, x: np.ndarray, y: np.ndarray
 ) -> Float32[np.ndarray, "ny nx"]:
     """Points of an image in each cell, per m². x, y: centres of columns and rows (m)."""
-    xyz, valid = unproject(sensor, image)  # x y z (3, pixels), and a mask of those that returned
+    xyz, valid = unproject(sensor, image)  # x y z (3, pixels), and a mask of pixels with a return
     cell = x[1] - x[0]
     edges = [np.append(middles - cell / 2, middles[-1] + cell / 2) for middles in (y, x)]
     counts = np.histogram2d(xyz[1, valid], xyz[0, valid], bins=edges)[0]

@@ -213,7 +213,7 @@ class Meter:
         objective = self.objective(candidates, seen)
         one_set = is_working[None]
         ap = float(objective.scores(one_set).ap[0])
-        return ap, len(_list_problems(objective))
+        return ap, len(list_problems(objective))
 
     def measure(
         self, candidates: Candidates, seen: Visibility, is_working: Bool[np.ndarray, " C"]
@@ -275,7 +275,7 @@ class Meter:
             unseen=int(hidden.sum()),
             currency=self._currency,
             budget=self.preparation.setting.most_price,
-            problems=_list_problems(objective),
+            problems=list_problems(objective),
             resamples=resamples,
             probability=probability,
             hidden=hidden,
@@ -417,7 +417,7 @@ class Meter:
         )
 
 
-def _list_problems(objective: Objective) -> tuple[str, ...]:
+def list_problems(objective: Objective) -> tuple[str, ...]:
     """Sentences on what keeps all candidates from being built together."""
     candidates = objective.candidates
     all_sensors = np.ones((1, len(objective.candidates)), np.bool_)  # one set with all

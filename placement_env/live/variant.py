@@ -142,7 +142,7 @@ class Variant:
     def from_dict(document: object, where: str = "") -> "Variant":
         """Read a variant from the JSON values that `as_dict` gave.
 
-        where: path of these values in a file, for errors. Raises ValueError that names the value
+        where: path of the values in a file, for errors. Raises ValueError that names the value
         that does not fit."""
         variant = JsonObject(document, where)
         variant.check_keys(("sensors", "poles", "keep_out"))

@@ -32,7 +32,7 @@ class VariantView(NamedTuple):
 
     Attributes:
         candidates: Sensors of the variant, in its order.
-        seen: View of these sensors on the road users that count, also of failed ones.
+        seen: View of the sensors on the road users that count, also of failed ones.
         is_working: False for sensors that have failed.
         coarse: True if a view is interpolated between heights.
     """

@@ -123,7 +123,7 @@ class PlanOption:
 class BreakdownRow:
     """Result of the chosen set for one zone, range, approach, level or error profile.
 
-    name: name of that part or condition; judged: None without vehicles; mean_points: mean number
+    name: name of the part or condition; judged: None without vehicles; mean_points: mean number
     of the set's points on a vehicle, None without vehicles."""
 
     name: str

@@ -205,7 +205,7 @@ def train_policy(
     Raises ValueError without a limit and if `out` holds another training, ImportError without the
     libraries.
     """
-    from models.weight_files import read_checkpoint, save_atomically
+    from models.weight_files import read_checkpoint
 
     if steps is None and seconds is None:
         raise ValueError("training needs an end: give steps or seconds")
@@ -224,32 +224,43 @@ def train_policy(
             watch(local["infos"])
         return True
 
-    def save() -> None:
-        modules: dict[str, Any] = {"policy": model.policy, "optimiser": model.policy.optimizer}
-        state = {"steps": model.num_timesteps} | {
-            name: module.state_dict() for name, module in modules.items()
-        }
-        save_atomically(out / POLICY_FILE, {**identity, **state})
-
     began = saved = time.monotonic()
     round_steps = ROUND_UPDATES * learning.envs * learning.rollout
     while model.num_timesteps < (np.inf if steps is None else steps):
         if time.monotonic() - began >= (np.inf if seconds is None else seconds):
             break
-        round_number = model.num_timesteps // round_steps
-        # seeds every generator and environment; `>> 1` leaves 31 of 32 bits, which fit a signed int
-        round_seed = np.random.SeedSequence([seed, round_number]).generate_state(1)[0] >> 1
-        model.set_random_seed(int(round_seed))
+        # seeds every generator and environment
+        model.set_random_seed(_draw_round_seed(seed, model.num_timesteps // round_steps))
         model.set_env(model.get_env(), force_reset=True)  # type: ignore[arg-type]
         model.learn(round_steps, callback=callback, reset_num_timesteps=False)
         if progress:
             returns = [episode["r"] for episode in model.ep_info_buffer or ()]
             progress(model.num_timesteps, float(np.mean(returns)) if returns else float("nan"))
         if time.monotonic() - saved > learning.checkpoint_s:
-            save()
+            _save_policy(model, identity, out)
             saved = time.monotonic()
-    save()
+    _save_policy(model, identity, out)
     return model
+
+
+def _save_policy(model: "OnPolicyAlgorithm", identity: Mapping[str, object], out: Path) -> None:
+    """Write the policy with its optimiser and number of steps, whole or not at all.
+
+    identity: settings that a resumed training must share; out: folder of the policy."""
+    from models.weight_files import save_atomically
+
+    state = {
+        "steps": model.num_timesteps,
+        "policy": model.policy.state_dict(),
+        "optimiser": model.policy.optimizer.state_dict(),
+    }
+    save_atomically(out / POLICY_FILE, {**identity, **state})
+
+
+def _draw_round_seed(seed: int, round_number: int) -> int:
+    """Seed of a round, the same whenever its training is resumed."""
+    state = np.random.SeedSequence([seed, round_number]).generate_state(1)[0]
+    return int(state >> 1)  # 31 of its 32 bits fit a signed int
 
 
 def restore_rounds(folder: Path, rounds: Rounds) -> KeptState | None:

@@ -28,6 +28,7 @@ from placement_env.search.progress import Limits
 from placement_env.search.result import Certificate, Result, load_score
 from placement_env.setting import Weights
 from toolkit.arrays import Float64
+from toolkit.display import describe_count
 from toolkit.sensors.sensor import Sensor
 
 TILT_RANGE_RAD = (float(np.deg2rad(-5.0)), float(np.deg2rad(60.0)))  # rad below the horizon
@@ -175,11 +176,17 @@ def improve(
 
 def _check_start(start: Candidates) -> None:
     """Raise ValueError without a sensor, or if a mount has more sensors than places."""
+    if not len(start):
+        raise ValueError("CMA-ES has no sensor to move: start from a set with at least one")
     mount_counts = np.bincount(start.mount, minlength=len(start.mounts))
-    if not len(start) or (mount_counts > start.places).any():
-        mounts = np.unique(start.mount).size
+    overfull = np.flatnonzero(mount_counts > start.places)  # indices of mounts
+    if len(overfull):
+        mount = start.mounts[overfull[0]]
+        count = int(mount_counts[overfull[0]])
         raise ValueError(
-            f"need sensors on mounts of their own, got {len(start)} on {mounts} mounts"
+            f"mount {mount.name} has {describe_count(count, 'sensor')} but max_sensors "
+            f"{mount.max_sensors}: leave {count - mount.max_sensors} out of the start, or raise "
+            "max_sensors"
         )
 
 

@@ -51,7 +51,7 @@ def narrow_pool(setting: Setting, run: Run, stride: int = 1) -> Int64[np.ndarray
     on_thinned_poles = np.flatnonzero(np.isin(pool.mount, thin_poles(pool, setting)))
     thinned_setting = replace(setting, candidates=pool.select(on_thinned_poles))
     first_look = prepare_first_look(thinned_setting, run, stride)
-    best_rows = _choose_at_first_look(first_look)  # indices in the thinned pool
+    best_rows = choose_at_first_look(first_look)  # indices in the thinned pool
     return on_thinned_poles if best_rows is None else on_thinned_poles[best_rows]
 
 
@@ -81,7 +81,7 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     return np.sort(order)
 
 
-def _choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
+def choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | None:
     """Indices of the candidates that see most at the first look, ascending; None for all.
 
     All stay if they are few enough, or if none may be built."""
@@ -98,7 +98,7 @@ def _choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | 
     if not is_allowed.any():
         return None
     score = np.where(is_allowed, _score_poses(first_look), -math.inf)
-    return _choose_poses(pool, score, objective.kept)
+    return choose_poses(pool, score, objective.kept)
 
 
 def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
@@ -112,7 +112,7 @@ def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
     return np.array(scores)
 
 
-def _choose_poses(
+def choose_poses(
     pool: Candidates, score: Float64[np.ndarray, " C"], required: Int64[np.ndarray, " k"]
 ) -> Int64[np.ndarray, " n"]:
     """Indices of the poses with the highest scores, ascending, at most `MAX_POSES`.
@@ -138,12 +138,24 @@ def _choose_poses(
     return np.sort(best_poses)
 
 
-def describe_narrowing(pool: Candidates, searched: Int64[np.ndarray, " n"]) -> str:
-    """Sentence on how many poses of a large pool are searched. searched: their indices."""
+def describe_first_frames(search_frames: int) -> str:
+    """Text of the frames that are looked at, such as "first 8 frames": all of a shorter search.
+
+    search_frames: number of frames of the search."""
+    return f"first {describe_count(min(LOOK_FRAMES, search_frames), 'frame')}"
+
+
+def describe_narrowing(
+    pool: Candidates, searched: Int64[np.ndarray, " n"], search_frames: int
+) -> str:
+    """Sentence on how many poses of a large pool are searched.
+
+    searched: indices of these poses; search_frames: number of frames of the search."""
+    frames_text = describe_first_frames(search_frames)
     pole_text = describe_count(len(np.unique(pool.mount)), "pole")
     pose_text = describe_count(len(pool), "pose")
     searched_pole_text = describe_count(len(np.unique(pool.mount[searched])), "pole")
     return (
         f"{pole_text} with {pose_text} are too many to search: the {len(searched):,} poses on "
-        f"{searched_pole_text} go on that see most in the first {LOOK_FRAMES} frames."
+        f"{searched_pole_text} go on that see most in the {frames_text}."
     )

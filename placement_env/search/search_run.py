@@ -91,7 +91,8 @@ def _narrow_candidates(order: SearchOrder, stride: int) -> tuple[SearchOrder, st
     poses = narrow_pool(order.search_setting, order.run, stride)
     if poses is None:
         return order, ""
-    narrowing = describe_narrowing(pool, poses)
+    search_frames = -(-order.run.frames_or(DEFAULT_FRAMES) // stride)  # rounded up
+    narrowing = describe_narrowing(pool, poses, search_frames)
     setting = replace(order.setting, candidates=pool.select(poses))
     if order.tell is not None:
         order.tell(narrowing)

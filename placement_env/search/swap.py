@@ -96,20 +96,7 @@ def search(
         if climb is None:
             if progress.spent and start_number:
                 break
-            before = progress.reward if start_number else -np.inf
-            if start_number:
-                members = draw_set(objective, budget, rng)
-            else:
-                members = _choose_first_set(progress, start)
-            reward = float(progress.rewards(as_rows([members], progress.size))[0])
-            places = members + [EMPTY_PLACE] * (budget - len(members))
-            climb = Climb(
-                start=start_number,
-                before=before,
-                places=places,
-                waiting=list(range(len(places))),
-                reward=reward,
-            )
+            climb = _begin_climb(progress, start_number, rng=rng, start=start)
         finished = _climb_to_optimum(progress, climb, rng, lambda: checkpoint.offer(state))
         proven = finished if progress.reward > climb.before else proven
         climb = None
@@ -119,6 +106,37 @@ def search(
             "local optimum", progress.reward, note="no set that differs in one sensor is better"
         )
     return progress.result("swap", certificate)
+
+
+def _begin_climb(
+    progress: Progress,
+    start_number: int,
+    *,
+    rng: np.random.Generator,
+    start: Iterable[int | str] | None,
+) -> Climb:
+    """Climb at its first set, which is scored here.
+
+    Start 0 begins at `start` or at greedy's set (`_choose_first_set`), later ones at a set drawn
+    from `rng` (`draw_set`).
+
+    start: candidates of start 0 by index or name, None for greedy's set.
+    """
+    if start_number == 0:
+        best_before = -np.inf
+        members = _choose_first_set(progress, start)
+    else:
+        best_before = progress.reward
+        members = draw_set(progress.objective, progress.budget, rng)
+    reward = float(progress.rewards(as_rows([members], progress.size))[0])
+    places = members + [EMPTY_PLACE] * (progress.budget - len(members))
+    return Climb(
+        start=start_number,
+        before=best_before,
+        places=places,
+        waiting=list(range(len(places))),
+        reward=reward,
+    )
 
 
 def _choose_first_set(progress: Progress, start: Iterable[int | str] | None) -> list[int]:

@@ -34,6 +34,10 @@ COPIES = {
     "pickle": lambda original: pickle.loads(pickle.dumps(original)),
 }
 both_ways = pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
+# copies of vectors are copies of their environments
+scalar_quickly = pytest.mark.parametrize(
+    "vector", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["scalar", "vector"]
+)
 
 STEP_ELSEWHERE = """
 import pickle, sys
@@ -72,7 +76,7 @@ def is_same(one, other) -> bool:
 
 
 @both_ways
-@pytest.mark.parametrize("vector", [False, True], ids=["scalar", "vector"])
+@scalar_quickly
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_a_copied_environment_goes_its_own_way(name, vector, duplicate):
     env, draw_action = start(name, vector=vector)
@@ -97,14 +101,14 @@ def test_a_pickled_environment_steps_in_a_fresh_process(tmp_path: Path):
 
 def test_panoramas_are_shared_by_copies_and_go_along_when_pickled():
     env, _ = start("coview/SensorPose-v0", vector=False)
-    live = env.unwrapped.task._episodes[0].preparation.live
+    live = env.unwrapped.task.episodes[0].preparation.live
     copied, pickled = (duplicate(live) for duplicate in COPIES.values())
-    place, surround = next(iter(live._kept.items()))
-    assert copied._kept[place] is surround
-    assert pickled._kept.keys() == live._kept.keys()
+    place, surround = next(iter(live.surrounds.items()))
+    assert copied.surrounds[place] is surround
+    assert pickled.surrounds.keys() == live.surrounds.keys()
     assert len({id(each.casting) for each in (live, copied, pickled)}) == 3
-    copied._kept.clear()
-    assert len(live._kept)
+    copied.surrounds.clear()
+    assert len(live.surrounds)
 
 
 @both_ways

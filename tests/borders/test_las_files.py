@@ -181,8 +181,8 @@ def test_withheld_points_bounds_and_colours_of_bytes_are_warned_of(tmp_path):
         assert len(read_points(tmp_path / "b.las")) == 3
 
 
-def test_without_laspy_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "laspy", None)
+def test_without_laspy_the_extra_is_named(tmp_path, without_packages):
+    without_packages("laspy")
     (tmp_path / "a.las").write_bytes(packed())
     with pytest.raises(ImportError, match=r"needs laspy: pip install coview\[scans\]"):
         read_recorded(Path(tmp_path / "a.las"))

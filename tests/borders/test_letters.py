@@ -55,18 +55,6 @@ def build_font(path: Path, letters: str, family: str) -> Path:
     return path
 
 
-@pytest.fixture
-def installed(monkeypatch):
-    """Sets the fonts of the computer."""
-
-    def install(*files: Path) -> None:
-        monkeypatch.setattr(fonts, "list_system_fonts", lambda: files)
-        fonts._cover_letters.cache_clear()
-
-    yield install
-    fonts._cover_letters.cache_clear()
-
-
 def draw(name: str):
     figure = canvas.blank_figure(3, 1)
     figure.text(0.1, 0.5, name)
@@ -75,16 +63,16 @@ def draw(name: str):
 
 @pytest.mark.filterwarnings("error")  # also matplotlib's "Glyph ... missing from font"
 @pytest.mark.parametrize("name", WORDS.values(), ids=WORDS)
-def test_letters_that_come_with_matplotlib(installed, name):
-    installed()
+def test_letters_that_come_with_matplotlib(system_fonts, name):
+    system_fonts()
     figure = draw(name)
     canvas.svg_text(figure)
     assert figure.texts[0].get_text() == name
 
 
-def test_letters_that_no_bold_font_has_are_set_in_the_usual_one(installed):
+def test_letters_that_no_bold_font_has_are_set_in_the_usual_one(system_fonts):
     """DejaVu Sans Bold 2.37 lacks 74 Arabic letters of DejaVu Sans."""
-    installed()
+    system_fonts()
     bold = fonts.list_letters(fonts.own_font("DejaVuSans-Bold"))
     (letter, *_) = sorted(fonts.list_letters(fonts.own_font("DejaVuSans")) - bold)
     figure = canvas.blank_figure(3, 1)
@@ -95,8 +83,8 @@ def test_letters_that_no_bold_font_has_are_set_in_the_usual_one(installed):
 
 
 @pytest.mark.parametrize("name", FOREIGN.values(), ids=FOREIGN)
-def test_letters_without_a_font_are_numbered_and_named(installed, name):
-    installed()
+def test_letters_without_a_font_are_numbered_and_named(system_fonts, name):
+    system_fonts()
     figure = draw(name)
     with pytest.warns(
         UserWarning, match=f"no font here can set the letters .*U\\+{ord(max(name)):04X}.*Noto Sans"
@@ -106,9 +94,9 @@ def test_letters_without_a_font_are_numbered_and_named(installed, name):
 
 
 @pytest.mark.filterwarnings("error")
-def test_letters_are_set_in_a_font_of_the_computer(installed, tmp_path: Path):
+def test_letters_are_set_in_a_font_of_the_computer(system_fonts, tmp_path: Path):
     latin = build_font(tmp_path / "latin.ttf", "abc", "Tiny Latin")
-    installed(latin, build_font(tmp_path / "hanzi.ttf", CHINESE, "Tiny Hanzi"))
+    system_fonts(latin, build_font(tmp_path / "hanzi.ttf", CHINESE, "Tiny Hanzi"))
     figure = draw(f"a {CHINESE}")
     canvas.svg_text(figure)
     assert figure.texts[0].get_text() == f"a {CHINESE}"
@@ -121,15 +109,15 @@ def test_letters_are_set_in_a_font_of_the_computer(installed, tmp_path: Path):
     assert ink[0] == 0
 
 
-def test_fonts_of_boxes_and_damaged_ones_are_no_fonts(installed, tmp_path: Path):
+def test_fonts_of_boxes_and_damaged_ones_are_no_fonts(system_fonts, tmp_path: Path):
     (tmp_path / "broken.ttf").write_bytes(b"\x00\x01\x00\x00" + bytes(40))
     boxes = build_font(tmp_path / "LastResort.ttf", CHINESE, "Last Resort")
-    installed(tmp_path / "broken.ttf", boxes, tmp_path / "gone.ttf")
+    system_fonts(tmp_path / "broken.ttf", boxes, tmp_path / "gone.ttf")
     assert fonts.choose_fonts([CHINESE], fonts.own_font("DejaVuSans")).unset == frozenset(CHINESE)
 
 
-def test_without_shaping_joined_scripts_count_as_unset(installed):
-    installed()
+def test_without_shaping_joined_scripts_count_as_unset(system_fonts):
+    system_fonts()
     chosen = fonts.choose_fonts(WORDS.values(), fonts.own_font("DejaVuSans"), shaping=False)
     assert chosen.unset == frozenset("عمودעמוד")
 
@@ -151,16 +139,16 @@ def document(*texts: str) -> Document:
     )
 
 
-def test_paper_is_set_in_a_font_of_the_computer(installed, tmp_path: Path):
-    installed(build_font(tmp_path / "hanzi.ttf", CHINESE, "Tiny Hanzi"))
+def test_paper_is_set_in_a_font_of_the_computer(system_fonts, tmp_path: Path):
+    system_fonts(build_font(tmp_path / "hanzi.ttf", CHINESE, "Tiny Hanzi"))
     pdf = streams(to_pdf(document(CHINESE, *WORDS.values())))
     assert b"TinyHanzi" in pdf
     for letter in (*CHINESE, "Ώ"):
         assert f"{ord(letter):04X}".encode() in pdf.upper()  # of the map from glyphs to letters
 
 
-def test_a_document_names_the_letters_that_it_cannot_set(installed):
-    installed()
+def test_a_document_names_the_letters_that_it_cannot_set(system_fonts):
+    system_fonts()
     whole = document(f"Client: {CHINESE} AG", *WORDS.values())
     with pytest.warns(
         UserWarning, match=f"no font here can set the letters .*{CHINESE[1]}.*shows as \\?"
@@ -175,8 +163,8 @@ def test_a_document_names_the_letters_that_it_cannot_set(installed):
         assert drop_unset(document(*WORDS.values())) == document(*WORDS.values())
 
 
-def test_drawings_keep_their_pictures(installed):
-    installed()
+def test_drawings_keep_their_pictures(system_fonts):
+    system_fonts()
     picture = PageDrawing("<svg/>", f"Of {CHINESE}", "A picture")
     whole = Document(
         "Plan", "", (Section("one", "One", "Fine.", (picture,)),), logo="data:image/png;base64,AA=="

@@ -32,44 +32,48 @@ def allowed(side: int = 0, highway: str = "residential", **tags: str) -> set[str
     return set(read_rules({"highway": highway, **named}).rules.users[side]) - {"emergency"}
 
 
-def test_access_goes_from_the_general_to_the_particular():
-    assert allowed() == MOTOR | {"bicycle"}
-    assert allowed(motor_vehicle="no") == {"bicycle"}
-    assert allowed(access="no") == set()
-    assert allowed(access="private") == set()
-    assert allowed(access="no", bus="yes") == {"bus"}
-    assert allowed(access="no", psv="yes") == {"bus", "taxi"}
-    assert allowed(vehicle="no") == set()
-    assert allowed(vehicle="no", bicycle="yes") == {"bicycle"}
-    assert allowed(motorcar="no") == MOTOR - {"passenger", "taxi"} | {"bicycle"}
-    assert allowed(motorcar="no", motorcycle="no", hgv="no") == {
-        "bus",
-        "coach",
-        "delivery",
-        "moped",
-        "bicycle",
-    }
-    assert allowed(hgv="no") == MOTOR - {"truck"} | {"bicycle"}
-    assert allowed(bicycle="use_sidepath") == MOTOR
-    assert allowed(motor_vehicle="delivery") == {"delivery", "truck", "bicycle"}
-    assert allowed(motor_vehicle="agricultural;forestry") == {"bicycle"}
-    assert allowed(motor_vehicle="destination") == MOTOR | {"bicycle"}
-    assert allowed(access="no", motor_vehicle="destination") == MOTOR
-    assert allowed(Motor_Vehicle="No ") == {"bicycle"}
-    assert allowed(construction="yes", motor_vehicle="yes") == set()
-    assert allowed(access="yes;no") == MOTOR | {"bicycle"}
-    assert allowed(highway="motorway") == MOTOR - {"moped"}
-    assert allowed(highway="motorway", access="yes") == MOTOR - {"moped"}
-    assert allowed(highway="busway") == {"bus"}
-    assert allowed(highway="busway", bicycle="yes") == {"bus", "bicycle"}
-    assert allowed(highway="cycleway") == {"bicycle"}
-    assert read_rules({"highway": "cycleway", "access": "no"}).rules.users[0] == {
-        "emergency"
-    }  # never nobody
-    assert allowed(highway="cycleway", motor_vehicle="yes") == MOTOR | {"bicycle"}
-    assert allowed(motorroad="yes", highway="trunk") == MOTOR - {"moped"}
-    assert allowed(maxweight="3.5") == MOTOR - {"truck", "bus", "coach"} | {"bicycle"}
-    assert allowed(maxheight="2.1 m") == MOTOR - {"truck", "bus", "coach"} | {"bicycle"}
+@pytest.mark.parametrize(
+    ("tags", "users"),
+    [
+        ({}, MOTOR | {"bicycle"}),
+        ({"motor_vehicle": "no"}, {"bicycle"}),
+        ({"access": "no"}, set()),
+        ({"access": "private"}, set()),
+        ({"access": "no", "bus": "yes"}, {"bus"}),
+        ({"access": "no", "psv": "yes"}, {"bus", "taxi"}),
+        ({"vehicle": "no"}, set()),
+        ({"vehicle": "no", "bicycle": "yes"}, {"bicycle"}),
+        ({"motorcar": "no"}, MOTOR - {"passenger", "taxi"} | {"bicycle"}),
+        (
+            {"motorcar": "no", "motorcycle": "no", "hgv": "no"},
+            {"bus", "coach", "delivery", "moped", "bicycle"},
+        ),
+        ({"hgv": "no"}, MOTOR - {"truck"} | {"bicycle"}),
+        ({"bicycle": "use_sidepath"}, MOTOR),
+        ({"motor_vehicle": "delivery"}, {"delivery", "truck", "bicycle"}),
+        ({"motor_vehicle": "agricultural;forestry"}, {"bicycle"}),
+        ({"motor_vehicle": "destination"}, MOTOR | {"bicycle"}),
+        ({"access": "no", "motor_vehicle": "destination"}, MOTOR),
+        ({"Motor_Vehicle": "No "}, {"bicycle"}),
+        ({"construction": "yes", "motor_vehicle": "yes"}, set()),
+        ({"access": "yes;no"}, MOTOR | {"bicycle"}),
+        ({"highway": "motorway"}, MOTOR - {"moped"}),
+        ({"highway": "motorway", "access": "yes"}, MOTOR - {"moped"}),
+        ({"highway": "busway"}, {"bus"}),
+        ({"highway": "busway", "bicycle": "yes"}, {"bus", "bicycle"}),
+        ({"highway": "cycleway"}, {"bicycle"}),
+        ({"highway": "cycleway", "motor_vehicle": "yes"}, MOTOR | {"bicycle"}),
+        ({"motorroad": "yes", "highway": "trunk"}, MOTOR - {"moped"}),
+        ({"maxweight": "3.5"}, MOTOR - {"truck", "bus", "coach"} | {"bicycle"}),
+        ({"maxheight": "2.1 m"}, MOTOR - {"truck", "bus", "coach"} | {"bicycle"}),
+    ],
+)
+def test_access_goes_from_the_general_to_the_particular(tags, users):
+    assert allowed(**tags) == users
+
+
+def test_a_way_that_nobody_may_use_is_left_to_emergency_vehicles():
+    assert read_rules({"highway": "cycleway", "access": "no"}).rules.users[0] == {"emergency"}
 
 
 def test_each_direction_has_rules_of_its_own():

@@ -72,7 +72,6 @@ def test_kinds_of_detectors(name, onnx, imported, at_site) -> None:
 @pytest.mark.parametrize(
     ("spec", "name"),
     [
-        (DetectorSpec.from_name("general").with_background(), "general+background"),
         (DetectorSpec.from_name("a+background").without_background(), "a-background"),
         (DetectorSpec.from_name("general").in_bfloat16(), "general+bfloat16"),
         (DetectorSpec.from_name("general+float32").in_bfloat16(), "general+float32+bfloat16"),

@@ -55,15 +55,15 @@ def test_at_an_unknown_site_pedestrians_need_a_higher_score():
     assert unknown.digest != bare.digest
 
 
-def test_grids_and_numbers_are_asked_for_behind_the_name(monkeypatch):
+def test_grids_and_numbers_are_asked_for_behind_the_name(bfloat16_library):
     site = load_site("tjunction")
     bare: Any = open_named("voxelnet", site)
     phased: Any = open_named("voxelnet+phases3+background", site)
     assert (phased.name, phased.detector.phases) == ("tjunction+phases3+background", 3)
-    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
+    bfloat16_library("torch")
     quick: Any = open_named("voxelnet+bfloat16", site)
     assert (quick.name, quick.digest != bare.digest) == ("tjunction+bfloat16", True)
-    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
+    bfloat16_library(None)
     again: Any = open_named("voxelnet+bfloat16", site)
     assert again.digest == bare.digest
     for number in (0, 17):
@@ -77,7 +77,7 @@ def test_cluster_knows_its_background_anyhow(monkeypatch):
         Background.learn(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]))
     )
     at_site = SimpleNamespace(site=load_site("tjunction"))
-    monkeypatch.setattr(ClusterDetector, "of", staticmethod(lambda recording: clusters))
+    monkeypatch.setattr(ClusterDetector, "from_recording", staticmethod(lambda recording: clusters))
     assert open_named("cluster+background", at_site) is clusters
     assert open_named("cluster", at_site) is clusters
     for name in ("cluster", "cluster+background"):

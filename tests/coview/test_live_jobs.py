@@ -120,6 +120,30 @@ def test_a_fault_is_said_and_the_threads_live_on(jobs, head, done, capsys, error
     assert [thread.is_alive() for thread in jobs.threads] == [True, False, True]
 
 
+def test_slow_drawing_that_fails_is_said_and_tried_again_only_after_the_next_job(head, capsys):
+    tries = []
+
+    def draw_rest():
+        tries.append("rest")
+        raise KeyError("map")
+
+    # drawing all again lets slow drawing follow, as on the page
+    page_jobs = LiveJobs(
+        head, show=lambda answer: None, redraw=lambda: page_jobs.draw_later(), draw_rest=draw_rest
+    )
+    run(page_jobs)
+    page_jobs.do(page_jobs.draw_later)
+    wait_for(lambda: head.shown)
+    time.sleep(2 * LATE_S)  # it would be tried again and again
+    assert tries == ["rest"]
+    assert "by a fault of coview (KeyError: 'map')" in head.note
+    assert head.shown == [("", head.note)]
+    page_jobs.do(page_jobs.draw_later)
+    wait_for(lambda: len(head.shown) == 2)
+    assert tries == ["rest", "rest"]
+    page_jobs.close()
+
+
 def test_refining_shows_what_is_no_longer_coarse_and_holds_only_its_own_thread(jobs, done):
     refined, asked = threading.Event(), []
 

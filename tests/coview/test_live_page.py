@@ -231,6 +231,7 @@ def test_nothing_is_lost_by_a_reload_a_second_browser_and_a_kill(page):
     page.until(lambda v: v.as_dict() != kept["variants"][kept["current"]])
 
 
+@pytest.mark.slow
 def test_an_area_is_drawn_and_another_question_is_asked(page):
     page.press("Draw", "Draw a keep-out area")
     page.tab.locator(".live-note").wait_for()
@@ -259,6 +260,7 @@ def test_an_area_is_drawn_and_another_question_is_asked(page):
     page.tab.wait_for_function(f"document.querySelector('.live-ap').innerText === '{before:.3f}'")
 
 
+@pytest.mark.slow
 def test_an_export_is_read_back(page, engine):
     page.press("Files", "Export site, map and schedule")
     page.tab.wait_for_function(

@@ -10,12 +10,9 @@ import pytest
 import shapely
 from PIL import Image
 
-from coview.live_signs import _find_room, add_signs, draw_view, find_target, lay_picture
+from coview.live_signs import add_signs, find_free_spot, lay_picture
 from placement_env.live.picture import keep_picture
-from toolkit.geometry import look
 from toolkit.plots.north_arrow import north
-from toolkit.sensors.models import DepthCamera, SpinningLidar
-from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 from toolkit.sites.site import Mount, Site, Solid
 from toolkit.viewing import scene
@@ -112,11 +109,11 @@ def test_signs_are_where_no_solid_is(site):
     wall = Solid(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]), 0.0, 5.0)
     bare = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), solids=(wall,))
     size = np.array([6.0, 6.0])
-    spot = _find_room(bare, size, np.array([0.0, 0.0]))
+    spot = find_free_spot(bare, size, np.array([0.0, 0.0]))
     assert not shapely.box(*(spot - 3), *(spot + 3)).intersects(shapely.Polygon(wall.footprint))
     assert (np.abs(spot) <= 17.0).all()
     full = Site("s", np.array([-8.0, -8.0, 8.0, 8.0]), solids=(wall,))
-    assert _find_room(full, size, np.array([5.0, 5.0])).tolist() == [5.0, 5.0]
+    assert find_free_spot(full, size, np.array([5.0, 5.0])).tolist() == [5.0, 5.0]
 
 
 def test_signs_are_not_hidden_behind_a_house_in_the_first_view():
@@ -125,7 +122,7 @@ def test_signs_are_not_hidden_behind_a_house_in_the_first_view():
     )
     site = Site("s", np.array([-30.0, -30.0, 30.0, 30.0]), solids=(house,))
     size = np.array([6.0, 2.0])
-    spot = _find_room(site, size, np.array([0.0, -8.0]))
+    spot = find_free_spot(site, size, np.array([0.0, -8.0]))
     eye, _ = scene.overview(tuple(site.area.tolist()))
     for corner in np.array([[-3.0, -1.0], [3.0, -1.0], [-3.0, 1.0], [3.0, 1.0]]):
         way = np.array(eye) - [*(spot + corner), 0.0]
@@ -172,45 +169,6 @@ def test_streets_and_lanes_up_to_the_signs_have_names_and_arrows():
         np.testing.assert_allclose(sorted(starts[:, 1] - shaft[1, 1]), [-0.5, 0.5], atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("heading", "tilt", "target"),
-    [
-        (0.0, np.arctan2(4.7, 8.0), (11.0, 4.0, 0.3)),  # where it looks at the ground
-        (np.pi / 2, np.arctan2(4.7, 8.0), (3.0, 12.0, 0.3)),
-        (0.0, 0.1, (23.0, 4.0, 5.0 - 20.0 * np.tan(0.1))),  # no farther than 20 m
-        (0.0, 0.0, (23.0, 4.0, 5.0)),
-        (0.0, -0.3, (23.0, 4.0, 5.0 + 20.0 * np.tan(0.3))),
-        (0.0, np.pi / 2, (3.0, 4.0, 0.3)),
-    ],
-)
-def test_a_handle_is_where_a_sensor_looks(heading, tilt, target):
-    site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]))
-    sensor = Sensor("a", DepthCamera(), look((3.0, 4.0, 5.0), heading, tilt))
-    np.testing.assert_allclose(find_target(site, sensor), target, atol=1e-6)
-
-
-def test_a_view_has_the_sides_of_the_field_of_view_and_the_foot_of_the_pole():
-    site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]))
-    sensor = Sensor("a", DepthCamera(), look((3.0, 4.0, 5.0), 0.0, np.arctan2(4.7, 8.0)))
-    lines = draw_view(site, sensor, find_target(site, sensor))
-    np.testing.assert_allclose(lines[:4, 0], [sensor.position] * 4)
-    side = 8.0 * np.sqrt(0.5)  # of 90 degrees
-    ends = [
-        [11.0, 4.0, 0.3],
-        [3.0 + side, 4.0 - side, 0.3],
-        [3.0 + side, 4.0 + side, 0.3],
-        [3.0, 4.0, 0.0],
-    ]
-    np.testing.assert_allclose(lines[:4, 1], ends, atol=1e-5)
-    np.testing.assert_allclose(lines[4:, 1], lines[1:3, 1])
-    np.testing.assert_allclose(lines[4:, 0], [lines[0, 1]] * 2)
-    turned = Sensor("c", DepthCamera(), look((3.0, 4.0, 5.0), np.pi / 4, np.arctan2(4.7, 8.0)))
-    lines = draw_view(site, turned, find_target(site, turned))
-    np.testing.assert_allclose(lines[1:3, 1], [[11.0, 4.0, 0.3], [3.0, 12.0, 0.3]], atol=1e-5)
-    lidar = Sensor("b", SpinningLidar(), look((3.0, 4.0, 5.0), 0.0, 0.5))
-    assert len(draw_view(site, lidar, find_target(site, lidar))) == 2
-
-
 def test_a_picture_lies_where_it_was_placed(tmp_path):
     site = load_site("tjunction")
     pixels = np.zeros((20, 40, 3), np.uint8)
@@ -241,7 +199,7 @@ def test_a_sign_without_a_clear_place_is_among_trees_and_not_in_a_house():
     ]
     trees = [Solid(0.5 * square + spot, 0.0, 1.0, "tree") for spot in spots]
     site = Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), solids=(house, *trees))
-    spot = _find_room(site, np.array([6.0, 4.0]), site.area[:2])
+    spot = find_free_spot(site, np.array([6.0, 4.0]), site.area[:2])
     assert not shapely.box(*(spot - 2), *(spot + 2)).intersects(shapely.Polygon(house.footprint))
 
 
@@ -251,25 +209,25 @@ def test_signs_keep_clear_of_poles_and_their_names_where_they_can():
         Site("s", np.array([-20.0, -20.0, 20.0, 20.0]), mounts=(pole,)),
         np.array([4.0, 4.0]),
     )
-    foot, name = (_find_room(site, size, np.array(near)) for near in ([0.0, 0.0], [1.8, 9.2]))
+    foot, name = (find_free_spot(site, size, np.array(near)) for near in ([0.0, 0.0], [1.8, 9.2]))
     assert np.linalg.norm(foot) > 4.0
-    beside = _find_room(site, size, site.area[:2], [shapely.box(-20.0, -20.0, -15.0, -15.0)])
+    beside = find_free_spot(site, size, site.area[:2], [shapely.box(-20.0, -20.0, -15.0, -15.0)])
     assert max(beside) > -13.0
     assert np.linalg.norm(name - [1.8, 9.2]) > 4.0  # its top, in the first view
     poles = [Mount(f"p{k}", np.array([3.0 * k - 30.0, -20.0, 0.0]), 3.0, 40.0) for k in range(20)]
     full = replace(site, mounts=tuple(poles))
-    spot = _find_room(full, size, np.array([0.0, 18.0]))
+    spot = find_free_spot(full, size, np.array([0.0, 18.0]))
     np.testing.assert_allclose(spot, [0.0, 18.0], atol=1.0)
 
 
 def test_signs_are_within_the_area_and_fit_between_solids():
     bare, size = Site("s", np.array([-20.0, -20.0, 20.0, 20.0])), np.array([6.0, 2.0])
-    assert _find_room(bare, size, bare.area[:2]).tolist() == [-17.0, -19.0]
-    assert _find_room(bare, size, bare.area[2:]).tolist() == [17.0, 19.0]
+    assert find_free_spot(bare, size, bare.area[:2]).tolist() == [-17.0, -19.0]
+    assert find_free_spot(bare, size, bare.area[2:]).tolist() == [17.0, 19.0]
     walls = [
         np.array([[x, -19.9], [x + 1, -19.9], [x + 1, 19.9], [x, 19.9]]) for x in (-14.0, -6.0)
     ]
     lane = replace(bare, solids=tuple(Solid(wall, 0.0, 0.1) for wall in walls))
-    x, y = _find_room(lane, size, np.array([-9.5, 0.0]))
+    x, y = find_free_spot(lane, size, np.array([-9.5, 0.0]))
     assert -10.0 <= x <= -9.0  # in a gap of 7 m
     assert abs(y) < 1.0

@@ -11,7 +11,13 @@ import pytest
 
 import coview.live_page
 from coview import live_start
-from coview.live_start import LiveSession, StartPage, find_middle, interrupted_by_sigterm
+from coview.live_start import (
+    LiveSession,
+    StartPage,
+    find_middle,
+    interrupted_by_sigterm,
+    keep_upload,
+)
 from toolkit.sites.files import load_site
 
 BOUNDS = '<osm><bounds minlat="49" minlon="8" maxlat="50" maxlon="9"/><node/></osm>'
@@ -129,13 +135,11 @@ def test_the_middle_is_that_of_the_map_bounds(tmp_path, text, middle):
     ],
 )
 def test_uploads_get_safe_names(tmp_path, name, kept):
-    page = object.__new__(StartPage)
-    page._folder, page._busy = tmp_path, threading.Lock()
     if kept is None:
         with pytest.raises(ValueError, match="an upload must end with"):
-            page._keep(name, b"")
+            keep_upload(name, b"", tmp_path)
     else:
-        assert page._keep(name, b"text") == tmp_path / kept
+        assert keep_upload(name, b"text", tmp_path) == tmp_path / kept
         assert (tmp_path / kept).read_bytes() == b"text"
 
 
@@ -192,13 +196,12 @@ def test_an_upload_is_kept_and_opened(server, tmp_path, imported):
 @pytest.mark.parametrize(
     ("size", "fits"), [(live_start.MOST_BYTES, True), (live_start.MOST_BYTES + 1, False)]
 )
-def test_an_upload_has_a_limit(server, tmp_path, size, fits):
-    start, _ = make_start(server, tmp_path)
+def test_an_upload_has_a_limit(tmp_path, size, fits):
     if fits:
-        assert start._keep("a.json", bytes(size)).stat().st_size == size
+        assert keep_upload("a.json", bytes(size), tmp_path).stat().st_size == size
     else:
         with pytest.raises(ValueError, match=r"at most 60 MB, got 'a\.json' of 60\.0 MB"):
-            start._keep("a.json", bytes(size))
+            keep_upload("a.json", bytes(size), tmp_path)
 
 
 @pytest.mark.parametrize("typed", ["8 x", "8", "8 49 3"])

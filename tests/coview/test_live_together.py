@@ -128,24 +128,23 @@ def test_what_is_typed_wrong_is_said(page, typed):
         assert page.planner.variant.find("d0") == before
 
 
-def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(
-    page, monkeypatch, capsys
-):
-    def fail(*_):
+def test_a_fault_in_a_control_a_drawing_or_the_refining_is_said_and_not_the_end(page, fail, capsys):
+    def lose(*_):
         raise KeyError("gone")
 
-    page.change(fail)
+    page.change(lose)
     settle(page)
     assert "that did not work, by a fault of coview (KeyError: 'gone')" in page.head.note
     assert "KeyError" in capsys.readouterr().err
-    with monkeypatch.context() as patch:
-        patch.setattr(page.areas, "draw", fail)
-        patch.setattr(page.planner, "refine", fail)
-        page.jobs._used_at_s = 0.0
-        page.change(page.planner.lock, "d0")
-        settle(page)
-        time.sleep(0.5)
-    page.jobs.later("comparing", fail)
+    faults = [fail(page.areas, "draw", KeyError("gone"))]
+    faults.append(fail(page.planner, "refine", KeyError("gone")))
+    page.jobs._used_at_s = 0.0
+    page.change(page.planner.lock, "d0")
+    settle(page)
+    time.sleep(0.5)
+    for fault in faults:
+        fault.undo()
+    page.jobs.later("comparing", lose)
     wait_for(lambda: not page.head.busy)
     check_alive(page)
 

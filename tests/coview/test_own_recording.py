@@ -91,7 +91,7 @@ def test_from_a_folder_to_a_trained_detector(own, tmp_path, run):
 
 
 @pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
-def test_the_real_log_and_its_foreground(tmp_path, run):
+def test_the_real_log_is_surveyed_and_levelled(tmp_path, run):
     pytest.importorskip("pyarrow")
     log = (LOG, "--layout", "argoverse")
     assert (
@@ -115,6 +115,10 @@ def test_the_real_log_and_its_foreground(tmp_path, run):
         found[level] = row["ap"]
     assert found["plane"] > 0.5
     assert found["plane"] > found["none"]
+
+
+@pytest.mark.skipif(not LOG.is_dir(), reason="the recording is not here")
+def test_the_foreground_of_the_real_log_is_detected(tmp_path, run):
     given = ("--area", -25, -25, 25, 25, "--classes", "vehicle", "--level", "plane")
     chosen = ("--layout", "argoverse", *given, "--schemes", "foreground")
     code, said, err = run("evaluate", LOG, *chosen, "--out", tmp_path)

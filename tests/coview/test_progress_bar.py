@@ -8,9 +8,9 @@ import coview.progress_bar as progress
 from coview.progress_bar import progress_bar
 
 
-def test_without_a_terminal_lines_say_stage_done_and_time_left(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "EVERY_S", 0.02)
-    monkeypatch.setattr(progress, "MIN_LEFT_S", 0.0)
+def test_without_a_terminal_lines_say_stage_done_and_time_left(capsys, limits):
+    limits(progress, EVERY_S=0.02)
+    limits(progress, MIN_LEFT_S=0.0)
     with progress_bar("") as bar:
         bar.stage("poses rendered", 1, 4)
         time.sleep(0.2)
@@ -25,17 +25,23 @@ def test_without_a_terminal_lines_say_stage_done_and_time_left(capsys, monkeypat
 
 
 @pytest.mark.parametrize("hidden", [True, False])
-def test_short_or_hidden_work_says_nothing(capsys, monkeypatch, hidden):
-    monkeypatch.setattr(progress, "EVERY_S", 0.02 if hidden else 60.0)
+def test_short_or_hidden_work_says_nothing(capsys, limits, hidden):
+    limits(progress, EVERY_S=0.02 if hidden else 60.0)
     with progress_bar("frame", 3, hidden=hidden) as bar:
         bar.to(1)
         time.sleep(0.1)
     assert capsys.readouterr().err == ""
 
 
-def test_time_left_goes_by_the_pace_of_the_stage(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+@pytest.fixture
+def now(monkeypatch):
+    """Time of the clock (s), in a list that a test may change."""
+    time_s = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: time_s[0])
+    return time_s
+
+
+def test_time_left_goes_by_the_pace_of_the_stage(now):
     with progress_bar("", hidden=True) as bar:
         bar.stage("searching", 5, 10)
         now[0] = 100.0
@@ -47,9 +53,7 @@ def test_time_left_goes_by_the_pace_of_the_stage(monkeypatch):
         assert bar.describe() == "judging: 0 of 5, for 0 s"
 
 
-def test_steps_say_which_of_how_many_and_the_time_of_all(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+def test_steps_say_which_of_how_many_and_the_time_of_all(now):
     with progress_bar(
         "", hidden=True, steps={"poses rendered": 0.2, "searches": 0.3, "frames judged": 0.5}
     ) as bar:
@@ -75,9 +79,7 @@ def test_steps_say_which_of_how_many_and_the_time_of_all(monkeypatch):
         assert bar.describe().startswith("step 2 of 3")
 
 
-def test_no_time_left_is_zero_while_it_goes_on(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+def test_no_time_left_is_zero_while_it_goes_on(now):
     with progress_bar("frames", 5, hidden=True) as bar:
         now[0] = 10.0
         bar.stage("frames", 5, 5)

@@ -25,7 +25,15 @@ def test_an_unknown_place_asks_for_site(recording, tmp_path, run, refused):
     assert run("survey", elsewhere, "--site", "tjunction")[0] == 0
 
 
-@pytest.mark.parametrize("command", ["evaluate", "survey", "pack", "table"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "survey",
+        "pack",
+        pytest.param("evaluate", marks=pytest.mark.slow),
+        pytest.param("table", marks=pytest.mark.slow),
+    ],
+)
 def test_an_object_without_width_is_refused_or_dropped(command, recording, tmp_path):
     damaged = tmp_path / "damaged.hdf5"
     shutil.copy(recording, damaged)

@@ -35,11 +35,11 @@ def test_a_wheel_refuses_unknown_options_as_before(wheel, run):
 
 
 @pytest.mark.parametrize("name", ["examples.py", "examples/__init__.py"])
-def test_a_package_that_hides_the_studies_is_named(name, tmp_path, monkeypatch, run):
+def test_a_package_that_hides_the_studies_is_named(name, tmp_path, work_in, monkeypatch, run):
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_text("")
-    monkeypatch.syspath_prepend(tmp_path)
+    work_in(tmp_path)
     for module in [module for module in sys.modules if module.partition(".")[0] == "examples"]:
         monkeypatch.delitem(sys.modules, module)
     code, _, err = run("stress", "a.hdf5")

@@ -11,7 +11,6 @@ from models.config import VoxelNetConfig, road_users
 from models.detector import VoxelNetDetector, load_detector
 from models.network.candidates import MIN_RIVAL_SCORE, apply_rivals
 from models.network.grid import collate, voxelise
-from models.network.sparse import is_quick_at_bfloat16
 from models.network.voxelnet import VoxelNet
 from models.weight_files import WeightsHeader, load_weights, save_weights
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Detector, UnionDetector
@@ -30,7 +29,7 @@ def points(n=2000, seed=0):
     return np.random.default_rng(seed).uniform((-9, -9, -1), (9, 9, 4), (n, 3)).astype(np.float32)
 
 
-def test_shifted_grids_pool_what_each_of_them_finds(monkeypatch):
+def test_shifted_grids_pool_what_each_of_them_finds():
     detector, cloud = VoxelNetDetector(network()), points()
     phased = detector.shift_grids(3)
     assert (detector.phases, phased.phases) == (1, 3)
@@ -53,9 +52,9 @@ def test_shifted_grids_pool_what_each_of_them_finds(monkeypatch):
         moved.append(clouds[0] - cloud)
         return [best]
 
-    with monkeypatch.context() as patched:
-        patched.setattr(phased, "batch", note)
-        phased(cloud)
+    noting = detector.shift_grids(3)
+    vars(noting)["batch"] = note
+    noting(cloud)
     np.testing.assert_allclose([each[0, :2] for each in moved], shifts, atol=1e-5)
     assert found.scores.max() >= best.scores.max() - 1e-6
     halves = [cloud[:900], cloud[900:]]
@@ -199,8 +198,8 @@ def test_batches_are_their_items_and_thresholds_may_be_replaced(tmp_path):
     assert 0 < len(own(points())) < len(scores)
 
 
-def test_every_class_may_have_a_threshold_of_its_own(monkeypatch):
-    monkeypatch.setattr("models.network.candidates.MAX_CLOUD_CANDIDATES", 10**6)
+def test_every_class_may_have_a_threshold_of_its_own(limits):
+    limits("models.network.candidates", MAX_CLOUD_CANDIDATES=10**6)
     small = VoxelNetConfig.light((-3.2, -3.2, 3.2, 3.2), **road_users())
     made = network(dataclasses.replace(small, averaging=0.0), logit=0.5)
     found = VoxelNetDetector(made)(points())
@@ -292,21 +291,21 @@ EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
     ids=["light", "classes, faces", "crowded", "published"],
 )
 @pytest.mark.parametrize("most_own", [0.0, 1.0], ids=["one by one", "at once"])
-def test_unions_are_detected_in_as_their_points_are(config, most_own, monkeypatch):
+def test_unions_are_detected_in_as_their_points_are(config, most_own, limits):
     detector = VoxelNetDetector(network(config, logit=0.0))
     assert isinstance(detector, UnionDetector)
     clouds = [points(150, seed=1), points(150, seed=2) * np.float32([0.3, 0.3, 1]), points(0)]
-    monkeypatch.setattr("models.network.tiles.MAX_UNSHARED_SHARE", most_own)
-    monkeypatch.setattr("models.network.tiles.PLAN_COST_UNIONS", 0)
+    limits("models.network.tiles", MAX_UNSHARED_SHARE=most_own)
+    limits("models.network.tiles", PLAN_COST_UNIONS=0)
     found = assert_unions(detector, clouds, EIGHT)
     assert len(found[6]) > 0
     assert len(found[0]) == len(found[1]) == 0
 
 
-def test_unions_may_have_many_candidates_or_none(monkeypatch):
+def test_unions_may_have_many_candidates_or_none(limits):
     detector = VoxelNetDetector(network(logit=1.0))
     clouds = [points(60, seed=1), points(60, seed=2)]
-    monkeypatch.setattr("models.network.candidates.MAX_CLOUD_CANDIDATES", 30)
+    limits("models.network.candidates", MAX_CLOUD_CANDIDATES=30)
     assert_unions(detector, clouds, EIGHT[:4, 1:])
     detector = VoxelNetDetector(network())
     assert detector.unions([points()], np.zeros((0, 1), bool)) == []
@@ -315,32 +314,14 @@ def test_unions_may_have_many_candidates_or_none(monkeypatch):
     assert [len(each) for each in detector.unions([], np.zeros((2, 0), bool))] == [0, 0]
 
 
-def test_bfloat16_is_quick_where_it_takes_less_time(monkeypatch):
-    def quick_at(seconds, device="cpu"):
-        monkeypatch.setattr(
-            "models.network.sparse.time_layer", lambda dtype: seconds[dtype == torch.bfloat16]
-        )
-        is_quick_at_bfloat16.cache_clear()
-        return is_quick_at_bfloat16(torch.device(device))
-
-    monkeypatch.setattr("torch.cpu._is_avx512_bf16_supported", lambda: True, raising=False)
-    assert quick_at((2.0, 1.0))
-    assert not quick_at((2.0, 1.9))  # so near might be chance
-    assert not quick_at((2.0, 4.0))
-    assert not quick_at((2.0, 1.0), device="cuda")
-    for name in ("avx512_bf16", "amx_tile"):
-        monkeypatch.setattr(f"torch.cpu._is_{name}_supported", lambda: False, raising=False)
-    assert not quick_at((2.0, 1.0))
-    is_quick_at_bfloat16.cache_clear()
-
-
-def test_a_quick_detector_differs_a_little_and_says_so(monkeypatch):
+def test_a_quick_detector_differs_a_little_and_says_so(bfloat16_library):
     detector = VoxelNetDetector(network(), score_threshold=0.0)
-    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: False)
+    bfloat16_library(None)
     assert detector.quick() is detector
-    monkeypatch.setattr("models.detector.is_quick_at_bfloat16", lambda device: True)
+    bfloat16_library("torch")
     quick = detector.quick()
     assert quick.digest != detector.digest
+    assert quick.quick() is quick
     exact, coarse = (
         each.network(collate([voxelise(torch.as_tensor(points()), CONFIG)]))
         for each in (detector, quick)

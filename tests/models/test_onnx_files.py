@@ -3,7 +3,7 @@ line."""
 
 import json
 import pickle
-import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,8 +30,11 @@ def cloud(n=3000, seed=0):
     "config",
     [
         VoxelNetConfig.light(AREA, **road_users()),
-        VoxelNetConfig(
-            AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+        pytest.param(
+            VoxelNetConfig(
+                AREA, voxel_width=16, vfe_widths=(8,), middle_widths=(8, 8, 8), rpn_widths=(8, 8, 8)
+            ),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["light", "published"],
@@ -70,20 +73,17 @@ def test_a_card_is_named_after_the_whole_file_and_an_earlier_name_is_read(tmp_pa
     OnnxDetector(path)
 
 
-def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, monkeypatch):
-    def fill_disk(path, text, **_):
-        raise OSError(28, "No space left on device", str(path))
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pathlib.Path.write_text", fill_disk)
-        with pytest.raises(OSError, match=r"No space left|cannot write"):
-            onnx_files.write_network(tmp_path / "t.onnx", b"network", {"decoded": False})
+def test_a_network_is_written_with_its_card_or_not_at_all(tmp_path, fail):
+    full = fail(Path, "write_text", OSError(28, "No space left on device", "t.onnx"))
+    with pytest.raises(OSError, match=r"No space left|cannot write"):
+        onnx_files.write_network(tmp_path / "t.onnx", b"network", {"decoded": False})
+    full.undo()
     assert list(tmp_path.iterdir()) == []
     onnx_files.write_network(tmp_path / "t.onnx", b"network", {"decoded": False})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.onnx", "t.onnx.json"]
 
 
-def test_the_part_that_halves_in_bfloat16_can_be_exported():
+def test_the_proposal_part_can_be_exported():
     detector = load_detector("general", area=AREA)
     maps = torch.zeros(1, 48, *detector.config.map_shape)
 
@@ -191,7 +191,7 @@ def test_what_does_not_fit_is_told_in_one_line(card, more, said, tmp_path):
     assert "\n" not in str(refused.value)
 
 
-def test_missing_and_damaged_files_and_packages(tmp_path, monkeypatch):
+def test_missing_and_damaged_files_and_packages(tmp_path, without_packages):
     path = write(tmp_path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
@@ -205,10 +205,10 @@ def test_missing_and_damaged_files_and_packages(tmp_path, monkeypatch):
     with pytest.raises(FileNotFoundError, match=r"no file .*json"):
         OnnxDetector(path)
     write(tmp_path)
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    without_packages("onnxruntime")
     with pytest.raises(ImportError, match=r"pip install coview\[onnx\]"):
         OnnxDetector(path)
-    monkeypatch.setitem(sys.modules, "onnxscript", None)
+    without_packages("onnxscript")
     with pytest.raises(ImportError, match=r"pip install coview\[onnx\]"):
         export_onnx("general", tmp_path / "g.onnx")
 

@@ -364,8 +364,8 @@ class Intruder:
         return (os.mkdir, (os.environ["INTRUDED"],))
 
 
-def test_no_code_of_a_file_is_run(tmp_path, monkeypatch):
-    monkeypatch.setenv("INTRUDED", str(tmp_path / "intruded"))
+def test_no_code_of_a_file_is_run(tmp_path, environment):
+    environment(INTRUDED=str(tmp_path / "intruded"))
     torch.save({"state_dict": Intruder()}, tmp_path / "c.pth")
     with pytest.raises(ValueError, match="damaged or not a checkpoint"):
         load_published(tmp_path / "c.pth", "tjunction")

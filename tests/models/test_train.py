@@ -57,8 +57,9 @@ def test_the_command_leaves_weights_and_curves(packed_file, tmp_path, same_weigh
     assert {"losses.png", "ap.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
-def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("models.training.second_stage.FACE_STEPS", 20)
+@pytest.mark.slow
+def test_classes_faces_and_calibration_are_trained_in_one_run(packed_file, tmp_path, limits):
+    limits("models.training.second_stage", FACE_STEPS=20)
     chosen = {
         "classes": ("vehicle", "heavy"),
         "faces": ("vehicle",),
@@ -135,9 +136,9 @@ def test_weights_that_no_training_here_made_are_kept(packed_file, tmp_path):
     assert (tmp_path / WEIGHTS).read_text() == "somebody's"
 
 
-def test_weights_know_the_commit_of_the_code_that_made_them(monkeypatch):
+def test_weights_know_the_commit_of_the_code_that_made_them(environment):
     assert commit() == "unknown" or len(commit()) == 40
-    monkeypatch.setenv("PATH", "")
+    environment(PATH="")
     assert commit() == "unknown"
 
 

@@ -26,13 +26,13 @@ def cars(rng, low, high, count):
     return np.concatenate(parts).astype(np.float32)
 
 
-def test_blocks_find_what_one_grid_finds(monkeypatch):
-    monkeypatch.setattr(module, "BLOCK_CELLS", 256)
+def test_blocks_find_what_one_grid_finds(limits):
+    limits(module, BLOCK_CELLS=256)
     area = (-70.0, -60.0, 66.0, 70.0)
     cloud = cars(np.random.default_rng(0), -60, 60, 40)
     whole = load_detector("general", area=area)
     assert type(whole) is VoxelNetDetector
-    monkeypatch.setattr(module, "MAX_COLUMNS", 100_000)
+    limits(module, MAX_COLUMNS=100_000)
     wide = load_detector("general", area=area)
     assert type(wide) is WideVoxelNetDetector
     assert wide.area == whole.area

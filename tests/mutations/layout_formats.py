@@ -244,9 +244,9 @@ def _ros2(folder: Path, sqlite: bool = False) -> Path:
         for k, sample in enumerate(samples()):
             stamp = (k + 1) * 10**8
             links = store.types[TF](
-                transforms=[rosbag._make_link(store, each, stamp) for each in sample.clouds]
+                transforms=[rosbag.make_link(store, each, stamp) for each in sample.clouds]
             )
-            made = (links, rosbag._make_cloud_message(store, sample.clouds[0], stamp))
+            made = (links, rosbag.make_cloud_message(store, sample.clouds[0], stamp))
             for connection, message, kind in zip((tf, cloud), made, kinds, strict=True):
                 writer.write(connection, stamp, store.serialize_cdr(message, kind))
     return folder / "bag"

@@ -194,7 +194,7 @@ def _verdict(
 
 
 def _place_verdict(kind: Format, name: str, what: str) -> str:
-    reading._MAX_SILENCE_S = 0.1
+    reading.MAX_SILENCE_S = 0.1
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, name)
         if what in ("pipe", "folder"):

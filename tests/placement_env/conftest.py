@@ -85,6 +85,17 @@ def small_candidates(small_traffic) -> Candidates:
     return paper_candidates(small_traffic.site)
 
 
+@pytest.fixture
+def change_code(monkeypatch):
+    """Give the code that a module of fidelities depends on another digest, as if it was edited:
+    `change_code("placement_env.fidelity.seeing")`."""
+
+    def change(module, digest="other"):
+        monkeypatch.setattr(f"{module}.code_digest", lambda *modules: digest)
+
+    return change
+
+
 FREE = Weights()
 
 
@@ -198,10 +209,10 @@ class Known:
 
 
 @pytest.fixture
-def blocks_of_four(monkeypatch):
+def blocks_of_four(limits):
     """Small examples have blocks of one life, four frames."""
     for module in (intervals, evaluators, portfolio, judging, choosing):
-        monkeypatch.setattr(module, "BLOCK_FRAMES", 4)
+        limits(module, BLOCK_FRAMES=4)
 
 
 @pytest.fixture

@@ -288,6 +288,7 @@ def table(tmp_path_factory):
     return make_table(Street(), Reader(), path, classes=MEAN), path
 
 
+@pytest.mark.slow
 def test_a_table_holds_every_class(table):
     made, path = table
     kept = load_table(path)

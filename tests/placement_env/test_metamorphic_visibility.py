@@ -136,6 +136,9 @@ def test_the_scene_tells_sensors_apart_whose_points_are_sent(seen):
     for figure in (seen.points, seen.sent, seen.far, seen.distance):
         assert (figure[TWIN] == figure[TWIN - 1]).all()
     assert not seen.points[AWAY].any()
+
+
+def test_selected_sensors_see_the_same_alone(seen):
     order = [5, 2, 0]
     traffic, candidates = scene()
     alone = see(traffic, candidates.select(order))

@@ -54,6 +54,10 @@ def test_a_race_finds_the_best_for_what_its_rungs_cost(run):
         scores = {row.tobytes(): recorded.per_frame[row.tobytes()][frames].mean() for row in sets}
         best = sorted(scores, key=scores.__getitem__, reverse=True)[: len(after)]
         assert {row.tobytes() for row in after} == set(best)
+
+
+def test_rungs_go_on_with_the_frames_seen_before(run):
+    recorded, result = run
     assert result.spent == sum(map(len, recorded.seen.values()))
     orders = [frames for _, frames in recorded.asked]
     for before, after in pairwise(orders):

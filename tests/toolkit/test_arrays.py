@@ -1,7 +1,6 @@
 """Shapes in types, and what becomes of them on a machine without jaxtyping."""
 
 import importlib.util
-import sys
 
 import jaxtyping
 import numpy as np
@@ -13,9 +12,9 @@ NAMES = ("Bool", "Float", "Float32", "Float64", "Int", "Int32", "Int64", "Shaped
 
 
 @pytest.fixture
-def bare(monkeypatch):
+def bare(without_packages):
     """The module as a training machine has it."""
-    monkeypatch.setitem(sys.modules, "jaxtyping", None)
+    without_packages("jaxtyping")
     spec = importlib.util.spec_from_file_location("bare_arrays", arrays.__file__)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -96,14 +96,14 @@ def test_iou_is_symmetric_and_moves_with_the_world(a, b, yaw, offset):
     np.testing.assert_allclose(bx.iou_3d(*moved), iou, atol=1e-5)
 
 
-def test_ious_of_nothing_of_parts_and_of_many(monkeypatch):
+def test_ious_of_nothing_of_parts_and_of_many(limits):
     for iou in (bx.iou_bev, bx.iou_3d, bx.footprint_overlap):
         assert iou([], [CAR]).shape == (0, 1)
         assert iou([CAR, CAR], np.zeros((0, 7))).shape == (2, 0)
     rng = np.random.default_rng(0)
     a, b = random_boxes(rng, 60, (10, 10)), random_boxes(rng, 50, (10, 10))
     whole = bx.iou_3d(a, b)
-    monkeypatch.setattr(bx, "_PAIRS_AT_ONCE", 7)
+    limits(bx, BATCH_PAIRS=7)
     np.testing.assert_array_equal(bx.iou_3d(a, b), whole)
     assert bx.footprint_overlap([CAR], [[0, 0, 9, 40, 40, 1, 0.5]])[0, 0] == pytest.approx(1)
     assert bx.footprint_overlap([CAR], [[2, 0, 9, 4, 2, 1, 0]])[0, 0] == pytest.approx(0.5)
@@ -162,7 +162,7 @@ def test_nms_agrees_with_its_definition(boxes, data):
     assert bx.nms(boxes, scores, threshold).tolist() == greedy_nms(boxes, scores, threshold, "bev")
 
 
-def test_boxes_suppress_equals_and_hold_points():
+def test_the_best_of_overlapping_boxes_is_kept():
     chain = np.array([[x, 0, 0, 4, 2, 1, 0] for x in (0, 1, 2.5)], float)
     assert bx.nms(chain, [3, 2, 1], 0.3).tolist() == [0, 2]
     assert bx.nms(np.array([CAR, CAR]), [1, 1], 0.5).tolist() == [0]
@@ -170,6 +170,9 @@ def test_boxes_suppress_equals_and_hold_points():
     assert bx.nms([], [], 0.5).shape == (0,)
     above = np.array([CAR, [0, 0, 9, 4, 2, 1.5, 0]])
     assert len(bx.nms(above, [1, 2], 0.1)) == 1
+
+
+def test_a_row_of_boxes_is_suppressed_above_the_threshold_alone():
     # A row of ten, 1 m apart and 3 m long: neighbours overlap by one half, and no round settles
     # more than one
     # pair.
@@ -179,6 +182,9 @@ def test_boxes_suppress_equals_and_hold_points():
     assert bx.nms(row, np.linspace(1, 0, 10), np.nextafter(0.5, 0)).tolist() == list(
         range(0, 10, 2)
     )
+
+
+def test_points_that_are_no_numbers_and_empty_input_are_in_no_box():
     points = np.array(
         [[0, 0, 0.5], [np.nan, 0, 0.5], [0, np.inf, 0.5], [-np.inf, 0, 0], [0, 0, np.nan]]
     )
@@ -189,6 +195,9 @@ def test_boxes_suppress_equals_and_hold_points():
     assert bx.count_points(np.zeros((5, 3)), []).shape == (0,)
     assert bx.points_in_boxes([], [[0, 0, 0, 1, 1, 1, 0]]).shape == (0, 1)
     assert bx.count_points([], [[0, 0, 0, 1, 1, 1, 0]]).tolist() == [0]
+
+
+def test_rows_in_boxes_are_those_of_the_mask():
     rng = np.random.default_rng(5)
     points = rng.uniform(-6, 6, (500, 3))
     points[::50] = np.nan, np.inf, -np.inf
@@ -200,6 +209,9 @@ def test_boxes_suppress_equals_and_hold_points():
     for box, rows in enumerate(bx.rows_in_boxes(points, boxes)):
         assert sorted(rows) == np.flatnonzero(inside[:, box]).tolist()
     assert bx.rows_in_boxes(points, []) == []
+
+
+def test_boxes_and_labels_of_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match=r"got \(3, 120\): pass points.T\?"):
         bx.count_points(np.zeros((3, 120)), [CAR])
     with pytest.raises(ValueError, match=r"truths must have shape \(n, 7\).* got \(3, 8\)"):

@@ -1,6 +1,5 @@
 """What nouns show: short reprs, HTML in which every name is escaped, tables for pandas."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -65,6 +64,11 @@ class _Tags(HTMLParser):
         self.images += [dict(attributes)["src"]] if tag == "img" else []
 
 
+def html(noun: Displayed) -> str:
+    """What a notebook shows of a noun."""
+    return noun._repr_html_()
+
+
 def tags(html: str) -> _Tags:
     parser = _Tags()
     parser.feed(html)
@@ -76,7 +80,7 @@ def test_reprs_are_short_and_pages_show_a_picture_and_a_table(kind):
     noun = NOUNS[kind]("place")
     assert len(repr(noun)) < 400
     assert "\n" not in repr(noun)
-    seen = tags(noun._repr_html_())
+    seen = tags(html(noun))
     assert len(seen.images) == (kind != "plan")
     assert all(
         source.startswith("data:image/png;base64,") and len(source) > 2000 for source in seen.images
@@ -87,15 +91,15 @@ def test_reprs_are_short_and_pages_show_a_picture_and_a_table(kind):
 @pytest.mark.parametrize("kind", ["site", "frame", "recording", "plan"])
 def test_names_from_outside_are_escaped(kind):
     noun = NOUNS[kind](EVIL)
-    html = noun._repr_html_()
-    assert "script" not in tags(html).opened
-    assert "&lt;script&gt;" in html
+    shown = html(noun)
+    assert "script" not in tags(shown).opened
+    assert "&lt;script&gt;" in shown
 
 
 def test_repr_of_boxes_counts_them_by_class():
     assert repr(Objects(BOXES, np.array([0, 2]))) == "Objects: 2 boxes, 1 vehicle, 1 pedestrian"
     assert repr(Detections.empty()) == "Detections: 0 boxes"
-    assert "<table" not in Detections.empty()._repr_html_()
+    assert "<table" not in html(Detections.empty())
 
 
 def test_rows_keep_their_repr_and_pick_rows_as_before():
@@ -111,17 +115,17 @@ def test_a_missing_picture_is_said_in_its_place():
         pass
 
     empty = Gone((), frame)
-    assert "no picture" in empty._repr_html_()
+    assert "no picture" in html(empty)
     assert repr(empty) == "Gone: 0 frames"
     with pytest.raises(AttributeError):  # a fault of ours is not hidden
-        Broken()._repr_html_()
+        html(Broken())
 
 
 def test_long_tables_are_cut_and_say_so():
     many = Detections(np.tile(BOXES, (30, 1)), np.linspace(0, 1, 60))
-    html = many._repr_html_()
-    assert tags(html).opened.count("tr") == MOST_ROWS + 1
-    assert f"{MOST_ROWS} of 60 rows" in html
+    shown = html(many)
+    assert tags(shown).opened.count("tr") == MOST_ROWS + 1
+    assert f"{MOST_ROWS} of 60 rows" in shown
 
 
 class TestFrames:
@@ -142,7 +146,7 @@ class TestFrames:
         history = result.to_frame("history")
         np.testing.assert_array_equal(history["reward"], result.history.reward)
         assert len(repr(result)) < 300
-        assert tags(result._repr_html_()).images
+        assert tags(html(result)).images
         with pytest.raises(
             ValueError, match="table must be one of history, front, got 'contenders'"
         ):
@@ -166,7 +170,7 @@ class TestFrames:
         site: Site = load_site("tjunction")
         assert len(site.to_frame("mounts")) == len(site.mounts)
 
-    def test_without_pandas_one_line_says_what_to_install(self, monkeypatch):
-        monkeypatch.setitem(sys.modules, "pandas", None)
+    def test_without_pandas_one_line_says_what_to_install(self, without_packages):
+        without_packages("pandas")
         with pytest.raises(ImportError, match=r"^to_frame needs pandas.*: pip install pandas$"):
             Objects(BOXES).to_frame()

@@ -115,6 +115,10 @@ def test_tables_have_a_part_for_each_class():
         "0.700",
         "0.25",
     ]
+
+
+def test_figures_have_as_many_digits_as_there_are_truths():
+    rows = mixed(["vehicle", "pedestrian"])
     few, many = (
         replace(rows[0], ap=0.123456, recall=0.654321, truths=count) for count in (12, 1200)
     )

@@ -18,12 +18,15 @@ CAR = np.array([[0.0, 0.0, 0.75, 4.0, 2.0, 1.5, 0.0]])
 THREE = np.repeat(CAR, 3, axis=0) + np.arange(3)[:, None]
 
 
-def test_labels_by_name_and_detectors_that_know_them():
+def test_a_label_is_found_by_name_or_number():
     assert [label_index(name) for name in LABELS] == [0, 1, 2, 3]
     assert [label_index(number) for number in range(4)] == [0, 1, 2, 3]
     for wrong in ("tram", -1, 4):
         with pytest.raises(ValueError, match="label must be one of"):
             label_index(wrong)
+
+
+def test_labels_are_numbers_of_names():
     objects = Objects(THREE)
     assert objects.labels.tolist() == [0, 0, 0]
     assert objects.ids.tolist() == [0, 1, 2]
@@ -37,6 +40,9 @@ def test_labels_by_name_and_detectors_that_know_them():
     for share in (1.5, np.nan):
         with pytest.raises(ValueError, match="whole numbers"):
             Objects(boxes, np.array([0.0, share]))
+
+
+def test_detectors_say_which_classes_they_know():
     assert known_labels(lambda points: Detections.empty()) is None
     assert known_labels(Knows(("heavy", "vehicle"))) == ("vehicle", "heavy")
     assert known_labels(Knows([1, 1])) == ("cyclist",)

@@ -58,7 +58,7 @@ def test_frame_points_are_cropped_clouds_with_noise_of_the_generator():
         assert not np.array_equal(a, c)
     scene = frame()
     for k, points in enumerate(frame_points(scene, area=AREA, height=3.0)):
-        pixels = crop_image(scene.sensors[k], scene.images[k], Crop.of(AREA, 3.0))[1]
+        pixels = crop_image(scene.sensors[k], scene.images[k], Crop.from_place(AREA, 3.0))[1]
         sensor, measured = scene.sensors[k], scene.measurements[k].ravel()[pixels, None]
         np.testing.assert_allclose(
             sensor.world_rays[:, pixels].T * measured + sensor.position, points, atol=1e-4

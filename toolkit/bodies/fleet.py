@@ -21,7 +21,7 @@ LARGEST_DRAW = 60  # frames that a draw of bodies is enough for; in longer traff
 
 # For each class the number of objects spawned at first, and per frame (30 objects, each seen in
 # four frames), some to spare.
-_SPAWNED = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
+SPAWN_COUNTS = {VEHICLE: (26, 3.9), CYCLIST: (12, 1.4), PEDESTRIAN: (18, 2.2), HEAVY: (6, 0.5)}
 
 
 def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple[Body, ...]:
@@ -69,7 +69,7 @@ class Fleet:
         bodies: list[Body] = []
         for label in range(len(LABELS)):
             fixed_bodies = [body for body in self.fixed if body.label == label]
-            at_first, per_frame = _SPAWNED[label]
+            at_first, per_frame = SPAWN_COUNTS[label]
             needed = at_first + round(per_frame * min(frames, LARGEST_DRAW))
             drawn_count = 0
             if label in self.drawn:

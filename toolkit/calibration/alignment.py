@@ -21,7 +21,7 @@ from toolkit.geometry import invert, transform
 # keep one point each, least residual (m) from which Tukey's weights are 0.
 _LEVELS = ((1.5, 0.8, 0.75), (0.7, 0.5, 0.35), (0.35, 0.4, 0.15), (0.2, 0.4, 0.08))
 _STEPS = 15  # largest number of steps in each level
-_MIN_SIDE_COSINE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
+MIN_SIDE_COSINE = 0.7  # cosine of the angle between the normals of a pair: a hedge has two sides
 # a function that returns further pairs for given poses and a search radius (m)
 MorePairs = Callable[[Poses, float], Sequence[Pairs]]
 
@@ -198,7 +198,7 @@ def _pair_sensors(
     # normals of both sides in world axes
     facing = surface.normals[rows] @ poses[one][:3, :3].T
     normals = target.normals[neighbours[near]] @ poses[other][:3, :3].T
-    is_alike = (facing[near] * normals).sum(axis=1) > _MIN_SIDE_COSINE
+    is_alike = (facing[near] * normals).sum(axis=1) > MIN_SIDE_COSINE
     near = near[is_alike]
     normals = normals[is_alike]
     target_rows = neighbours[near]

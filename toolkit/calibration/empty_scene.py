@@ -41,7 +41,7 @@ from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
 MAX_SCENE_IMAGES = 128  # images kept of a sensor
 SCENE_IMAGES = ("first", "spread", "share", "second", "second_spread", "second_share")
-_BLOCK_VALUES = 1 << 21  # about two million measurements are sorted together, to limit memory
+BLOCK_VALUES = 1 << 21  # about two million measurements are sorted together, to limit memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,8 @@ class SceneLearner:
     Attributes:
         sensor: sensor of the images.
         sample: largest number of images kept.
-        frames: number of images added so far."""
+        frames: number of images added so far.
+        images: images kept, at most `sample`."""
 
     def __init__(self, sensor: Sensor, sample: int = MAX_SCENE_IMAGES) -> None:
         if sample < 2:
@@ -162,7 +163,7 @@ class SceneLearner:
         self.sample = sample
         self.frames = 0
         self._step = 1  # frames from one kept image to the next, a power of two
-        self._kept = list[np.ndarray]()  # images, at most `sample`
+        self.images = list[np.ndarray]()
 
     def add(self, measurement: Float[np.ndarray, "rows columns"]) -> None:
         """Add the next image of the sensor; it is kept if it is due.
@@ -175,16 +176,16 @@ class SceneLearner:
                 f"sensor {self.sensor.name!r} measures {shape} pixels, got {measurement.shape}"
             )
         if self.frames % self._step == 0:
-            if len(self._kept) == self.sample:
-                self._kept = self._kept[::2]
+            if len(self.images) == self.sample:
+                self.images = self.images[::2]
                 self._step = self._step * 2
             if self.frames % self._step == 0:  # again, since the step may have doubled
-                self._kept.append(np.array(measurement, np.float32))
+                self.images.append(np.array(measurement, np.float32))
         self.frames += 1
 
     def scene(self) -> EmptyScene:
         """Return the empty scene as known so far. Raises ValueError before the first image."""
-        if not self._kept:
+        if not self.images:
             raise ValueError(
                 f"no image of {self.sensor.name!r} yet: add one before asking for its empty scene"
             )
@@ -192,8 +193,8 @@ class SceneLearner:
         # far: each pixel's farthest cluster; near: the largest nearer one, if any
         far, near, flickers = self._find_modes()
         usual = usual_spread(far, model)
-        far = narrow_broad(far, usual(far.median), self._kept)
-        near = narrow_broad(near, usual(near.median), self._kept)
+        far = narrow_broad(far, usual(far.median), self.images)
+        near = narrow_broad(near, usual(near.median), self.images)
         # A nearer cluster belongs to the scene if it flickers and continues a neighbour's surface,
         # or if nothing returns in the rest of the time.
         is_usual = near.share >= MIN_CLUSTER_SHARE
@@ -222,8 +223,8 @@ class SceneLearner:
 
         Returns both, and a mask of the pixels whose nearer cluster comes and goes."""
         rows, columns = self.sensor.model.shape
-        block_rows = max(1, _BLOCK_VALUES // (len(self._kept) * columns))
-        images = np.stack(self._kept)
+        block_rows = max(1, BLOCK_VALUES // (len(self.images) * columns))
+        images = np.stack(self.images)
         far_blocks = []
         near_blocks = []
         flicker_blocks = []

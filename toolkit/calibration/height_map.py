@@ -12,7 +12,7 @@ _Cells = Float64[np.ndarray, "m 3"]
 GROUND_CELL_M = 1.0
 STEP_WINDOW_M = 12.0  # a cell is not ground if something within this distance is lower
 _NEIGHBOUR_M = 8.0  # farther apart, cells do not support each other
-_MAX_CELLS = 4_000_000  # largest number of cells in a grid
+MAX_MAP_CELLS = 4_000_000  # largest number of cells in a grid
 _NO_HEIGHT_M = 1e6  # height of a cell without points, above anything
 GROUND_REACH_M = 100.0  # from the middle of a map's points; farther out its edge holds
 _BAND_M = 2.0  # largest distance above and below the plane in which ground is looked for
@@ -103,7 +103,7 @@ def lowest_mask(
     index -= index.min(axis=0)
     row, column = index.T
     rows, columns = (index.max(axis=0) + 1).tolist()
-    if rows * columns > _MAX_CELLS:
+    if rows * columns > MAX_MAP_CELLS:
         extent = f"{rows * GROUND_CELL_M:.0f} by {columns * GROUND_CELL_M:.0f} m"
         raise ValueError(f"the points cover {extent}: crop them to the place in question")
     image = np.full((rows, columns), _NO_HEIGHT_M)

@@ -24,7 +24,7 @@ REACH_PX = 2  # a surface continues this far
 MIN_SURFACE_GAP_SHARE = 0.1
 MIN_FLICKER_RATE = 0.25  # rate at which the scene comes and goes, relative to random draws
 _MAD_TO_SIGMA = 1.4826  # standard deviation of normal noise over its median absolute deviation
-_BATCH_PX = 256  # pixels at a time whose measurements are compared in pairs, to limit memory
+BATCH_PX = 256  # pixels at a time whose measurements are compared in pairs, to limit memory
 
 
 class PixelMode(NamedTuple):
@@ -231,8 +231,8 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
         images: measurements over time that the clusters were found in."""
     narrowed = PixelMode(*(image.copy() for image in mode))
     broad_pixels = np.flatnonzero(mode.spread > MAX_SPREAD_RATIO * usual)
-    for start in range(0, len(broad_pixels), _BATCH_PX):
-        pixels = broad_pixels[start : start + _BATCH_PX]
+    for start in range(0, len(broad_pixels), BATCH_PX):
+        pixels = broad_pixels[start : start + BATCH_PX]
         least = mode.least.ravel()[pixels][:, None]
         greatest = mode.greatest.ravel()[pixels][:, None]
         spread = usual.ravel()[pixels]

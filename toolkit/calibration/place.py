@@ -177,4 +177,4 @@ class Place:
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
     """Return the points (see `Stand.lift`) in an area, above its ground and below
     `CROP_HEIGHT_M`."""
-    return points[Crop.of(area, CROP_HEIGHT_M).holds(points)]
+    return points[Crop.from_place(area, CROP_HEIGHT_M).holds(points)]

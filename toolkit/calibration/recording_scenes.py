@@ -140,7 +140,7 @@ def learn_sample_scenes(
             if len(cloud.points):
                 clouds.setdefault(cloud.name, []).append(cloud)
     learners = {
-        name: _CloudSceneLearner(name, find_grid(first_clouds), sample)
+        name: CloudSceneLearner(name, find_grid(first_clouds), sample)
         for name, first_clouds in clouds.items()
     }
     count = 0
@@ -161,7 +161,7 @@ def learn_sample_scenes(
     return {name: learner.finish() for name, learner in learners.items()}
 
 
-class _CloudSceneLearner:
+class CloudSceneLearner:
     """Learner of the empty scene of one sensor from its clouds.
 
     Attributes:

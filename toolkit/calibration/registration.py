@@ -33,15 +33,15 @@ _Levels = Sequence[tuple[float, float, float]]
 # Each level of refinement: radius (m) of the search for counterparts, edge (m) of the voxels that
 # keep one point each, least residual (m) from which Tukey's weights are 0. The limit is not taken
 # from the scatter only, since walls may be farther off than the ground, which has more points.
-_COARSE = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
+COARSE_LEVELS = ((3.0, 1.0, 1.5), (1.5, 0.7, 0.75), (0.7, 0.5, 0.35))
 _FINE = ((0.35, 0.3, 0.2), (0.2, 0.25, 0.1), (0.15, 0.25, 0.05))
 # turns about z that the coarse levels start with
 _START_TURNS_RAD = tuple(np.deg2rad([0.0, -2.5, 2.5, -5.0, 5.0]))
-_STEPS = 20  # largest number of steps in each level
+MAX_LEVEL_STEPS = 20  # largest number of steps in each level
 CONVERGED = 1e-4  # fraction of the radius: a smaller step is the last one
 _AGREEMENT_M = 0.3  # distance from the surface within which a point agrees with a pose
 _MIN_START_GAP_M = 0.05  # least motion between poses from two starts that count as different
-_MAX_AGREEMENT_LOSS = 0.002  # poses whose agreement is this close to the best are as good
+MAX_AGREEMENT_LOSS = 0.002  # poses whose agreement is this close to the best are as good
 TUKEY = 4.685  # limit of Tukey's weights in standard deviations: 95 % efficient for normal noise
 MIN_SCALE_M = 0.01  # least standard deviation of residuals
 # least part of a unit motion across a pair's plane that resists it: less is the noise of normals
@@ -100,9 +100,9 @@ def register(
     starts = _find_starts(points, noise, surface, believed)
     fits = [align_levels(points, noise, surface, start, _FINE) for start in starts]
     best_agreement = max(system.agreement for _, system in fits)
-    good_fits = [fit for fit in fits if fit[1].agreement >= best_agreement - _MAX_AGREEMENT_LOSS]
+    good_fits = [fit for fit in fits if fit[1].agreement >= best_agreement - MAX_AGREEMENT_LOSS]
 
-    def distance_from_believed(fit: tuple[Pose, _System]) -> float:
+    def distance_from_believed(fit: tuple[Pose, LinearSystem]) -> float:
         # m; turns count as moves of points `LEVER_M` away
         pose, _ = fit
         return float(np.linalg.norm(motion_between(believed, pose)))
@@ -134,7 +134,7 @@ def _find_starts(
     for turn in _START_TURNS_RAD:
         turn_about_z = np.array([0, 0, turn * LEVER_M, 0, 0, 0])
         start = apply_motion(believed, turn_about_z)
-        pose, _ = align_levels(points, noise, surface.thin, start, _COARSE)
+        pose, _ = align_levels(points, noise, surface.thin, start, COARSE_LEVELS)
         gaps = [np.abs(motion_between(pose, earlier_pose)).max() for earlier_pose in poses]
         if all(gap > _MIN_START_GAP_M for gap in gaps):
             poses.append(pose)
@@ -143,7 +143,7 @@ def _find_starts(
 
 def align_levels(
     points: Points, noise: _Deviations, surface: Surface, pose: Pose, levels: _Levels
-) -> "tuple[Pose, _System]":
+) -> "tuple[Pose, LinearSystem]":
     """Align points with a surface level by level, from a first pose.
 
     Args:
@@ -156,7 +156,7 @@ def align_levels(
     Returns the pose, and the system of the last step, which describes how well it fits."""
     for radius, voxel, min_limit in levels:
         rows = thin_rows(points, voxel)
-        for _ in range(_STEPS):
+        for _ in range(MAX_LEVEL_STEPS):
             system = _pair_points(points[rows], noise[rows], surface, pose, (radius, min_limit))
             step = system.step()
             pose = apply_motion(pose, step)
@@ -167,7 +167,7 @@ def align_levels(
 
 def _pair_points(
     points: Points, noise: _Deviations, surface: Surface, pose: Pose, limits: tuple[float, float]
-) -> "_System":
+) -> "LinearSystem":
     """Pair points with their nearest neighbours on a surface.
 
     Args:
@@ -199,7 +199,7 @@ def _pair_points(
     limit = np.maximum(TUKEY * spread, min_limit)
     weight = tukey_weight(residual / limit, 1.0) / spread**2
     jacobian = resistance(world[near], pose[:3, 3], normals)
-    return _System(jacobian, residual, weight, len(near) / len(points), scatter)
+    return LinearSystem(jacobian, residual, weight, len(near) / len(points), scatter)
 
 
 def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[np.ndarray, " n"]:
@@ -208,7 +208,7 @@ def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[n
 
 
 @dataclass(frozen=True, eq=False)
-class _System:
+class LinearSystem:
     """Linear system of one Gauss-Newton step for a sensor's pose.
 
     Attributes:

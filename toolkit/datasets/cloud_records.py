@@ -145,7 +145,7 @@ class _PointColumns(NamedTuple):
     is_kept: Mask
 
     def _kept_columns(self, names: Sequence[str], *, wide: bool = False) -> Iterator[np.ndarray]:
-        """Yield the attributes of these names, for the kept points, in the names' order.
+        """Yield the attributes with some names, for the kept points, in the names' order.
 
         Names without an attribute are skipped, and attributes of another length. wide: True to take
         the first column of attributes with several; otherwise they are skipped too."""

@@ -144,7 +144,7 @@ def _find_doubled(
 
 
 def _known_counts(counts: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"] | None:
-    """Return counts of points, or None if one of them is unknown (below 0)."""
+    """Return counts of points, or None if any is unknown (below 0)."""
     return None if (counts < 0).any() else counts
 
 

@@ -34,7 +34,7 @@ OBJECT_COLUMNS = (
     "half height",
     "class",
 )
-# places of these columns
+# places of the columns
 _CENTRE = slice(0, 3)
 _YAW = 5
 _HALF_EXTENTS = slice(6, 9)

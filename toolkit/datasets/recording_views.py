@@ -35,7 +35,7 @@ def filter_classes(frames: Iterable[Frame], classes: Sequence[str | int] | None)
     if classes is None:
         return (frame for frame in frames)
     class_numbers = [label_index(label) for label in classes]
-    return (frame.of(np.isin(frame.objects.labels, class_numbers)) for frame in frames)
+    return (frame.select_objects(np.isin(frame.objects.labels, class_numbers)) for frame in frames)
 
 
 @dataclass(frozen=True)

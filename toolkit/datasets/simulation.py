@@ -250,7 +250,7 @@ class Job:
         fixed_renderer = Renderer(self.site, self.fleet.fixed, self.sensors, threads=threads)
         if self.traffic is None:
             return partial(self._make_scenes, fixed_renderer)
-        renderer = fixed_renderer.of(self.bodies) if self.fleet.drawn else fixed_renderer
+        renderer = fixed_renderer.with_bodies(self.bodies) if self.fleet.drawn else fixed_renderer
         return partial(self._make_continuous_scenes, renderer, self._index_bodies(self.bodies))
 
     def _index_bodies(self, bodies: Sequence[Body]) -> Int64[np.ndarray, " n"]:
@@ -270,7 +270,7 @@ class Job:
         if self.fleet.drawn:
             rng = np.random.default_rng([self.seed, block, 1])
             bodies = self.fleet.bodies(len(frames), rng)
-            renderer = fixed_renderer.of(bodies)
+            renderer = fixed_renderer.with_bodies(bodies)
             body_indices = self._index_bodies(bodies)
         traffic = partial(simulate, self.site, interval=self.interval, mix=self.mix)
         once = bool(self.fleet.drawn)  # no body twice before all of its class
@@ -307,7 +307,7 @@ class Job:
             yield Scene(frame, bodies=body_indices[snapshot.bodies])
 
     def encode(self, scenes: Sequence[Scene]) -> bytes:
-        """Return the bytes of a shard, a complete file of these scenes."""
+        """Return the bytes of a shard, a complete file of some scenes."""
         return encode(self.header, scenes)
 
 

@@ -154,7 +154,7 @@ def _split_header(line: str) -> list[str]:
 def _header_in_comments(text: str, width: int) -> list[str]:
     """Return the names of columns in the last comment above the rows, [] if they do not fit.
 
-    They fit if they are as many as a row's cells and include coordinates. width: number of these
+    They fit if they are as many as a row's cells and include coordinates. width: number of
     cells."""
     comments = _first_comments(text)
     names = _split_header(comments[-1]) if comments else []

@@ -32,7 +32,7 @@ POINTS_PER_FACE = 2.0  # points on each square of a surface as large as a voxel'
 EMPTY_SWEEPS = 4  # sweeps of the empty scene, with different noise
 _MIN_HEIGHT_M = -1.0  # above the plane of the ground, which may dip below it
 _BATCH_POINTS = 1 << 20  # drawn together
-_AREA_VOXELS = 1 << 26  # in an area; larger areas get larger voxels
+AREA_VOXELS = 1 << 26  # in an area; larger areas get larger voxels
 MAX_VOXELS = 1 << 28  # in a background
 MIN_NEW_SHARE = 0.2  # share of the points in a box that must not be background
 
@@ -270,7 +270,7 @@ def site_background(site: Site) -> Background:
 
     Points are drawn at random, with a fixed seed, on all surfaces in the area, on average
     `POINTS_PER_FACE` on a surface as large as a side of a voxel."""
-    crop = Crop.of(site)
+    crop = Crop.from_place(site)
     slope = site.relief.slope
     voxel = choose_voxel(crop)
     mesh = build_scenery(site)
@@ -303,4 +303,4 @@ def choose_voxel(crop: Crop) -> float:
     """Edge of voxels (m): the usual one, or larger so that an area has at most 2^26 voxels."""
     xmin, ymin, xmax, ymax = crop.area
     volume = (xmax - xmin) * (ymax - ymin) * (crop.height - _MIN_HEIGHT_M)
-    return max(VOXEL_M, float(np.cbrt(volume / _AREA_VOXELS)))
+    return max(VOXEL_M, float(np.cbrt(volume / AREA_VOXELS)))

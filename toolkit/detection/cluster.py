@@ -83,7 +83,7 @@ class ClusterDetector:
         return ClusterDetector(Background.learn(points))
 
     @staticmethod
-    def of(recording: CoopDataset) -> "ClusterDetector":
+    def from_recording(recording: CoopDataset) -> "ClusterDetector":
         """Learn from four noisy sweeps of a recording's empty site."""
         return ClusterDetector.learn(empty_sweeps(recording))
 
@@ -310,7 +310,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
     centre = place.find_middle(frame)  # x and y (m, world) of the area's middle
     for _ in range(EMPTY_SWEEPS):
         clouds = [
-            transform(cloud.world_SE3_sensor, _draw_sweep(scenes, cloud.name, rng))
+            transform(cloud.world_SE3_sensor, draw_sweep(scenes, cloud.name, rng))
             for cloud in frame.clouds
         ]
         sweeps.append(np.concatenate([np.zeros((0, 3)), *clouds]))
@@ -323,7 +323,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
     return replace(detector, area=area)
 
 
-def _draw_sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
+def draw_sweep(scenes: Scenes, name: str, rng: Rng) -> Float64[np.ndarray, "n 3"]:
     """Draw points (m, sensor frame) of one sweep of a sensor in its empty scene.
 
     scenes: empty scenes of the lidars; name: name of the sensor. Each pixel takes one of its two

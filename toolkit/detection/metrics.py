@@ -8,7 +8,7 @@ Protocol `exact` (paper section "Evaluation Metrics"):
 1. The detections of all frames are pooled and taken in order of descending score. Of equal scores
    the detection with the greater best IoU goes first, so the order of the input does not matter.
 2. A detection is a **hit** if a truth of its frame that no earlier detection took has IoU >=
-   threshold with it; it takes the one of greatest IoU. IoU is that of volumes ("3d") or of
+   threshold with it; it takes the one of greatest IoU. IoU is between volumes ("3d") or
    footprints ("bev"), exact for rotated boxes.
 3. A detection that hit nothing is **ignored**, neither hit nor false alarm, if it is on an object
    that is present but not scored: IoU >= threshold with it, or more than half of the detection's
@@ -455,7 +455,7 @@ def sample_iou(
     return iou
 
 
-class _Overlaps(NamedTuple):
+class Overlaps(NamedTuple):
     """Overlaps of a frame's detections of one label, best score first, with objects."""
 
     rows: np.ndarray  # (n,) row of each detection in the input
@@ -491,7 +491,7 @@ def _overlap(
     location: str = "",
     *,
     outside: ArrayLike | None = None,
-) -> _Overlaps:
+) -> Overlaps:
     # Overlaps of one frame; label: class number; location: " of frame N" for errors, or "". Present
     # but not scored are uncounted truths and, if vehicles are scored, heavy vehicles.
     if np.isnan(detected.scores).any():
@@ -530,7 +530,7 @@ def _overlap(
     # by descending score, then by descending best IoU: the last key of lexsort counts first
     order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
     best = rows[order]
-    return _Overlaps(
+    return Overlaps(
         best,
         columns,
         detected.scores[best],

@@ -78,7 +78,7 @@ class Chained(Protocol):
     def dependencies(self, number: int, /) -> Sequence[int]:
         """Numbers of the frames whose messages are needed to read the message of a frame.
 
-        number: number of that frame, which is also the last of the result."""
+        number: number of the frame, which is also the last of the result."""
 
     def sent_bits(self, view: View, sensors: Sequence[int], /) -> Sequence[int]:
         """Bits that each of some sensors (indices) sends for a frame, arrived or not."""

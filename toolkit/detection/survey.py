@@ -31,8 +31,8 @@ class Survey:
     Attributes:
         frames: number of frames.
         objects_per_frame: mean number of objects in a frame, by name of the class.
-        kbit_per_sensor: kbit (1000 bits) in which each sensor sends all its points, mean over all
-            frames.
+        kbit_per_sensor: kbit (1000 bits) in which each sensor sends all its points, mean over the
+            frames that have the sensor.
         counts: number of points of each sensor on each vehicle of all frames.
         provenance: data, settings and version.
         by_class: number of points of each sensor on each object, by name of the counted class.
@@ -178,8 +178,9 @@ def survey(
     kbits = []
     points_per_cloud = {}
     for name in names:
+        # means over its clouds: a sensor that is missing in a frame sends nothing there
         present = [frame for frame in frames if name in frame.points]
-        kbits.append(np.sum([frame.kbit[name] for frame in present]) / total)
+        kbits.append(np.mean([frame.kbit[name] for frame in present]))
         points_per_cloud[name] = float(np.mean([frame.points[name] for frame in present]))
     agree = sum(frame.agree for frame in frames)
     compared = sum(frame.compared for frame in frames)
@@ -227,7 +228,7 @@ class _FrameCounts(NamedTuple):
 def _count_frame(frame: Frame, site: Site | None, codec: Codec) -> _FrameCounts:
     """Count the points, bits and agreeing cuboids of a frame.
 
-    site: site whose area limits the objects and points that count, None for all of them; codec:
+    site: site whose area limits the objects and points that count, None for all; codec:
     gives the bits of the points."""
     objects = frame.objects
     count = count_points  # counts the points in boxes

@@ -97,7 +97,7 @@ class Captured:
             return self.crop_pixels
         # distances (m) of the points from their pixels' rays, if the frame has any
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        crop = Crop.of(self.area, self.height)
+        crop = Crop.from_place(self.area, self.height)
         _, pixels = crop_image(self.sensor, self.measurement, crop, shift=shift)
         return pixels
 
@@ -408,7 +408,7 @@ def frame_view(
     returns a sensor's empty scene by index, None if unknown; memory: state of the links, see
     `View`. On sloping ground, the detector works on levelled points and its boxes are tilted
     back."""
-    crop = Crop.of(site, height)
+    crop = Crop.from_place(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(
         capture=lambda sensor: Captured(frame, sensor, site, height),
@@ -550,7 +550,7 @@ def _show_cloud(frame: Frame, stand: Stand, scenes: Scenes, cloud_index: int) ->
         (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
     )
     level_points = stand.lift(cloud.in_world()[image.shown])
-    is_kept = Crop.of(stand.area, CROP_HEIGHT_M).holds(level_points)
+    is_kept = Crop.from_place(stand.area, CROP_HEIGHT_M).holds(level_points)
     captured = Captured(
         sensor_frame,
         index=0,

@@ -51,7 +51,7 @@ def find_offset(
 
 
 def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
-    """Horizontal offset (m) of each box's points from its centre: the median of those around it.
+    """Median horizontal offset (m) of the points around each box from its centre.
 
     Boxes without points around them are skipped."""
     from scipy.spatial import cKDTree

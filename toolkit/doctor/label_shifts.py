@@ -72,7 +72,7 @@ def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
     best_gain = -np.inf
     for steps in [sign * k for k in range(1, MAX_FRAME_SHIFT + 1) for sign in (1, -1)]:
         label_frames = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
-        # moving boxes of frame k, in the world of that frame and in the world of frame k + steps
+        # moving boxes of frame k, in the worlds of frames k and k + steps
         at_labels = []
         at_clouds = []
         for k in label_frames:

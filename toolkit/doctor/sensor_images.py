@@ -21,7 +21,7 @@ def read_images(
 ) -> "tuple[list[SensorImages], list[Finding]]":
     """Read the images of each sensor in some frames as stored, in whatever unit they are.
 
-    frames: numbers of the frames. Returns the images, and findings of those that cannot be read,
+    frames: numbers of the frames. Returns the images, and findings on images that cannot be read,
     whose pixels are 0."""
     views = []
     findings = []

@@ -44,7 +44,7 @@ def _share_near(centres: np.ndarray, site: Site) -> float:
 
 
 def in_area(xy: np.ndarray, site: Site, margin: float = 0.0) -> np.ndarray:
-    """Mask of places in the detection area, or within a margin (m) of it.
+    """Mask of places in the detection area, or within a margin (m) around it.
 
     xy: (n, 2) m, site frame."""
     inside: np.ndarray = (xy >= site.area[:2] - margin) & (xy <= site.area[2:] + margin)

@@ -6,7 +6,7 @@
   label, score, speed (m/s) and velocity as metadata. An entity that is gone is deleted by its id.
 - Messages of an instant are logged and published at its time. A cloud's `timestamp` is the time of
   its measurement, if that is known.
-- Numeric types of fields are Foxglove's (FLOAT32 is 7), which are not those of ROS.
+- Numeric types of fields are Foxglove's (FLOAT32 is 7) and differ from ROS.
 - Python reads it with mcap-protobuf-support."""
 
 from pathlib import Path

@@ -31,7 +31,7 @@ class OrderedWriter:
     """Writer that checks the order of times, and numbers detections without ids.
 
     A detection that nobody tracked is an object of one instant: each gets a number that no other
-    has, so that no format shows two of them as one.
+    has, so that no format shows two as one.
     """
 
     def __init__(self, writer: Writer, name: str, *, needs_time: bool) -> None:

@@ -80,9 +80,9 @@ def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> F
     missing = frozenset(letter for letter in letters if ord(letter) not in base_letters)
     if not shaping:
         misordered = frozenset(letter for letter in letters if _needs_shaping(letter))
-        choice = _cover_letters(missing - misordered)
+        choice = cover_letters(missing - misordered)
         return choice._replace(unset=choice.unset | misordered)
-    return _cover_letters(missing)
+    return cover_letters(missing)
 
 
 def name_letters(letters: Iterable[str]) -> str:
@@ -124,7 +124,7 @@ def family_name(font: Path) -> str:
 
 
 @cache
-def _cover_letters(missing: frozenset[str]) -> FontChoice:
+def cover_letters(missing: frozenset[str]) -> FontChoice:
     """Choose fonts for missing letters from DejaVu Sans and, if it lacks some, the computer's.
 
     Again and again, the font with the most letters that are still unset is taken."""
@@ -186,7 +186,7 @@ def _needs_shaping(letter: str) -> bool:
 
 
 def replace_letters(text: str, letters: frozenset[str]) -> str:
-    """Replace letters of a text by `UNSET`, one for each run of them.
+    """Replace letters of a text by `UNSET`, one for each run.
 
     letters: letters that no font can set."""
     new_letters: list[str] = []

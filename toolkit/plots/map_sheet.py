@@ -143,7 +143,7 @@ def extent(
 
     The map includes the site's area and, with half the margin, the places that it must hold.
 
-    holds: x and y (m) of these places, None without."""
+    holds: x and y (m) of the places, None without."""
     # the area is xmin, ymin, xmax, ymax
     low = site.area[:2] - MAP_MARGIN_M
     high = site.area[2:] + MAP_MARGIN_M

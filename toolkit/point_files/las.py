@@ -8,7 +8,7 @@
   a warning.
 - Colours of 16 bits, which the standard asks for, become bytes; writers that store bytes are
   believed with a warning. `gps_time` keeps its name, since its zero is of two kinds.
-- The header's number of points and bounds must be those of the points.
+- The header's number of points and bounds must match the points.
 
 https://github.com/ASPRSorg/LAS"""
 

@@ -197,8 +197,8 @@ class SightLines:
 
 
 @lru_cache(maxsize=400)  # in a drawn fleet each object has another body, so memory needs a limit
-def _body_scene(body: Body, threads: int) -> RaycastingScene:
-    # Ray casting scene of one body in its frame, kept for the next frames.
+def body_scene(body: Body, threads: int) -> RaycastingScene:
+    """Ray casting scene of one body in its frame, kept for the next frames."""
     return build_scene(body.vertices, body.triangles, threads)
 
 
@@ -252,7 +252,7 @@ class Renderer:
         )
         return renderer
 
-    def of(self, bodies: Sequence[Body]) -> "Renderer":
+    def with_bodies(self, bodies: Sequence[Body]) -> "Renderer":
         """Renderer of other bodies; shares the static scene, sensors and backgrounds."""
         renderer = self._with(bodies=tuple(bodies))
         renderer._measure_bodies()
@@ -272,7 +272,7 @@ class Renderer:
         self._check_sizes(boxes, snapshot.bodies)
         world_corners = self.outer_corners(snapshot.bodies, boxes)
         # snapshot.bodies: row in `bodies` of each object's body
-        scenes = [_body_scene(self.bodies[row], self._threads) for row in snapshot.bodies.tolist()]
+        scenes = [body_scene(self.bodies[row], self._threads) for row in snapshot.bodies.tolist()]
         movers = list(zip(scenes, map(self.body_from_world, boxes), strict=True))
         measurements = []
         hits = []
@@ -325,7 +325,7 @@ class Renderer:
 
         body: its row in `bodies`; lines: start and direction (x, y, z each; body frame). Infinite
         for a line that misses."""
-        return self._hit_distances(_body_scene(self.bodies[body], self._threads), lines)
+        return self._hit_distances(body_scene(self.bodies[body], self._threads), lines)
 
     def cast_still(self, lines: Float32[np.ndarray, "n 6"]) -> Float32[np.ndarray, " n"]:
         """Distance along each line to the static scene, as a multiple of the line's direction.

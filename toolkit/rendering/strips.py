@@ -9,7 +9,7 @@ ray for ray; only below `STRIP_WIDTH` is anything lost.
 Successive frames share strips: an object that stands where it stood, and all that may hide it, is
 not cast again. What may hide an object is taken generously: whatever overlaps with it in azimuth
 and elevation and begins no farther off than the object ends, with circles for footprints. Bodies
-that stick in each other are cast every time, since which of them a ray meets is chance."""
+that stick in each other are cast every time, since it is chance which one a ray meets."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -318,7 +318,7 @@ class SuccessiveStrips:
             [], np.zeros((len(viewpoints), 0, 0), np.bool_), concatenate_strips([])
         )
 
-    def of(self, moment: Moment, fine: Mask) -> Strips:
+    def find_next(self, moment: Moment, fine: Mask) -> Strips:
         """Strips of the next frame, by viewpoint, then object.
 
         fine: mask of the objects to cut into narrow columns, as in `find_sectors`."""
@@ -406,7 +406,7 @@ def find_touching(ground: Footprints) -> Mask:
     axes = np.stack([np.column_stack([cos, sin]), np.column_stack([-sin, cos])], axis=1)
     # from object i to object j, (i, j, x y)
     offset = middle[None] - middle[:, None]
-    # Separating axes: rectangles are apart if they are so along a side of either of them. In the
+    # Separating axes: rectangles are apart if they are so along a side of either one. In the
     # products, (object i, axis a of i, object j), both half extents along the axis are added.
     cosines = np.abs(np.einsum("iac,jbc->iajb", axes, axes))
     reach = half_sizes[:, :, None] + np.einsum("iajb,jb->iaj", cosines, half_sizes)

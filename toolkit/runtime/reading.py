@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_MAX_SILENCE_S = 10.0  # pause of a pipe between bytes
-_MAX_PIPE_BYTES = 1 << 26
+MAX_SILENCE_S = 10.0  # pause of a pipe between bytes
+MAX_PIPE_BYTES = 1 << 26
 MAX_FILE_BYTES = 1 << 30
 MAX_TEXT_BYTES = 1 << 29  # for a text, which becomes up to twice as many
 
@@ -47,7 +47,7 @@ def read_bytes(path: str | Path) -> bytes:
     with open(
         path, "rb", 0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
     ) as pipe:
-        while len(content) < _MAX_PIPE_BYTES and select.select([pipe], [], [], _MAX_SILENCE_S)[0]:
+        while len(content) < MAX_PIPE_BYTES and select.select([pipe], [], [], MAX_SILENCE_S)[0]:
             chunk = pipe.read(1 << 20)
             if not chunk:
                 return bytes(content)

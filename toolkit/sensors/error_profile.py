@@ -65,12 +65,12 @@ class ErrorProfile:
 
         seed: seed of the recording's errors; sensor, frame: their numbers in the recording. Random
         numbers depend on all three."""
-        reading = Reading.of(truth)
+        reading = Reading.from_truth(truth)
         earlier_terms = Counter[str]()
         for term in self.terms:
             kind = type(term).__qualname__
-            # depends on the class and how many terms of it came before, so that other terms do not
-            # change it
+            # depends on the class and on its number among terms of this class, so that other terms
+            # do not change it
             stream = zlib.crc32(f"{kind} {earlier_terms[kind]}".encode())
             earlier_terms[kind] += 1
             draws = Draws(seed=seed, sensor=sensor, frame=frame, term=stream)

@@ -23,7 +23,7 @@ class _Term:
 
     __dataclass_fields__: ClassVar[dict[str, Field[object]]]
     needs_velocities: ClassVar[bool] = False
-    # fields that change nothing while all of them are 0
+    # fields that change nothing while all are 0
     _strengths: ClassVar[tuple[str, ...]] = ("share",)
     _shares: ClassVar[tuple[str, ...]] = ("share",)  # fields that are at most 1
     _positive: ClassVar[tuple[str, ...]] = ()  # fields that are at least 0.001
@@ -102,7 +102,7 @@ class DropOut(_Term):
     steepness: float = 2.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
-        """Drop `self.share` of the returns, and more of them far away and at grazing incidence."""
+        """Drop `self.share` of the returns, and more returns far away and at grazing incidence."""
         # probability that each pixel keeps its return
         chance = np.full(reading.measurement.shape, 1.0 - self.share)
         truth = reading.truth

@@ -164,7 +164,7 @@ class Reading:
     shift: ImageVectors | None = None
 
     @staticmethod
-    def of(truth: TrueImage) -> "Reading":
+    def from_truth(truth: TrueImage) -> "Reading":
         """Reading without error: the true image at the true pose, with NaN and infinity as 0.
 
         0 means no return."""

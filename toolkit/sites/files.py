@@ -157,8 +157,8 @@ def format_site(site: Site, *, without: Collection[str] = ()) -> str:
 def parse(collection: JsonValue) -> Site:
     """Build the site of a FeatureCollection that was read from JSON.
 
-    collection: any JSON value; all of it is checked. Raises ValueError that names the field by its
-    path in the document, such as `features[3].properties.kind`."""
+    collection: any JSON value, which is checked in full. Raises ValueError that names the field by
+    its path in the document, such as `features[3].properties.kind`."""
     root = _check_collection(collection)
     members = root.value
     matrix = _read_matrix(root)

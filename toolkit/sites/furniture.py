@@ -1,7 +1,7 @@
 """Street furniture as solids on level ground, and `raise_onto_ground` for uneven ground.
 
 Things about as big as a car, such as hedges, containers and skips, are what a detector mistakes for
-one, so a street that coview makes up holds plenty of them. They are made about the origin,
+one, so a street that coview makes up holds plenty. They are made about the origin,
 lengthwise along x; `move_solids` puts them in place."""
 
 from collections.abc import Callable, Iterable, Sequence

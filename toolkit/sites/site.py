@@ -260,7 +260,7 @@ class Site(Displayed):
 
         Returns shape (...): the plane plus the relief's unevenness. The unevenness is a smooth,
         seeded sum of plane waves 7 to 160 m long, whose mean over a large place is zero. Ponds,
-        kerbs and islands are solids and not part of it."""
+        kerbs and islands are solids, not ground."""
         xy = np.asarray(xy, np.float64)
         plane = self.plane(xy)
         if self.relief.amplitude == 0:

@@ -36,7 +36,7 @@ STANDING_M_S = 0.5
 FADING_S = 0.5  # in which the score of a moving track without a detection falls to 1/e
 STANDING_FADING_S = 5.0
 SCORE_MEMORY_HITS = 8.0  # detections over which a score is averaged
-MAX_EQUIVALENT_FRAMES = 12.0  # independent detections that any number of them is worth at most
+MAX_EQUIVALENT_FRAMES = 12.0  # independent detections as which any number counts at most
 YAW_GAIN = 0.55  # share of the difference to a detection's yaw that is taken over
 YAW_RATE_GAIN = 0.12
 MIN_HEADED_M_S = 1.5  # faster, the motion of a vehicle or cyclist says where its front is
@@ -63,7 +63,7 @@ class _State(NamedTuple):
         yaw_rate: Its change (rad/s).
         size: Length, width, height (m).
         size_weight: Sum of the weights (1/m²) of the detections behind each.
-        max_weight: Largest of these weights.
+        max_weight: Largest such weight.
         votes: Scores of the detections of each class.
         score: Averaged score.
         hits: Number of detections.
@@ -120,7 +120,7 @@ class Tracker:
 
         Args:
             detections: Detections in the world frame.
-            time: Time of the frame (s), later than that of the frame before.
+            time: Time of the frame (s), later than the frame before.
 
         Raises ValueError for a time that is not finite or does not go on."""
         if not np.isfinite(time):
@@ -413,11 +413,11 @@ def anchor_centres(
     size: Float64[np.ndarray, "n 3"],
     doubts: Float64[np.ndarray, "n 5"],
 ) -> Float64[np.ndarray, "n 2"]:
-    """Centres (x, y) of bodies of a known size whose surer faces are those of detections.
+    """Centres (x, y) of bodies of a known size that share their surer faces with detections.
 
     Args:
         boxes: Detections.
-        yaw: Heading of each body; that of its detection may be the opposite one.
+        yaw: Heading of each body; its detection may have the opposite one.
         size: Length, width and height of each body.
         doubts: Of the detections' faces, front and rear as seen by `yaw`."""
     weights = 1 / np.square(doubts)

@@ -43,7 +43,7 @@ class Scales:
     age: _Span = (0.0, 1.0)
 
     @staticmethod
-    def of(sample: DrawnSample) -> "Scales":
+    def from_sample(sample: DrawnSample) -> "Scales":
         """Choose ranges that cover nearly all points of a frame: 2nd to 98th percentile.
 
         A range without values stays 0 to 1."""

@@ -158,7 +158,7 @@ class Drawing:
         if self.classes is None:
             return replace(detected, detections=detections)
         labels = [label_index(name) for name in self.classes]
-        frame = detected.frame.of(np.isin(detected.frame.objects.labels, labels))
+        frame = detected.frame.select_objects(np.isin(detected.frame.objects.labels, labels))
         return replace(
             detected,
             frame=replace(frame, others=OtherObjects()),  # objects of classes other than ours

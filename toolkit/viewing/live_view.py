@@ -75,14 +75,14 @@ class LiveView:
         self.origin = drawing.origin(first)
         drawn = drawing.draw(first, self.origin)
         sensors = list_sensors([drawn])
-        self.style = SceneStyle(sensors, COLOURINGS, Scales.of(drawn), LIVE_POINTS)
+        self.style = SceneStyle(sensors, COLOURINGS, Scales.from_sample(drawn), LIVE_POINTS)
         area = find_view_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in groups}
         self.shown: list[scene.Handle] = []
         self.switches: dict[str, scene.Handle] = {}  # of the page, by the part that they show
         self._wanted = 0
-        scene.set_view(server, *scene.overview(area))
+        scene.show_area(server, area)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._line = server.gui.add_markdown("")
         if len(samples) > 1:

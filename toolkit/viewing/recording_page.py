@@ -89,7 +89,7 @@ def page_content(
     style = SceneStyle(
         sensors=list_sensors(samples),
         colourings=list_colourings(samples),
-        scales=Scales.of(samples[0]),
+        scales=Scales.from_sample(samples[0]),
         max_points=max_cloud_points,
         precision="float16",
     )
@@ -101,8 +101,7 @@ def page_content(
         for frame, sample in enumerate(samples):
             handles = add_sample(server.scene, sample, style, frame=frame, visible=frame == 0)
             frame_nodes.append(tuple(handle.name for handle in handles))
-        position, look_at = scene.overview(area)
-        scene.set_view(server, position, look_at)
+        scene.show_area(server, area)
         html = scene.scene_html(server)
     return PageContent(
         title=title,

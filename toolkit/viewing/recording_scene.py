@@ -1,4 +1,4 @@
-"""Scene of recorded frames in 3D: nodes, any part of which can be hidden.
+"""Scene of recorded frames in 3D: nodes that can each be hidden.
 
     /sensors/K                      a sensor, by its number among all names
     /sensors/K/COLOURING/FRAME      its points in one frame, in the colours of one colouring
@@ -10,50 +10,46 @@
 
 A node is seen if it and all nodes above it are visible."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from toolkit.arrays import BoxRows
-from toolkit.mesh import box
 from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
-from toolkit.viewing import box_lines, drawn, scene, scene_parts
+from toolkit.viewing import drawn, scene, scene_parts
+from toolkit.viewing.box_lines import headings, roof_crosses, spikes
+from toolkit.viewing.box_styles import BoxStyle, DashPattern, add_boxes
 from toolkit.viewing.colouring import Colouring, Scales, shades
 from toolkit.viewing.drawn import BOX_KINDS, DrawnSample
 from toolkit.viewing.outcomes import MARKED, Marked
+from toolkit.viewing.sensor_parts import add_housing
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
-BOXES = {"truth": FAINT, "detections": OUTCOME["detection"].colour}  # colour by node
 # name of the node above the boxes of an outcome
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 TAGS = "tags"
 SHOWN_POINT_SIZE = 0.07  # m
+_HOUSING_SIZE_M = (0.4, 0.4, 0.4)  # along x, y and z
+_LABEL_RISE_M = 0.6  # height of a name above its sensor
 GRID_NODE = "/grid"
 _MIN_AREA_M = 20.0  # extent of a scene
 _VIEW_PERCENTILES = (10.0, 90.0)  # of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
-# width (pixels) and line segments of boxes, by the node above them
-_LINES: dict[str, tuple[float, Callable[[BoxRows], list[box_lines.Segments]]]] = {
-    "truth": (1.5, lambda boxes: [box_lines.box_edges(boxes), box_lines.headings(boxes)]),
-    "detections": (
-        2.5,
-        lambda boxes: [
-            box_lines.dashes(box_lines.box_edges(boxes), dash=0.4, gap=0.2),
-            box_lines.headings(boxes),
-        ],
-    ),
-    "hits": (3.0, lambda boxes: [box_lines.box_edges(boxes)]),
-    "missed": (3.0, lambda boxes: [box_lines.box_edges(boxes), box_lines.roof_crosses(boxes)]),
-    "false_alarms": (3.0, lambda boxes: [box_lines.box_edges(boxes), box_lines.spikes(boxes)]),
-    "ignored": (
-        2.0,
-        lambda boxes: [box_lines.dashes(box_lines.box_edges(boxes), dash=0.15, gap=0.25)],
-    ),
+_DASHED = DashPattern(dash=0.4, gap=0.2)
+_DOTTED = DashPattern(dash=0.15, gap=0.25)
+# style of boxes by the node above them
+_STYLES = {
+    "truth": BoxStyle(FAINT, width=1.5, mark=headings),
+    "detections": BoxStyle(OUTCOME["detection"].colour, 2.5, dashes=_DASHED, mark=headings),
+    "hits": BoxStyle(OUTCOME["hit"].colour, width=3.0),
+    "missed": BoxStyle(OUTCOME["missed"].colour, width=3.0, mark=roof_crosses),
+    "false_alarms": BoxStyle(OUTCOME["false alarm"].colour, width=3.0, mark=spikes),
+    "ignored": BoxStyle(OUTCOME["not scored"].colour, width=2.0, dashes=_DOTTED),
 }
+BOXES = {node: _STYLES[node].colour for node in ("truth", "detections")}  # colour by node
 
 
 @dataclass(frozen=True)
@@ -85,10 +81,10 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     """Add the empty nodes above all others (sensors, groups and kinds of boxes).
 
     Returns a handle for each, with which its part of the scene is shown or hidden."""
-    groups = (*_LINES, TAGS)  # names of nodes such as "truth", "hits" and "tags"
+    groups = (*_STYLES, TAGS)  # names of nodes such as "truth", "hits" and "tags"
     nodes = ["/sensors", *(f"/{group}" for group in groups)]
     nodes += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
-    handles = [api.add_frame(node, show_axes=False) for node in nodes]
+    handles: list[scene.Handle] = [scene_parts.add_group(api, node) for node in nodes]
     for number in range(len(style.sensors)):
         handles += add_sensor(api, style, number)
     return handles
@@ -99,11 +95,12 @@ def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Ha
 
     number: index of the sensor in the style. Only the first colouring is visible."""
     node = f"/sensors/{number}"
-    handles = [api.add_frame(path, show_axes=False) for path in (node, f"{node}/place")]
+    handles: list[scene.Handle] = [
+        scene_parts.add_group(api, path) for path in (node, f"{node}/place")
+    ]
     for colouring in style.colourings:
         is_first = colouring == style.colourings[0]
-        handle = api.add_frame(f"{node}/{colouring}", show_axes=False, visible=is_first)
-        handles.append(handle)
+        handles.append(scene_parts.add_group(api, f"{node}/{colouring}", visible=is_first))
     return handles
 
 
@@ -137,8 +134,7 @@ def add_sample(
             handles.append(handle)
     for number, tag in enumerate(sample.tags):
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
-        look = scene.Look(position=tag.place, anchor="bottom-center", visible=visible)
-        handles.append(api.add_label(node, tag.text, **look))
+        handles.append(scene_parts.add_label(api, node, tag.text, tag.place, visible=visible))
     return handles + _add_boxes(api, sample, frame=frame, visible=visible)
 
 
@@ -147,12 +143,11 @@ def _add_place(
 ) -> scene.Handle:
     """Add the housing and the name of a sensor, and return the handle of the node above both.
 
-    node: path of that node; number: index of the sensor, which gives its colour."""
+    node: path of this node; number: index of the sensor, which gives its colour."""
     x, y, z = cloud.place.tolist()
-    handle = api.add_frame(node, show_axes=False, visible=visible)
-    housing = box(size=(0.4, 0.4, 0.4), centre=(x, y, z))  # m
-    scene_parts.add_mesh(api, f"{node}/housing", housing, sensor_colour(number))
-    api.add_label(f"{node}/name", cloud.name, position=(x, y, z + 0.6), anchor="bottom-center")
+    handle = scene_parts.add_group(api, node, visible=visible)
+    add_housing(api, f"{node}/housing", (x, y, z), _HOUSING_SIZE_M, sensor_colour(number))
+    scene_parts.add_label(api, f"{node}/name", cloud.name, (x, y, z + _LABEL_RISE_M))
     return handle
 
 
@@ -163,22 +158,18 @@ def _add_boxes(
 
     frame: number of the frame, the last part of the nodes' names; visible: whether the nodes are
     seen at first."""
-    # name of the node above, colour, and boxes by the name of their class
-    groups = [("truth", BOXES["truth"], sample.truth)]
+    # name of the node above, and boxes by the name of their class
+    groups = [("truth", sample.truth)]
     if not sample.outcomes:
-        groups.append(("detections", BOXES["detections"], sample.detections))
+        groups.append(("detections", sample.detections))
     for name, boxes_by_kind in sample.outcomes.items():
-        groups.append((OUTCOME_NODES[name], OUTCOME[MARKED[name]].colour, boxes_by_kind))
+        groups.append((OUTCOME_NODES[name], boxes_by_kind))
     handles = []
-    for group, colour, boxes_by_kind in groups:
-        width_px, make_lines = _LINES[group]
+    for group, boxes_by_kind in groups:
         for kind, boxes in boxes_by_kind.items():
-            segments = np.concatenate(make_lines(boxes))
             node = f"/{group}/{kind}/{frame}"
-            handle = scene_parts.add_lines(
-                api, node, segments, colour, width=width_px, visible=visible
-            )
-            if handle is not None:  # None without segments
+            handle = add_boxes(api, node, boxes, _STYLES[group], visible=visible)
+            if handle is not None:  # None without boxes
                 handles.append(handle)
     return handles
 
@@ -187,7 +178,7 @@ def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
     """Paths of the nodes above all boxes and tags of one kind.
 
     kind: one of `BOX_KINDS`; outcomes: whether to include the nodes of outcomes."""
-    groups = _LINES if outcomes else BOXES
+    groups = _STYLES if outcomes else BOXES
     return [f"/{group}/{kind}" for group in (*groups, TAGS)]
 
 

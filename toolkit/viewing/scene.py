@@ -137,9 +137,16 @@ def overview(area: tuple[float, float, float, float], height: float = 0.0) -> tu
     x = (xmin + xmax) / 2
     y = (ymin + ymax) / 2
     size = max(xmax - xmin, ymax - ymin)
-    # a little west of the middle, well south of it and above it
+    # a little west of the middle, well to the south and above
     position = (x - 0.15 * size, y - 0.75 * size, height + 0.65 * size)
     return position, (x, y, height)
+
+
+def show_area(server: "ViserServer", area: tuple[float, float, float, float]) -> None:
+    """Let the scene open with a whole area in view (`overview`).
+
+    area: xmin, ymin, xmax, ymax (m), on ground at height 0."""
+    set_view(server, *overview(area))
 
 
 def scene_html(server: "ViserServer") -> str:

@@ -1,4 +1,4 @@
-"""Parts of a scene: meshes, lines and points."""
+"""Parts of a scene: meshes, lines, points, labels and groups."""
 
 from typing import TYPE_CHECKING, Literal
 
@@ -6,10 +6,13 @@ import numpy as np
 
 from toolkit.arrays import Float32, Float64, Shaped, UInt8
 from toolkit.mesh import Mesh
-from toolkit.viewing.scene import rgb
+from toolkit.viewing.scene import Spot, rgb
 
 if TYPE_CHECKING:
-    from viser import LineSegmentsHandle, PointCloudHandle, SceneApi
+    from viser import FrameHandle, LabelHandle, LineSegmentsHandle, PointCloudHandle, SceneApi
+
+# part of a label that is at its position
+Anchor = Literal["bottom-center", "center-center", "center-left"]
 
 
 def add_mesh(
@@ -83,6 +86,33 @@ def add_points(
         precision=precision,
         visible=visible,
     )
+
+
+def add_label(
+    api: "SceneApi",
+    name: str,
+    text: str,
+    position: Spot | Float64[np.ndarray, "3"],
+    *,
+    scale: float = 1.0,
+    anchor: Anchor = "bottom-center",
+    visible: bool = True,
+) -> "LabelHandle":
+    """Add a text that faces the camera and keeps its size on the screen.
+
+    name: path of the node; position: x, y and z of its anchor (m); scale: size of its letters,
+    as a multiple of the usual one; anchor: part of the text that is at the position; visible:
+    whether the node is seen at first."""
+    return api.add_label(
+        name, text, position=position, font_screen_scale=scale, anchor=anchor, visible=visible
+    )
+
+
+def add_group(api: "SceneApi", name: str, *, visible: bool = True) -> "FrameHandle":
+    """Add an empty node, with which all nodes below it are shown or hidden.
+
+    name: path of the node; visible: whether they are seen at first."""
+    return api.add_frame(name, show_axes=False, visible=visible)
 
 
 def thin_evenly(rows: Shaped[np.ndarray, "n ..."], max_rows: int) -> Shaped[np.ndarray, "m ..."]:

@@ -46,7 +46,7 @@ def write_still(
     sensors: names in the order of their colours, the frame's when empty; half: half the width and
     height (m) of a map around the origin; None for the area with most points."""
     sensor_order = list(sensors or dict.fromkeys(cloud.name for cloud in sample.clouds))
-    scales = Scales.of(sample)
+    scales = Scales.from_sample(sample)
     subtitle = f"{sample.describe()}; points by {scales.describe(colouring)}"
     if half is None:
         area = find_view_area(sample)
@@ -148,7 +148,7 @@ def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:
 def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, sensor_order: list[str]) -> list[Entry]:
     """Draw sensors as squares, and return their legend entries.
 
-    sensor_order: names of sensors in the order of their colours; all of them have an entry."""
+    sensor_order: names of sensors in the order of their colours; each has an entry."""
     from matplotlib.lines import Line2D
 
     look: PlotStyle = {"markersize": 8, "markeredgecolor": INK, "zorder": 6, "clip_on": True}

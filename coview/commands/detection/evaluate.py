@@ -154,16 +154,21 @@ def evaluate_command(
         _check_truths(evaluation, labels, count)
         evaluation = replace(evaluation, poses=poses)
         save_evaluation(evaluation, out)
-    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves next to it"
-    if not subject.detector:
-        text = f"{_describe_default(detector)}\n\n{text}"
+    text = _describe_evaluation(evaluation, out, default=None if subject.detector else detector)
     print_result(evaluation.as_dict(), text, as_json=writing.json)
     return OK
 
 
-def _describe_default(detector: "Detector") -> str:
-    """Describe the detector that is chosen without --detector."""
-    return f"detector {getattr(detector, 'name', 'general')}, as --detector is left out"
+def _describe_evaluation(evaluation: "Evaluation", out: Path, *, default: "Detector | None") -> str:
+    """Text of an evaluation and its files.
+
+    out: folder of the files; default: detector that was chosen without --detector, which is named
+    first, None with one."""
+    text = f"{evaluation.text()}\nwritten to {out}/table.json, PR curves next to it"
+    if default is None:
+        return text
+    name = getattr(default, "name", "general")
+    return f"detector {name}, as --detector is left out\n\n{text}"
 
 
 def _check_options(rules: Rules, subject: Subject) -> None:
@@ -195,7 +200,7 @@ def _check_outputs(
     overwrite: bool,
     labels: Sequence[str] | None = None,
 ) -> None:
-    """Check that the table and the curves of these classes may be written.
+    """Check that the table and the curves of some classes may be written.
 
     labels: the classes, None for those that the rules name. Raises ValueError or OSError
     otherwise."""

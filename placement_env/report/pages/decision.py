@@ -233,7 +233,7 @@ def _describe_hits(row: content.ClassAP) -> str:
 
 
 def _describe_blind_lanes(plan: content.Plan) -> Fact | None:
-    """Describe the lanes that no sensor sees, with the streets that have most of them.
+    """Describe the lanes that no sensor sees, with the streets that have most.
 
     None if the visible ground is unknown."""
     if plan.ground is None:

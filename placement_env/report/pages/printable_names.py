@@ -22,7 +22,7 @@ PAPER_FONT = "DejaVuSansMono"  # a font of typst for letters that its main font 
 
 
 def list_texts(value: object) -> list[str]:
-    """List all texts of a document, or of a part of it, that fonts must set.
+    """List all texts of a document, or of a part, that fonts must set.
 
     A drawing gives its caption and its text for screen readers, not its SVG.
 

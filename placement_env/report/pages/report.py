@@ -51,7 +51,7 @@ def build_document(
         plan: The plan, with or without a chosen set.
         site: Site with the chosen sensors mounted.
         ground: Ground that they see, None if unknown.
-        moments: Frames with the clouds of these sensors."""
+        moments: Frames with the clouds of the sensors."""
     contents = dict.fromkeys(content.TEXTS["titles"], build_content(NOTHING_CHOSEN))
     contents["decision"] = decision_section(plan, site, ground)
     contents["ground"] = ground_section(plan, site, ground)

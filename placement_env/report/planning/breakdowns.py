@@ -147,7 +147,7 @@ def measure_blind_streets(site: Site, ground: GroundGrid) -> dict[str, float]:
     boxes[:, 0] = ground.x[columns]
     boxes[:, 1] = ground.y[rows]
     streets = find_streets(site)
-    cell_counts = np.bincount(streets.locate(boxes), minlength=len(streets.names))
+    cell_counts = np.bincount(streets.locate(boxes))
     areas = cell_counts * ground.cell**2  # `cell` is the edge length of a cell (m)
     order = np.argsort(-areas, kind="stable")
     return {streets.names[k]: float(areas[k]) for k in order if areas[k]}

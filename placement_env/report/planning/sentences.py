@@ -3,22 +3,24 @@
 import math
 from collections.abc import Sequence
 
+from placement_env.analysis.intervals import BLOCK_FRAMES
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
 from placement_env.defaults import VEHICLES
-from placement_env.handover.mounted import PoleLoad, describe_narrow_links
+from placement_env.handover.mounted import FRAME_RATE_HZ, PoleLoad, describe_narrow_links
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.choice import Rule
-from placement_env.report.planning.question import Question
+from placement_env.report.planning.question import PART_FRAMES, Question
 from placement_env.search.description import MIN_LEVEL_OBJECTS
 from placement_env.search.exclusions import describe_money
-from placement_env.search.first_look import LOOK_FRAMES
+from placement_env.search.first_look import describe_first_frames
 from toolkit.detection.codec import PAPER
 from toolkit.detection.scheme import scheme_codec
 from toolkit.display import describe_count
 from toolkit.objects import LABELS
 from toolkit.sites.site import Site
 from toolkit.sites.surroundings.things import count_things, describe_things
+from toolkit.traffic.spawner import LIFE
 
 MIN_OVERRATED_SETS = 3  # judged sets needed to measure by how much predictions overrate
 
@@ -296,10 +298,11 @@ def _list_methods(question: Question, detector: str) -> list[str]:
         f"Searches, comparison and judgement each have their own traffic (seeds {search_seed}, "
         f"{comparison_seed} and {judgement_seed}): no AP stated for the chosen set is from traffic "
         "that it was searched or chosen on.",
-        "Intervals are from a bootstrap over blocks of 8 frames, two lives of an object, widened "
-        "for few blocks; they hold for this detector in this kind of traffic, not for other "
-        "weather, traffic or sensors.",
-        f"kbit {_describe_codec(question)}; links are compared with them at 10 frames a second.",
+        f"Intervals are from a bootstrap over blocks of {BLOCK_FRAMES} frames, two lives of an "
+        "object, widened for few blocks; they hold for this detector in this kind of traffic, not "
+        "for other weather, traffic or sensors.",
+        f"kbit {_describe_codec(question)}; links are compared with them at {FRAME_RATE_HZ:g} "
+        "frames a second.",
         _describe_errors(question),
     ]
 
@@ -350,9 +353,10 @@ def _list_stock_limits(question: Question) -> list[str]:
             f"{question.currency or 'its unit'}."
         )
     if stock.only:  # names of the poses that were searched, empty for all
+        search_frames = question.part("search").frames_or(PART_FRAMES["search"])
         lines.append(
             f"The poles offer more poses than can be searched: the {len(stock.only):,} that see "
-            f"most in the first {LOOK_FRAMES} frames went on."
+            f"most in the {describe_first_frames(search_frames)} went on."
         )
     return lines
 
@@ -381,8 +385,8 @@ def _describe_codec(question: Question) -> str:
     codec = scheme_codec(question.setting.fusion, question.setting.codec)
     if codec == PAPER:
         return (
-            "count 96 bits for a point and 256 for a box, as the paper does, without headers or "
-            "compression"
+            f"count {PAPER.bits_per_point:g} bits for a point and {PAPER.bits_per_box:g} for a "
+            "box, as the paper does, without headers or compression"
         )
     return (
         f"are of messages as {codec.digest} writes them: as expected in searches, as sent in "
@@ -401,8 +405,8 @@ def _describe_errors(question: Question) -> str:
         profile_texts.append(f"of profile {name} ({terms})")
     text = (
         f"Sets are compared and judged with the sensors' errors {' and '.join(profile_texts)}, "
-        "drawn anew for every 4 frames as if the sensors were mounted again; searches, and the "
-        "kbit they weigh, know the noise of the sensors' models alone."
+        f"drawn anew for every {LIFE} frames as if the sensors were mounted again; searches, and "
+        "the kbit they weigh, know the noise of the sensors' models alone."
     )
     if len(cases.names) > 1:
         text += (

@@ -2,7 +2,7 @@
 
 For coverage the programme is exact. For a surrogate, AP is not a sum over objects, but it never
 exceeds the recall: a set that reaches the AP also reaches it in expected hits, and in steps above
-their probability. The cheapest set of that relaxation is the bound. The answer comes from steps in
+their probability. The cheapest set of this relaxation is the bound. The answer comes from steps in
 the middle of the curve, with a demand that rises until the AP is reached, and is then pruned. Its
 AP is the surrogate's in every case of failure and share of the traffic.
 

@@ -111,20 +111,32 @@ def search(
     progress.settle(members)
     share = cover.value / max(1, units)
     max_share = cover.bound / max(1, units)
-    views_text = (
-        f"{views} view(s) of {LEAST:g} points or more from {{{', '.join(map(str, members))}}}"
-    )
+    note = _describe_coverage(cover, units, members, views=views, classes=objective.classes)
+    return progress.result("CP-SAT", Certificate.from_bound(share, max_share, note, "coverage"))
+
+
+def _describe_coverage(
+    cover: Solved, units: int, members: list[int], *, views: int, classes: Classes
+) -> str:
+    """Sentence on what the set covers, and on the most that any set could cover.
+
+    It gives shares if several classes are weighed, else numbers of objects.
+
+    cover: covered units and their bound; units: units of all objects; members: the set; views:
+    number of sensors that must see an object."""
+    numbers = ", ".join(map(str, members))
+    views_text = f"{views} view(s) of {LEAST:g} points or more from {{{numbers}}}"
     if units == WORTH_UNITS:
-        note = (
-            f"{share:.4f} of the {objective.classes.described()} has {views_text}, and no set "
+        share = cover.value / units
+        max_share = cover.bound / units
+        return (
+            f"{share:.4f} of the {classes.described()} has {views_text}, and no set "
             f"covers more than {max_share:.4f}"
         )
-    else:
-        note = (
-            f"{cover.value} of {units} objects have {views_text}, and no set covers more than "
-            f"{cover.bound}"
-        )
-    return progress.result("CP-SAT", Certificate.from_bound(share, max_share, note, "coverage"))
+    return (
+        f"{cover.value} of {units} objects have {views_text}, and no set covers more than "
+        f"{cover.bound}"
+    )
 
 
 def cover_most(

@@ -112,7 +112,7 @@ def budget_curve(
         evaluations=evaluations,
         neighbours=judging.neighbours,
     )
-    budgets = list(_search_budgets(objective, effort, amounts, seed, checkpoint))
+    budgets = list(search_budgets(objective, effort, amounts, seed, checkpoint))
     races = checkpoint.part("races")
     saved: KeptState = races.load() or {"ended": 0, "winners": []}
     winners: list[KeptState] = saved["winners"]
@@ -206,7 +206,7 @@ def _judge_winners(
     return tuple(points)
 
 
-def _search_budgets(
+def search_budgets(
     objective: Objective,
     effort: Effort,
     amounts: tuple[float, ...],

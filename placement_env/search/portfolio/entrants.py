@@ -239,7 +239,7 @@ def find_entrants(
     searches_done = 0
     for position, size in enumerate(sizes):
         size_answers: dict[tuple[int, ...], None] = {}
-        runs = list(_list_searches(objective, size, effort, seed, checkpoint, others))
+        runs = list(list_searches(objective, size, effort, seed, checkpoint, others))
         report = objective.run.stage(
             "searches", searches_done + (len(sizes) - position) * len(runs)
         )
@@ -260,7 +260,7 @@ def find_entrants(
             searches_done += 1
         if not size_answers:
             break
-        near_sets, set_count = _choose_neighbours(
+        near_sets, set_count = choose_neighbours(
             objective, as_rows(list(size_answers), count), effort.neighbours
         )
         considered += set_count
@@ -274,7 +274,7 @@ def find_entrants(
     return Entrants(sets, objective.scores(sets).ap, searches, considered)
 
 
-def _list_searches(
+def list_searches(
     objective: Objective,
     size: int,
     effort: Effort,
@@ -386,7 +386,7 @@ def _rescore(
     return Objective(setting, objective.run, visibility=visibility)
 
 
-def _choose_neighbours(
+def choose_neighbours(
     objective: Objective, answers: Sets, count: int
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, and the number of sets scored.

@@ -338,7 +338,7 @@ def _assess(
     if judging.contenders:
         answer_rows = [row for row, names in enumerate(entrants.searches) if names]
         rows = np.array([winner, *(row for row in answer_rows if row != winner)])
-    judged, frames = _judge_in_time(
+    judged, frames = judge_in_time(
         entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
     )
     contenders = []
@@ -438,7 +438,7 @@ def aps_at_profiles(
     return by_set
 
 
-def _judge_in_time(
+def judge_in_time(
     sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
 ) -> tuple[Evaluated, Frames]:
     """Figures of the sets judged in time, and the frames, the same for all sets.

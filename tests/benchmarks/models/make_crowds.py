@@ -29,9 +29,9 @@ def crowd(pedestrians: float, cyclists: float, prams: float) -> None:
     strays.STRAY_SHARES = {PEDESTRIAN: pedestrians, CYCLIST: cyclists, VEHICLE: 0.05, HEAVY: 0.03}
     strays.COMPANION_SHARE, strays.MIN_STRAY_GAP_M, obstacles.BODY_GAP_M = 0.45, 0.1, 0.05
     more = {VEHICLE: 0.7, HEAVY: 0.7, CYCLIST: 2.8, PEDESTRIAN: 2.8}
-    fleet._SPAWNED = {
+    fleet.SPAWN_COUNTS = {
         label: (int(n * more[label]), per * more[label])
-        for label, (n, per) in fleet._SPAWNED.items()
+        for label, (n, per) in fleet.SPAWN_COUNTS.items()
     }
     children = 0.1 + 0.45 * (0.9 - prams)
     drawn_people.EVEN_LIMITS = (0.0, 0.1, children, children + prams, children + prams + 0.06, 1.0)

@@ -65,11 +65,11 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from coview.live_cameras import DISTANCE_FACTOR
-from coview.live_signs import find_target
 from coview.live_start import LiveSession
 from placement_env import LivePlanner
 from placement_env.live.project import ProjectFile
 from toolkit.viewing import scene
+from toolkit.viewing.sensor_parts import find_target
 
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 STEPS, STEP = 5, 0.016  # of the pointer in a drag, and s between two

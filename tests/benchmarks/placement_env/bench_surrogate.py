@@ -111,7 +111,7 @@ def of_table(asked: argparse.Namespace) -> tuple:
     table = load_table(asked.table)
     sets = table.subsets[1:]
     with CoopDataset(asked.recording) as recording:
-        visibility = Visibility.of(recording, table.origin.frames)
+        visibility = Visibility.from_recording(recording, table.origin.frames)
     return visibility, sets, TableFidelity(table, asked.scheme, asked.iou)(sets).ap
 
 

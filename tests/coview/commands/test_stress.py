@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from examples.studies.stress.noticing import FalseAlarms, Noticed
 
 
@@ -32,6 +34,7 @@ def test_it_prints_a_table_and_leaves_json_and_svg(recording, tmp_path, run):
     assert json.loads(out) == json.loads((tmp_path / "stress.json").read_text())
 
 
+@pytest.mark.slow
 def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
     arguments = (
         "stress",
@@ -67,16 +70,23 @@ def test_levels_several_ious_a_table_and_what_is_kept(recording, tmp_path, run):
     assert run(*arguments)[1] == out
 
 
-def test_a_sequence_that_is_too_short_for_faults_is_refused_before_any_work(
-    recording, tmp_path, refused, monkeypatch
-):
+@pytest.fixture
+def as_sequence(monkeypatch):
+    """Take any recording for a sequence."""
     monkeypatch.setattr("examples.studies.stress.stressing.is_sequence", lambda recording: True)
+
+
+@pytest.mark.usefixtures("as_sequence")
+def test_a_sequence_that_is_too_short_for_faults_is_refused_before_any_work(
+    recording, tmp_path, refused
+):
     line = refused("stress", recording, "--kinds", "silent", "--frames", 1, "--out", tmp_path / "o")
     assert "no stretch of traffic is 2 s long here: record more frames" in line
     assert "frames under stress" not in line
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.usefixtures("as_sequence")
 def test_in_sequences_it_says_how_soon_a_fault_is_noticed(recording, tmp_path, run, monkeypatch):
     found = (
         (Noticed("frozen", "foreground", 6, 6, 0.2, 0.3),),
@@ -88,7 +98,6 @@ def test_in_sequences_it_says_how_soon_a_fault_is_noticed(recording, tmp_path, r
         asked.append(run)
         return found
 
-    monkeypatch.setattr("examples.studies.stress.stressing.is_sequence", lambda recording: True)
     monkeypatch.setattr("examples.studies.stress.noticing.time_faults", time_faults)
     monkeypatch.setattr(
         "examples.studies.stress.noticing.check_stretches", lambda recording, run: 0

@@ -253,7 +253,7 @@ def test_damaged_and_encoder_less_differences_are_refused():
         )
 
 
-def test_references_average_few_images_under_a_checksum():
+def test_messages_name_the_checksum_of_their_reference():
     first, _, third = written(DifferenceSender(SCENE, refers_to="key"), 3)
     one = image(0)
     steps, sent = (
@@ -265,6 +265,9 @@ def test_references_average_few_images_under_a_checksum():
     second = written(DifferenceSender(SCENE), 2)[1]
     assert read_message(second)[1][:6] == struct.pack("<BBI", 1, 1, reference.checksum)
     assert read_message(first)[0].kind == MessageKind.FOREGROUND
+
+
+def test_checksums_tell_references_apart():
     known = reference_of([[100, 7]], [[1, 0]])
     assert known.checksum == reference_of([[100, 9]], [[1, 0]]).checksum
     assert known.checksum == zlib.crc32(struct.pack("<5q", 3, 20, 0, 1600, 1))
@@ -277,6 +280,9 @@ def test_references_average_few_images_under_a_checksum():
         reference_of([[100, 7]]),
     ]
     assert len({each.checksum for each in (known, *others)}) == 7
+
+
+def test_references_are_means_of_up_to_eight_images():
     reference = reference_of([[100, 100, 100]])
     fine = [[100 * 16.0], [100 * 16.0]]
     for more, value in enumerate([102, 98, 101, 101, 100, 99, 104, 104, 104, 104]):
@@ -289,6 +295,9 @@ def test_references_average_few_images_under_a_checksum():
         assert reference.images[0].tolist() == [share, 1 if more == 0 else min(more + 1, 8), 0]
     assert reference.fine[0, 1:].tolist() == [300 * 16, 0]
     assert reference.number == 13
+
+
+def test_means_are_rounded_half_up():
     exact = reference_of([[10]]).after(4, np.array([[11]]), np.ones((1, 1), bool))
     assert (exact.fine.tolist(), exact.whole_steps.tolist()) == (
         [[168]],
@@ -500,20 +509,30 @@ def test_which_messages_must_have_arrived(refers_to, number, needed):
     assert list(ForegroundDifferences(refers_to=refers_to).dependencies(number)) == needed
 
 
+@pytest.fixture
+def difference_bytes(monkeypatch):
+    """Make every difference so many bytes long, whatever it holds."""
+
+    def set_length(count):
+        monkeypatch.setattr(difference_messages, "encode_difference", lambda *_: bytes(count))
+
+    return set_length
+
+
 @pytest.mark.parametrize(
     ("longer", "kind"),
     [(1, MessageKind.FOREGROUND), (0, MessageKind.FOREGROUND), (-1, MessageKind.DIFFERENCE)],
 )
-def test_of_two_equally_long_messages_the_whole_image_is_sent(monkeypatch, longer, kind):
+def test_of_two_equally_long_messages_the_whole_image_is_sent(
+    limits, difference_bytes, longer, kind
+):
     sender = DifferenceSender(SCENE)
     sender.write(image(0))
     second = image(1)
     sent = (second.measurement > 0) & (second.measurement < SENSOR.model.max_range)
     whole = image_coding.encode_pixels(range_images.to_steps(second.measurement, sent, 0.02), sent)
-    monkeypatch.setattr(difference_messages, "MIN_STILL_PX", 10**9)
-    monkeypatch.setattr(
-        difference_messages, "encode_difference", lambda *_: bytes(len(whole) + longer - 6)
-    )
+    limits(difference_messages, MIN_STILL_PX=10**9)
+    difference_bytes(len(whole) + longer - 6)
     header, content = read_message(sender.write(second))
     assert header.kind == kind
     assert content == whole if kind == MessageKind.FOREGROUND else len(content) == len(whole) - 1
@@ -533,18 +552,18 @@ def test_differences_go_on_up_to_the_next_whole_image_and_only_forwards():
     ]  # the same number is none after it
 
 
-def test_whole_images_are_considered_where_few_pixels_stand(monkeypatch):
+def test_whole_images_are_considered_where_few_pixels_stand(limits, difference_bytes):
     """However long the difference is, which is made up."""
     second = image(1)
     sent = (second.measurement > 0) & (second.measurement < SENSOR.model.max_range)
-    monkeypatch.setattr(difference_messages, "encode_difference", lambda *_: bytes(10**5))
+    difference_bytes(10**5)
     for more, kind in ((0, MessageKind.DIFFERENCE), (1, MessageKind.FOREGROUND)):
         sender = DifferenceSender(SCENE)
         sender.write(image(0))
         steps = range_images.to_steps(second.measurement, sent, 0.02)
         stands = int(sender.reference.standing(steps, sent).sum())
         assert stands > 1000
-        monkeypatch.setattr(difference_messages, "MIN_STILL_PX", stands + more)
+        limits(difference_messages, MIN_STILL_PX=stands + more)
         assert kinds([sender.write(second)]) == [kind]
 
 

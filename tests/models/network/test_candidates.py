@@ -99,7 +99,7 @@ def class_prediction(boxes, labels, sure):
     return Prediction(*(each.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2) for each in maps))
 
 
-def test_every_class_has_its_boxes_and_its_rivals_count_once():
+def test_every_class_has_its_boxes():
     """A rider on a bicycle, a person in the same place, a van that is also seen as a truck: four of
     four."""
     boxes = [
@@ -115,11 +115,17 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     np.testing.assert_allclose(found.boxes, boxes, atol=1e-4)
     expected = torch.sigmoid(torch.tensor([3.0, 2.0, 1.0, 0.5])) * torch.sigmoid(torch.tensor(9.0))
     np.testing.assert_allclose(found.scores, expected, atol=1e-6)
+
+
+def test_scores_are_in_the_order_of_the_labels():
     prediction = class_prediction([[0, 0, 0.9, 1.8, 0.6, 1.7, 0.3]], [CYCLIST], [3.0])
     ((_, scores),) = candidates(prediction, anchors(CLASSES), CLASSES, LEAST)
     assert len(scores) > 2
     assert (scores[:, [0, 1, 3]] == 0).all()  # in the order of the configuration's labels
     assert (scores[:, 2] > 0.9).all()
+
+
+def test_boxes_of_rivals_are_averaged_within_their_class():
     box, other = [0.0, 0, 1, 4, 2, 1.5, 0.1], [0.2, 0, 1, 4, 2, 1.5, 0.1]
     found = Detections(
         np.array([box, other, other]),
@@ -129,6 +135,9 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     mean = average_boxes(found, np.array([0, 1]), 0.75)
     np.testing.assert_allclose(mean.boxes, [[0.2 / 5, *box[1:]], other], atol=1e-12)
     assert mean.labels.tolist() == [VEHICLE, HEAVY]
+
+
+def test_the_strongest_rivals_are_found_by_hand():
     rivalry = np.zeros((5, 4))
     rivalry[0, 3], rivalry[1, 2] = 0.7, 0.6
     rivalry[2, 0], rivalry[3, 1] = 0.5, 0.9
@@ -146,6 +155,9 @@ def test_every_class_has_its_boxes_and_its_rivals_count_once():
     beside[:, 0] += 0.1
     more = Detections.merge([found, Detections(beside, np.array([0.75]), np.array([PEDESTRIAN]))])
     assert strongest_rivals(more, STREET)[0].tolist() == [0, 0, 0, 0.75]
+
+
+def test_rivals_take_from_scores():
     sure = Detections(street().boxes, np.array([1.0, 0.0, 1.0, 0.0, 1.0]), street().labels)
     assert np.isfinite(apply_rivals(sure, replace(STREET, rivalry=ROWS)).scores).all()
     after = apply_rivals(street(), replace(STREET, rivalry=ROWS))

@@ -44,7 +44,7 @@ def left(placed, union, thinning, dropped):
 
 
 def test_crowded_voxels_lose_the_same_points_in_tiles_and_batches(clouds):
-    placed = PlacedClouds.of(clouds, CONFIG)
+    placed = PlacedClouds.from_clouds(clouds, CONFIG)
     thinning, dropped = placed.find_crowded(UNIONS, 4)
     assert placed.counts().tolist() == [60] * 5 + [9]
     for union, number in zip(UNIONS, thinning, strict=True):
@@ -55,7 +55,7 @@ def test_crowded_voxels_lose_the_same_points_in_tiles_and_batches(clouds):
     assert len(np.unique(thinning)) > 20
     assert (thinning[~UNIONS[:, :5].any(axis=1)] == 0).all()
     np.testing.assert_array_equal(thinning[::2], thinning[1::2])  # with and without who is far off
-    placed = PlacedClouds.of(clouds, CONFIG)
+    placed = PlacedClouds.from_clouds(clouds, CONFIG)
     thinning, dropped = placed.find_crowded(UNIONS, 4)
     some = [63, 1, 0, 40]
     rows = [left(placed, UNIONS[k], thinning[k], dropped) for k in some]
@@ -76,7 +76,7 @@ def test_a_tile_has_its_points_and_those_of_the_columns_before_it():
         torch.from_numpy(rng.uniform((0, 0, 0.1), (38.4, 9.6, 3.9), (n, 3)).astype(np.float32))
         for n in (300, 0, 200)
     ]
-    placed = PlacedClouds.of(clouds, CONFIG)
+    placed = PlacedClouds.from_clouds(clouds, CONFIG)
     by_tile = placed.by_tile((8, 2), 24, 2)
     tiles = np.arange(16)
     unions = np.array([[1, 0, 0], [0, 1, 1], [1, 1, 1], [0, 0, 0]], bool)[tiles % 4]
@@ -192,13 +192,13 @@ def test_several_classes_crowded_voxels_and_many_clouds(trained):
     assert_maps_are_those_of_the_network(network, clouds, unions)
 
 
-def test_what_memory_does_not_hold_comes_in_parts(trained, monkeypatch):
+def test_what_memory_does_not_hold_comes_in_parts(trained, limits):
     network = SparseVoxelNet(trained(light(AREAS["whole tiles"])))
     clouds = drawn(network.config, 6)
     unions = np.random.default_rng(3).permutation(np.array(list(np.ndindex(*(2,) * 6)), bool))
     at_once = assert_maps_are_those_of_the_network(network, clouds, unions)
-    monkeypatch.setattr(tiles, "MAX_ENTRIES", 8)
-    monkeypatch.setattr(tiles, "MAX_BATCH_TILES", 3)
+    limits(tiles, MAX_ENTRIES=8)
+    limits(tiles, MAX_BATCH_TILES=3)
     assert assert_maps_are_those_of_the_network(network, clouds, unions) > at_once
 
 

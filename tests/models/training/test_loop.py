@@ -94,10 +94,11 @@ def test_folders_of_other_runs_and_heads_that_do_not_fit_are_refused(packed_file
         loop.train(packed_file, VoxelNetConfig.light(AREA), presets.PRESETS["paper"], tmp_path)
 
 
+@pytest.mark.slow
 def test_the_log_s_means_do_not_depend_on_where_a_training_was_killed(
-    packed_file, tmp_path, monkeypatch
+    packed_file, tmp_path, limits
 ):
-    monkeypatch.setattr("models.training.loop.LOG_STEPS", 3)
+    limits("models.training.loop", LOG_STEPS=3)
     config, settings = presets.make_config(AREA, "fast"), replace(FAST, epochs=2.0, batch=1)
     loop.train(packed_file, config, settings, tmp_path / "whole")
     for steps in (2, 4):

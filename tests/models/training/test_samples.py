@@ -24,7 +24,6 @@ from models.training.samples import (
     apply_errors,
     jitter_objects,
     random_errors,
-    read_sample_points,
     stack,
     thin_cloud,
     tilt,
@@ -284,18 +283,12 @@ def test_batches_of_any_worker_equal_their_items(packed):
             torch.testing.assert_close(whole[k], single[0], atol=1e-4, rtol=1e-4)
 
 
-def test_several_windows_are_cut_from_one_reading(packed, monkeypatch):
-    read: list[int] = []
-
-    def noted(frames, k, *more, **settings):
-        read.append(k)
-        return read_sample_points(frames, k, *more, **settings)
-
-    monkeypatch.setattr(module, "read_sample_points", noted)
+def test_several_windows_are_cut_from_one_reading(packed, spy):
+    calls = spy(module, "read_sample_points")
     one, four = (
         Samples(packed, CONFIG, replace(RECIPES[1], windows=n), seed=3)[1, 4] for n in (1, 4)
     )
-    assert read == [4, 4]
+    assert [call.args[1] for call in calls] == [4, 4]
     assert (len(one.labels), len(four.labels)) == (1, 4)
     assert torch.equal(
         one.labels[0], four.labels[0]

@@ -119,6 +119,9 @@ def test_fits_find_what_was_drawn_and_calibrated_scores_are_shares():
     slope, intercept = platt(scores, hits)
     assert reliability(scores, hits).error > 0.1
     assert reliability(sigmoid(slope * logit(scores) + intercept), hits).error < 0.015
+
+
+def test_fits_find_what_rivals_take():
     rng = np.random.default_rng(3)
     scores, rivals = (
         rng.uniform(0.02, 0.98, 20000),
@@ -130,6 +133,9 @@ def test_fits_find_what_was_drawn_and_calibrated_scores_are_shares():
     assert platt(scores, hits, rivals) == pytest.approx((1.5, 0.3, 3.0, 0.0, 1.0), abs=0.15)
     helped = rng.random(20000) < sigmoid(logit(scores) + rivals @ np.array([3.0, 0.0, 1.0]))
     assert platt(scores, helped, rivals)[2:] == (0.0, 0.0, 0.0)
+
+
+def test_fits_of_nothing_and_of_hits_alone_keep_the_order():
     assert platt(np.zeros(0), np.zeros(0, bool)) == (1.0, 0.0)
     slope, intercept = platt(np.full(100, 0.9), np.ones(100, bool))
     assert 1.0 <= slope < 3
@@ -190,15 +196,21 @@ def scene(label, scores, hits):
     )
 
 
-def test_calibration_and_faces_have_shares_of_their_own(monkeypatch, packed):
-    asked = []
+@pytest.fixture
+def detect_by(monkeypatch):
+    """Take detections of recordings from a function in place of a network."""
 
-    def stop(*_, subsets, errors, **__):
-        asked.append((subsets, errors))
-        raise InterruptedError
+    def set_function(function):
+        monkeypatch.setattr(second_stage, "detect_recording", function)
 
-    for name in ("detect_recording", "read_sample_points"):
-        monkeypatch.setattr(second_stage, name, stop)
+    return set_function
+
+
+def test_calibration_and_faces_have_shares_of_their_own(fail, spy, packed):
+    readers = ("detect_recording", "read_sample_points")
+    for name in readers:
+        fail(second_stage, name, InterruptedError())
+    detected, read = (spy(second_stage, name) for name in readers)
     network = VoxelNet(make_config(AREA, "fast"))
     for collect in (
         lambda: fit_calibration(network, packed),
@@ -206,10 +218,11 @@ def test_calibration_and_faces_have_shares_of_their_own(monkeypatch, packed):
     ):
         with pytest.raises(InterruptedError):
             collect()
-    assert asked == [(0.3, 0.3), (0.5, 0.3)]
+    shares = [(call.named["subsets"], call.named["errors"]) for call in (*detected, *read)]
+    assert shares == [(0.3, 0.3), (0.5, 0.3)]
 
 
-def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, packed):
+def test_every_class_is_calibrated_by_itself_and_has_its_threshold(detect_by, packed):
     rng = np.random.default_rng(0)
     frames = []
     for label, slope, intercept in ((VEHICLE, 3.0, 2.0), (CYCLIST, 1.0, -1.0)):
@@ -218,7 +231,7 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         frames += [scene(label, scores[k : k + 90], hits[k : k + 90]) for k in range(0, 900, 90)]
     # too few to say anything
     frames += [scene(HEAVY, np.full(MIN_DETECTIONS - 1, 0.5), np.zeros(MIN_DETECTIONS - 1, bool))]
-    monkeypatch.setattr(second_stage, "detect_recording", fake(frames))
+    detect_by(fake(frames))
     torch.manual_seed(0)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "cyclist", "heavy")))
     result = fit_calibration(network, packed).config
@@ -239,7 +252,7 @@ def test_every_class_is_calibrated_by_itself_and_has_its_threshold(monkeypatch, 
         )
 
 
-def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, packed):
+def test_scores_are_calibrated_anew_where_the_empty_site_is_known(detect_by, packed):
     """Half of the detections are of the site; those that are left are all true."""
     hits = np.arange(200) % 2 == 0
     every, left = (
@@ -250,7 +263,7 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(monkeypatch, p
     def detected(network, frames, *, count, seed, subsets, errors, known):
         return [left if known else every]
 
-    monkeypatch.setattr(second_stage, "detect_recording", detected)
+    detect_by(detected)
     network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
     at = VoxelNetDetector(network)
     known = KnownBackground(at, Background.learn(np.zeros((1, 3))))
@@ -404,7 +417,7 @@ def test_what_stands_in_the_empty_site_is_left_out_at_the_network_s_thresholds(m
     assert second_stage.detect_recording(network, packed, count=0) == []
 
 
-def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed):
+def test_a_class_that_shadows_another_takes_from_its_scores(detect_by, packed):
     """Everybody is a heavy vehicle with its cab found as a vehicle, half of the time; else a
     vehicle alone."""
     rng = np.random.default_rng(0)
@@ -416,7 +429,7 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
         labels = np.repeat([VEHICLE, HEAVY], [30 - heavy.sum(), heavy.sum()])
         true = Objects(np.concatenate([there.boxes[~heavy], drawn.boxes[heavy]]), labels)
         frames.append((Detections.merge([found, trucks[heavy]]), true, counted))
-    monkeypatch.setattr(second_stage, "detect_recording", fake(frames))
+    detect_by(fake(frames))
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy")))
     (_, _, own, from_heavy), (_, _, from_vehicle, _) = fit_calibration(
         network, packed
@@ -426,9 +439,9 @@ def test_a_class_that_shadows_another_takes_from_its_scores(monkeypatch, packed)
     assert from_vehicle < 0.5
 
 
-def test_flawless_detectors_stay_and_networks_get_a_second_stage(monkeypatch, packed):
+def test_flawless_detectors_stay_and_networks_get_a_second_stage(detect_by, monkeypatch, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
-    monkeypatch.setattr(second_stage, "detect_recording", fake(flawless))
+    detect_by(fake(flawless))
     assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (
         MIN_THRESHOLD,
     )

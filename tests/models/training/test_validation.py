@@ -14,7 +14,7 @@ from models.training.packed import PackedFrames
 from models.training.presets import ANYWHERE, PRESETS, make_config
 from models.training.second_stage import MAX_KEPT_AREAS, compute_recording_ap, detector_by_area
 from models.training.training_log import LOG, read_curves
-from toolkit.objects import VEHICLE, Detections
+from toolkit.objects import VEHICLE, Detections, Objects
 
 AREA = (-12.8, -12.8, 12.8, 12.8)
 FAST = replace(PRESETS["fast"], epochs=3.0)
@@ -41,7 +41,7 @@ def test_validation_leaves_training_undisturbed(packed_file, tmp_path, same_weig
 def detecting(monkeypatch, packed):
     """Stands for the network: makes it detect these objects, frame after frame."""
 
-    def as_detected(objects):
+    def as_detected(objects, network=None):
         frames = iter(range(len(packed)))
 
         class Detector:
@@ -51,10 +51,11 @@ def detecting(monkeypatch, packed):
             def __call__(self, points):
                 assert len(points)
                 found = objects(next(frames))
-                return Detections(found.boxes, np.full(len(found.boxes), 0.9), found.labels)
+                return Detections(found.boxes, np.full(len(found), 0.9), found.labels)
 
         monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
-        return compute_recording_ap(VoxelNet(make_config(AREA, "fast")), packed)
+        network = network or VoxelNet(make_config(AREA, "fast"))
+        return compute_recording_ap(network, packed)
 
     return as_detected
 
@@ -65,23 +66,14 @@ def test_who_detects_what_is_there_has_all_of_it_and_who_detects_half_has_less(d
     assert 0.3 < detecting(lambda k: vehicles[k][::2])["AP@0.7"] < 0.7
 
 
-def test_every_class_of_the_network_has_figures(monkeypatch, packed):
-    frames = iter(range(len(packed)))
+def test_every_class_of_the_network_has_figures(detecting, packed):
+    def heavy_rightly_vehicles_as_cyclists(k):
+        objects = packed.objects(k)
+        return Objects(objects.boxes, np.where(objects.labels == 3, 3, 1))
 
-    class Detector:
-        def __init__(self, network, **settings):
-            pass
-
-        def __call__(self, points):
-            objects = packed.objects(next(frames))
-            # the heavy ones rightly, vehicles as cyclists
-            named = np.where(objects.labels == 3, 3, 1)
-            return Detections(objects.boxes, np.full(len(objects), 0.9), named)
-
-    monkeypatch.setattr("models.training.second_stage.VoxelNetDetector", Detector)
     network = VoxelNet(make_config(AREA, "fast", classes=("vehicle", "heavy", "cyclist")))
     heavy = {f"heavy AP@{threshold:g}": 1.0 for threshold in (0.25, 0.5, 0.7)}
-    assert compute_recording_ap(network, packed) == {
+    assert detecting(heavy_rightly_vehicles_as_cyclists, network) == {
         "AP@0.7": 0.0,
         "AP@0.8": 0.0,
         "AP@0.9": 0.0,
@@ -89,19 +81,13 @@ def test_every_class_of_the_network_has_figures(monkeypatch, packed):
     }
 
 
-def test_detectors_are_kept_for_a_few_areas_alone(monkeypatch):
-    made = []
-
-    def at_work(network, **settings):
-        made.append(network.config.area)
-        return lambda points: Detections.empty()
-
-    monkeypatch.setattr(module, "VoxelNetDetector", at_work)
+def test_detectors_are_kept_for_a_few_areas_alone(spy):
+    calls = spy(module, "VoxelNetDetector")
     detector_in = detector_by_area(VoxelNet(make_config(ANYWHERE, "general")))
     areas = [(0.0, 0.0, 8.0 * k, 8.0) for k in range(1, MAX_KEPT_AREAS + 2)]
     first = [detector_in(area) for area in areas]
-    assert made == areas
+    assert [call.args[0].config.area for call in calls] == areas
     assert [detector_in(area) for area in areas[1:]] == first[1:]  # the very same
-    assert made == areas
+    assert len(calls) == len(areas)
     detector_in(areas[0])
-    assert made == [*areas, areas[0]]
+    assert [call.args[0].config.area for call in calls] == [*areas, areas[0]]

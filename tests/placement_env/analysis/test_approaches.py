@@ -15,7 +15,7 @@ def at(places, x, y):
     return places.names[places.locate(box)[0]]
 
 
-def test_approaches_of_junctions_with_or_without_a_network():
+def test_the_t_junction_has_three_approaches():
     places = find_approaches(load_site("tjunction"))
     assert places.names == (
         "from the east",
@@ -36,6 +36,9 @@ def test_approaches_of_junctions_with_or_without_a_network():
     assert at(places, 0.0, 13.0) == "inside the junction"
     x, y, _ = load_site("tjunction").parking[0]
     assert at(places, x + 0.5, y) == "parked"
+
+
+def test_a_roundabout_has_four_approaches():
     places = find_approaches(load_site("roundabout"))
     names = [name for name in places.names if name.startswith("from")]
     assert names == ["from the east", "from the north", "from the south", "from the west"]
@@ -43,10 +46,16 @@ def test_approaches_of_junctions_with_or_without_a_network():
     assert at(places, 60.0, 11.5) == "from the east"  # before the crossing
     assert at(places, 35.0, -11.5) == "leaving the junction"
     assert at(places, 24.0, 0.0) == "inside the junction"
+
+
+def test_a_site_without_a_network_is_all_junction():
     places = find_approaches(Site("bare", np.array([-10.0, -10.0, 10.0, 10.0])))
     assert places.names == ("inside the junction", "parked")
     assert places.locate(np.zeros((2, 7))).tolist() == [0, 0]
     assert places.locate(np.zeros((0, 7))).tolist() == []
+
+
+def test_compass_points_follow_the_map():
     turned = Site("a", np.array([-1.0, -1, 1, 1]), map_SE3_site=pose(yaw=np.pi / 2))
     assert compass(turned, np.array([0.0, 1.0])) == "west"
     assert compass(turned, np.array([1.0, 0.0])) == "north"

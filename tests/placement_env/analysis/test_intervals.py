@@ -68,11 +68,11 @@ def test_resamples_are_those_of_an_oracle_that_takes_one_after_the_other(frames,
     assert ours == pytest.approx(slow_ap_resamples(scores, hits, to_find, draws), nan_ok=True)
 
 
-def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
+def test_resamples_taken_in_pieces_are_the_same(limits):
     tally = Tally.of_frames(*measured(30, 7))
     whole = tally.resamples(seed=1)
     for held in (300, 1):
-        monkeypatch.setattr("placement_env.analysis.intervals.MAX_HELD_NUMBERS", held)
+        limits("placement_env.analysis.intervals", MAX_HELD_NUMBERS=held)
         assert tally.resamples(seed=1).tolist() == whole.tolist()
     taken, draws = [], block_draws(30, seed=1)
 
@@ -82,16 +82,16 @@ def test_resamples_taken_in_pieces_are_the_same(monkeypatch):
             return draws[some]
 
     given = draws.view(Draws)
-    monkeypatch.setattr("placement_env.analysis.intervals.MAX_HELD_NUMBERS", MAX_HELD_NUMBERS)
+    limits("placement_env.analysis.intervals", MAX_HELD_NUMBERS=MAX_HELD_NUMBERS)
     tally.resamples(draws=given)
     assert taken == [1000 * len(tally.scores)]  # all at once, usually
     taken.clear()
-    monkeypatch.setattr("placement_env.analysis.intervals.MAX_HELD_NUMBERS", 1000)
+    limits("placement_env.analysis.intervals", MAX_HELD_NUMBERS=1000)
     assert tally.resamples(draws=given).tolist() == whole.tolist()
     assert 500 < max(taken) <= 1000
 
 
-def test_blocks_ratios_and_percentiles_of_what_is_defined():
+def test_frames_are_drawn_in_blocks_by_the_seed():
     draws = block_draws(10, block=4, resamples=200, seed=5)
     assert draws.shape == (200, 10)
     assert (draws[:, 0:4] == draws[:, :1]).all()
@@ -101,22 +101,34 @@ def test_blocks_ratios_and_percentiles_of_what_is_defined():
     assert draws[:, [0, 4, 8]].mean(axis=0) == pytest.approx([1, 1, 1], abs=0.15)
     assert (block_draws(40, seed=1) == block_draws(40, seed=1)).all()
     assert (block_draws(40, seed=1) != block_draws(40, seed=2)).any()
+
+
+def test_intervals_of_ap_are_of_what_is_defined():
     scores, hits = [[0.9, 0.8]] * 8, [[True, True]] * 8
     assert ap_interval(scores, hits, [2] * 8) == Interval(1.0, 1.0)
     low, high = ap_interval([[0.5]] * 4, [[False]] * 4, [0] * 4)
     assert np.isnan([low, high]).all()
     low, high = ap_interval([[0.5], []], [[True], []], [1, 0], draws=block_draws(2, block=1))
     assert (low, high) == (1.0, 1.0)
+
+
+def test_ratios_need_ten_blocks_with_something_to_find():
     found, there = np.tile([1, 0, 2, 3, 1.0], 10), np.tile([1, 2, 2, 3, 4.0], 10)
     figures = np.array([row @ found / (row @ there) for row in block_draws(50, seed=3)])
     assert ratio_interval(found, there, seed=3) == pytest.approx(percentiles(figures, 13))
     assert np.isnan(ratio_interval([0, 0], [0, 0])).all()
     assert np.isnan(ratio_interval(found[:36], there[:36])).all()  # nine blocks
+
+
+def test_intervals_hold_the_figure_and_leave_out_nan():
     assert figure_interval(0.1, np.full(9, 0.5), blocks=12) == Interval(0.1, 0.5)
     assert figure_interval(0.9, np.full(9, 0.5), blocks=12) == Interval(0.5, 0.9)
     assert percentiles(np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 4.0]), confidence=0.5) == Interval(
         1.0, 3.0
     )
+
+
+def test_unequal_frames_and_empty_blocks_are_refused():
     with pytest.raises(ValueError, match="one part and one whole per frame"):
         ratio_interval([1.0, 2.0], [1.0])
     for settings in ({"block": 0}, {"resamples": 0}):
@@ -130,7 +142,7 @@ def test_refuses_confidence(confidence):
         ratio_interval([1.0], [1.0], confidence=confidence)
 
 
-def test_tallies_of_frames_cover_as_often_as_they_say():
+def test_tallies_of_one_block_of_nothing_and_of_silence():
     tally = Tally(
         np.array([0.9, 0.8, 0.7, 0.6]),
         np.array([True, False, True, True]),
@@ -145,6 +157,9 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     silent = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.array([2, 1]))
     assert (silent.ap, silent.recall) == (0.0, 0.0)
     assert np.isnan(silent.precision)
+
+
+def test_tallies_are_made_of_outcomes_at_one_threshold():
     bits = np.array([96])
     outcomes = [
         Outcome(
@@ -160,6 +175,9 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     assert (tally.hit.tolist(), tally.frame.tolist()) == ([True, False, True], [0, 0, 1])
     assert (tally.recall, tally.precision) == pytest.approx((2 / 3, 2 / 3))
     assert Tally.of(outcomes, np.array([1, 2]), 1).hit.tolist() == [False, False, False]
+
+
+def test_intervals_of_equal_blocks_are_wilsons():
     # Wilson's interval where all blocks agree, for a quarter of the vehicles: they live four frames
     perfect = Tally(
         np.full(80, 0.9), np.ones(80, bool), np.repeat(np.arange(40), 2), np.full(40, 2)
@@ -168,6 +186,9 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
     assert [low, high] == pytest.approx([20 / (20 + norm.ppf(0.975) ** 2), 1.0])
     none = Tally(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.full(40, 2))
     assert none.interval() == pytest.approx((0.0, 1 - low))
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
     # 200 recordings of independent blocks, of which the vehicles of one are found or missed
     # together.
     rng, covered = np.random.default_rng(0), 0
@@ -182,6 +203,9 @@ def test_tallies_of_frames_cover_as_often_as_they_say():
         )
         covered += low <= 0.7 <= high
     assert 0.9 <= covered / 200 <= 0.99
+
+
+def test_blocks_make_intervals_wider_than_single_frames():
     found = np.repeat(np.random.default_rng(0).random(25) < 0.7, 4)
     values = [[0.9] * int(f) for f in found], [[True] * int(f) for f in found], [1] * 100
     (low, high), (low_of_1, high_of_1) = (

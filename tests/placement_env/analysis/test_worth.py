@@ -66,22 +66,31 @@ def synergy_by_sum(values):
     return index
 
 
-def test_gloves_additive_functions_and_sixteen_sensors():
+def test_the_worth_of_gloves_is_that_by_hand():
     # Sensor 0 is needed with 1 or 2 (a left glove and two right ones): 2/3, 1/6, 1/6.
     values = np.array([0, 0, 0, 1, 0, 1, 0, 1.0])
     assert shapley(values) == pytest.approx([2 / 3, 1 / 6, 1 / 6])
     assert synergy(values)[0, 1] == pytest.approx(1 / 2)
     assert synergy(values)[1, 2] == pytest.approx(-1 / 2)
+
+
+def test_the_worth_of_coverage_adds_up_and_is_submodular():
     share = np.random.default_rng(0).uniform(size=16)
     worth = exact_worth(lambda sets: 1 - np.prod(np.where(sets, 1 - share, 1.0), axis=1), 16)
     assert worth.shapley.sum() == pytest.approx(1 - np.prod(1 - share))
     assert (worth.synergy <= 1e-12).all()  # coverage is submodular
     assert worth.evaluations == 65536
+
+
+def test_the_worth_of_an_additive_function_is_exact():
     share = np.arange(1.0, 13.0)
     worth = estimate_worth(lambda sets: sets @ share, 12, rounds=8)
     assert worth.shapley == pytest.approx(share)
     assert worth.shapley_margin == pytest.approx(0, abs=1e-12)
     assert worth.synergy == pytest.approx(0, abs=1e-12)
+
+
+def test_values_are_asked_once_and_must_be_finite():
     calls = []
 
     def value(sets):
@@ -172,7 +181,7 @@ def test_refuses(values, message):
 
 @pytest.mark.parametrize("n", range(1, 10))
 def test_williams_square(n):
-    square = module._williams_square(n)
+    square = module.williams_square(n)
     assert (np.sort(square, axis=0) == np.arange(n)[:, None]).all()
     assert (np.sort(square, axis=1) == np.arange(n)).all()
     neighbours = np.zeros((n, n), int)
@@ -196,7 +205,7 @@ def test_margins_are_students_over_the_rounds():
     n, rounds, values = 4, 9, np.random.default_rng(2).uniform(size=16)
     rng, gains, pairs = np.random.default_rng(5), np.zeros((rounds, n)), np.zeros((rounds, n, n))
     for r in range(rounds):
-        orders = rng.permutation(n)[module._williams_square(n)].tolist()
+        orders = rng.permutation(n)[module.williams_square(n)].tolist()
         for order in orders:
             for k, i in enumerate(order):
                 before = bits(order[:k])
@@ -237,18 +246,24 @@ def test_sampling_refuses(wrong):
         estimate_worth(lambda sets: np.zeros(len(sets)), **({"sensors": 3} | wrong))
 
 
-def test_worth_of_tables_and_its_intervals():
+def test_worth_is_listed_from_the_greatest():
     names = ["north", "south", "east", "west"]
     share = np.array([0.4, 0.2, 0.0, 0.1])
     head, best, *_ = format_worth(exact_worth(lambda sets: sets @ share, 4), names).splitlines()
     assert head == "sensor  Shapley       ±  with north  with south  with west  with east"
     assert best.split() == ["north", "0.4000", "0.0000", "+0.0000", "+0.0000", "+0.0000"]
+
+
+def test_equal_sensors_are_listed_in_their_order():
     alike = [f"pole{k:02}" for k in range(40)]
     equal = Worth(np.repeat([0.01, 0.02], 20), np.eye(40), np.zeros(40), np.zeros((40, 40)), 1)
     rows = [line.split()[0] for line in format_worth(equal, alike).splitlines()[1:]]
     assert [row for row in rows if row in alike] == alike[20:] + alike[
         :20
     ]  # equal ones in their order
+
+
+def test_failures_of_one_sensor_are_those_by_hand():
     share = np.array([0.4, 0.3, 0.2, 0.1])
     chosen = np.array([True, True, False, True])
     one = failures(lambda sets: sets @ share, chosen)
@@ -258,15 +273,25 @@ def test_worth_of_tables_and_its_intervals():
     assert one.mean == pytest.approx(1.6 / 3)
     assert one.worst == pytest.approx(0.4)
     assert one.most_missed == (0,)
+
+
+def test_failures_of_two_and_three_sensors_are_those_by_hand():
+    share, chosen = np.array([0.4, 0.3, 0.2, 0.1]), np.array([True, True, False, True])
     two = failures(lambda sets: sets @ share, chosen, failing=2)
     assert two.most_missed == (0, 1)
     assert two.left == pytest.approx([0.1, 0.3, 0.4])
     assert failures(lambda sets: sets @ share, chosen, failing=3).left.tolist() == [0.0]
     assert Failures(1.0, np.array([[2], [5]]), np.array([0.5, 0.5])).most_missed == (2,)
+
+
+def test_failures_are_formatted_with_the_sensors_missed_most():
     share = np.array([0.4, 0.2, 0.0, 0.1])
     cases = [failures(lambda sets: sets @ share, np.ones(4, bool), failing=k) for k in (1, 2)]
     *_, last = format_failures(cases, ["north", "south", "east", "west"]).splitlines()
     assert last.split() == ["N-2", "0.7000", "0.3500", "0.1000", "north,", "south"]
+
+
+def test_estimated_worth_covers_the_exact_one_as_often_as_it_says():
     n, values = 6, np.random.default_rng(1).uniform(size=64)
     exact = exact_worth(as_function(values), n)
     pairs = np.triu_indices(n, 1)

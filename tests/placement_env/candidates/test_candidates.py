@@ -29,7 +29,7 @@ def sets(candidates: Candidates, *chosen: tuple[int, ...]) -> np.ndarray:
     return rows
 
 
-def test_candidates_are_counted_selected_and_look_along_their_axis():
+def test_candidates_are_found_by_their_factors():
     candidates = pool(square(), headings=4)
     assert (candidates.at(*candidates.factors.T) == np.arange(len(candidates))).all()
     assert (
@@ -43,6 +43,9 @@ def test_candidates_are_counted_selected_and_look_along_their_axis():
         [-1],
     ]
     assert candidates.select([]).at(0, 0, 0, 0, 0) == -1
+
+
+def test_sensors_are_counted_by_mount():
     candidates = pool(square(), headings=4, blind=True)
     first, second, third = (np.flatnonzero(candidates.mount == m) for m in range(3))
     subsets = sets(
@@ -51,17 +54,26 @@ def test_candidates_are_counted_selected_and_look_along_their_axis():
     assert candidates.per_mount(subsets).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 1]]
     assert candidates.prices[third[0]] == 3.0
     assert candidates.capacity[third[0]] == 2000.0
+
+
+def test_selected_candidates_keep_their_factors():
     candidates = pool(square())
     chosen = candidates.select([7, 3])
     assert chosen.sensors == (candidates.sensors[7], candidates.sensors[3])
     assert chosen.at(*candidates.factors[3]) == 1
     assert chosen.at(*candidates.factors[4]) == -1
+
+
+def test_sensors_look_along_their_axis():
     camera = Sensor("c", DepthCamera(), look((0.0, 0.0, 5.0), 1.0, 0.5))
     lidar = Sensor("l", SpinningLidar(channels=4), pose(0.0, 0.0, 5.0, yaw=-2.0, pitch=0.1))
     headings, tilts = aims([camera, lidar])
     assert np.allclose(headings, [1.0, -2.0])
     assert np.allclose(tilts, [0.5, 0.1])
     assert [len(each) for each in aims([])] == [0, 0]
+
+
+def test_broken_candidates_and_repeated_names_are_refused():
     good = pool(square())
     twice = (good.sensors[0], *good.sensors[:-1])
     for broken in (

@@ -140,7 +140,7 @@ def test_each_pose_is_what_its_factors_say_on_mounts_outside_keep_out_areas():
     assert candidates.factors[:, 1].tolist() == [0, 1, 2]  # 7 m is what became of 6 m, not of 4.5 m
 
 
-def test_blind_poses_go_and_models_are_free():
+def test_blind_poses_go():
     site = square()
     some, every = (pool(site, heights=(6.0,), tilts=(0.1,), blind=blind) for blind in (False, True))
     assert len(every) == 3 * 8
@@ -148,6 +148,9 @@ def test_blind_poses_go_and_models_are_free():
     assert gone == {f"p{m}_6.0m_h{h}_t6_camera" for m in range(3) for h in (225, 270, 315)}
     assert some.at(0, 0, 6, 0, 0) == -1
     assert every.sensors[every.at(0, 0, 6, 0, 0)].name == "p0_6.0m_h270_t6_camera"
+
+
+def test_every_pose_and_model_has_a_name():
     models = (DepthCamera(), DepthCamera(fov=1.0), SpinningLidar(channels=2))
     candidates = pool(
         square(1), headings=720, heights=(6.0,), tilts=(0.2,), models=models, blind=True
@@ -155,6 +158,9 @@ def test_blind_poses_go_and_models_are_free():
     assert len({s.name for s in candidates.sensors}) == len(candidates) == 720 * 3
     assert candidates.sensors[3].name == "p0_6.0m_h0.5_t11_camera0"
     assert candidates.sensors[5].name == "p0_6.0m_h0.5_t11_lidar"
+
+
+def test_candidates_are_chosen_by_name():
     with pytest.raises(ValueError, match="no sensors of its own"):
         paper_candidates(square())
     with pytest.raises(ValueError, match="has no mount"):
@@ -211,7 +217,7 @@ def test_bad_arguments_are_refused_in_one_line(arguments, message):
     assert "\n" not in str(error.value)
 
 
-def test_own_sensors_come_first_in_half_of_the_sets():
+def test_own_sensors_come_first():
     made = own_and_random(SITE, 12, np.random.default_rng(0))
     assert made.sensors[: len(SITE.sensors)] == SITE.sensors
     assert len(made) == len(SITE.sensors) + 12
@@ -220,11 +226,17 @@ def test_own_sensors_come_first_in_half_of_the_sets():
     again = own_and_random(SITE, 12, np.random.default_rng(0))
     assert [s.name for s in again.sensors] == [s.name for s in made.sensors]
     assert len(own_and_random(SITE, 0, np.random.default_rng(0))) == len(SITE.sensors)
+
+
+def test_bare_sites_have_random_poses_and_counts_are_checked():
     bare = replace(SITE, sensors=())
     assert len(own_and_random(bare, 5, np.random.default_rng(0))) == 5
     for poses in (0, 10**6):
         with pytest.raises(ValueError, match=f"poses must be 1 to the .* got {poses}"):
             own_and_random(bare, poses, np.random.default_rng(0))
+
+
+def test_half_of_the_random_sets_are_of_the_sites_sensors():
     own = len(SITE.sensors)
     made = own_and_random(SITE, 30, np.random.default_rng(1))
     sets = random_sets(made, own, 40, np.random.default_rng(2))

@@ -75,12 +75,15 @@ def test_all_sets_against_the_rule_in_words(make, capacity, most):
         assert objective.allowed(row).tolist() == (objective.feasible(grown) & ~row).tolist()
 
 
-def test_a_second_sensor_costs_no_second_mount_in_environments_too(three):
+def test_a_second_sensor_costs_no_second_mount(three):
     row = np.isin(np.arange(12), [0])
     added = extra_prices(three.candidates, row)
     assert added[:4].tolist() == [0.25] * 4
     assert added[4] == three.candidates.prices[4] == three.candidates.mounts[1].price + 0.25
     assert three.price(row[None])[0] == three.candidates.prices[0]
+
+
+def test_drawn_sets_share_mounts_and_may_be_built(three):
     rng = np.random.default_rng(0)
     drawn = [swap.draw_set(three, 5, rng) for _ in range(60)]
     assert max(map(len, drawn)) > 3
@@ -88,6 +91,8 @@ def test_a_second_sensor_costs_no_second_mount_in_environments_too(three):
         assert len(set(chosen)) == len(chosen) <= 5
         assert three.feasible(three.row(chosen)[None])[0]
 
+
+def test_environments_mask_full_mounts_and_price_a_second_sensor(three):
     env = SensorSelectEnv(objective=three, budget=4)
     env.reset(seed=0)
     for slot in (0, 1):

@@ -66,7 +66,7 @@ def test_rewards_add_up_and_rest_is_as_if_rendered_again(env: gym.Env[Any, Any])
     env.step(np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0], np.float32))
     task = env.unwrapped.task  # type: ignore[attr-defined]
     objective, members = task.state.placement(0)
-    now = task._episodes[0]
+    now = task.episodes[0]
     again = now.preparation.live.see(now.rig.to_candidates())
     assert members == [0, 1]
     for column in ("points", "distance", "sent", "far"):
@@ -136,7 +136,7 @@ def test_in_panoramas_a_step_sees_what_full_rendering_sees(tmp_path: Path) -> No
     assert (
         np.mean(apart) < 0.02
     )  # one vehicle with some ten points may be there for the one and not for the other
-    now = tasks[0]._episodes[0]
+    now = tasks[0].episodes[0]
     assert np.array_equal(now.preparation.live.see(now.rig.to_candidates()).points, quick.points)
-    assert tasks[1]._episodes[0].preparation.live is None
+    assert tasks[1].episodes[0].preparation.live is None
     assert len(Cache(tmp_path / "cache.sqlite")) > 2

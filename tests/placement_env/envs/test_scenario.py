@@ -21,13 +21,16 @@ register_environments()
 CHOOSING = ["coview/SensorSelect-v0"]
 
 
-def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: Any):
+def test_features_say_what_a_sensor_would_add(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(weights=Weights()), budget=3)
     observation, _ = env.reset()
     for action in (0, 3, 4):
         marginal = observation[: 14 * 6].reshape(14, 6)[11, action]
         observation, reward, *_ = env.step(action)
         assert reward == pytest.approx(float(marginal), abs=1e-6)
+
+
+def test_static_features_are_shares_in_slots(objective: Any):
     some = objective()
     static = Scenario(some, 8).static
     assert static.shape == (len(STATIC), 8)
@@ -39,11 +42,17 @@ def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: An
     scenario = Scenario(objective(), 8)
     assert scenario.usable.tolist() == [True] * 6 + [False] * 2
     assert scenario.width == 6
+
+
+def test_bits_say_which_places_are_seen(objective: Any):
     scenario = Scenario(objective(), 6)
     bits = np.unpackbits(np.ascontiguousarray(scenario.seen.T).view(np.uint8), axis=1)
     assert bits.shape == (6, MAX_PLACES)
     assert np.array_equal(bits[:, : scenario.places], places_seen(scenario.objective))
     assert not bits[:, scenario.places :].any()
+
+
+def test_the_area_is_the_sites_or_that_of_the_objects(objective: Any):
     scored = objective()
     assert find_area(scored).tolist() == [-20, -20, 20, 20]
     without = Objective(
@@ -51,13 +60,16 @@ def test_features_say_what_sensors_would_add_in_range_and_in_slots(objective: An
         visibility=scored.visibility,
     )
     assert find_area(without).tolist() == [-11, 11, 11, 13]
+
+
+def test_too_few_slots_are_refused(objective: Any):
     with pytest.raises(
         ValueError, match="slots for 5 candidates, this site has 6: make it with slots=6"
     ):
         Scenario(objective(), 5)
 
 
-def test_rows_are_padded_and_spots_in_the_field_of_view_are_seen():
+def test_spots_in_the_field_of_view_are_seen():
     scored = Objective(Setting("tjunction", fidelity="table"))
     seen = places_seen(scored)
     assert seen.shape == (6, 22 * 22)
@@ -69,6 +81,9 @@ def test_rows_are_padded_and_spots_in_the_field_of_view_are_seen():
     assert (tilt > 0).all()
     assert (width < np.pi).all()
     assert not lidar.any()
+
+
+def test_observations_say_budget_and_failures():
     env: Any = gym.make(
         "coview/SensorSelect-v0", fidelity="table", budget=(2, 4), failures=(0, 2)
     ).unwrapped
@@ -102,6 +117,7 @@ CASES: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "given"),
     [CASES[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])],
@@ -169,6 +185,7 @@ def test_both_checkers_pass_where_episodes_differ(name: str, given: dict[str, An
     check_env_sb3(env)
 
 
+@pytest.mark.slow
 def test_episodes_draw_their_traffic_where_asked():
     own = {
         "site": "tjunction",

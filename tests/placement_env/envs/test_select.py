@@ -54,11 +54,14 @@ def sample(env: Any, mask: np.ndarray, rng: np.random.Generator) -> Any:
     return np.array([rng.choice(np.flatnonzero(part)) for part in parts])
 
 
-def test_the_last_action_stops_and_illegal_ones_change_nothing(objective: Any):
+def test_the_last_action_stops(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective())
     env.reset()
     _, reward, terminated, truncated, info = env.step(6)
     assert (reward, terminated, truncated, info["illegal"]) == (0.0, True, False, False)
+
+
+def test_illegal_actions_change_nothing(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(), budget=2)
     env.reset(options={"failed": [4]})
     _, _, _, _, info = env.step(0)
@@ -67,10 +70,16 @@ def test_the_last_action_stops_and_illegal_ones_change_nothing(objective: Any):
         _, reward, terminated, truncated, after = env.step(action)
         assert (reward, terminated, truncated, after["illegal"]) == (0.0, False, step == 2, True)
         assert after["subset"].tolist() == info["subset"].tolist()
+
+
+def test_links_that_carry_nothing_leave_stopping_alone(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(capacity=1.0))
     _, info = env.reset()
     assert info["action_mask"].tolist() == [0, 0, 0, 0, 0, 0, 1]
     assert env.step(2)[2]
+
+
+def test_factored_actions_choose_a_pose(objective: Any):
     env = gym.make(CHOOSING[0], objective=objective(), actions="factored")
     env.reset()
     masks = env.unwrapped.action_masks()  # type: ignore[attr-defined]

@@ -197,27 +197,22 @@ def test_whatever_a_score_depends_on_it_is_never_an_old_one(tmp_path, scheme, se
     np.testing.assert_array_equal(found, Detected(seen, detector, scheme).partial(sets, 2))
 
 
-def test_code_that_changed_is_run_again(tmp_path, monkeypatch):
+def test_code_that_changed_is_run_again(tmp_path, change_code):
     for code, calls in (("before", 4), ("before", 0), ("after", 4)):
-        monkeypatch.setattr(
-            "placement_env.fidelity.detector.code_digest", lambda *_, code=code: code
-        )
+        change_code("placement_env.fidelity.detector", code)
         detector = Guess()
         Detected(Seen(Recording(frames=2)), detector, "late", memo=tmp_path / "memo")(SETS[[1, 2]])
         assert detector.calls == calls
 
 
-def test_the_code_of_a_detector_that_knows_its_background_counts(monkeypatch):
+def test_the_code_of_a_detector_that_knows_its_background_counts(spy):
     background = Background.learn(np.random.default_rng(0).uniform(-1, 1, (50, 3)))
-    asked: set[str] = set()
-
-    def digest(*modules: str) -> str:
-        asked.update(modules)
-        return ""
-
-    monkeypatch.setattr("placement_env.fidelity.detector.code_digest", digest)
+    calls = spy("placement_env.fidelity.detector", "code_digest")
     Detected(Seen(Recording()), KnownBackground(Guess(), background), "late")(SETS[1:2])
-    assert asked > {KnownBackground.__module__, Guess.__module__}
+    assert {module for call in calls for module in call.args} > {
+        KnownBackground.__module__,
+        Guess.__module__,
+    }
 
 
 def test_hits_give_the_ap_again_and_name_objects():

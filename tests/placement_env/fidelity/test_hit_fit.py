@@ -22,8 +22,8 @@ def test_fit_finds_the_model_that_made_the_hits_and_bulk(made_visibility, hit_mo
     sets = SETS[:30]
     seen = made_visibility(12, 250, seed=5)
     surrogate = Surrogate(seen, "early", hit_model)
-    sums = np.stack([surrogate._parts[0].sums(row[None])[0] for row in sets])
-    hits = np.random.default_rng(6).random(sums.shape) < hit_model.probability(sums)
+    probability = np.stack([surrogate.hits(row)[0] for row in sets])
+    hits = np.random.default_rng(6).random(probability.shape) < probability
     found = fit(
         [Observed(seen, sets, hits, surrogate(sets).ap)], scheme="early", iou=0.7, source="test"
     )

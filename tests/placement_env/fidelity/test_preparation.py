@@ -42,7 +42,7 @@ def prepared(traffic, candidates, cache, errors=PAPER_ERRORS, combine="worst", *
 
 
 def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
-    small_traffic, small_candidates, tmp_path, monkeypatch
+    small_traffic, small_candidates, tmp_path, fail
 ):
     first = prepared(small_traffic, small_candidates, tmp_path / "cache")
     seen, detected = first.visibility, first.fidelity("detector")
@@ -56,7 +56,7 @@ def test_one_file_of_the_folder_keeps_what_was_seen_rendered_and_detected(
         "cache.sqlite",
         "cache.sqlite.key",
     }
-    monkeypatch.setattr(seeing, "look_at", None)
+    fail(seeing, "look_at")
     again = prepared(small_traffic, small_candidates, tmp_path / "cache")
     assert (again.visibility.points == seen.points).all()
     again.fidelity("detector")(np.array(sets))
@@ -128,19 +128,11 @@ def test_several_profiles_share_traffic_and_detector_and_what_single_ones_have_k
         both.fidelity("coverage")
 
 
-def test_the_shipped_network_is_read_once_for_all_profiles(
-    small_traffic, small_candidates, monkeypatch
-):
-    read = []
-
-    def shipped(network, site):
-        read.append(network)
-        return Nothing()
-
-    monkeypatch.setattr(preparation, "load_shipped_detector", shipped)
+def test_the_shipped_network_is_read_once_for_all_profiles(small_traffic, small_candidates, spy):
+    calls = spy(preparation, "load_shipped_detector")
     made = prepared(small_traffic, small_candidates, None, errors=(TYPICAL, POOR), detector=None)
     made.fidelity("detector")
-    assert read == [GENERAL]
+    assert [call.args[0] for call in calls] == [GENERAL]
 
 
 @pytest.mark.parametrize("name", ["coverage", "surrogate", "table"])
@@ -167,9 +159,7 @@ def test_the_general_network_knows_a_site_empty_and_a_sites_own_is_as_it_was_tra
     assert find_network(site, [replace(site.sensors[0], name="elsewhere")]) == GENERAL
 
 
-def test_models_are_read_once_for_sensors_that_move(
-    small_traffic, small_candidates, seen, monkeypatch
-):
+def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candidates, seen, fail):
     prepared = Preparation(
         Setting(small_traffic.site, candidates=small_candidates, scheme=find_scheme("early")),
         Run(frames=5),
@@ -178,7 +168,7 @@ def test_models_are_read_once_for_sensors_that_move(
     first, second = (prepared.at(small_candidates, seen) for _ in range(2))
     sets = np.eye(len(small_candidates), dtype=bool)
     ap = first.fidelity("surrogate")(sets).ap
-    monkeypatch.setattr(preparation, "surrogate_models", None)
+    fail(preparation, "surrogate_models")
     assert second.fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
     assert (
         prepared.at(small_candidates, seen).fidelity("surrogate")(sets).ap.tolist() == ap.tolist()

@@ -48,9 +48,7 @@ def test_clouds_without_noise_are_what_the_renderer_measures(small_traffic, smal
             assert np.allclose(np.sort(points, axis=0), np.sort(expected, axis=0), atol=1e-4)
 
 
-def test_clouds_are_the_same_in_company_and_profiles_have_keys(
-    renders, small_traffic, small_candidates
-):
+def test_clouds_are_the_same_in_company(renders, small_traffic, small_candidates):
     assert renders.clouds(1, 2).dtype == np.float32
     turned = Renders(small_traffic, small_candidates.select([3, 2]))
     for k in (3, 0, 1):
@@ -58,6 +56,9 @@ def test_clouds_are_the_same_in_company_and_profiles_have_keys(
         assert np.array_equal(turned.clouds(k, 0), renders.clouds(k, 3))
     assert turned.digest == renders.digest
     assert np.array_equal(pickle.loads(pickle.dumps(turned)).clouds(1, 1), renders.clouds(1, 2))
+
+
+def test_keys_follow_noise_and_profile(renders, small_traffic, small_candidates):
     other = Renders(small_traffic, small_candidates, noise_seed=1)
     assert other.digest != renders.digest
     assert not np.array_equal(other.clouds(1, 2)[:50], renders.clouds(1, 2)[:50])
@@ -127,7 +128,7 @@ def test_far_points_and_objects(renders, small_traffic):
 
 
 def test_a_cache_is_shared_and_its_damage_repaired(
-    renders, small_traffic, small_candidates, tmp_path, monkeypatch
+    renders, small_traffic, small_candidates, tmp_path, fail
 ):
     path = tmp_path / "cache.sqlite"
     first = Renders(small_traffic, small_candidates, Cache(path))
@@ -143,10 +144,10 @@ def test_a_cache_is_shared_and_its_damage_repaired(
         Renders(small_traffic, small_candidates, Cache(path)).clouds(3, 1), renders.clouds(3, 1)
     )
     assert len(Cache(path)) == 3  # the empty site, and two parts of the frames
-    monkeypatch.setattr(Renders, "_render_part", None)
+    fail(Renderer, "render")
     kept = Renders(small_traffic, small_candidates.select([1]), Cache(path), noise_seed=0)
     assert np.array_equal(kept.clouds(3, 0), renders.clouds(3, 1))
-    with pytest.raises(TypeError):
+    with pytest.raises(AssertionError, match="render was called"):
         Renders(small_traffic, small_candidates.select([0]), Cache(path)).clouds(3, 0)
 
 
@@ -162,18 +163,18 @@ def test_a_sensor_that_was_only_turned_is_rendered_again(small_traffic, small_ca
     assert not np.array_equal(*clouds)
 
 
-def test_code_that_changed_is_run_again(small_traffic, small_candidates, tmp_path, monkeypatch):
+def test_code_that_changed_is_run_again(small_traffic, small_candidates, tmp_path, change_code):
     cache = Cache(tmp_path / "cache.sqlite")
     digest = Renders(small_traffic, small_candidates).digest
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
-    monkeypatch.setattr("placement_env.fidelity.renders.code_digest", lambda *modules: "other")
+    change_code("placement_env.fidelity.renders")
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
     assert len(cache) == 4  # the empty site, and a part of the frames
     assert digest != Renders(small_traffic, small_candidates).digest
 
 
-def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, monkeypatch):
-    monkeypatch.setattr("placement_env.fidelity.renders.MAX_PARTS_IN_MEMORY", 2)
+def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, limits):
+    limits("placement_env.fidelity.renders", MAX_PARTS_IN_MEMORY=2)
     kept = Renders(small_traffic, small_candidates, Cache())
     for c in (0, 1, 2, 0, 3):
         assert np.array_equal(kept.clouds(0, c), renders.clouds(0, c))
@@ -181,21 +182,15 @@ def test_only_so_many_stay_in_memory(renders, small_traffic, small_candidates, m
 
 
 def test_only_frames_of_the_part_that_is_asked_for_are_rendered(
-    renders, small_traffic, small_candidates, monkeypatch
+    renders, small_traffic, small_candidates, limits, spy
 ):
     expected = [renders.clouds(k, 0) for k in (1, 3)]
-    monkeypatch.setattr("placement_env.fidelity.renders.RENDER_PARTS", 2)
-    rendered, render = [], Renderer.render
-
-    def note(renderer, snapshot):
-        rendered.append(snapshot)
-        return render(renderer, snapshot)
-
-    monkeypatch.setattr(Renderer, "render", note)
+    limits("placement_env.fidelity.renders", RENDER_PARTS=2)
+    calls = spy(Renderer, "render")
     few = Renders(small_traffic, small_candidates, Cache())
     for k, cloud in zip((1, 3), expected, strict=True):
         assert np.array_equal(few.clouds(k, 0), cloud)
-    assert [small_traffic.snapshots.index(snapshot) for snapshot in rendered] == [1, 3]
+    assert [small_traffic.snapshots.index(call.args[1]) for call in calls] == [1, 3]
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +202,7 @@ def recording(tmp_path_factory, small_traffic):
         yield dataset
 
 
-def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording):
+def test_a_recording_gives_the_points_of_an_evaluation(recording):
     renders = Recorded(recording)
     for k in (1, 0):
         expected = frame_points(with_errors(recording[k], "paper", 0), area=recording.site)
@@ -215,7 +210,10 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
         assert np.array_equal(renders.objects(k).boxes, recording[k].objects.boxes)
     assert len(renders.digest) == 64
     assert renders.digest != Recorded(recording, 1).digest
-    seen, renders = Visibility.of(recording), Recorded(recording)
+
+
+def test_a_recording_gives_the_visibility_of_an_evaluation(recording):
+    seen, renders = Visibility.from_recording(recording), Recorded(recording)
     assert seen.sent.tolist() == [[len(renders.clouds(k, c)) for k in range(2)] for c in range(2)]
     far = [
         [
@@ -230,7 +228,10 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
     assert seen.points[:, seen.frame == 1].tolist() == [
         count_points(cloud, boxes).tolist() for cloud in clouds
     ]
-    assert Visibility.of(recording, 1).frames == 1
+    assert Visibility.from_recording(recording, 1).frames == 1
+
+
+def test_a_recording_is_read_with_the_errors_of_a_profile(recording):
     rough = Recorded(recording, errors=TYPICAL)
     for k in (1, 0):
         expected = frame_points(with_errors(recording[k], TYPICAL, 0), area=recording.site)
@@ -242,12 +243,12 @@ def test_a_recording_gives_the_points_and_visibility_of_an_evaluation(recording)
     assert Recorded(recording).digest == Recorded(recording, errors=PAPER_ERRORS).digest
 
 
-def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp_path, monkeypatch):
+def test_another_profile_costs_no_rendering(small_traffic, small_candidates, tmp_path, fail):
     cache = Cache(tmp_path / "cache.sqlite")
     Renders(small_traffic, small_candidates, cache).clouds(0, 0)
     Renders(small_traffic, small_candidates, cache, errors=TYPICAL).clouds(0, 0)
     assert len(cache) == 4  # in the crop, and whole, each the empty site and a part of the frames
-    monkeypatch.setattr(Renders, "_render_part", None)
+    fail(Renderer, "render")
     kept = Renders(small_traffic, small_candidates, cache, errors=POOR)
     assert np.array_equal(
         kept.clouds(0, 0), Renders(small_traffic, small_candidates, cache, errors=POOR).clouds(0, 0)

@@ -51,7 +51,7 @@ def recording(small_traffic):
 
 @pytest.mark.parametrize("seed", [None, 0, 7])
 def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recording, seen, seed):
-    found, site = Visibility.of(recording, noise_seed=seed), recording.site
+    found, site = Visibility.from_recording(recording, noise_seed=seed), recording.site
     frames = (
         recording.frames
         if seed is None
@@ -69,7 +69,7 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
     assert found.far.tolist() == np.array(far).T.tolist()
     per_frame = [found.points[:, found.frame == k].sum(axis=1) for k in range(found.frames)]
     assert found.on_objects.tolist() == np.array(per_frame).T.tolist()
-    clean = Visibility.of(recording, noise_seed=None)
+    clean = Visibility.from_recording(recording, noise_seed=None)
     assert np.array_equal(found.points, clean.points)
     assert (found.sent != clean.sent).any() == (seed is not None)
     assert np.array_equal(found.boxes, seen.boxes)
@@ -77,13 +77,13 @@ def test_of_a_recording_noisy_points_are_sent_and_noise_free_ones_count(recordin
 
 
 def test_of_a_recording_only_the_first_frames(recording):
-    first = Visibility.of(recording, 2)
+    first = Visibility.from_recording(recording, 2)
     assert first.frames == 2
-    assert np.array_equal(first.sent, Visibility.of(recording).sent[:, :2])
+    assert np.array_equal(first.sent, Visibility.from_recording(recording).sent[:, :2])
 
 
-def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "MAX_BLOCK_PIXELS", 6000)
+def test_blocks_make_no_difference(small_traffic, small_candidates, seen, limits):
+    limits(seeing, MAX_BLOCK_PIXELS=6000)
     told: list[int] = []
     assert equal(
         see(
@@ -96,7 +96,7 @@ def test_blocks_make_no_difference(small_traffic, small_candidates, seen, monkey
 
 
 def test_what_is_kept_is_not_made_again(
-    small_traffic, small_candidates, seen, tmp_path, monkeypatch
+    small_traffic, small_candidates, seen, tmp_path, fail, change_code
 ):
     run = Run(cache=tmp_path)
     assert equal(see(small_traffic, small_candidates, run=run), seen)
@@ -104,11 +104,7 @@ def test_what_is_kept_is_not_made_again(
     with sqlite3.connect(run.memo.path) as database:
         database.execute("UPDATE entries SET value = substr(value, 1, 500)")
     assert equal(see(small_traffic, small_candidates, run=run), seen)
-
-    def fail(*_: object) -> None:
-        raise AssertionError("made again")
-
-    monkeypatch.setattr(seeing, "look_at", fail)
+    fail(seeing, "look_at", AssertionError("made again"))
     assert equal(see(small_traffic, small_candidates, run=run), seen)
     with pytest.raises(AssertionError, match="made again"):
         see(
@@ -116,7 +112,7 @@ def test_what_is_kept_is_not_made_again(
         )
     with pytest.raises(AssertionError, match="made again"):
         see(small_traffic, small_candidates.select([0]), run=run)
-    monkeypatch.setattr(seeing, "code_digest", lambda *modules: "other")
+    change_code(seeing.__name__)
     with pytest.raises(AssertionError, match="made again"):
         see(small_traffic, small_candidates, run=run)
 
@@ -148,8 +144,8 @@ def test_distances_are_horizontal_and_nobody_sees_nothing(seen, small_candidates
 
 
 @pytest.mark.slow
-def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "MAX_BLOCK_PIXELS", 6000)
+def test_processes_give_what_one_gives(small_traffic, small_candidates, seen, limits):
+    limits(seeing, MAX_BLOCK_PIXELS=6000)
     assert equal(see(small_traffic, small_candidates, run=Run(workers=2)), seen)
 
 

@@ -102,7 +102,7 @@ def test_a_cell_must_fit(cell):
         visible_ground(field(), [], cell=cell)
 
 
-def test_rings_and_walls_are_seen_the_same_each_time():
+def test_rings_of_a_lidar_are_counted_in_cells():
     ground = visible_ground(field(), [HIGH], cell=0.5)
     down = -np.linspace(0.0, -1.4, 33)[1:]
     turn = (np.arange(720) - 359.5) * np.deg2rad(0.5)
@@ -118,6 +118,9 @@ def test_rings_and_walls_are_seen_the_same_each_time():
     )  # a point on an edge falls to either side
     assert ground.density[0].sum() * 0.25 == pytest.approx(counts.sum(), abs=3)
     assert np.corrcoef(ground.density[0].ravel(), counts.T.ravel())[0, 1] > 0.999
+
+
+def test_nothing_is_seen_within_a_wall():
     house = Solid(rectangle(0.0, -4, 6, 4), -0.3, 3.0)
     ground = visible_ground(field(solids=(house,)), [HIGH])
     x, y = middles(ground)
@@ -132,6 +135,9 @@ def test_rings_and_walls_are_seen_the_same_each_time():
     )
     behind = (x > 6) & (np.abs(y) < 4)
     assert not ground.density[0][behind & (x < 9)].any()
+
+
+def test_crowns_are_seen_the_same_each_time():
     crown = Solid(rectangle(-1.0, -2, 3, 2), 2.0, 4.0, "tree")
     one, other = (visible_ground(field(solids=(crown,)), [HIGH]) for _ in range(2))
     assert all(

@@ -26,10 +26,14 @@ def answer(planner):
     return planner.finish()
 
 
-def test_shares_of_levels_and_approaches_are_means_of_chances(planner, answer):
+def test_shares_are_means_of_chances(planner, answer):
     seen = planner.unseen
     assert answer.recall == pytest.approx(answer.probability.mean(), abs=1e-6)
     assert (answer.objects, answer.frames) == (len(seen.boxes), FRAMES)
+
+
+def test_levels_of_traffic_have_shares_of_their_own(planner, answer):
+    seen = planner.unseen
     parts = planner.preparation.split(LEVELS)
     assert sorted(np.concatenate(parts).tolist()) == list(range(FRAMES))
     assert [level.name for level in answer.levels] == list(LEVEL_NAMES[LEVELS])
@@ -38,6 +42,9 @@ def test_shares_of_levels_and_approaches_are_means_of_chances(planner, answer):
         assert level.objects == here.sum()
         assert level.recall == pytest.approx(answer.probability[here].mean(), abs=1e-6)
         assert level.ap is None
+
+
+def test_approaches_and_classes_add_up(answer):
     assert sum(row.objects for row in answer.approaches) == answer.objects
     (vehicles,) = answer.classes
     assert (vehicles.name, vehicles.objects) == ("vehicle", answer.objects)
@@ -188,4 +195,4 @@ def make_objective(**values):
     ],
 )
 def test_what_keeps_a_set_from_being_built_is_said(values, said):
-    assert figures._list_problems(make_objective(**values)) == said
+    assert figures.list_problems(make_objective(**values)) == said

@@ -83,8 +83,8 @@ def test_what_is_no_picture_is_refused_in_one_line(tmp_path, name, content, said
     assert not list(tmp_path.iterdir())
 
 
-def test_a_picture_bomb_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("placement_env.live.picture.MAX_PIXELS", 400 * 300 - 1)
+def test_a_picture_bomb_is_refused(tmp_path, limits):
+    limits("placement_env.live.picture", MAX_PIXELS=400 * 300 - 1)
     with pytest.raises(ValueError, match="million pixels"):
         keep_picture("plan.png", encode(), tmp_path, AREA)
 

@@ -78,10 +78,10 @@ def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> N
     planner.finish()
     live, height = planner.preparation.live, planner.sensors[0].height
     assert live is not None
-    known = len(live._kept)
+    known = len(live.surrounds)
     up = planner.move("d0", height=height - 1.2)
     assert up.coarse
-    assert len(live._kept) == known
+    assert len(live.surrounds) == known
     again = planner.answer()
     assert (again.coarse, again.ap) == (True, up.ap)
     asked: list[bool] = []
@@ -92,7 +92,7 @@ def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> N
 
     assert planner.refine(hold)
     assert asked[:4] == [True, True, True, False]
-    assert len(live._kept) == known + 1
+    assert len(live.surrounds) == known + 1
     assert not planner.finish().coarse
     assert planner.finish().ap == pytest.approx(planner.score().ap, abs=0.005)
     live.hold, live._waiting = (lambda: True), [None]  # another waits for rays
@@ -354,6 +354,7 @@ def test_keep_out_areas_bar_poles_and_can_be_undone(planner) -> None:
     assert not planner.variant.keep_out
 
 
+@pytest.mark.slow
 def test_another_question_is_answered_on_the_same_traffic(planner) -> None:
     before, traffic = planner.finish(), planner.preparation.traffic
     strict = planner.ask(cases=Cases(iou=0.8))

@@ -2,16 +2,17 @@
 
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from placement_env import LivePlanner
-from placement_env.live.figures import Meter
 from placement_env.live.history import MAX_UNDO_STEPS
 from placement_env.live.suggestions import Suggester, Suggestion
 from placement_env.live.variant import TILT_SPAN_RAD, Variant
-from placement_env.live.views import SensorViews, VariantView
+from placement_env.live.views import VariantView
 from placement_env.report.planning.question import Stock
 from placement_env.setting import Setting
 from toolkit.runtime.run import Run
@@ -369,7 +370,7 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
 
     def look(live, every, k, sensor):
         looked.append((k, float(sensor.position[2] - every.sensors[k].position[2])))
-        return False
+        return bool(further[2:])
 
     def look_further():
         further.append(True)
@@ -390,12 +391,12 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
         assert bool(away) is not full
     assert {k for k, _ in looked} == set(range(count))
     assert len(further) == 2
-    monkeypatch.setattr("placement_env.live.views.make_view", lambda *_: True)
+    further.append(True)  # now views are made
     assert planner.refine()
-    assert len(further) == 2  # what is shown comes first
+    assert len(further) == 3  # what is shown comes first
 
 
-def test_suggestions_are_of_different_poles_with_room(planner, monkeypatch):
+def test_suggestions_are_of_different_poles_with_room(planner):
     stock, free = planner.yard.stock, free_mounts(planner)
     on = {
         mount.name: [k for k, m in enumerate(stock.mount) if stock.mounts[m].name == mount.name]
@@ -408,24 +409,31 @@ def test_suggestions_are_of_different_poles_with_room(planner, monkeypatch):
     ranked = [first[0], first[1], on[used][0], second[0], third[0], third[1]]
     asked = []
 
-    def improve(self, kind, base, sensor):
-        asked.append((kind, sensor.mount, len(base.sensors)))
-        return Suggestion(kind, sensor, replace(planner.answer(), ap=len(asked) / 10), 0)
+    class Noting(Suggester):
+        """Suggester that notes what it is to improve."""
 
-    monkeypatch.setattr(planner.scorer.views.stock, "view_free_poles", lambda *_: False)
-    monkeypatch.setattr(planner.scorer.views.stock, "rank", lambda *_: ranked)
-    monkeypatch.setattr(Suggester, "improve", improve)
-    found = planner.suggest("add", count=2)
+        def improve(self, kind, base, sensor):
+            asked.append((kind, sensor.mount, len(base.sensors)))
+            return Suggestion(kind, sensor, replace(planner.answer(), ap=len(asked) / 10), 0)
+
+    stock_views = SimpleNamespace(view_free_poles=lambda *_: False, rank=lambda *_: ranked)
+    views = SimpleNamespace(see=planner.scorer.views.see, stock=stock_views)
+    suggester = Noting(planner.yard, SimpleNamespace(objective=None), views, planner.estimate)
+
+    def suggest(kind, name, count):
+        return suggester.suggest(planner.variant, kind, name, count=count, patience=1.0)
+
+    found = suggest("add", None, 2)
     mounts = [stock.mounts[stock.mount[k]].name for k in (first[0], second[0], third[0])]
     assert [mount for _, mount, _ in asked] == mounts[:2]
     assert [each.answer.ap for each in found] == [0.2, 0.1]  # the best first
     asked.clear()
-    assert len(planner.suggest("add", count=9)) == 3
+    assert len(suggest("add", None, 9)) == 3
     assert [mount for _, mount, _ in asked] == mounts
     assert {(kind, count) for kind, _, count in asked} == {("add", 6)}
     asked.clear()
     name = next(sensor.name for sensor in planner.sensors if sensor.mount == used)
-    planner.suggest("move", name, count=9)
+    suggest("move", name, 9)
     assert used in {mount for _, mount, _ in asked}  # its own pole has room for it
     assert {(kind, count) for kind, _, count in asked} == {("move", 5)}
 
@@ -451,12 +459,13 @@ def test_a_search_goes_on_only_where_a_move_helps(planner, monkeypatch, gain, yi
     assert {(kind, count) for kind, _, count in asked} == {("move", 1)}
 
 
-def make_suggester(planner, monkeypatch, judge):
+def make_suggester(planner, judge):
     """Suggester that judges variants in place of views, and whose answers are variants."""
-    see = lambda self, variant: VariantView(variant, None, None, False)  # noqa: E731
-    monkeypatch.setattr(SensorViews, "see", see)
-    monkeypatch.setattr(Meter, "measure_ap", judge)
-    return planner.scorer.make_suggester(lambda variant: variant)
+    see = lambda variant: VariantView(variant, None, None, False)  # noqa: E731
+    views = SimpleNamespace(see=see, stock=SimpleNamespace(known=0))
+    meter = SimpleNamespace(measure_ap=judge)
+    estimate: Any = lambda variant: variant  # noqa: E731
+    return Suggester(planner.yard, meter, views, estimate)
 
 
 @pytest.mark.parametrize(
@@ -468,17 +477,15 @@ def make_suggester(planner, monkeypatch, judge):
         (0.2, -0.09, (0.2, -0.09)),
     ],
 )
-def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(
-    planner, monkeypatch, turn, down, steps
-):
+def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(planner, turn, down, steps):
     start = replace(planner.sensors[0], heading=0.5, tilt=0.4)
 
-    def judge(self, variant, *_):
+    def judge(variant, *_):
         sensor = variant.sensors[-1]
         assert variant.sensors[:-1] == planner.variant.sensors
         return 0.9 - abs(sensor.heading - 0.5 - turn) - abs(sensor.tilt - 0.4 - down), 0
 
-    suggester = make_suggester(planner, monkeypatch, judge)
+    suggester = make_suggester(planner, judge)
     found = suggester.improve("add", planner.variant, start)
     assert (found.sensor.heading, found.sensor.tilt) == pytest.approx(
         (0.5 + steps[0], 0.4 + steps[1])
@@ -489,17 +496,15 @@ def test_a_suggestion_is_turned_and_tilted_to_the_best_direction(
 @pytest.mark.parametrize(
     ("gain", "problems", "turned"), [(0.1, 0, True), (5e-5, 0, False), (0.1, 1, False)]
 )
-def test_a_suggestion_is_turned_only_for_a_gain_without_problems(
-    planner, monkeypatch, gain, problems, turned
-):
+def test_a_suggestion_is_turned_only_for_a_gain_without_problems(planner, gain, problems, turned):
     start = replace(planner.sensors[0], heading=0.5, tilt=TILT_SPAN_RAD[1])
 
-    def judge(self, variant, *_):
+    def judge(variant, *_):
         sensor = variant.sensors[-1]
         assert sensor.tilt <= TILT_SPAN_RAD[1]
         return (0.5 + gain, problems) if sensor.heading > 0.6 else (0.5, 0)
 
-    suggester = make_suggester(planner, monkeypatch, judge)
+    suggester = make_suggester(planner, judge)
     assert suggester.improve("move", planner.variant, start).sensor.heading == pytest.approx(
         0.7 if turned else 0.5
     )

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_env.fidelity.surround import build_moment
 from placement_env.fidelity.traffic import Traffic
 from placement_env.live.seen_map import CELL_M, MAP_FRAMES, SeenMaps
 from toolkit.bodies.body import make_body
@@ -111,28 +110,22 @@ def test_several_sensors_see_what_any_of_them_sees():
     assert np.mean(np.abs(both.share - frames.mean(axis=0))[there] < 1e-6) > 0.98
 
 
-def test_what_is_in_sight_of_a_place_is_worked_out_once(monkeypatch):
+def test_what_is_in_sight_of_a_place_is_worked_out_once(fail):
     maps = SeenMaps(prepare(), HEIGHT)
     first = maps.draw([HIGH]).share
-    with monkeypatch.context() as patch:
-        patch.setattr("placement_env.live.seen_map.build_moment", None)
-        turned = Sensor("turned", DepthCamera(), look(HIGH.position, 0.0, 0.3))
-        again = maps.draw([HIGH, turned]).share
-        np.testing.assert_array_equal(maps.draw([HIGH]).share, first)
+    fail("placement_env.live.seen_map", "build_moment")
+    turned = Sensor("turned", DepthCamera(), look(HIGH.position, 0.0, 0.3))
+    again = maps.draw([HIGH, turned]).share
+    np.testing.assert_array_equal(maps.draw([HIGH]).share, first)
     np.testing.assert_array_equal(again, first)
 
 
-def test_long_traffic_is_looked_at_in_frames_evenly_chosen(monkeypatch):
+def test_long_traffic_is_looked_at_in_frames_evenly_chosen(spy):
     count = 3 * MAP_FRAMES
-    frames = []
-
-    def build(traffic, frame):
-        frames.append(frame)
-        return build_moment(traffic, frame)
-
-    monkeypatch.setattr("placement_env.live.seen_map.build_moment", build)
+    calls = spy("placement_env.live.seen_map", "build_moment")
     maps = SeenMaps(prepare(((90.0, 90.0),) * (count - 1) + (PLACES[0],)), HEIGHT)
     seen = maps.draw([HIGH])
+    frames = [call.args[1] for call in calls]
     assert (len(frames), frames[0], frames[-1]) == (MAP_FRAMES, 0, count - 1)
     assert set(np.diff(frames).tolist()) == {3, 4} or np.ptp(np.diff(frames)) <= 1
     behind = seen.share[(~np.isnan(seen.share)) & (seen.share < 1) & (seen.share > 0)]

@@ -148,10 +148,16 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     )
     assert axes.get_xlim() == (0, 1)
     assert axes.get_ylim() == (1.5, -0.5)  # the first row on top
+
+
+def test_schemes_are_named_with_their_kbit(monkeypatch):
     texts, _ = shown(
         monkeypatch, lambda: scheme_chart([SchemeFigures("late", 0.8, judged(), 12.25)])
     )
     assert {"late, IoU 0.8", "0.900, N = 412; 12.25 kbit/sensor"} <= set(texts)
+
+
+def test_links_that_carry_too_much_are_hatched(monkeypatch):
     fits, not_so = (
         PoleLoad("p", 3.0, 4.0, 20.0, 0.15, True, 3.0),
         PoleLoad("q", 25.0, 40.0, 20.0, 1.25, False, 30.0),
@@ -168,7 +174,7 @@ def test_bars_are_as_long_as_the_ap_and_lines_as_the_interval(monkeypatch):
     assert figure.axes[0].get_xlim()[1] == pytest.approx(4.4)
 
 
-def test_failures_and_order_climb_beside_the_whole_set(monkeypatch):
+def test_failures_stand_beside_the_whole_set(monkeypatch):
     cases = [FailureCase(("d0", "d1"), judged(0.4))]
     texts, figure = shown(monkeypatch, lambda: failure_chart(judged(0.9), cases))
     (axes,) = figure.axes
@@ -176,6 +182,9 @@ def test_failures_and_order_climb_beside_the_whole_set(monkeypatch):
     assert [bar.get_hatch() is not None for bar in axes.patches] == [False, True]
     assert {"all work", "without d0, d1"} <= set(texts)
     assert [0.9, 0.9] in [list(line.get_xdata()) for line in axes.get_lines()]
+
+
+def test_ap_climbs_with_what_was_spent(monkeypatch):
     steps = [BuildStep("d1", 2.0, judged(0.6)), BuildStep("d0", 5.0, judged(0.8))]
     texts, figure = shown(monkeypatch, lambda: order_chart(steps, "EUR"))
     first = figure.axes[0].get_lines()[0]
@@ -186,6 +195,9 @@ def test_failures_and_order_climb_beside_the_whole_set(monkeypatch):
         "1  d1: 2, AP 0.600, N = 412",
         "2  d0: 5, AP 0.800, N = 412",
     } <= set(texts)
+
+
+def test_fronts_mark_the_chosen_set_and_those_beyond(monkeypatch):
     options = [option(1), option(2, judged(0.8)), option(3, judged(0.7))]
     texts, figure = shown(monkeypatch, lambda: front_chart(options, replace(options[1]), ""))
     for axes, value in zip(figure.axes, (140.0, 2.0), strict=True):
@@ -250,7 +262,7 @@ def figure_of(monkeypatch):
     return lambda worth: shown(monkeypatch, lambda: worth_chart(worth))[1]
 
 
-def test_tables_of_pairs_have_figures_or_numbers(figure_of):
+def test_tables_of_pairs_have_figures(figure_of):
     bars, table = figure_of(WORTH).axes
     assert [bar.get_width() for bar in bars.patches] == [0.5, 0.3, -0.1]
     assert [text.get_text() for text in bars.texts] == ["+0.500", "+0.300", "-0.100"]
@@ -262,11 +274,17 @@ def test_tables_of_pairs_have_figures_or_numbers(figure_of):
     assert image.get_clim() == (-0.2, 0.2)
     assert [text.get_text() for text in table.texts][:2] == ["-0.20", "+0.05"]
     assert [label.get_text() for label in bars.get_yticklabels()] == ["d0", "d1", "d2"]
+
+
+def test_long_names_have_numbers_in_the_table(figure_of):
     bars, table = figure_of(
         [SensorWorth("north-east pole", 0.2, {}), SensorWorth("d1", 0.1, {})]
     ).axes
     assert [label.get_text() for label in bars.get_yticklabels()] == ["north-east pole  1", "d1  2"]
     assert [label.get_text() for label in table.get_xticklabels()] == ["1", "2"]
+
+
+def test_large_tables_have_colours_alone(figure_of):
     names = [f"s{k}" for k in range(charts.MAX_FIGURE_SENSORS + 1)]
     many = [SensorWorth(one, 0.1, {other: 0.1 for other in names if other != one}) for one in names]
     assert not figure_of(many).axes[1].texts

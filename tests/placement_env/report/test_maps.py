@@ -69,7 +69,7 @@ def test_maps_are_sound_the_same_each_time_and_of_their_sensors(draw):
         draw(SITE, GROUND, SENSORS[:1])
 
 
-def test_coverage_blind_spots_and_density_are_in_their_colours():
+def test_coverage_has_the_colours_of_views():
     cells = cells_of(coverage_map(SITE, GROUND, SENSORS))
     views = SEEN.sum(axis=0)
     for k in range(3):
@@ -77,6 +77,9 @@ def test_coverage_blind_spots_and_density_are_in_their_colours():
         assert np.abs(cells[wanted][:, :3] - to_rgb(VIEW_COLOURS[k])).max() < 0.01
     assert (cells[OPEN][:, 3] == 1).all()
     assert cells[0, 0, 3] == 0
+
+
+def test_blind_spots_have_the_colour_of_their_ground():
     cells = cells_of(blind_map(SITE, GROUND, SENSORS))
     blind = OPEN & ~SEEN.any(axis=0)
     assert np.array_equal(cells[..., 3] == 1, blind)
@@ -86,9 +89,15 @@ def test_coverage_blind_spots_and_density_are_in_their_colours():
         ("elsewhere", ~LANES & ~GROUND.footways),
     ):
         assert np.abs(cells[blind & mask][:, :3] - to_rgb(BLIND[kind])).max() < 0.01
+
+
+def test_density_is_in_the_colours_of_points():
     cells = cells_of(density_map(SITE, GROUND, SENSORS))  # cells of 2 m are not averaged
     expected = point_colours(30.0 * SEEN.sum(axis=0))
     assert np.abs(cells[OPEN] - expected[OPEN]).max() < 0.01
+
+
+def test_means_are_of_counted_cells():
     values = np.zeros((5, 5))
     values[2, 2], values[0, 0] = 9.0, 100.0
     counted = np.ones((5, 5), bool)

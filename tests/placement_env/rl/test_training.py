@@ -171,6 +171,7 @@ def test_search_keeps_the_best_set_or_none_within_its_limits(make):
     assert found.best.reward == 0.0
 
 
+@pytest.mark.slow
 def test_a_search_that_is_killed_ends_like_one_that_is_not(make, tmp_path):
     class Killed(BaseException):
         """Stands for SIGKILL."""

@@ -3,6 +3,7 @@ be written."""
 
 import csv
 import json
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -64,28 +65,27 @@ def result(objective) -> Result:
         ("hybrid", [[38.4 + 0.512, 28.8], [9.6 + 0.256, 0.512]]),
     ],
 )
-def test_what_is_sent_in_each_frame(scheme, kbit, objective, result, monkeypatch):
-    monkeypatch.setattr(objective, "visibility", SEEN)
-    monkeypatch.setattr(objective, "scheme", find_scheme(scheme))
-    assert kbit_per_frame(objective, (0, 1)) == pytest.approx(np.array(kbit))
-    assert kbit_per_frame(objective, (1,)) == pytest.approx(np.array(kbit)[1:])
+def test_what_is_sent_in_each_frame(scheme, kbit, objective, result):
+    seen = copy(objective)
+    seen.visibility, seen.scheme = SEEN, find_scheme(scheme)
+    assert kbit_per_frame(seen, (0, 1)) == pytest.approx(np.array(kbit))
+    assert kbit_per_frame(seen, (1,)) == pytest.approx(np.array(kbit)[1:])
 
 
 def answer(objective, result, chosen=(1,), said=None, points=(), met=True):
     return Answer(objective, said or {}, (), met, result, chosen, points)
 
 
-def full(*_, **__):
-    raise OSError(28, "No space left on device")
+FULL = OSError(28, "No space left on device")
 
 
-def test_all_files_or_none(objective, result, tmp_path, monkeypatch):
+def test_all_files_or_none(objective, result, tmp_path, fail):
     order = SearchOrder(setting=objective.setting, method="greedy")
-    monkeypatch.setattr("placement_env.search.answer.draw_site", full)
+    full = fail(search_answer, "draw_site", FULL)
     with pytest.raises(OSError, match="No space left"):
         write_answer(tmp_path / "o", order, answer(objective, result))
     assert not (tmp_path / "o").exists()
-    monkeypatch.undo()
+    full.undo()
     said = write_answer(tmp_path / "o", order, answer(objective, result, said={"said": "ü"}))
     assert sorted(path.name for path in (tmp_path / "o").iterdir()) == sorted(answer_files(order))
     assert all(name in said for name in ANSWER_FILES)
@@ -112,15 +112,15 @@ POINTS = (
 )
 
 
-def test_a_curve_is_a_table_a_picture_and_the_site_with_each_set(objective, tmp_path, monkeypatch):
+def test_a_curve_is_a_table_a_picture_and_the_site_with_each_set(objective, tmp_path, fail):
     order = SearchOrder(
         setting=objective.setting, budget=2, curve=True, currency="EUR", judge="coverage"
     )
     whole = answer(objective, None, said={"curve": [1]}, points=POINTS)
-    with monkeypatch.context() as patched:
-        patched.setattr(search_answer, "save_site", full)
-        with pytest.raises(OSError, match="make room"):
-            write_answer(tmp_path / "o", order, whole)
+    full = fail(search_answer, "save_site", FULL)
+    with pytest.raises(OSError, match="make room"):
+        write_answer(tmp_path / "o", order, whole)
+    full.undo()
     assert not (tmp_path / "o").exists()
     write_answer(tmp_path / "o", order, whole)
     assert sorted(path.name for path in (tmp_path / "o").iterdir()) == sorted(answer_files(order))

@@ -91,7 +91,7 @@ def test_the_incumbent_is_known_again(make):
     assert again.result("x", again.unknown("")).best.cache_hit
 
 
-def test_values_come_back_and_states_are_saved_as_often_as_asked(tmp_path):
+def test_values_come_back(tmp_path):
     checkpoint = Checkpoint(tmp_path, depends_on=b"q")
     assert checkpoint.load() is None
     state = {
@@ -108,15 +108,25 @@ def test_values_come_back_and_states_are_saved_as_often_as_asked(tmp_path):
     back["x"][0, 0] = False  # it is ours
     assert checkpoint.part("other").load() is None
     assert Checkpoint(tmp_path, depends_on=b"another").load() is None
+
+
+def test_states_are_saved_as_often_as_asked(tmp_path):
     checkpoint = Checkpoint(tmp_path, every=60.0)
     checkpoint.offer(lambda: pytest.fail("too early"))
-    checkpoint._saved_at -= 61.0
+    checkpoint.every = 0.0
     checkpoint.offer(lambda: {"a": 1})
     assert checkpoint.load() == {"a": 1}
+    checkpoint.every = 60.0
     checkpoint.offer(lambda: pytest.fail("too early"))
+
+
+def test_nothing_is_kept_nowhere():
     NOWHERE.offer(lambda: pytest.fail("nowhere"))
     NOWHERE.save({"a": 1})
     assert NOWHERE.load() is None
+
+
+def test_limits_resume_count_time_and_rows():
     limits = Limits(100.0, 50)
     limits.resume({"count": 20, "elapsed": 60.0, "rows": [[3, 1.5, 0.25]]})
     assert limits.count == 20
@@ -209,6 +219,7 @@ print(found.best.subset, found.evaluations, found.history.reward.tolist())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_killed_by_the_system_in_the_middle(make, tmp_path):
     def start():

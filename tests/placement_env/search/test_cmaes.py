@@ -84,8 +84,12 @@ def test_moved_sensors_stay_on_mounts_that_may_be_built(make, start):
 
 
 def test_objectives_and_mounts_must_allow_moving(make):
-    with pytest.raises(ValueError, match="mounts of their own"):
-        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), make(2, 2).candidates)
+    crowded = make(2, 2).candidates
+    name = crowded.mounts[0].name
+    with pytest.raises(ValueError, match=f"mount {name} has 2 sensors but max_sensors 1: leave 1"):
+        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), crowded)
+    with pytest.raises(ValueError, match="no sensor to move: start from a set with at least one"):
+        cmaes.improve(scorer(make, (6.0, 0.4, 0.3)), crowded.select([]))
     with pytest.raises(ValueError, match="made from a site"):
         cmaes.search(make(4, 1), 2)
 

@@ -16,7 +16,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 
-def test_all_figures_are_said_and_how_sure_they_are():
+def test_sensors_are_said_by_name_or_place():
     assert description.describe_sensors(["a", "b"]) == ["a", "b"]
     moved = [
         Sensor(
@@ -29,6 +29,9 @@ def test_all_figures_are_said_and_how_sure_they_are():
     assert description.describe_sensors(["a"], moved, load_site("tjunction")) == [
         "a moved to x 1.00 y -2.00 z 6.50 m, bearing 270.0 tilt 10.0 degrees"
     ]
+
+
+def test_scores_are_said_with_the_fidelity():
     score = Score((0, 1), 0.5, 0.6, 100.0, 200.0, 2.0, 0.4, {"ap": 0.5}, "coverage", False)
     assert (
         description.describe_score(score)
@@ -37,6 +40,9 @@ def test_all_figures_are_said_and_how_sure_they_are():
     assert description.describe_score(replace(score, fidelity="table")) == (
         "AP 0.5000, recall 0.6000, 100.0 kbit per sensor, 200.0 kbit, price 2 (table)"
     )
+
+
+def test_doubts_are_said_or_none():
     candidates = paper_candidates(load_site("tjunction"))
     said = description.describe_doubts(
         Objective(Setting(candidates=candidates, fidelity=Unsure())), [0, 3]
@@ -49,6 +55,9 @@ def test_all_figures_are_said_and_how_sure_they_are():
         Objective(Setting(candidates=candidates, fidelity=Unsure())), []
     ) == ["the surrogate predicts the detector's AP with an unknown error", said[1]]
     assert description.describe_doubts(Objective(Setting("tjunction", fidelity="table")), [0]) == []
+
+
+def test_assessments_have_a_line_for_error_profiles():
     own = result.Contender(("greedy",), (0, 2), 0.9, 0.8, 0.7, 0.85)
     plain = result.Assessment(
         "detector", 0.8, 0.7, 0.9, 120.5, 300, 40, 0.9, 0.97, 0.95, 0.01, 9, 24, (own,), 0.81

@@ -19,6 +19,7 @@ def few():
     )
 
 
+@pytest.mark.slow
 def test_the_first_look_has_a_few_frames(few):
     assert few.visibility.frames == first_look.LOOK_FRAMES
 
@@ -28,10 +29,10 @@ def test_a_pool_that_can_be_searched_stays_whole(few):
     assert narrow_pool(few.setting, few.run) is None
 
 
-def test_poles_and_poses_that_see_most_go_on(few, monkeypatch):
-    monkeypatch.setattr(first_look, "MAX_POSES", 200)
+def test_poles_and_poses_that_see_most_go_on(few, limits):
+    limits(first_look, MAX_POSES=200)
     pool = few.setting.pool
-    chosen = first_look._choose_at_first_look(few)
+    chosen = first_look.choose_at_first_look(few)
     assert chosen is not None
     assert len(chosen) == 200
     assert (np.diff(chosen) > 0).all()
@@ -41,17 +42,20 @@ def test_poles_and_poses_that_see_most_go_on(few, monkeypatch):
     assert score[chosen].max() == score.max()
     counts = np.bincount(pool.mount[chosen])
     assert counts[counts > 0].min() >= first_look.MIN_POSES_ON_POLE
-    text = describe_narrowing(pool, chosen)
+    text = describe_narrowing(pool, chosen, 1000)
     assert text.startswith(
         f"48 poles with {len(pool):,} poses are too many to search: the 200 poses on 48 poles go on"
     )
+    assert text.endswith("see most in the first 8 frames.")
+    # a search of fewer frames looks at all, and says how many
+    assert describe_narrowing(pool, chosen, 3).endswith("see most in the first 3 frames.")
     worst = int(np.argmin(best))
-    kept = first_look._choose_poses(pool, score.astype(float), np.array([worst]))
+    kept = first_look.choose_poses(pool, score.astype(float), np.array([worst]))
     assert worst in pool.mount[kept]
 
 
-def test_poles_are_thinned_evenly_and_kept_ones_stay(few, monkeypatch):
-    monkeypatch.setattr(first_look, "MAX_POLES", 12)
+def test_poles_are_thinned_evenly_and_kept_ones_stay(few, limits):
+    limits(first_look, MAX_POLES=12)
     pool = few.setting.pool
     kept = pool.mounts[-1].name
     mounts = first_look.thin_poles(pool, replace(few.setting, keep=(kept,)))
@@ -63,7 +67,7 @@ def test_poles_are_thinned_evenly_and_kept_ones_stay(few, monkeypatch):
     many = tuple(mount.name for mount in pool.mounts[:20])
     mounts = first_look.thin_poles(pool, replace(few.setting, keep=many))
     assert mounts.tolist() == list(range(20))  # more than go on otherwise, and no others
-    monkeypatch.setattr(first_look, "MAX_POSES", 100)
+    limits(first_look, MAX_POSES=100)
     chosen = narrow_pool(few.setting, few.run)
     assert chosen is not None
     assert len(chosen) == 100

@@ -40,9 +40,9 @@ def imported():
     return import_osm(MapPiece(MAP, centre=(8.0, 49.5), size=(70, 50)))
 
 
-def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, monkeypatch):
-    monkeypatch.setattr(first_sensors, "FIRST_FRAMES", 4)
-    monkeypatch.setattr(first_sensors, "FIRST_HEADINGS", 4)
+def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, limits):
+    limits(first_sensors, FIRST_FRAMES=4)
+    limits(first_sensors, FIRST_HEADINGS=4)
     placed = with_first_sensors(imported, 3)
     site = placed.site
     assert replace(site, sensors=()) == imported
@@ -66,9 +66,9 @@ def test_a_number_of_sensors_that_makes_no_sense(count, imported):
         with_first_sensors(imported, count)
 
 
-def test_sites_where_nothing_can_be_placed(monkeypatch):
+def test_sites_where_nothing_can_be_placed(limits):
     site = load_site("tjunction")
-    monkeypatch.setattr(first_sensors, "FIRST_FRAMES", 1)
+    limits(first_sensors, FIRST_FRAMES=1)
     with pytest.raises(ValueError, match="has no mount"):
         with_first_sensors(replace(site, mounts=()), 2)
     with pytest.raises(ValueError, match="network"):

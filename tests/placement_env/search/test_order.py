@@ -32,7 +32,7 @@ def common(tmp_path_factory):
     return order
 
 
-def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
+def test_portfolios_say_fresh_traffic(common):
     found = run_search(common(contenders=True))
     said = json.loads(json.dumps(replace_infinite(found.summary)))["assessment"]
     assert found.met
@@ -50,6 +50,8 @@ def test_portfolios_say_fresh_traffic_and_all_error_profiles(common):
     )
     assert found.lines[-1].startswith("estimate of the search: coverage ")
 
+
+def test_questions_name_all_error_profiles(common):
     def profiles(*errors, by="worst"):
         cases = Cases(errors=errors, errors_by=by)
         return common(judge="detector", detector=Wary(), cases=cases).question["errors"]
@@ -92,7 +94,7 @@ class Wary:
 
 
 def test_several_error_profiles_are_judged_and_said(common):
-    both, poor = Cases(errors=("paper", "poor")), Cases(errors="poor")
+    both = Cases(errors=("paper", "poor"))
     asked = {"judge": "detector", "detector": Wary(), "budget": 1}
     found = run_search(common(cases=both, **asked))
     said = json.loads(json.dumps(replace_infinite(found.summary)))
@@ -106,8 +108,14 @@ def test_several_error_profiles_are_judged_and_said(common):
     assert any(
         line.startswith("  the worst over error profiles: paper AP 0.00") for line in found.lines
     )
+
+
+def test_curves_and_single_profiles_say_their_errors(common):
+    both, poor = Cases(errors=("paper", "poor")), Cases(errors="poor")
+    asked = {"judge": "detector", "detector": Wary(), "budget": 1}
     curve = run_search(common(cases=both, curve=True, **asked))
-    assert curve.summary["errors"] == said["errors"]
+    profiles = [PAPER_ERRORS.origin, POOR.origin]
+    assert curve.summary["errors"] == {"profiles": profiles, "combine": "worst"}
     assert [each["name"] for each in curve.summary["curve"][0]["by_errors"]] == ["paper", "poor"]
     assert any(line.startswith("    at each error profile: paper AP 0.00") for line in curve.lines)
     alone = run_search(common(cases=poor, **asked))
@@ -117,9 +125,9 @@ def test_several_error_profiles_are_judged_and_said(common):
 
 
 @pytest.mark.slow
-def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, monkeypatch):
-    monkeypatch.setattr("placement_env.search.search_run.SEARCH_FRAMES", 2)
-    monkeypatch.setattr("placement_env.search.first_look.LOOK_FRAMES", 2)
+def test_a_long_search_tells_a_first_answer_and_looks_at_fewer_frames(common, limits):
+    limits("placement_env.search.search_run", SEARCH_FRAMES=2)
+    limits("placement_env.search.first_look", LOOK_FRAMES=2)
     told = []
     order = common(tell=told.append)
     found = run_search(replace(order, run=replace(order.run, frames=5)))

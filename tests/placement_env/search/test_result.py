@@ -79,7 +79,7 @@ def whole(make):
     return replace(found, front=(empty,), sensors=poses, assessment=judged, certificate=unknown)
 
 
-def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
+def test_results_are_read_as_written(whole, make, tmp_path):
     whole.save(tmp_path / "result.json")
     again = Result.load(tmp_path / "result.json")
     for name in (
@@ -93,6 +93,11 @@ def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
         "assessment",
     ):
         assert getattr(again, name) == getattr(whole, name), name
+
+
+def test_numbers_that_json_lacks_come_back(whole, tmp_path):
+    whole.save(tmp_path / "result.json")
+    again = Result.load(tmp_path / "result.json")
     assert again.certificate.bound == np.inf
     assert again.assessment.curse == pytest.approx(0.1)
     assert again.assessment.by_errors[1] == ProfileAP("poor", 0.8, 0.7, 0.9)
@@ -101,6 +106,11 @@ def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
     for name, column in vars(whole.history).items():
         assert np.array_equal(getattr(again.history, name), column), name
         assert getattr(again.history, name).dtype == column.dtype
+
+
+def test_a_result_is_saved_again_as_it_was(whole, make, tmp_path):
+    whole.save(tmp_path / "result.json")
+    again = Result.load(tmp_path / "result.json")
     assert str(again) == str(whole)
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "result.json").read_bytes()
@@ -109,9 +119,16 @@ def test_results_are_read_as_written_also_old_ones(whole, make, tmp_path):
         make(3, 1).names[member] for member in exhaustive.search(make(3, 1), 2).best.subset
     ]
     assert "coview" in whole.origin
+
+
+def test_results_overwrite_when_told_to(whole, tmp_path):
+    whole.save(tmp_path / "again.json")
     with pytest.raises(FileExistsError, match=r"again\.json exists"):
         whole.save(tmp_path / "again.json")
     whole.save(tmp_path / "again.json", overwrite=True)
+
+
+def test_results_without_error_profiles_are_read(whole, tmp_path):
     whole.save(tmp_path / "new.json")
     content = json.loads((tmp_path / "new.json").read_text())
     for name in ("by_errors", "errors_by"):

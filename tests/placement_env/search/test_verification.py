@@ -82,7 +82,7 @@ def test_a_race_finds_the_best_of_all_sets_for_a_part_of_the_frames(dear):
     assert greedy.search_by_races(dear, 3, evaluations=1).evaluations < raced.evaluations
 
 
-def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
+def test_neighbours_of_an_answer_are_ranked(dear):
     cheap = Objective(Setting(candidates=dear.candidates, fidelity=Half()))
     found = greedy.search(cheap, 3)
     dear.scored_by.asked = 0
@@ -99,6 +99,9 @@ def test_entrants_race_and_are_ranked_at_each_error_profile(dear):
     assert len(around) == 16
     found = greedy.search(dear, 2)
     assert verification.score_result(dear, found).ap == found.best.ap
+
+
+def test_races_over_profiles_go_by_what_counts(dear):
     # A race over profiles goes by what counts; each profile is said by itself.
     other = PerFrame(seed=1)
     both = Objective(

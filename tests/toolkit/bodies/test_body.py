@@ -8,12 +8,15 @@ from toolkit.objects import VEHICLE
 CAR = catalogue()[0]
 
 
-def test_bodies_keep_their_boxes_and_what_sticks_out_is_mesh_alone():
+def test_a_body_is_in_the_middle_of_its_box():
     body = make_body(
         "plank", VEHICLE, np.array([[5.0, 5, 5], [9, 6, 5], [9, 6, 6.5]]), np.array([[0, 1, 2]])
     )
     assert body.size == (4.0, 1.0, 1.5)
     assert np.allclose(body.vertices[0], [-2, -0.5, -0.75])
+
+
+def test_stretched_bodies_vary_by_six_percent():
     rng = np.random.default_rng(4)
     varied = [stretch_randomly(CAR, rng) for _ in range(50)]
     ratios = np.array([body.size for body in varied]) / CAR.size
@@ -22,6 +25,9 @@ def test_bodies_keep_their_boxes_and_what_sticks_out_is_mesh_alone():
     )
     assert (np.abs(ratios - 1) <= 0.0601).all()
     assert ratios.std(axis=0).min() > 0.015
+
+
+def test_what_sticks_out_of_the_box_is_mesh_alone():
     body = make_boxed_body(
         "m", VEHICLE, box((4.0, 2.0, 1.5), (1, 1, 1)), box((0.2, 0.4, 0.2), (1.5, 2.1, 1))
     )

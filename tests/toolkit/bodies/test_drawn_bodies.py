@@ -20,17 +20,23 @@ def of(*ends: str) -> list:
     return [mesh for kind, mesh, _ in BUILT if kind.startswith(ends) or kind.endswith(ends)]
 
 
-def test_shares_mirrors_and_lengths_of_drawn_bodies():
+def test_buses_and_all_superstructures_are_built():
     assert sum(SUPERSTRUCTURES.values()) == pytest.approx(1)
     kinds = {kind for kind, _, _ in BUILT}
     assert set(BUSES) <= kinds
     assert {f"{load}_truck" for load in SUPERSTRUCTURES} <= kinds
+
+
+def test_mirrors_stick_out_on_both_sides_at_the_front():
     for kind, mesh, mirrors in BUILT:
         body, out = np.abs(mesh.vertices[:, 1]).max(), mirrors.vertices
         assert 0.05 < np.abs(out[:, 1]).max() - body < 0.3, kind
         assert np.allclose(np.sort(out[:, 1]), np.sort(-out[:, 1]))
         assert out[:, 0].min() > 0.25 * np.ptp(mesh.vertices[:, 0])
         assert out[:, 0].max() < mesh.vertices[:, 0].max() + 0.01
+
+
+def test_cars_of_one_length_differ_in_width_and_height():
     length, width, height = np.array(
         [draw_body(VEHICLE, np.random.default_rng([9, k])).size for k in range(400)]
     ).T
@@ -69,7 +75,7 @@ def heights(kind: str) -> np.ndarray:
     return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh, _ in DRAWN if each == kind])
 
 
-def test_people_and_two_wheelers_have_their_shares_and_heights():
+def test_people_have_their_shares():
     counts = Counter(kind for kind, _, _ in DRAWN)
     assert set(counts) == set(PEOPLE)
     for kind, share in {
@@ -80,19 +86,31 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
         "wheelchair": 0.035,
     }.items():
         assert counts[kind] / len(DRAWN) == pytest.approx(share, abs=0.05)
+
+
+def test_people_have_the_heights_of_their_kind():
     assert np.percentile(heights("adult"), 2) > 1.4
     assert np.median(heights("adult")) == pytest.approx(1.72, abs=0.04)
     assert heights("adult").max() < 2.45  # under an umbrella
     assert 0.9 < heights("child").min() < heights("child").max() < 1.65
     assert np.ptp(heights("child")) > 0.4
     assert np.median(heights("wheelchair")) < 1.6
+
+
+def test_people_stand_on_the_ground_and_stride():
     assert max(abs(mesh.vertices[:, 2].min()) for _, mesh, _ in DRAWN) < 1e-9
     lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh, _ in DRAWN if kind == "adult"])
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
+
+
+def test_poses_have_hands_and_stoutness():
     assert {draw_pose(np.random.default_rng(k), 1.1).hands[0][2] for k in range(20)} == {0.47, 0.80}
     assert draw_pose(np.random.default_rng(0), 1.1).stout == 1.1
     assert stand(box((1, 1, 1), (0, 0, 7))).vertices[:, 2].min() == 0
+
+
+def test_two_wheelers_have_their_shares():
     counts = Counter(kind for kind, _, _ in DRAWN_TWO_WHEELERS)
     assert set(counts) == set(TWO_WHEELERS)
     shares = {
@@ -104,6 +122,9 @@ def test_people_and_two_wheelers_have_their_shares_and_heights():
     }
     for kind, share in shares.items():
         assert counts[kind] / len(DRAWN_TWO_WHEELERS) == pytest.approx(share, abs=0.06)
+
+
+def test_two_wheelers_stand_on_both_wheels():
     for kind, mesh, _ in DRAWN_TWO_WHEELERS:
         low = mesh.vertices[mesh.vertices[:, 2] < 0.03]
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
@@ -165,13 +186,17 @@ def sizes_bodies(label: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("label", RANGES)
-def test_sizes_of_a_class_lie_in_its_ranges_on_sound_meshes(label):
+def test_sizes_of_a_class_lie_in_its_ranges(label):
     low, high = np.array(RANGES[label]).T
     assert (sizes_bodies(label) >= low - 1e-6).all()
     assert (sizes_bodies(label) <= high + 1e-6).all()
     assert len({body.size for body in BODIES[label]}) == COUNT
     assert {body.label for body in BODIES[label]} == {label}
     assert all(body.name.startswith(f"{LABELS[label]}/") for body in BODIES[label])
+
+
+@pytest.mark.parametrize("label", RANGES)
+def test_meshes_of_a_class_are_sound(label):
     for body in BODIES[label]:
         assert np.isfinite(body.vertices).all()
         assert body.triangles.min() >= 0

@@ -21,26 +21,38 @@ from toolkit.mesh import box
 CARS = [draw_proportions(np.random.default_rng([2, k])) for k in range(400)]
 
 
-def test_kinds_and_wheels_lie_in_their_ranges():
+def test_kinds_have_their_shares():
     assert sum(kind.share for kind in CAR_KINDS) == pytest.approx(1)
     for kind in CAR_KINDS:
         assert np.mean([car.kind == kind.name for car in CARS]) == pytest.approx(
             kind.share, abs=0.055
         )
+
+
+def test_sizes_fill_their_ranges():
     for measure, (low, high) in (
         *(("length", CAR_LENGTHS_M), ("width", CAR_WIDTHS_M), ("height", CAR_HEIGHTS_M)),
     ):
         values = [getattr(car, measure) for car in CARS]
         assert low <= min(values) < low + 0.1 * (high - low)
         assert high >= max(values) > high - 0.25 * (high - low)
+
+
+def test_the_same_seed_draws_the_same_car():
     first, again = (draw_proportions(np.random.default_rng(8)) for _ in range(2))
     assert first.length == again.length
     assert first.profile.tobytes() == again.profile.tobytes()
+
+
+def test_wheels_lie_below_the_body():
     for car in CARS:
         front, rear = car.axles
         assert car.wheel < front < rear < car.length - car.wheel
         assert 0.5 * car.length <= rear - front <= 0.78 * car.length, car.kind
         assert car.clearance < car.wheel * 1.1
+
+
+def test_profiles_go_from_end_to_end_and_differ():
     for car in CARS:
         stations, heights = car.profile.T
         assert stations[0] == 0
@@ -139,7 +151,7 @@ def test_beds_planks_and_mounds_lie_as_high_as_they_should():
 CARS_EXTRAS = [draw_proportions(np.random.default_rng([6, k])) for k in range(300)]
 
 
-def test_mirrors_and_trailers_stick_out_and_follow():
+def test_mirrors_stick_out_at_the_front():
     sides = []
     for number, car in enumerate(CARS_EXTRAS):
         vertices = draw_mirrors(car, np.random.default_rng([1, number])).vertices
@@ -152,6 +164,9 @@ def test_mirrors_and_trailers_stick_out_and_follow():
             assert (beyond[:, 2] < car.height).all()
     assert np.mean(np.array(sides) == 0) == pytest.approx(0.3, abs=0.07)
     assert 0 < np.mean(np.array(sides) == 1) < 0.06
+
+
+def test_trailers_follow_on_the_ground():
     seen = set()
     for number in range(30):
         car = replace(CARS_EXTRAS[number], height=1.5)

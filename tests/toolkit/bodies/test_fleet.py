@@ -19,18 +19,24 @@ def of(label: int, bodies: tuple[Body, ...] = EVERY) -> list[Body]:
     return [body for body in bodies if body.label == label]
 
 
-def test_fleets_have_enough_of_every_class_and_bodies_of_their_own():
+def test_the_catalogue_has_enough_of_every_class():
     assert len(of(VEHICLE, catalogue())) >= 20
     assert len(of(CYCLIST)) >= 6
     assert len(of(PEDESTRIAN)) >= 14
     assert len(of(HEAVY)) >= 3
     assert len({body.name for body in EVERY}) == len(EVERY)
+
+
+def test_held_out_cars_are_tested_alone():
     trained, tested = (
         {body.name for body in of(VEHICLE, catalogue(held_out=flag))} for flag in (False, True)
     )
     assert len(HELD_OUT) == 5
     assert tested == set(HELD_OUT)
     assert not trained & tested
+
+
+def test_drawn_fleets_follow_seed_and_length():
     own = fleet_named("own")
     few, again, other = (own.bodies(1, np.random.default_rng(seed)) for seed in (0, 0, 1))
     assert digests(few) == digests(again) != digests(other)
@@ -72,7 +78,7 @@ def digests(bodies: tuple[Body, ...]) -> list[bytes]:
     return [body.vertices.tobytes() for body in bodies]
 
 
-def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
+def test_fleets_without_drawn_bodies_stay():
     fleet = fleet_named("catalogue")
     assert fleet.bodies(9, np.random.default_rng(0)) == fleet.fixed == catalogue()
     assert fleet.names == tuple(body.name for body in catalogue())
@@ -80,6 +86,9 @@ def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     bodies = CARS_ONLY.bodies(2, np.random.default_rng(0))
     assert {body.name for body in of(VEHICLE, bodies)} == {body.name for body in CARS_ONLY.fixed}
     assert not of(PEDESTRIAN, bodies)
+
+
+def test_mixed_fleets_are_half_drawn():
     mixed = of(
         VEHICLE, Fleet(CARS_ONLY.fixed, drawn=tuple(range(4))).bodies(2, np.random.default_rng(0))
     )
@@ -87,6 +96,9 @@ def test_fleets_without_drawn_bodies_stay_and_mixed_ones_are_half_and_half():
     assert len(mixed) == 34
     assert abs(len(fixed) - len(mixed) / 2) <= 0.5
     assert [fixed.count(body) for body in CARS_ONLY.fixed] == [6, 6, 5]
+
+
+def test_boxes_with_mirrors_are_wider():
     out, into = (
         fleet_named("own", mirrors=flag).bodies(1, np.random.default_rng(2))
         for flag in (False, True)

@@ -301,8 +301,8 @@ def test_what_cannot_be_told_is_refused_with_the_remedy(tmp_path, name, body, ch
     assert name in str(error.value)
 
 
-def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
-    path = write(tmp_path / "dumbo.ply", elephant())
+def test_a_table_names_and_labels_a_mesh(tmp_path):
+    write(tmp_path / "dumbo.ply", elephant())
     with pytest.raises(
         ValueError,
         match=r"may be .* vehicle.* not clearly that of one: put it into a folder vehicle/",
@@ -310,7 +310,9 @@ def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
         load_meshes(tmp_path)
     (tmp_path / "meshes.toml").write_text('[[mesh]]\nfile = "dumbo.ply"\nlabel = "vehicle"\n')
     assert [(body.name, body.label) for body in load_meshes(tmp_path)] == [("dumbo", VEHICLE)]
-    path.unlink()
+
+
+def test_a_table_turns_and_scales_a_mesh(tmp_path):
     write(tmp_path / "sub" / "x1.ply", OURS["city_bus"], turn=Y_UP_Z_FORWARD, scale=INCHES)
     entry = 'file = "sub/x1.ply"\nlabel = "heavy"\nup = "y"\nforward = "z"\nscale = 0.0254\n'
     (tmp_path / "meshes.toml").write_text(f"[[mesh]]\n{entry}")
@@ -323,7 +325,9 @@ def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
     assert taken.file == "sub/x1.ply"
     said = "heavy (as meshes.toml says), 12.21 x 2.59 x 3.19 m, y up, z forward, scaled by 0.0254"
     assert taken.how == f"{said}, mirrors left out of its box"
-    (tmp_path / "meshes.toml").unlink()
+
+
+def test_entries_of_a_table_are_read(tmp_path):
     assert meshes.read_mesh_table(tmp_path) == {}
     assert not meshes.MeshEntry().has_frame
     assert np.array_equal(meshes.MeshEntry().turn, np.eye(3))
@@ -332,6 +336,9 @@ def test_tables_turn_scale_name_and_overrule_sizes(tmp_path):
     assert read == meshes.MeshEntry(HEAVY, "y", "-z", 0.0254)
     assert read.has_frame
     assert np.allclose(read.turn @ [1, 2, 3], [-3, -1, 2])  # forward, left, up
+
+
+def test_every_pair_of_axes_is_a_rotation():
     for up, forward in product(("x", "y", "z", "-x", "-y", "-z"), repeat=2):
         if up[-1] != forward[-1]:
             turn = meshes.MeshEntry(up=up, forward=forward).turn
@@ -349,6 +356,10 @@ def test_fleets_of_meshes_leave_mirrors_out_of_their_boxes_and_draw_what_the_fol
     assert np.ptp(suv.vertices, axis=0)[1] == pytest.approx(1.97, abs=0.01)
     assert fleet.drawn == (CYCLIST, PEDESTRIAN, HEAVY)
     assert "mirrors left out of its box" in fleet.notes[0]
+
+
+def test_fleets_with_mirrors_have_them_in_their_boxes(tmp_path):
+    write(tmp_path / "a.ply", OURS["compact_suv"])
     assert fleet_named("meshes", tmp_path, mirrors=True).fixed[0].size[1] == pytest.approx(
         1.97, abs=0.01
     )
@@ -356,6 +367,11 @@ def test_fleets_of_meshes_leave_mirrors_out_of_their_boxes_and_draw_what_the_fol
     assert fleet_named("catalogue", tmp_path).fixed[-1].size[1] == pytest.approx(1.79, abs=0.01)
     assert fleet_named("catalogue", tmp_path, mirrors=True).fixed[-1].truth is None
     assert fleet_named("catalogue", mirrors=True).fixed[0].truth is None
+
+
+def test_bodies_of_a_class_are_those_of_the_folder(tmp_path):
+    write(tmp_path / "a.ply", OURS["compact_suv"])
+    fleet = fleet_named("meshes", tmp_path)
     bodies = fleet.bodies(1, np.random.default_rng(0))
     assert {body.name for body in bodies if body.label == VEHICLE} == {"a"}
 
@@ -434,7 +450,7 @@ def test_animals_and_furniture_are_clearly_nothing(mesh):
     assert not [LABELS[label] for label in range(4) if meshes.is_clearly(shape_of(mesh), label)]
 
 
-def test_stances_measures_and_mirrors_are_found():
+def test_wrong_stands_are_found():
     for turn, says in (
         *(
             (ON_ITS_SIDE, "lies on its side"),
@@ -447,6 +463,9 @@ def test_stances_measures_and_mirrors_are_found():
         assert says == "face backwards" or not meshes.is_clearly(shape, VEHICLE)
     lying = shape_of(OURS["man_standing"], np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
     assert "lies" in str(meshes.find_wrong_stand(lying, PEDESTRIAN))
+
+
+def test_a_box_has_its_measures():
     shape = shape_of(box((4.0, 2.0, 1.0), (7, 8, 9)))
     assert np.allclose(shape.size, [4, 2, 1])
     assert (shape.fills == 1).all()
@@ -454,9 +473,15 @@ def test_stances_measures_and_mirrors_are_found():
     assert shape.stance == pytest.approx((4, 2), abs=0.05)
     assert shape.clearance == pytest.approx(0)
     assert shape.ahead == pytest.approx(0, abs=1e-6)
+
+
+def test_points_are_spread_by_area():
     two = merge([box((1.0, 1.0, 1.0)), box((2.0, 2.0, 2.0), (5, 0, 0))])
     points = meshes.surface_points(two)
     assert (points[:, 0] > 3).mean() == pytest.approx(0.8, abs=0.01)
+
+
+def test_widths_without_mirrors_are_those_of_drawn_bodies():
     # Drawn bodies know how wide they are without them: an oracle.
     for number in range(40):
         body = draw_body(VEHICLE, np.random.default_rng([11, number]))

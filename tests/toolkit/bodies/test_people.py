@@ -7,7 +7,7 @@ from toolkit.bodies.two_wheelers import two_wheelers
 from toolkit.traffic.supply import MAX_BICYCLE_LENGTH_M
 
 
-def test_people_and_two_wheelers_have_their_measures():
+def test_people_have_their_measures():
     heights = [
         np.ptp(mesh.vertices[:, 2])
         for name, mesh in pedestrians().items()
@@ -20,6 +20,9 @@ def test_people_and_two_wheelers_have_their_measures():
     vertices = person(Figure(), 1.75).vertices
     assert np.ptp(vertices[:, 2]) == pytest.approx(1.75, abs=0.05)
     assert abs(vertices[:, 2].min()) < 0.05
+
+
+def test_two_wheelers_have_their_measures():
     for mesh in two_wheelers().values():
         length, width, height = np.ptp(mesh.vertices, axis=0)
         assert 1.1 < length < 2.3

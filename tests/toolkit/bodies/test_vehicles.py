@@ -26,13 +26,16 @@ def test_cars_have_the_measures_of_cars(body):
     assert np.allclose(np.sort(body.vertices[:, 1]), np.sort(-body.vertices[:, 1]), atol=1e-5)
 
 
-def test_vehicles_differ_hide_and_have_mirrors_and_wheels():
+def test_vehicles_have_their_width_and_mirrors():
     for body, width in zip(BODIES, WIDTHS, strict=True):
         assert body.size[1] == pytest.approx(width, abs=0.03)
         out = np.abs(body.vertices[:, 1]).max() - body.size[1] / 2
         assert 0.05 < out < 0.12
         beyond = np.abs(body.vertices[:, 1]) > body.size[1] / 2 + 1e-4
         assert (np.abs(body.vertices[~beyond]) <= np.array(body.size) / 2 + 1e-4).all()
+
+
+def test_trucks_stand_on_the_ground_and_have_high_mirrors():
     assert all(abs(mesh.vertices[:, 2].min()) < 0.02 for mesh, _ in trucks().values())
     for mesh, mirrors in trucks().values():
         y, z = np.abs(mirrors.vertices[:, 1]), mirrors.vertices[:, 2]
@@ -42,6 +45,8 @@ def test_vehicles_differ_hide_and_have_mirrors_and_wheels():
             np.sort(mirrors.vertices[:, 1]), np.sort(-mirrors.vertices[:, 1]), atol=1e-9
         )
 
+
+def test_vehicles_differ_from_each_other():
     def profile(body: Body) -> np.ndarray:
         """Size and, along the length, the height of the body."""
         x, z = body.vertices[:, 0] / body.size[0], body.vertices[:, 2] + body.size[2] / 2
@@ -51,6 +56,9 @@ def test_vehicles_differ_hide_and_have_mirrors_and_wheels():
     profiles = np.array([profile(body) for body in BODIES])
     apart = np.abs(profiles[:, None] - profiles[None]).max(axis=2)
     assert apart[~np.eye(len(profiles), dtype=bool)].min() > 0.08
+
+
+def test_trucks_have_the_sizes_of_trucks():
     sizes = np.array([np.ptp(mesh.vertices, axis=0) for mesh, _ in trucks().values()])
     assert (sizes[:, 0] > 6).all()
     assert (sizes[:, 2] > 2.6).all()

@@ -191,8 +191,8 @@ def test_learners_sample_all_frames_and_known_scenes_have_the_models_spread():
     learner = empty_scene.SceneLearner(CAMERA, sample=8)
     for k in range(100):
         learner.add(np.full(SHAPE, 1.0 + k, np.float32))
-        assert len(learner._kept) <= 8
-    assert [int(image[0, 0]) - 1 for image in learner._kept] == [0, 16, 32, 48, 64, 80, 96]
+        assert len(learner.images) <= 8
+    assert [int(image[0, 0]) - 1 for image in learner.images] == [0, 16, 32, 48, 64, 80, 96]
     assert learner.scene().frames == 100
     with pytest.raises(ValueError, match="add one before"):
         empty_scene.SceneLearner(CAMERA).scene()

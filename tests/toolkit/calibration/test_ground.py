@@ -373,21 +373,15 @@ def test_points_on_the_lines_of_a_grid_begin_a_cell():
     ]
 
 
-def test_the_steepest_slope_is_handed_on(monkeypatch):
-    asked = []
-
-    def noted(points, **given):
-        asked.append(given)
-        return np.array([0.0, 0.0, -1.7])
-
-    monkeypatch.setattr(ground, "fit_plane", noted)
-    monkeypatch.setattr(level_warning_room, "fit_plane", noted)
+def test_the_steepest_slope_is_handed_on(spy):
+    levelled, warned_of = (spy(room, "fit_plane") for room in (ground, level_warning_room))
     street = np.column_stack(
         [np.random.default_rng(0).uniform(-20, 20, (400, 2)), np.full(400, -1.7)]
     )
     level(street, method="plane", max_tilt=0.1)
     level_warning(street)
-    assert asked == [{"max_tilt": 0.1}, {}]
+    assert [call.named for call in levelled] == [{"max_tilt": 0.1}]
+    assert [call.named for call in warned_of] == [{}]
 
 
 def slowly_lowest(cells, slope, step, window, edge=1.0):
@@ -402,7 +396,7 @@ def slowly_lowest(cells, slope, step, window, edge=1.0):
     return allowed
 
 
-def test_lowest_cells_are_an_oracles(monkeypatch):
+def test_lowest_cells_are_an_oracles(limits):
     rng = np.random.default_rng(2)
     every = np.argwhere(np.ones((30, 25), bool))
     chosen = every[rng.permutation(len(every))[:400]]
@@ -419,18 +413,18 @@ def test_lowest_cells_are_an_oracles(monkeypatch):
         narrow = np.argwhere(rng.random(shape) < 0.8)
         strip = np.column_stack([narrow + 0.5, rng.normal(0, 1, len(narrow))])
         assert lowest_mask(strip, 0.2, 0.1).tolist() == slowly_lowest(strip, 0.2, 0.1, 12.0)
-    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25)
+    limits(height_map, MAX_MAP_CELLS=30 * 25)
     assert lowest_mask(cells, 0.1, 0.25).tolist() == slowly_lowest(cells, 0.1, 0.25, 12.0)
-    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25 - 1)
+    limits(height_map, MAX_MAP_CELLS=30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 30 by 25 m"):
         lowest_mask(cells, 0.1, 0.25)
     small = cells * [0.5, 0.5, 1.0]
-    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25)
-    monkeypatch.setattr(height_map, "GROUND_CELL_M", 0.5)
+    limits(height_map, MAX_MAP_CELLS=30 * 25)
+    limits(height_map, GROUND_CELL_M=0.5)
     for window in (6.0, 2.0):
         found = lowest_mask(small, 0.1, 0.1, window=window)
         assert found.tolist() == slowly_lowest(small, 0.1, 0.1, window, edge=0.5)
-    monkeypatch.setattr(height_map, "_MAX_CELLS", 30 * 25 - 1)
+    limits(height_map, MAX_MAP_CELLS=30 * 25 - 1)
     with pytest.raises(ValueError, match="the points cover 15 by 12 m"):
         lowest_mask(small, 0.1, 0.25)
 
@@ -481,26 +475,23 @@ def test_level_grounds_turn_to_the_plane_and_back_by_the_book():
     assert tilted.boxes_back(found) == pytest.approx(box)
 
 
-def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(monkeypatch):
-    asked, support, lowest = [], support_mask, lowest_mask
-
-    def supported(cells, step, slope, *, min_supporters):
-        asked.append((step, slope, min_supporters))
-        return support(cells, step, slope, min_supporters=min_supporters)
-
-    def low(cells, slope, step, *, window=height_map.STEP_WINDOW_M):
-        asked.append((slope, step, window))
-        return lowest(cells, slope, step, window=window)
-
-    for room in (ground_plane, height_map):
-        monkeypatch.setattr(room, "support_mask", supported)
-        monkeypatch.setattr(room, "lowest_mask", low)
+def test_planes_and_maps_look_for_low_cells_as_far_about_as_said(spy):
+    (of_plane, low_of_plane), (of_map, low_of_map) = (
+        [spy(room, name) for name in ("support_mask", "lowest_mask")]
+        for room in (ground_plane, height_map)
+    )
     street = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (4000, 2)), np.zeros(4000)])
     fit_map(street)
-    assert asked == [(0.1, 0.08, 4), (0.08, 0.1, 8.0), (0.1, 0.08, 6)]
-    asked.clear()
+    supporters = [(*call.args[1:], call.named["min_supporters"]) for call in of_map]
+    assert supporters == [(0.1, 0.08, 4), (0.1, 0.08, 6)]
+    assert [call.args[1:] for call in low_of_map] == [(0.08, 0.1)]
+    assert [call.named.get("window", height_map.STEP_WINDOW_M) for call in low_of_map] == [8.0]
+    assert not of_plane
     fit_plane(street, max_tilt=0.2)
-    assert asked == [(0.25, 0.3, 3), (np.tan(0.2), 0.25, 12.0)]
+    assert [call.named for call in of_plane] == [{"step": 0.25, "slope": 0.3, "min_supporters": 3}]
+    assert [call.args[1:] for call in low_of_plane] == [(np.tan(0.2), 0.25)]
+    windows = [call.named.get("window", height_map.STEP_WINDOW_M) for call in low_of_plane]
+    assert windows == [12.0]
 
 
 def test_maps_cover_the_points_in_reach_of_their_middle():
@@ -526,13 +517,13 @@ def test_maps_cover_the_points_in_reach_of_their_middle():
     assert [len(fit_map(line, reach=reach).heights) for reach in (20.0, 19.9, 0.5)] == [41, 39, 1]
 
 
-def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
+def test_maps_of_smaller_cells_and_elsewhere_are_as_good(limits, monkeypatch):
     def half(origin, heights):
         return HeightMap(origin, heights, 0.5)
 
     rng = np.random.default_rng(5)
     street, middle = hilly(rng, 40000, reach=20.0), rng.uniform(-18, 18, (200, 2))
-    monkeypatch.setattr(height_map, "GROUND_CELL_M", 0.5)
+    limits(height_map, GROUND_CELL_M=0.5)
     monkeypatch.setattr(height_map, "HeightMap", half)
     found = fit_map(street - [10.0, -30.0, 0.0])
     assert np.abs(found.at(middle - [10.0, -30.0]) - height_at(middle)).max() < 0.05
@@ -551,15 +542,9 @@ def test_maps_of_smaller_cells_and_elsewhere_are_as_good(monkeypatch):
     assert not heights[19:].any()
 
 
-def test_the_last_drawing_is_through_the_middle_of_what_lies_on_the_ground(monkeypatch):
+def test_the_last_drawing_is_through_the_middle_of_what_lies_on_the_ground(spy):
     """In every cell three points at 0, four at 10 cm and eight at 20: those within 12 cm count."""
-    asked, redraw = [], height_map.redraw_map
-
-    def noted(surface, cells, kept, kerb):
-        asked.append((np.unique(cells[:, 2].round(3)).tolist(), kept, kerb))
-        return redraw(surface, cells, kept, kerb)
-
-    monkeypatch.setattr(height_map, "redraw_map", noted)
+    calls = spy(height_map, "redraw_map")
     places = (
         np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 1, 2) + 0.5
     )
@@ -568,6 +553,10 @@ def test_the_last_drawing_is_through_the_middle_of_what_lies_on_the_ground(monke
         [np.broadcast_to(places, (400, 15, 2)), np.tile(heights[:, None], (400, 1, 1))], axis=2
     )
     fit_map(points.reshape(-1, 3))
+    asked = [
+        (np.unique(cells[:, 2].round(3)).tolist(), kept, kerb)
+        for (_, cells, kept, kerb), _ in calls
+    ]
     first = [(0.25, np.inf)] * 2 + [(0.2, np.inf)] + [(0.2, 0.09)] * 3 + [(0.12, 0.09)]
     assert asked == [*(([0.0], *each) for each in first), ([0.1], 0.12, 0.09)]
 

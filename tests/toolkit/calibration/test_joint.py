@@ -355,6 +355,9 @@ def test_a_motion_of_two_sensors_is_observed_if_rows_that_count_resist_it():
     assert len(hidden) == 5
     assert np.abs(hidden[:, 0]).max() < 1e-9
     assert np.abs(hidden @ common.T).max() < 1e-9  # without those of all sensors together
+
+
+def test_a_motion_of_one_sensor_is_observed_where_the_other_is_held():
     # held, the other resists alone
     one = joint_of(rows_along(0, [0.0] * 4), free=np.arange(12) >= 6)
     assert one.modes[2].sum() == 0
@@ -400,7 +403,7 @@ def test_levels_end_with_a_step_below_a_ten_thousandth_of_their_radius(metres, s
     assert (len(asked), sorted(set(asked))) == (steps, [0.2, 0.35, 0.7, 1.5])
 
 
-def test_surfaces_pair_by_hand(monkeypatch):
+def test_surfaces_pair_by_hand(limits):
     """Sensor 1 is turned by a quarter and sees a point 3 cm above the first's, both on level
     ground."""
     turned = np.eye(4)
@@ -435,7 +438,7 @@ def test_surfaces_pair_by_hand(monkeypatch):
         len(pair.residual)
         for pair in alignment.pair_surfaces(down, rows, [np.eye(4), turned], (0.5, 0.1))
     ] == [0, 0]
-    monkeypatch.setattr(alignment, "_MIN_SIDE_COSINE", 1.0)  # the cosine must be greater
+    limits(alignment, MIN_SIDE_COSINE=1.0)  # the cosine must be greater
     assert not len(
         alignment.pair_surfaces(surfaces, rows, [np.eye(4), turned], (0.5, 0.1))[0].residual
     )

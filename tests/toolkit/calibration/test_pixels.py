@@ -165,8 +165,8 @@ def narrowed(values, least, greatest, usual):
 
 
 @pytest.mark.parametrize("at_once", [256, 7])
-def test_broad_clusters_are_narrowed_as_an_oracle_does(monkeypatch, at_once):
-    monkeypatch.setattr(pixel_clusters, "_BATCH_PX", at_once)
+def test_broad_clusters_are_narrowed_as_an_oracle_does(limits, at_once):
+    limits(pixel_clusters, BATCH_PX=at_once)
     rng = np.random.default_rng(5)
     stack = rng.choice(np.linspace(9.0, 12.0, 61), (23, *MODEL.shape)).astype(np.float32)
     stack[:, rng.random(MODEL.shape) < 0.5] *= 1.5
@@ -257,7 +257,7 @@ def test_surfaces_within_a_metre_and_beside_nothing_returned(depth, elsewhere, a
     assert found[2, 3] == another
 
 
-def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
+def test_blocks_of_rows_and_pixels_are_learnt_alike(limits, spy):
     """However few measurements are sorted at once."""
 
     def learnt():
@@ -266,22 +266,17 @@ def test_blocks_of_rows_and_pixels_are_learnt_alike(monkeypatch):
             learner.add(image)
         return learner.scene()
 
-    clusters, heights = pixel_clusters.find_clusters, []
-
-    def noted(stack, model):
-        heights.append(stack.shape[1])
-        return clusters(stack, model)
-
-    monkeypatch.setattr(empty_scene, "find_clusters", noted)
+    calls = spy(empty_scene, "find_clusters")
     whole = learnt()
     assert np.isfinite(whole.second).any()
-    assert heights == [6]  # all at once, usually
-    heights.clear()
+    assert [call.args[0].shape[1] for call in calls] == [6]  # all at once, usually
+    calls.clear()
     for block, wanted in ((1, [1] * 6), (400, [2] * 3), (639, [3] * 2), (640, [4, 2]), (960, [6])):
-        monkeypatch.setattr(empty_scene, "_BLOCK_VALUES", block)
+        limits(empty_scene, BLOCK_VALUES=block)
         assert learnt().digest == whole.digest
-        assert heights == wanted  # rows of 8 columns in 20 images, as many as fit
-        heights.clear()
+        # rows of 8 columns in 20 images, as many as fit
+        assert [call.args[0].shape[1] for call in calls] == wanted
+        calls.clear()
 
 
 def test_scenes_are_of_images_spread_over_the_first_frames():
@@ -379,10 +374,10 @@ def test_a_tenth_of_the_images_and_before_nothing_half_of_them_are_enough():
         assert bool(found.second[0, 4] == 20.0) == enough
 
 
-def test_measurements_just_a_gap_apart_are_one_cluster(monkeypatch):
+def test_measurements_just_a_gap_apart_are_one_cluster(limits):
     """The gap at 8 m is 2 m, and at 10 m 2.5: 8 and 10 are one surface, 13 another."""
-    monkeypatch.setattr(pixel_clusters, "GAP_SIGMAS", 0.0)
-    monkeypatch.setattr(pixel_clusters, "GAP_SHARE", 0.25)
+    limits(pixel_clusters, GAP_SIGMAS=0.0)
+    limits(pixel_clusters, GAP_SHARE=0.25)
     far, near, _ = pixel_clusters.find_clusters(
         np.stack([uniform(each) for each in (8.0, 10.0, 13.0, 13.0)]), MODEL
     )
@@ -411,7 +406,7 @@ def test_the_densest_stretch_has_both_its_ends_and_may_be_a_single_measurement()
     assert narrow((10.0, 12.0, 14.0, 20.0), 10.0, 14.0, 0.125) == pytest.approx((14.0, 1 / 4))
 
 
-def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkeypatch):
+def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(limits):
     def mask(far, near, spread):
         none = np.zeros(MODEL.shape, np.float32)
         return pixel_clusters.mark_continuation(
@@ -423,7 +418,7 @@ def test_a_surface_is_continued_to_the_edge_of_the_image_and_of_its_noise(monkey
     assert np.argwhere(mask(far, near, 0.25)).tolist() == [[2, 4]]  # four spreads off, and no more
     close = uniform(0.05)  # beyond the edge is no surface at no distance
     assert not mask(uniform(10.0), close, 0.02).any()
-    monkeypatch.setattr(pixel_clusters, "MIN_SURFACE_GAP_SHARE", 0.5)
+    limits(pixel_clusters, MIN_SURFACE_GAP_SHARE=0.5)
     far, near = uniform(4.0), uniform(np.nan)
     # just half as far again as the plane through the pixel and the one before
     far[2, 3], near[2, 2] = (6.0, 6.0)

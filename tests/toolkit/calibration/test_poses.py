@@ -283,12 +283,22 @@ def test_by_each_other(count, driving):
     assert move < 0.04
 
 
+@pytest.fixture
+def align_by(monkeypatch):
+    """Align the clouds of all sensors by another function."""
+
+    def set_function(function):
+        monkeypatch.setattr(poses, "align_clouds", function)
+
+    return set_function
+
+
 @pytest.mark.parametrize(
     ("count", "driving", "learns"),
     [(5, 0.0, 1), (5, 0.1, 1), (5, 0.125, 1), (4, 0.0, 0), (5, 0.126, 0), (5, 0.6, 0)],
 )
 def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(
-    monkeypatch, count, driving, learns
+    align_by, monkeypatch, count, driving, learns
 ):
     learnt, fitted = [], []
 
@@ -301,7 +311,7 @@ def test_scenes_are_learnt_of_lidars_that_stand_still_in_enough_samples(
         return ()
 
     monkeypatch.setattr(poses, "learn_sample_scenes", learn)
-    monkeypatch.setattr(poses, "align_clouds", together)
+    align_by(together)
     samples = recording_sample_poses(count, driving=driving)
     moved = tuple(
         replace(cloud, world_SE3_sensor=pose(0.1) @ cloud.world_SE3_sensor)
@@ -437,7 +447,7 @@ def test_drifts_are_above_what_is_worth_it_and_three_deviations(
     ("count", "searched"), [(9, [0, 2, 5, 8]), (6, [0, 1, 3, 5]), (5, [0, 1, 2, 4])]
 )
 def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_last(
-    monkeypatch, count, searched
+    limits, align_by, monkeypatch, count, searched
 ):
     asked = []
 
@@ -452,9 +462,9 @@ def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_la
         asked.append((len(clouds), held, more.func, more.args))
         return ()
 
-    monkeypatch.setattr(poses, "OBJECT_FRAMES", 4)
+    limits(poses, OBJECT_FRAMES=4)
     monkeypatch.setattr(poses, "detect_boxes", seen)
-    monkeypatch.setattr(poses, "align_clouds", align)
+    align_by(align)
     frames, detector = Known(recording(TRUE, 12)), lambda points: None
     assert poses.find_poses(frames, None, held=["b"], detector=detector, frames=count) == ()
     assert asked == [(searched, detector, PLACE), (2, [1], object_pairs.object_pairs, ("seen",))]
@@ -462,9 +472,8 @@ def test_road_users_are_searched_in_a_few_frames_evenly_from_the_first_to_the_la
         poses.find_poses(recording(TRUE), None, detector=detector)
 
 
-def test_a_pose_has_not_drifted_by_nothing(monkeypatch):
-    monkeypatch.setattr(found_pose, "MIN_DRIFT_RAD", 0.0)
-    monkeypatch.setattr(found_pose, "MIN_DRIFT_M", 0.0)
+def test_a_pose_has_not_drifted_by_nothing(limits):
+    limits(found_pose, MIN_DRIFT_RAD=0.0, MIN_DRIFT_M=0.0)
     assert not found_at(np.eye(4), deviation=0.0).has_drifted
 
 
@@ -527,18 +536,15 @@ def test_poses_are_written_by_name_with_null_for_what_is_not_observed(tmp_path):
     assert json.loads(text)["c"]["standard_deviation"]["move_m"] == [None, 0.01, 0.01]
 
 
-def test_clouds_are_written_as_a_folder(monkeypatch, tmp_path):
-    written = []
-    monkeypatch.setattr(
-        corrected_recording, "write_recording", lambda *given: written.append(given)
-    )
+def test_clouds_are_written_as_a_folder(spy, tmp_path):
+    calls = spy(corrected_recording, "write_recording")
     samples = recording_sample_poses(1)
     crooked = Sensor("b", MODEL_CLOUDS, ERROR @ TRUE_CLOUDS[1].pose)
     each = found_pose.FoundPose(
         crooked, Registration(TRUE_CLOUDS[1].pose, np.eye(6), np.zeros((0, 6)), 1.0, 0.01)
     )
     corrected_recording.write_corrected(samples, [each], tmp_path)
-    ((corrected, out, layout),) = written
+    (((corrected, out, layout), _),) = calls
     assert (out, layout) == (tmp_path, "folder")
     np.testing.assert_allclose(
         corrected[0].clouds[1].world_SE3_sensor, TRUE_CLOUDS[1].pose, atol=1e-9

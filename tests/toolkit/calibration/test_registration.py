@@ -19,6 +19,7 @@ from toolkit.geometry import invert, look, pose, transform
 from toolkit.sensors.error_terms import make_rotation
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor
+from toolkit.sites.files import load_site, save_site
 from toolkit.sites.site import Site, Solid
 
 
@@ -264,17 +265,11 @@ def test_surfaces_of_several_scenes_are_one():
         cloud_surface(np.zeros((0, 3)))
 
 
-def test_it_starts_where_it_is_believed_turned_about_the_vertical(monkeypatch):
-    starts, align = [], registration.align_levels
-
-    def noted(points, noise, surface, start, levels):
-        if levels is registration._COARSE:
-            starts.append(start)
-        return align(points, noise, surface, start, levels)
-
-    monkeypatch.setattr(registration, "align_levels", noted)
+def test_it_starts_where_it_is_believed_turned_about_the_vertical(spy):
+    calls = spy(registration, "align_levels")
     surface = corner(np.random.default_rng(0), 500)
     register(transform(invert(TRUE), surface.points), surface, TRUE)
+    starts = [start for (*_, start, levels), _ in calls if levels is registration.COARSE_LEVELS]
     turns = [LEVER_M * np.deg2rad(turn) for turn in (0, -2.5, 2.5, -5, 5)]
     motions = [motion_between(TRUE, start) for start in starts]
     np.testing.assert_allclose(motions, [[0, 0, turn, 0, 0, 0] for turn in turns], atol=1e-9)
@@ -285,7 +280,7 @@ def system_of(rows, residual=0.0, weight=1.0, overlap=1.0):
     residual, weight = (
         np.broadcast_to(np.asarray(each, float), len(rows)) for each in (residual, weight)
     )
-    return registration._System(rows, residual, weight, overlap, 0.01)
+    return registration.LinearSystem(rows, residual, weight, overlap, 0.01)
 
 
 EYE = np.eye(6)
@@ -334,9 +329,9 @@ def test_deviations_are_infinite_for_numbers_that_hidden_motions_change():
     assert known.deviations.tolist() == [2.0] * 6
 
 
-def test_pairs_weigh_by_their_noise_roughness_and_scatter(monkeypatch):
+def test_pairs_weigh_by_their_noise_roughness_and_scatter(limits):
     """Eighty points at known heights above a level grid, ten of them too far off."""
-    monkeypatch.setattr(registration, "_STEPS", 1)
+    limits(registration, MAX_LEVEL_STEPS=1)
     places = np.array([[x, y, 0.0] for x in range(10) for y in range(8)], float)
     surface = Surface(places, np.tile([0.0, 0, 1], (80, 1)), np.full(80, 0.02))
     rng = np.random.default_rng(0)
@@ -368,7 +363,7 @@ def test_pairs_weigh_by_their_noise_roughness_and_scatter(monkeypatch):
 
 @pytest.mark.parametrize("hidden", [False, True])
 def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken(
-    monkeypatch, hidden
+    limits, monkeypatch, hidden
 ):
     """The starts end 0, 4, 6, 6 and 20 cm along x (and 10 along y), of which the second and fourth
     are no new ones."""
@@ -386,7 +381,7 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
             return EYE
 
     def align(points, noise, surface, start, levels):
-        if levels is registration._COARSE:
+        if levels is registration.COARSE_LEVELS:
             return apply_motion(np.eye(4), np.array([0, 0, 0, next(ends), 0.1, 0])), System(0.0)
         fine.append(motion_between(np.eye(4), start).round(6).tolist())
         return start, System(float(start[0, 3]))
@@ -400,9 +395,7 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
     assert (found.overlap, found.scatter) == (0.7, 0.02)
     ends, agreements[0.0] = iter([0.0, 0.04, 0.06, 0.06, 0.2]), 0.25
     agreements[0.06] = agreements[0.2] = 0.5
-    monkeypatch.setattr(
-        registration, "_MAX_AGREEMENT_LOSS", 0.25
-    )  # the believed pose is just as good
+    limits(registration, MAX_AGREEMENT_LOSS=0.25)  # the believed pose is just as good
     assert register(np.zeros((9, 3)), surface, np.eye(4)).pose[0, 3] == 0.0
 
 
@@ -437,9 +430,8 @@ def test_fifty_points_are_enough_and_small_things_have_points():
     )
 
 
-def test_a_reference_is_read_by_its_ending(monkeypatch):
-    """Two cameras look down from 8 m, of which a recording tells the poses; sites and clouds have
-    readers."""
+def test_a_recording_is_a_reference(monkeypatch):
+    """Two cameras look down from 8 m, of which a recording tells the poses."""
     poses = [look((x, 0.0, 8.0), heading=0.0, tilt=np.pi / 2) for x in (0.0, 20.0)]
     asked = []
 
@@ -467,20 +459,33 @@ def test_a_reference_is_read_by_its_ending(monkeypatch):
     assert asked == ["a.HDF5", 7, "closed"]
     assert np.abs(surface.points[:, 2]).max() < 1e-4
     assert (surface.points[:, 0] < 10).sum() == (surface.points[:, 0] > 10).sum() > 100
-    monkeypatch.setattr(reference_surface, "load_site", lambda name: f"site {name}")
-    monkeypatch.setattr(reference_surface, "site_surface", lambda site: f"surface of {site}")
-    monkeypatch.setattr(reference_surface, "read_points", lambda path: f"points of {path}")
-    monkeypatch.setattr(reference_surface, "cloud_surface", lambda points: f"surface of {points}")
-    for reference, wanted in (
-        *(
-            ("tjunction", "site tjunction"),
-            ("a.json", "site a.json"),
-            ("a.geojson", "site a.geojson"),
-        ),
-        *(("a.ply", "points of a.ply"), ("a.h5x", "points of a.h5x")),
-    ):
-        found: object = reference_surface.read_surface(reference)
-        assert found == f"surface of {wanted}"
+
+
+def test_a_site_is_a_reference_by_name_or_file(tmp_path, fail, spy):
+    site = Site("small", np.array([-3.0, -3, 3, 3]))
+    save_site(site, tmp_path / "a.json")
+    found = reference_surface.read_surface(tmp_path / "a.json")
+    np.testing.assert_array_equal(found.points, site_surface(site).points)
+    fail(reference_surface, "site_surface", KeyError("far enough"))
+    calls = spy(reference_surface, "site_surface")
+    with pytest.raises(KeyError, match="far enough"):
+        reference_surface.read_surface("tjunction")
+    assert calls[0].args[0] == load_site("tjunction")
+
+
+def test_a_cloud_is_a_reference_and_other_endings_are_refused(tmp_path):
+    points = grid_of(25, 25)
+    header = [
+        *("ply", "format ascii 1.0", f"element vertex {len(points)}"),
+        *(f"property double {name}" for name in "xyz"),
+        "end_header",
+    ]
+    np.savetxt(tmp_path / "a.ply", points, header="\n".join(header), comments="")
+    found = reference_surface.read_surface(tmp_path / "a.ply")
+    np.testing.assert_allclose(found.points, cloud_surface(points).points, atol=1e-9)
+    (tmp_path / "a.h5x").write_bytes(b"")
+    with pytest.raises(ValueError, match="h5x"):
+        reference_surface.read_surface(tmp_path / "a.h5x")
 
 
 def grid_of(rows, columns, noise=0.0, at=(0.0, 0.0, 0.0)):
@@ -540,22 +545,16 @@ def test_fifty_pairs_are_enough():
 
 
 @pytest.mark.parametrize(("above", "steps"), [(4e-5, 1), (1e-4, 2), (0.1, 2)])
-def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(monkeypatch, above, steps):
+def test_a_level_ends_with_a_step_below_a_ten_thousandth_of_its_radius(spy, above, steps):
     """All points lie as high above a level grid, so that one step is enough, and another to see
     that."""
-    asked = []
-
-    def noted(*given):
-        asked.append(given)
-        return resistance(*given)
-
-    monkeypatch.setattr(registration, "resistance", noted)
+    calls = spy(registration, "resistance")
     places, surface = grid_surface()
     start = pose(0.0, 0.0, above)
     moved, _ = registration.align_levels(
         places, np.full(80, 0.01), surface, start, ((0.5, 0.1, 0.9),)
     )
-    assert len(asked) == steps
+    assert len(calls) == steps
     assert moved[2, 3] == pytest.approx(0.0, abs=1e-9)
 
 

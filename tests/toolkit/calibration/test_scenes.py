@@ -163,7 +163,7 @@ def test_scenes_are_learnt_given_or_none_for_sensors_that_move(tmp_path):
 )
 def test_large_images_are_kept_in_smaller_numbers(columns, asked, kept):
     grid = LidarGrid(RowLidar(tuple(np.linspace(0.3, -0.5, 64).tolist()), columns=columns))
-    assert recording_scenes._CloudSceneLearner("north", grid, asked).learner.sample == kept
+    assert recording_scenes.CloudSceneLearner("north", grid, asked).learner.sample == kept
 
 
 def test_only_sensors_of_the_first_samples_and_so_many_of_their_images_are_kept():

@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 from toolkit.clouds import attributes, from_attributes, from_points, positions, save, sensor_numbers
 from toolkit.datasets import cloud_files, feather_files, pose_files
 from toolkit.geometry import invert, pose, transform
+from toolkit.runtime import array_files
 
 POINTS = np.random.default_rng(0).uniform(-50, 50, (40, 3)).astype(np.float32).astype(np.float64)
 POSES = [pose(5e5, 5.4e6, 300.0, yaw=1.0), pose(5e5 + 30, 5.4e6, 305.0, yaw=-2.0, pitch=0.1)]
@@ -303,20 +304,22 @@ def test_deep_and_endless_json_is_refused_in_one_line(tmp_path, content):
     assert "\n" not in str(error.value)
 
 
-def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path):
+def test_a_table_that_unpacks_to_gigabytes_is_refused(tmp_path, limits):
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import feather
 
     columns = [("x", np.zeros(1 << 20)), ("y", np.zeros(1 << 20)), ("z", np.zeros(1 << 20))]
-    for compression in ("zstd", "lz4", "uncompressed"):
-        feather.write_feather(
-            pyarrow.table(dict(columns)), tmp_path / "a.feather", compression=compression
-        )
-        assert len(feather_files.read_table(tmp_path / "a.feather")["x"]) == 1 << 20
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("toolkit.runtime.array_files.MAX_CLOUD_BYTES", 20 << 20)
-            with pytest.raises(ValueError, match=r"a\.feather .* unpacks to"):
-                feather_files.read_table(tmp_path / "a.feather")
+    compressions = ("zstd", "lz4", "uncompressed")
+    for compression in compressions:
+        path = tmp_path / f"{compression}.feather"
+        feather.write_feather(pyarrow.table(dict(columns)), path, compression=compression)
+        assert len(feather_files.read_table(path)["x"]) == 1 << 20
+    usual = array_files.MAX_CLOUD_BYTES
+    limits(array_files, MAX_CLOUD_BYTES=20 << 20)
+    for compression in compressions:
+        with pytest.raises(ValueError, match=rf"{compression}\.feather .* unpacks to"):
+            feather_files.read_table(tmp_path / f"{compression}.feather")
+    limits(array_files, MAX_CLOUD_BYTES=usual)
     nothing = pyarrow.nulls(1 << 30)
     feather.write_feather(
         pyarrow.table({"x": nothing}),

@@ -89,7 +89,7 @@ def test_azimuths_are_in_the_middle_of_their_columns(phase, columns):
     assert abs(model.heading) <= np.pi / columns + 1e-9
 
 
-def test_points_are_counted_in_cells_or_outside_without_a_pattern():
+def test_a_grid_across_the_seam_is_found():
     row, column = (each.ravel() for each in np.meshgrid(np.arange(20), np.arange(50)))
     elevation, azimuth = np.deg2rad(5 - 0.8 * row), np.deg2rad(160.0 + 0.8 * column)  # on to -160.8
     grid = find_grid([cloud(elevation, azimuth, seed=k) for k in range(2)])
@@ -99,6 +99,9 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert grid.model.columns == 50
     assert np.rad2deg(grid.model.azimuth_fov) == pytest.approx(40.0, abs=1e-3)
     assert np.rad2deg(grid.model.heading) == pytest.approx(179.6, abs=1e-3)
+
+
+def test_points_without_a_pattern_get_even_steps():
     rng = np.random.default_rng(0)
     clouds = [
         cloud(rng.uniform(-0.3, 0.2, 6000), rng.uniform(-0.5, 0.5, 6000), seed=k) for k in range(2)
@@ -110,12 +113,18 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert 0.4 < 6000 / (grid.model.shape[0] * grid.model.shape[1]) < 1.6
     assert grid.model.elevations[0] >= 0.2 - 1e-3
     assert grid.model.elevations[-1] <= -0.3 + 1e-3
+
+
+def test_rings_choose_the_rows_of_points():
     grid = LidarGrid(MODEL, rings=(7, 3, 9, 1))
     points = along((0, 4, 10.0), (0, 5, 10.0), (0, 6, 10.0))
     made = rasterize_cloud(SensorCloud("l", points, np.eye(4), ring=np.array([9, 1, 8])), grid)
     assert made.inside.tolist() == [True, True, False]
     assert made.cells[:2].tolist() == [2 * 36 + 4, 3 * 36 + 5]
     assert rasterize_cloud(SensorCloud("l", points, np.eye(4)), grid).cells.tolist() == [4, 5, 6]
+
+
+def test_the_nearest_point_of_a_cell_is_shown():
     points_cloud = SensorCloud(
         "l", along((1, 5, 30.0), (1, 5, 12.0), (1, 5, 20.0), (2, 5, 9.0)), np.eye(4)
     )
@@ -125,6 +134,9 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert made.measurement[1, 5] == pytest.approx(12.0)
     assert made.measurement[2, 5] == pytest.approx(9.0)
     assert (made.measurement > 0).sum() == 2
+
+
+def test_points_beyond_range_and_rows_are_left_out():
     far = along((0, 0, 500.0), (3, 1, 10.0))
     # 0.11 above the row, 0.1 to the next
     high = np.array([[10 * np.cos(0.31), 0, 10 * np.sin(0.31)]], np.float32)
@@ -136,6 +148,9 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert made.inside.tolist() == [False, True, False, True]
     assert made.left_out == {OUTSIDE_GRID: 2}
     assert made.cells.max() < 4 * 36
+
+
+def test_points_beside_the_sector_are_outside():
     azimuth = 3.0 + np.array([-0.52, -0.48, 0.0, 0.48, 0.52])  # on across the seam
     points = 10 * np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(5)], axis=1)
     made = rasterize_cloud(
@@ -145,14 +160,14 @@ def test_points_are_counted_in_cells_or_outside_without_a_pattern():
     assert made.cells[1:4].tolist() == [10, 15, 19]
 
 
-def test_what_is_no_image_is_refused(monkeypatch):
+def test_what_is_no_image_is_refused(limits):
     with pytest.raises(
         ValueError, match="0 points of the sensor say nothing of its rows, 100 are needed"
     ):
         find_grid([])
     with pytest.raises(ValueError, match="3 points of l say nothing"):
         find_grid([SensorCloud("l", np.full((3, 3), 9.0, np.float32), np.eye(4))])
-    monkeypatch.setattr(lidar_grid, "MAX_GRID_PX", 2519)
+    limits(lidar_grid, MAX_GRID_PX=2519)
     with pytest.raises(
         ValueError, match="would have 7 x 360 pixels: are its points in its own frame"
     ):

@@ -34,7 +34,7 @@ def test_objects_and_back(map_SE3_site, places):
     assert back.ids.tolist() == objects.ids.tolist()
 
 
-def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
+def test_cameras_look_along_the_axes_of_carla():
     """On an unturned map a camera at (1, 2, 5) that looks north (+y) looks along -y in CARLA, its
     right is +x."""
     matrix = published.extrinsic(look((1.0, 2.0, 5.0), np.pi / 2), np.eye(4))
@@ -44,14 +44,23 @@ def test_cameras_boxes_and_empty_pixels_in_carla_coordinates():
     assert np.allclose(matrix @ ahead, [7, 0, 0, 1])
     assert np.allclose(matrix @ right, [7, 3, 0, 1])
     assert np.allclose(matrix @ above, [7, 0, 2, 1])
+
+
+def test_boxes_are_mirrored_into_carla_coordinates():
     rows = published.format_objects(
         Objects(np.array([[1, 2, 0.75, 4, 2, 1.5, np.deg2rad(30)]]), np.array([1])), np.eye(4)
     )
     assert np.allclose(rows, [[1, -2, 0.75, 0, 0, -30, 2, 1, 0.75, 1]])
+
+
+def test_intrinsics_come_back():
     camera = DepthCamera(width=320, height=200, fov=1.2, centre=(150.0, 99.5))
     back = published.parse_intrinsic(published.intrinsic(camera), 200, 320)
     assert back.centre == (150.0, 99.5)
     assert back.fov == pytest.approx(1.2)
+
+
+def test_images_are_expanded_and_measured_again():
     camera = DepthCamera(width=8, height=6)
     depth = np.zeros(camera.shape, np.float32)
     depth[0] = [1.5, 999.0, np.inf, np.nan]

@@ -46,6 +46,7 @@ def test_a_recording_is_whole_by_seed_and_number(recording):
     assert digest(recording) != digest(random_recording(seed=4, number=2, frames=3))
 
 
+@pytest.mark.slow
 def test_site_files_are_recorded_in_turn_instead_of_drawn_junctions(tmp_path):
     paths = [tmp_path / f"{k}.json" for k in range(2)]
     for k, path in enumerate(paths):
@@ -62,6 +63,7 @@ def test_site_files_are_recorded_in_turn_instead_of_drawn_junctions(tmp_path):
     assert out.read_text() == "\n".join(repr(digest(each)) for each in made[:2])
 
 
+@pytest.mark.slow
 def test_everyone_is_drawn_afresh_or_stretched():
     recording = random_recording(seed=4, number=1, frames=3, fleet=fleet_named("catalogue"))
     sizes = np.concatenate(
@@ -113,6 +115,16 @@ def as_text(recording):
     return repr(digest(recording)).encode()
 
 
+@pytest.fixture
+def draw_by(monkeypatch):
+    """Draw recordings by another function: `draw_by(function)`."""
+
+    def set_function(function):
+        monkeypatch.setattr(module, "random_recording", function)
+
+    return set_function
+
+
 @pytest.mark.slow
 def test_the_number_of_workers_changes_nothing(tmp_path):
     for workers in (1, 2):
@@ -126,11 +138,11 @@ def test_the_number_of_workers_changes_nothing(tmp_path):
     assert (tmp_path / "1").read_text() == (tmp_path / "2").read_text()
 
 
-def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch):
+def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, draw_by):
     out, first, second = tmp_path / "x.packed", Noted(kill_at=3), Noted()
     settings = {"encode": as_bytes, "join": as_lines}
     run, done = Run(frames=4, seed=7), []
-    monkeypatch.setattr(module, "random_recording", first)
+    draw_by(first)
     with pytest.raises(KeyboardInterrupt):
         random_recordings_file(5, out, run=run, **settings)
     assert not out.exists()
@@ -138,7 +150,7 @@ def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch)
         random_recordings_file(5, out, run=replace(run, seed=8), **settings)
     with pytest.raises(FileExistsError, match=r"fleet 0 .* instead of 47 "):
         random_recordings_file(5, out, run=run, **settings, fleet=fleet_named("catalogue"))
-    monkeypatch.setattr(module, "random_recording", second)
+    draw_by(second)
     told = replace(run, progress=lambda name, count, total: done.append((count, total)))
     with pytest.warns(UserWarning, match="random site 2 of seed 7 left out: ValueError: no road"):
         assert random_recordings_file(5, out, run=told, **settings) == 4
@@ -147,26 +159,26 @@ def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, monkeypatch)
     assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
 
 
-def test_another_run_is_dropped_when_told_to(tmp_path, monkeypatch):
+def test_another_run_is_dropped_when_told_to(tmp_path, draw_by):
     out = tmp_path / "x.packed"
-    monkeypatch.setattr(module, "random_recording", Noted(kill_at=1))
+    draw_by(Noted(kill_at=1))
     with pytest.raises(KeyboardInterrupt):
         random_recordings_file(2, out, run=Run(frames=4, seed=7), encode=as_bytes, join=as_lines)
-    monkeypatch.setattr(module, "random_recording", Noted())
+    draw_by(Noted())
     random_recordings_file(
         2, out, run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, overwrite=True
     )
     assert out.read_text() == "8 0 4\n8 1 4"
 
 
-def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, monkeypatch):
+def test_a_file_is_of_the_fleet_that_is_asked_for(tmp_path, draw_by):
     asked = []
 
     def drawn(seed, number, frames, *, fleet, sites):
         asked.append(fleet)
         return "drawn"
 
-    monkeypatch.setattr(module, "random_recording", drawn)
+    draw_by(drawn)
     fleet = fleet_named("own")
     random_recordings_file(
         2, tmp_path / "x", run=Run(frames=4, seed=8), encode=as_bytes, join=as_lines, fleet=fleet

@@ -75,7 +75,7 @@ def test_paper_is_the_noise_there_was_to_the_bit(seed):
     assert same(read_frame(Frames(), 2, noise_seed=None), frame_at(2))
 
 
-def test_models_have_the_errors_of_a_profile_in_any_company():
+def test_models_have_the_errors_of_a_profile():
     said, true = with_errors(frame_at(1), POOR, 0), frame_at(1)
     for sensor, before, image, seen in zip(
         said.sensors, SENSORS, said.images, true.measurements, strict=True
@@ -87,6 +87,9 @@ def test_models_have_the_errors_of_a_profile_in_any_company():
         assert image.dtype == np.float32
     assert np.array_equal(said.objects.boxes, true.objects.boxes)
     assert (said.index, said.time) == (true.index, true.time)
+
+
+def test_errors_of_a_sensor_do_not_depend_on_the_others():
     frame = frame_at(2)
     turned = replace(frame, sensors=frame.sensors[::-1], measurements=frame.images[::-1])
     alone = replace(frame, sensors=frame.sensors[1:2], measurements=frame.images[1:2])

@@ -299,10 +299,8 @@ OWN_FILES = {
 
 
 @pytest.mark.parametrize("layout", OWN_FILES)
-def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(
-    tmp_path, layout, monkeypatch
-):
-    monkeypatch.setattr("toolkit.runtime.reading._MAX_SILENCE_S", 0.01)
+def test_pipes_devices_folders_and_lost_links_in_place_of_files_are_told(tmp_path, layout, limits):
+    limits("toolkit.runtime.reading", MAX_SILENCE_S=0.01)
     write_recording(scene(), tmp_path, layout)
     for name in OWN_FILES[layout]:
         file = tmp_path / name

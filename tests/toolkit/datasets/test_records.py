@@ -86,7 +86,7 @@ def made(*rows, names=None, **more):
     return found, problems
 
 
-def test_labels_doubled_impossible_or_without_counts():
+def test_impossible_labels_are_left_out():
     for column, value, problem in (
         *(
             (0, np.nan, "labels with NaN or infinite numbers"),
@@ -101,11 +101,17 @@ def test_labels_doubled_impossible_or_without_counts():
         found, problems = made(BOX, [*BOX[:column], value, *BOX[column + 1 :]])
         assert len(found.objects) == 1
         assert problems == {problem: 1}
+
+
+def test_doubled_labels_are_left_out_and_near_ones_stay():
     twin = [BOX[0] + 0.0009, *BOX[1:]]
     apart = [BOX[0] + 0.0011, *BOX[1:]]
     found, problems = made(BOX, twin, apart, BOX, names=["car", "car", "car", "bus"])
     assert found.objects.labels.tolist() == [0, 0, 3]
     assert problems == {"doubled labels": 1}
+
+
+def test_labels_of_other_kinds_are_kept_apart_with_their_counts():
     found, problems = made(BOX, BOX, names=["Traffic Cone", "PEDESTRIAN"], counts=[3, 8])
     assert found.objects.labels.tolist() == [2]
     assert found.counts.tolist() == [8]
@@ -114,12 +120,15 @@ def test_labels_doubled_impossible_or_without_counts():
     assert problems == {"labels of other kinds than ours": 1}
     assert made(BOX, [0, *BOX[1:]], counts=[3, -1])[0].counts is None
     assert frame_labels.no_labels().counts is None
+
+
+def test_yaws_beyond_a_full_turn_are_wrapped():
     found, problems = made([*BOX[:6], 7.0], [0.0, *BOX[1:6], 6.28])
     assert found.objects.boxes[0, 6] == pytest.approx(7 - 2 * np.pi)
     assert problems == {"yaws beyond a full turn": 1}
 
 
-def test_kinds_points_and_times_are_the_same_everywhere():
+def test_kinds_and_tracks_are_the_same_everywhere():
     assert [CATEGORIES[name] for name in ("car", "van", "bus", "cyclist", "person_sitting")] == [
         0,
         0,
@@ -135,6 +144,9 @@ def test_kinds_points_and_times_are_the_same_everywhere():
     )
     assert frame_labels.track_number("9" * 30) >= 0
     assert frame_labels.track_number("²") > 3
+
+
+def test_points_of_no_use_are_left_out():
     made, problems = cloud(
         [[1, 2, 3], [np.inf, 0, 0], [0, 0, 0], [2e5, 0, 0]], intensity=np.arange(4.0)[:, None]
     )
@@ -145,6 +157,9 @@ def test_kinds_points_and_times_are_the_same_everywhere():
         {"positions": np.zeros((1, 3))}, "s", np.eye(4), problems, frame="world"
     )
     assert (len(made.points), problems) == (1, {})
+
+
+def test_intensity_and_times_are_read_of_every_name():
     # colours hold intensity in the red
     made, _ = cloud([[1, 0, 0]], colors=np.array([[7, 0, 0]], np.uint8))
     assert made.intensity.tolist() == [7]
@@ -163,7 +178,7 @@ def cloud(points, **columns):
     ), problems
 
 
-def test_clouds_there_and_back_as_one_with_rings(tmp_path):
+def test_clouds_come_back_with_intensity(tmp_path):
     placed = pose(1.0, 2.0, 3.0, yaw=1.0)
     sensor = SensorCloud(
         "s", np.array([[4.0, 5, 6]], np.float32), placed, intensity=np.array([0.5], np.float32)
@@ -173,6 +188,9 @@ def test_clouds_there_and_back_as_one_with_rings(tmp_path):
     back = cloud_records.read_cloud(tmp_path / "a.pcd", "s", placed, problems)
     assert back.points.tolist() == sensor.points.tolist()
     assert back.intensity.tolist() == [0.5]
+
+
+def test_clouds_of_a_frame_become_one():
     placed = pose(10.0)
     some = SensorCloud("a", np.ones((1, 3), np.float32), placed, intensity=np.ones(1, np.float32))
     other = SensorCloud("b", np.ones((2, 3), np.float32), np.eye(4))
@@ -182,6 +200,9 @@ def test_clouds_there_and_back_as_one_with_rings(tmp_path):
     assert cloud_records.one_cloud(
         Frame.of_clouds("0", (some,), Objects.empty())
     ).intensity.tolist() == [1]
+
+
+def test_rings_are_whole_numbers_or_none(tmp_path):
     assert cloud([[1, 0, 0]])[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([2.5]))[0].ring is None
     assert cloud([[1, 0, 0]], ring=np.array([np.nan]))[0].ring is None

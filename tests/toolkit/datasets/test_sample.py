@@ -38,7 +38,7 @@ def test_points_and_objects_in_the_world_to_the_millimetre():
     sample = Frame.of_clouds(
         "0", (), Objects(boxes, np.array([0, 1, 2])), ("a", "b", "c"), np.array([5, 6, 7])
     )
-    some = sample.of(np.array([True, False, True]))
+    some = sample.select_objects(np.array([True, False, True]))
     assert some.objects.labels.tolist() == [0, 2]
     assert some.categories == ("a", "c")
     assert some.counts.tolist() == [5, 7]
@@ -73,11 +73,14 @@ def test_what_does_not_fit_is_refused(made, names):
         made()
 
 
-def test_regions_hold_places_and_boxes_in_an_image():
+def test_regions_hold_places():
     boxes = np.array([[0, 0, 0, 1, 1, 1, 0], [5, 0, 0, 1, 1, 1, 0.0]])
     assert Everywhere().covers(boxes).tolist() == [True, True]
     assert Rectangle((-1.0, -1.0, 4.0, 1.0)).covers(boxes).tolist() == [True, False]
     assert isinstance(Rectangle((0.0, 0.0, 1.0, 1.0)), Region)
+
+
+def test_boxes_have_rectangles_in_an_image():
     # A camera at the origin that looks along z: a box of 2 m at 10 m is 200 pixels wide at its
     # nearer face.
     wedge = ImageWedge(np.array([[900.0, 0, 500, 0], [0, 900, 400, 0], [0, 0, 1, 0]]), 1000, 800)

@@ -202,12 +202,15 @@ def test_what_was_made_from_something_else_is_not_touched(undisturbed, changes, 
     assert [path.name for path in undisturbed.parent.iterdir()] == [undisturbed.name]
 
 
-def test_what_is_there_is_overwritten_when_told_and_links_followed(tmp_path):
+def test_files_of_others_are_not_overwritten(tmp_path):
     out = tmp_path / "thesis.txt"
     out.write_text("ten years")
     with pytest.raises(FileExistsError, match="is no complete file of coview simulate"):
         simulate_dataset(out=out, **small_job())
     assert out.read_text() == "ten years"
+
+
+def test_another_job_overwrites_when_told_to(tmp_path):
     out = tmp_path / "new" / "out.hdf5"
     site = load_site("tjunction")
     lidar = Sensor("lidar", SpinningLidar(channels=4, azimuth_step=0.1), site.sensors[0].pose)
@@ -219,6 +222,9 @@ def test_what_is_there_is_overwritten_when_told_and_links_followed(tmp_path):
     assert simulate_dataset(out=out, overwrite=True, **other) == 2
     assert CoopDataset(out).sensors == (lidar,)
     assert simulate_dataset(out=out, **other) == 0
+
+
+def test_links_are_followed(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     link, real = tmp_path / "out.hdf5", tmp_path / "elsewhere" / "real.hdf5"
     link.symlink_to(real)
@@ -266,10 +272,11 @@ def test_progress_is_told_while_processes_work(tmp_path):
     assert told[-1] == FRAMES
 
 
+@pytest.mark.slow
 def test_a_drawn_fleet_gives_everyone_a_body_of_its_own_and_the_same_bytes_after_a_break(
-    tmp_path, monkeypatch
+    tmp_path, limits
 ):
-    monkeypatch.setattr(simulation, "FRAMES_PER_BLOCK", 5)
+    limits(simulation, FRAMES_PER_BLOCK=5)
     job = small_job(frames=8, fleet=fleet_named("own"))
     whole, resumed = tmp_path / "whole.hdf5", tmp_path / "resumed.hdf5"
 

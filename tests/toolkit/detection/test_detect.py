@@ -217,7 +217,7 @@ def found():
     ]
 
 
-def test_boxes_in_files_and_a_summary(found, tmp_path):
+def test_boxes_in_a_file_come_back(found, tmp_path):
     assert list(write_detections(iter(found), tmp_path / "b.json", weights="general")) == found
     entries = read_entries(tmp_path / "b.json")
     assert list(entries) == ["a/0", "a/1"]
@@ -225,6 +225,9 @@ def test_boxes_in_files_and_a_summary(found, tmp_path):
         parse_objects("b.json", entries["a/0"], {}).objects.boxes, BOX, atol=1e-12
     )
     assert json.loads((tmp_path / "b.json").read_text())["weights"] == "general"
+
+
+def test_boxes_are_written_as_openlabel_and_kitti(found, tmp_path):
     list(write_detections(iter(found), tmp_path / "o", "openlabel"))
     list(write_detections(iter(found), tmp_path / "k", "kitti"))
     assert sorted(file.name for file in (tmp_path / "o").glob("*.json")) == ["a_0.json", "a_1.json"]
@@ -233,6 +236,9 @@ def test_boxes_in_files_and_a_summary(found, tmp_path):
     assert len(words) == 16
     assert float(words[-1]) == 0.75
     assert file_name("106-105/seq-1/00000 b") == "106-105_seq-1_00000_b"
+
+
+def test_a_summary_counts_boxes_problems_and_time(found):
     figures = summarise(found)
     assert figures == {
         "samples": 2,

@@ -22,7 +22,6 @@ from toolkit.detection.evaluation_tables import format_table
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.metrics import evaluate
 from toolkit.detection.schemes import fuse_frame
-from toolkit.detection.view import frame_view
 from toolkit.frame import Frame
 from toolkit.geometry import look, pose
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
@@ -445,7 +444,7 @@ class Still(Recording):
         return replace(frame, measurements=tuple(images))
 
 
-def test_foreground_learns_its_scenes_or_takes_those_given():
+def test_foreground_learns_its_scenes():
     rows = evaluate_recording(
         Still(),
         Oracle(),
@@ -464,6 +463,9 @@ def test_foreground_learns_its_scenes_or_takes_those_given():
         foreground.kbit_per_sensor * 3 * 10 / 1000
     )
     assert len(rows.as_dict()["loads"]) == 2
+
+
+def test_foreground_takes_the_scenes_that_are_given():
     other = learn_empty_scenes(ReadRecording(Still(), Reads(noise_seed=3)))
     rows = evaluate_recording(
         Still(),
@@ -478,6 +480,9 @@ def test_foreground_learns_its_scenes_or_takes_those_given():
     assert "empty_scenes" not in rows.provenance
     assert rows.loads == ()
     assert "loads" not in rows.as_dict()
+
+
+def test_a_codec_sends_less_than_the_paper_counts():
     options = {"iou_thresholds": [0.7], "codec": RangeImages()}
     rows = evaluate_recording(
         Still(), Oracle(), Comparison(schemes=["early", "late", "hybrid"], **options)
@@ -491,14 +496,8 @@ def test_foreground_learns_its_scenes_or_takes_those_given():
     assert rows.provenance["codec"] == "RangeImages(step=0.02)"
 
 
-def test_differences_remember_from_frame_to_frame(monkeypatch):
-    memories = []
-
-    def remembering(*arguments, **options):
-        memories.append(options["memory"])
-        return frame_view(*arguments, **options)
-
-    monkeypatch.setattr("toolkit.detection.view.frame_view", remembering)
+def test_differences_remember_from_frame_to_frame(spy):
+    calls = spy("toolkit.detection.view", "frame_view")
     for _ in range(2):
         rows = evaluate_recording(
             Still(),
@@ -506,6 +505,7 @@ def test_differences_remember_from_frame_to_frame(monkeypatch):
             Comparison(schemes=["foreground", ForegroundDifferences()], iou_thresholds=[0.7]),
         )
         assert rows[1].kbit_per_sensor <= rows[0].kbit_per_sensor
+    memories = [call.named["memory"] for call in calls]
     per_run = len(memories) // 2
     assert len({id(memory) for memory in memories[:per_run]}) == 1
     assert memories[0] is not memories[-1]

@@ -77,7 +77,7 @@ def test_schemes_on_clouds(tmp_path):
 
 
 @pytest.mark.slow
-def test_scenes_and_sensor_sets_are_given_or_refused():
+def test_loads_and_given_scenes_are_in_the_results():
     made = evaluate(samples(), "early", rate=10.0)
     assert made.schemes["early"]["load"]["mbit_per_s"] == pytest.approx(2 * 8 * 96 * 10 / 1e6)
     assert "on a link at 10 Hz" in made.text()
@@ -87,12 +87,20 @@ def test_scenes_and_sensor_sets_are_given_or_refused():
         warnings.simplefilter("error")
         made = evaluate([list(still())[-1]], "foreground", scenes=Scenes([], [learnt]))
     assert made.schemes["foreground"]["kbit_per_sensor"] > 0.3
+
+
+@pytest.mark.slow
+def test_sensor_sets_are_named_by_their_rows():
     made = evaluate(samples(), None, sensor_sets=[["b"]])
     assert list(made.schemes) == ["all clouds"]
     assert made.schemes["all clouds"]["kbit_per_sensor"] is None
     assert made.rows[0].sensors == (1,)
     made = evaluate(samples(), "early", sensor_sets=[["b"], None])
     assert list(made.schemes) == ["early 1", "early 0,1"]
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_changes_nothing_and_no_breakdown_is_made():
     asked = Comparison(schemes=["early"], breakdown=False)
     one, two = (
         evaluate_recording(
@@ -106,6 +114,10 @@ def test_scenes_and_sensor_sets_are_given_or_refused():
     )
     assert one.rows[0].ap == two.rows[0].ap == 1
     assert two.breakdown == ()
+
+
+@pytest.mark.slow
+def test_what_cannot_be_evaluated_is_refused():
     with pytest.raises(ValueError, match="need one frame"):
         evaluate([], None)
     with pytest.raises(ValueError, match="knows vehicle only, not cyclist"):

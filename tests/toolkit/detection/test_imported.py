@@ -35,9 +35,9 @@ def breaking(points):
 
 
 @pytest.fixture
-def site(tmp_path, monkeypatch):
+def site(tmp_path, work_in):
     (tmp_path / "their_module.py").write_text(MODULE)
-    monkeypatch.syspath_prepend(tmp_path)
+    work_in(tmp_path)
     yield load_site("tjunction")
     sys.modules.pop("their_module", None)
 

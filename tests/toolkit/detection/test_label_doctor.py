@@ -189,7 +189,7 @@ def seen(samples):
     return [GroundView(sample, sample.points()) for sample in samples]
 
 
-def test_velocities_and_fronts_that_point_backwards():
+def test_velocities_are_those_of_tracks():
     boxes, velocities, ids = find_moving(driving(), 1)
     assert ids.tolist() == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose(
@@ -209,13 +209,15 @@ def test_velocities_and_fronts_that_point_backwards():
         find_moving([one, moved], 0).velocities, np.tile([10.0, 0.0], (6, 1)), atol=1e-9
     )
 
+
+def test_fronts_that_point_backwards_are_counted():
     def undo(sample, boxes):
         return YAW_SIGN.undo(boxes)
 
     assert count_turned(wrong(driving()), undo) == (4, 16, 24)
     assert count_turned(driving(), undo) is None
     assert count_turned(wrong(driving(ids=False)), undo) is None
-    alone = [each.of(np.arange(3)) for each in wrong(driving(8))]
+    alone = [each.select_objects(np.arange(3)) for each in wrong(driving(8))]
     assert count_turned(alone, undo) is None  # one car that drives backwards is no mistake of all
     # a mistake that spoils as many is none
     assert (

@@ -64,7 +64,7 @@ def test_sweeps_of_an_empty_scene_by_hand():
     scene = EmptyScene(
         "a", model, full(20.0), full(0.1), full(0.75), full(10.0), full(0.01), full(0.25), 8
     )
-    points = clusters._draw_sweep(Scenes([], [scene]), "a", np.random.default_rng(0))
+    points = clusters.draw_sweep(Scenes([], [scene]), "a", np.random.default_rng(0))
     ranges = np.linalg.norm(points, axis=1)
     near = ranges < 15
     assert len(points) == 1000

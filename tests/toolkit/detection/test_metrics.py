@@ -89,7 +89,7 @@ def test_exact_agrees_with_brute_force(seed, metric):
         assert results[threshold].ap == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_case_worked_by_hand_as_the_published_protocol_counts():
+def test_precision_recall_and_ap_are_those_by_hand():
     """Scores 9 hit, 8 miss, 7 hit, 6 second hit of a truth already taken; 3 truths in two
     frames."""
     detections = [
@@ -105,6 +105,9 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     assert result.curve.recall == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3])
     assert result.curve.score.tolist() == [9, 8, 7, 6]
     assert result.ap == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 3)
+
+
+def test_the_published_protocol_leaves_out_frames_without_truths():
     detections = [Detections(CAR, np.array([0.9])), Detections(CAR, np.array([0.8]))]
     truths = [Objects.empty(), Objects(CAR)]
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.5])[0.5].ap == 0.5
@@ -112,6 +115,9 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
         metrics.evaluate(detections, truths, iou_thresholds=[0.5], protocol="published")[0.5].ap
         == 1.0
     )
+
+
+def test_the_published_protocol_asks_for_the_greatest_overlap():
     # Of two overlapping truths the published protocol asks for the greater overlap.
     assert metrics.claim_then_test(
         np.array([[0.8, 0.1], [0.6, 0.3], [0.1, 0.7]]), 0.5
@@ -119,6 +125,9 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     assert metrics.claim_then_test(np.array([[0.5, 0.0]]), 0.5).tolist() == [
         -1
     ]  # it must exceed the threshold
+
+
+def test_a_stray_box_claims_a_truth_in_the_published_protocol():
     # The stray box overlaps nothing, its arg-max is truth 0, and it claims that.
     detections = [Detections(np.concatenate([moved(CAR, 99), CAR]), np.array([0.9, 0.8]))]
     assert metrics.evaluate(detections, [Objects(CAR)], iou_thresholds=[0.5])[0.5].ap == 0.5
@@ -130,13 +139,16 @@ def test_a_case_worked_by_hand_as_the_published_protocol_counts():
     )
 
 
-def test_thresholds_met_by_equality_and_frames_without_objects():
+def test_a_threshold_is_met_by_equality():
     detections, truths = [Detections(moved(CAR, z=0.5), np.ones(1))], [Objects(CAR)]
     third = float(iou_3d(detections[0].boxes, CAR)[0, 0])
     assert metrics.evaluate(detections, truths, iou_thresholds=[third])[third].tp == 1
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.9])[0.9].tp == 0
     assert metrics.evaluate([Detections(CAR, np.ones(1))], truths, iou_thresholds=[1])[1.0].tp == 1
     assert metrics.evaluate(detections, truths, iou_thresholds=[0.9], metric="bev")[0.9].tp == 1
+
+
+def test_detections_of_objects_that_do_not_count_are_ignored():
     boxes = np.concatenate([CAR, moved(CAR, 10)])
     detections, truths = [Detections(boxes, np.ones(2))], [Objects(boxes)]
     result = metrics.evaluate(detections, truths, iou_thresholds=[0.5], counted=[[True, False]])[
@@ -146,6 +158,9 @@ def test_thresholds_met_by_equality_and_frames_without_objects():
     found = match_one(detections[0], truths[0], 0.5, counted=[True, False])
     assert found.ignored.tolist() == [False, True]
     assert found.scored.tolist() == [True, False]
+
+
+def test_frames_without_objects_or_detections_have_figures():
     detected, there = Detections(CAR, np.ones(1)), Objects(CAR)
     no_truths = metrics.evaluate([detected], [Objects.empty()], iou_thresholds=[0.5])[0.5]
     assert np.isnan([no_truths.ap, no_truths.recall]).all()
@@ -316,7 +331,7 @@ def test_match_and_evaluate_agree(protocol):
         )
 
 
-def test_curves_and_options_that_are_unusable():
+def test_equal_scores_are_one_point_of_a_curve():
     curve = metrics.precision_recall(
         np.array([0.5, 0.9, 0.5, 0.5]), np.array([True, False, False, True]), truths=2
     )
@@ -330,6 +345,9 @@ def test_curves_and_options_that_are_unusable():
         (0.7, True),
         (0.9, True),
     ]
+
+
+def test_reliability_is_by_bins_of_scores():
     diagram = metrics.reliability(
         np.array([0.0, 0.05, 0.5, 1.0]), np.array([False, True, True, True])
     )
@@ -341,9 +359,15 @@ def test_curves_and_options_that_are_unusable():
         np.array([-0.5, 1.5]), np.array([False, True]), bins=2
     ).count.tolist() == [1, 1]
     assert metrics.reliability(np.zeros(0), np.zeros(0, bool)).error == 0
+
+
+def test_usual_thresholds_are_of_the_size_of_a_class():
     assert metrics.TRUE_IOU == {VEHICLE: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25, HEAVY: 0.5}
     assert metrics.USUAL_IOUS[VEHICLE] == metrics.USUAL_IOUS[HEAVY] == (0.7, 0.8, 0.9)
     assert metrics.USUAL_IOUS[CYCLIST] == metrics.USUAL_IOUS[PEDESTRIAN] == (0.25, 0.5, 0.7)
+
+
+def test_options_that_are_unusable_are_refused():
     frame = [Detections(CAR, np.ones(1))], [Objects(CAR)]
     for thresholds in ([0.0], [1.1], [np.nan]):
         with pytest.raises(ValueError, match=r"must lie in \(0, 1\]"):
@@ -434,7 +458,7 @@ def test_orders_of_equal_scores_and_truths_make_no_difference(order):
 
 
 def test_what_just_reaches_an_unscored_object_is_ignored():
-    overlaps = metrics._Overlaps(
+    overlaps = metrics.Overlaps(
         rows=np.arange(3),
         columns=np.zeros(0, int),
         scores=np.array([0.9, 0.8, 0.7]),

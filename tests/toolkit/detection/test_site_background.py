@@ -76,9 +76,9 @@ def test_a_large_area_has_coarser_voxels_and_as_many_as_memory_holds(side):
     assert np.prod(np.array([side, side, 5.0]) / voxel + 5.0) < MAX_VOXELS
 
 
-def test_a_coarser_background_still_is_what_sensors_see_of_the_site(place, monkeypatch):
+def test_a_coarser_background_still_is_what_sensors_see_of_the_site(place, limits):
     site, frames, background = place
-    monkeypatch.setattr(module, "_AREA_VOXELS", 1 << 20)
+    limits(module, AREA_VOXELS=1 << 20)
     coarse = site_background(site)
     assert VOXEL_M < coarse.voxel < 0.6
     assert coarse.occupied.size < background.occupied.size / 4

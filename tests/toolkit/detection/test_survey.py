@@ -144,11 +144,29 @@ def test_points_are_counted_without_a_site():
     text = found.text([[0]])
     assert "7 of 8 labelled cuboids hold as many points as the set says" in text
     assert "vehicle from 0: 0.0% of 4 without a point, mean 1.5, median 1.5 points" in text
+
+
+def test_a_class_without_counts_is_left_out_and_no_frame_refused():
     found = survey(Labelled([sample(None)]), classes=["cyclist"])
     assert found.agreeing == (1, 1)  # of the cone
     assert "cyclist from" not in found.text([[0]])
     with pytest.raises(ValueError, match="need one frame"):
         survey(Labelled())
+
+
+def test_points_and_bits_of_a_sensor_are_means_over_the_frames_that_have_it():
+    clouds = [
+        SensorCloud("s", np.array([[3.0, 0, 0]] * (k + 2), np.float32), np.eye(4)) for k in range(3)
+    ]
+    late = SensorCloud("late", np.array([[5.0, 0, 0]] * 8, np.float32), np.eye(4))
+    nothing = Objects(np.zeros((0, 7)), np.zeros(0, int))
+    frames = [Frame.of_clouds("0", (clouds[0],), nothing)]
+    frames += [Frame.of_clouds(str(k), (clouds[k], late), nothing) for k in (1, 2)]
+    found = survey(Labelled(frames))
+    assert found.points_per_cloud == {"s": 3, "late": 8}
+    # alike with a recording of these frames only, which begins when the sensor does
+    alone = survey(Labelled([Frame.of_clouds("1", (late,), nothing)]))
+    assert found.kbit_per_sensor[1] == alone.kbit_per_sensor[0] > 0
 
 
 def sample(counts):

@@ -457,14 +457,14 @@ def test_detections_without_ids_are_objects_of_one_instant(tmp_path):
     assert list(json.loads(path.read_text())["openlabel"]["objects"]) == list("012345")
 
 
-def test_a_name_a_place_and_a_package_that_are_missing(tmp_path, monkeypatch):
+def test_a_name_a_place_and_a_package_that_are_missing(tmp_path, without_packages):
     with pytest.raises(ValueError, match="no writer 'kml': choose among kitti-tracking"):
         open_writer("kml", tmp_path / "a").__enter__()
     with pytest.raises(ValueError, match="mf-json needs the recording's place on earth"):
         open_writer("mf-json", tmp_path / "a").__enter__()
-    monkeypatch.setattr("toolkit.exchange.standard.find_spec", lambda module: None)
     for name, standard in STANDARDS.items():
         if standard.packages:
+            without_packages(*(module for module, _ in standard.packages))
             with pytest.raises(ImportError, match=r"needs .*: pip install coview\[exchange\]"):
                 open_writer(name, tmp_path / "a", origin=ORIGIN).__enter__()
     assert list(tmp_path.iterdir()) == []
@@ -544,9 +544,10 @@ def extreme(seed: int) -> list[dict]:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", [name for name in READERS if name != "mf-json"])
-def test_forty_extreme_inputs_give_one_line_or_a_sound_file(name, tmp_path):
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 200), marks=pytest.mark.slow)])
+def test_extreme_inputs_give_one_line_or_a_sound_file(name, seeds, tmp_path):
     refused = []
-    for seed in range(40):
+    for seed in seeds:
         folder = tmp_path / str(seed)
         try:
             instants = [Instant(**fields) for fields in extreme(seed)]
@@ -560,5 +561,5 @@ def test_forty_extreme_inputs_give_one_line_or_a_sound_file(name, tmp_path):
         if name == "kitti-tracking":
             expected = [count for count in expected if count]
         assert counts == expected
-    assert 5 < len(refused) < 35
+    assert len(seeds) / 8 < len(refused) < len(seeds) * 7 / 8
     assert all("\n" not in text for text in refused)

@@ -247,7 +247,7 @@ def test_what_sticks_out_of_a_box_is_seen_as_if_everything_was_cast_at_once(seed
         camera((0.0, 0.0, 9.0), 2.0, 1.4, DepthCamera(160, 120, 1, fov=2.0)),
         lidar((2.0, -3.0, 3.0), 1.0, channels=32),
     )
-    renderer = Renderer(FLAT, catalogue(), sensors).of(bodies)
+    renderer = Renderer(FLAT, catalogue(), sensors).with_bodies(bodies)
     rendered, out = renderer.render(frame), 0
     for sensor, depth, hits in zip(sensors, *rendered, strict=True):
         whole, ids = everything_at_once(FLAT, bodies, frame, sensor)
@@ -270,9 +270,9 @@ def test_only_so_many_scenes_are_kept():
     renderer = Renderer(FLAT, bodies, (camera((-10.0, 0.0, 5.0), 0.0, 0.2),))
     frame = snapshot(bodies, *((k, 4.0 * k, 0.0, 0.3) for k in range(4)))
     first = renderer.render(frame)
-    module._body_scene.cache_clear()
+    module.body_scene.cache_clear()
     again = renderer.render(frame)
-    assert module._body_scene.cache_info()[1:] == (4, 400, 4)
+    assert module.body_scene.cache_info()[1:] == (4, 400, 4)
     assert np.array_equal(first.hits[0], again.hits[0])
 
 
@@ -307,7 +307,7 @@ def lines(starts, ways):
     return np.concatenate([starts, ways], axis=1).astype(np.float32)
 
 
-def test_moments_meet_lines_and_cover_ground():
+def test_moments_meet_lines():
     moment = Moment((CAR, CAR), BEHIND, threads=1)
     starts = np.array([[-10.0, 0, 0.7], [20, 0, 0.7], [0, 9, 0.7], [10, 9, 0.7]])
     met, length = moment.met(
@@ -316,12 +316,18 @@ def test_moments_meet_lines_and_cover_ground():
     assert met.tolist() == [0, 1, -1, 1]
     np.testing.assert_allclose(length[[0, 1, 3]], [8.0, 4.5, 7.0], atol=1e-5)
     assert np.isinf(length[2])
+
+
+def test_an_empty_moment_meets_nothing():
     moment = Moment((), np.zeros((0, 7)), threads=1)
     assert len(moment) == 0
     met, length = moment.met(lines(np.zeros((2, 3)), np.ones((2, 3))))
     assert met.tolist() == [-1, -1]
     assert np.isinf(length).all()
     assert moment.ground.points.shape == (0, 2)
+
+
+def test_bodies_cover_the_ground_below_them():
     turned = np.array([[5.0, 6.0, 0.75, 4, 2, 1.5, np.pi / 2]])
     for body, across in ((CAR, (-1.0, 1.0)), (MIRRORED, (-1.0, 1.4))):
         ground = Moment((body,), turned).ground

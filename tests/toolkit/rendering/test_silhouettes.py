@@ -108,9 +108,9 @@ def test_windows_of_many_boxes_are_those_of_each(rays):
     assert rays.windows(np.zeros(0, np.int64), np.zeros((0, 7))) == []
 
 
-def test_more_boxes_than_are_looked_at_at_once(rays, monkeypatch):
+def test_more_boxes_than_are_looked_at_at_once(rays, limits):
     boxes = np.array([upright(*place) for place in PLACES])
     whole = rays.windows(np.zeros(3, np.int64), boxes)
-    monkeypatch.setattr(occlusion, "BOXES_TOGETHER", 2)
+    limits(occlusion, BOXES_TOGETHER=2)
     for one, other in zip(whole, rays.windows(np.zeros(3, np.int64), boxes), strict=True):
         np.testing.assert_array_equal(one.rows, other.rows)

@@ -27,13 +27,16 @@ def places(rng, n=3000, margin=30.0):
     return rng.uniform(AREA[:2] - margin, AREA[2:] + margin, (n, 2))
 
 
-def test_meshes_repeat_and_stand_on_grounds_and_ponds():
+def test_ground_is_as_high_as_the_site_says():
     assert np.abs(drop(build_scenery(site()), places(np.random.default_rng(0)))).max() < 1e-4
     uneven = site(relief=Relief(0.1, 3))
     xy = places(np.random.default_rng(0), margin=12.0)
     assert np.abs(drop(build_scenery(uneven), xy) - uneven.ground(xy)).max() < 0.003
     far = np.random.default_rng(1).uniform(-FAR * 0.8, FAR * 0.8, (500, 2))
     assert np.isfinite(drop(build_scenery(uneven), far)).all()
+
+
+def test_ponds_lie_below_the_ground_up_to_their_banks():
     pond = Solid(SQUARE, -1.5, -0.5, "pond")
     xy = places(np.random.default_rng(0))
     inside = (xy > [0, 0]).all(axis=1) & (xy < [8, 6]).all(axis=1)
@@ -52,6 +55,9 @@ def test_meshes_repeat_and_stand_on_grounds_and_ponds():
         ),
         0.8,
     )
+
+
+def test_meshes_of_sites_repeat_and_are_of_moderate_size():
     for name in ("tjunction", "roundabout"):
         first, second = build_scenery(load_site(name)), build_scenery(load_site(name))
         assert np.array_equal(first.vertices, second.vertices)

@@ -31,7 +31,7 @@ from toolkit.traffic.snapshots import Snapshot
 CAR = make_body("car", VEHICLE, *box((4.0, 2.0, 1.5)))
 WALL = Solid(np.array([[4.0, -6], [4.4, -6], [4.4, -3], [4, -3]]), 0.0, 4.0)
 SITE = Site("walled", np.array([-20.0, -20, 20, 20]), solids=(WALL,))
-COUNTED = Counted(Crop.of(SITE), 12.0)
+COUNTED = Counted(Crop.from_place(SITE), 12.0)
 BOXES = np.array(
     [
         *(
@@ -150,8 +150,8 @@ def test_boxes_have_their_solid_angle_and_nothing_none(scene):
     assert counting(np.array([1, 0, 2])).tolist() == [0, 0, 1]
 
 
-def test_portions_make_no_difference(scene, strips, monkeypatch):
-    monkeypatch.setattr(module, "RAYS_AT_ONCE", 500)
+def test_portions_make_no_difference(scene, strips, limits):
+    limits(module, RAYS_AT_ONCE=500)
     for one, other in zip(
         find_strips(scene[0], scene[1], EYES, COUNTED, np.ones(5, bool)), strips, strict=True
     ):
@@ -180,19 +180,18 @@ def assert_same(one, other):
 
 
 @pytest.fixture
-def cast(monkeypatch):
-    """Viewpoint and object of what is cast, frame after frame."""
-    found: list[set[tuple[int, int]]] = []
+def last_cast(spy):
+    """Viewpoints and objects of what was cast last."""
+    calls = spy(module, "cast_strips")
 
-    def noted(renderer: Any, moment: Any, viewpoints: Any, counted: Any, sectors: Any) -> Any:
-        found.append(set(zip(sectors.viewpoint.tolist(), sectors.item.tolist(), strict=True)))
-        return cast_strips(renderer, moment, viewpoints, counted, sectors)
+    def find_pairs():
+        (*_, sectors), _ = calls[-1]
+        return set(zip(sectors.viewpoint.tolist(), sectors.item.tolist(), strict=True))
 
-    monkeypatch.setattr(module, "cast_strips", noted)
-    return found
+    return find_pairs
 
 
-def test_strips_of_frames_bodies_and_grids(cast):
+def test_strips_of_frames_bodies_and_grids(last_cast):
     frames: list[tuple[list[Any], set[tuple[int, int]]]] = [
         ([NEAR, FAR, BESIDE], {(v, n) for v in (0, 1) for n in range(3)}),
         ([BESIDE, NEAR, FAR], set()),  # all of them stand, in another order
@@ -210,8 +209,8 @@ def test_strips_of_frames_bodies_and_grids(cast):
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for places, expected in frames:
         moment, all_fine = moment_of(places), np.ones(len(places), bool)
-        made = strips.of(moment, all_fine)
-        assert cast[-1] == expected
+        made = strips.find_next(moment, all_fine)
+        assert last_cast() == expected
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, all_fine))
     assert len(find_strips(RENDERER, moment_of([NEAR]), EYES, COUNTED, np.ones(1, bool)).item) > 50
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
@@ -222,8 +221,8 @@ def test_strips_of_frames_bodies_and_grids(cast):
         ([0, 1], False, 0),
     ):
         moment, looked = moment_of([BESIDE, AWAY], bodies), np.full(2, fine)
-        made = strips.of(moment, looked)
-        assert len(cast[-1]) == count
+        made = strips.find_next(moment, looked)
+        assert len(last_cast()) == count
         assert_same(made, find_strips(RENDERER, moment, EYES, COUNTED, looked))
 
 
@@ -234,13 +233,20 @@ def test_random_frames_are_the_same_and_touch_what_they_change():
         shown = np.sort(rng.choice(14, 11, replace=False))
         places[rng.integers(14), 0] += 1.0
         moment, fine = moment_of(places[shown], (shown % 3 == 0).astype(np.int64)), shown % 2 == 0
-        assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(
+            strips.find_next(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine)
+        )
     strips = SuccessiveStrips(RENDERER, EYES, COUNTED)
     for few in ([BESIDE, BESIDE], [BESIDE], [BESIDE, BESIDE], [], [NEAR], [NEAR, AWAY]):
         moment, fine = moment_of(few), np.ones(len(few), bool)
-        assert_same(strips.of(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine))
+        assert_same(
+            strips.find_next(moment, fine), find_strips(RENDERER, moment, EYES, COUNTED, fine)
+        )
     nowhere = SuccessiveStrips(RENDERER, np.zeros((0, 3)), COUNTED)
-    assert [len(nowhere.of(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [0, 0]
+    assert [len(nowhere.find_next(moment_of([NEAR]), np.ones(1, bool)).item) for _ in range(2)] == [
+        0,
+        0,
+    ]
     ground = moment_of([(10.0, 0.0, 0.0), (25.0, 0.0, 0.0), (14.5, 0.0, 0.0)]).ground
     for height, expected in ((12.0, [[2, 0]]), (1.0, [[1, 0], [1, 2], [2, 0]])):
         eye = np.array([[0.0, 0.0, height]])
@@ -268,12 +274,12 @@ def test_random_frames_are_the_same_and_touch_what_they_change():
     assert find_touching(moment_of([]).ground).tolist() == []
 
 
-def test_what_may_hide_what(monkeypatch):
+def test_what_may_hide_what(limits):
     ground = moment_of([NEAR, FAR, BESIDE, BELOW]).ground
     fine = np.ones(4, bool)
     found = may_hide(ground, EYES, find_sectors(ground, EYES, fine))
     assert np.argwhere(found[0]).tolist() == [[1, 0]]  # far ones are hidden by near ones alone
     assert not found[:, 2].any()
     assert not found[1, 3].any()  # right below: nothing begins nearer
-    monkeypatch.setattr(module, "PAIRS_AT_ONCE", 1)
+    limits(module, PAIRS_AT_ONCE=1)
     np.testing.assert_array_equal(may_hide(ground, EYES, find_sectors(ground, EYES, fine)), found)

@@ -135,8 +135,8 @@ def test_what_is_no_plain_array_is_damaged_whatever_its_checksum_says(value):
     assert decode_arrays(KEYS[0], value) is None
 
 
-def test_values_too_large_for_the_file_are_left_out(monkeypatch):
-    monkeypatch.setattr("toolkit.runtime.cache.MAX_VALUE_BYTES", 200)
+def test_values_too_large_for_the_file_are_left_out(limits):
+    limits("toolkit.runtime.cache", MAX_VALUE_BYTES=200)
     cache = Cache()
     with pytest.warns(UserWarning, match="1 values are too large"):
         cache.put({KEYS[0]: (np.arange(9),), KEYS[1]: (np.arange(900),)})

@@ -230,8 +230,8 @@ def test_sound_json_is_read_and_damaged_json_is_one_line(tmp_path):
 ARRAYS: dict[str, np.ndarray] = {"a": np.arange(1000, dtype=np.float32), "empty": np.zeros((0, 7))}
 
 
-def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(reading, "_MAX_SILENCE_S", 0.01)
+def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, limits):
+    limits(reading, MAX_SILENCE_S=0.01)
     os.mkfifo(tmp_path / "pipe")
     readers = (
         text_values.read_json,
@@ -245,7 +245,7 @@ def test_pipes_that_are_silent_and_devices_are_no_files(tmp_path, monkeypatch):
     for path, read in product((tmp_path / "pipe", Path("/dev/zero")), readers):
         with pytest.raises(ValueError, match=r"is a pipe.* save its content to a file"):
             read(path)
-    monkeypatch.setattr(reading, "_MAX_PIPE_BYTES", 10)
+    limits(reading, MAX_PIPE_BYTES=10)
     writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=("x" * 100,))
     writer.start()
     with pytest.raises(ValueError, match="does not end"):

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from toolkit.runtime import parallel, parallel as processes
+from toolkit.runtime import parallel as processes
 from toolkit.runtime.parallel import (
     MAX_KEPT_BYTES,
     RETRIES,
@@ -23,6 +23,7 @@ from toolkit.runtime.parallel import (
     return_freed_memory,
     spread,
     tick,
+    tune_allocation,
 )
 
 
@@ -97,8 +98,8 @@ def worker(_: int) -> int:
     return os.getpid()
 
 
-def test_the_same_job_finds_its_processes_waiting(tmp_path, monkeypatch):
-    monkeypatch.setattr(processes, "IDLE_S", 1.5)
+def test_the_same_job_finds_its_processes_waiting(tmp_path, limits):
+    limits(processes, IDLE_S=1.5)
     known = set[int]().union(*(spread(worker, range(8), workers=2) for _ in range(3)))
     assert len(known) <= 2  # new ones each time would be three; either may do all of one job
     assert list(spread(square, [2], workers=2)) == [4]
@@ -162,10 +163,10 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     assert ends(int(told.stdout)), "the worker outlived its parent"
 
 
-def test_wrong_numbers_and_missing_ray_are_told_in_one_line(monkeypatch):
+def test_wrong_numbers_and_missing_ray_are_told_in_one_line(without_packages):
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         spread(square, [1], workers=0)
-    monkeypatch.setitem(sys.modules, "ray", None)
+    without_packages("ray")
     with pytest.raises(ImportError, match=r"pip install coview\[scale\]"):
         next(spread(square, [1], ray="auto"))
 
@@ -191,7 +192,7 @@ OWN = {"MALLOC_TRIM_THRESHOLD_": "131072"}
 
 def counted(how, **environment):
     clean = {
-        name: value for name, value in os.environ.items() if name not in processes._OWN_SETTINGS
+        name: value for name, value in os.environ.items() if name not in processes.MALLOC_SETTINGS
     }
     command = [sys.executable, "-c", COUNTS, how]
     done = subprocess.run(
@@ -221,7 +222,7 @@ def test_the_environment_wins_and_needs_a_cluster():
 @pytest.mark.parametrize(
     "library", [None, object(), type("Refuses", (), {"mallopt": staticmethod(lambda *_: 0)}), "c"]
 )
-def test_freed_memory_is_kept_once_where_the_library_can(monkeypatch, library):
+def test_freed_memory_is_kept_where_the_library_can(library):
     asked = []
 
     def mallopt(*what):
@@ -230,13 +231,18 @@ def test_freed_memory_is_kept_once_where_the_library_can(monkeypatch, library):
 
     there = library == "c"
     library = type("Library", (), {"mallopt": staticmethod(mallopt)}) if there else library
-    monkeypatch.setattr(processes, "_c_library", lambda: library)
-    for name in processes._OWN_SETTINGS:
-        monkeypatch.delenv(name, raising=False)
-    keep_freed_memory.cache_clear()
-    assert [keep_freed_memory(), keep_freed_memory()] == [there] * 2
+    assert tune_allocation(library, {"HOME": "/"}) == there
     assert asked == [(-3, MAX_KEPT_BYTES), (-1, 2**31 - 1)] * there
-    keep_freed_memory.cache_clear()
+    for name in processes.MALLOC_SETTINGS:
+        assert not tune_allocation(library, {"HOME": "/", name: "1"})
+    assert len(asked) == 2 * there
+
+
+def test_the_c_library_is_asked_once():
+    keep_freed_memory()
+    before = keep_freed_memory.cache_info().misses
+    keep_freed_memory()
+    assert keep_freed_memory.cache_info().misses == before
 
 
 @dataclass
@@ -304,9 +310,8 @@ def test_a_cluster_of_this_machine_alone():
     assert list(spread(square, range(5), ray="local")) == [0, 1, 4, 9, 16]
 
 
-def test_freed_memory_goes_back_where_the_c_library_can(monkeypatch):
+def test_freed_memory_goes_back_where_the_c_library_can():
     asked = []
     for library in (SimpleNamespace(malloc_trim=asked.append), SimpleNamespace(), None):
-        monkeypatch.setattr(parallel, "_c_library", lambda library=library: library)
-        return_freed_memory()
+        return_freed_memory(library)
     assert asked == [0]

@@ -71,13 +71,13 @@ def wall():
 @pytest.fixture
 def read():
     def reading(term, truth, frame=3, seed=0, number=5):
-        return term.apply(Reading.of(truth), Draws(seed, number, frame, 1))
+        return term.apply(Reading.from_truth(truth), Draws(seed, number, frame, 1))
 
     return reading
 
 
 def check_harmless(term, truth):
-    before = Reading.of(truth)
+    before = Reading.from_truth(truth)
     assert term.apply(before, Draws(0, 1, 2, 3)) is before
 
 

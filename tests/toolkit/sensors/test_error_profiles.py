@@ -39,7 +39,7 @@ class Offset:
         return reading.measuring(reading.measurement + np.float32(self.metres) * reading.valid)
 
 
-def test_digests_and_names_of_profiles():
+def test_digests_follow_terms_and_order():
     one = ErrorProfile("one", (OwnNoise(), Calibration(0.01, 0.05)))
     assert one.digest == ErrorProfile("two", one.terms).digest
     assert len(one.digest) == 64
@@ -58,6 +58,9 @@ def test_digests_and_names_of_profiles():
     assert hash(one) == hash(ErrorProfile("one", one.terms))
     with pytest.raises(ValueError, match="needs a name"):
         ErrorProfile("", ())
+
+
+def test_profiles_are_found_by_name():
     assert list(PROFILES) == ["paper", "surveyed", "typical", "glare", "typical-clock", "poor"]
     assert [find_profile(name) for name in ("paper", "surveyed", "typical", "poor")] == [
         *(PAPER_ERRORS, SURVEYED, TYPICAL, POOR)
@@ -69,6 +72,9 @@ def test_digests_and_names_of_profiles():
     ):
         find_profile("bad")
     assert len({profile.digest for profile in PROFILES.values()}) == 6
+
+
+def test_drawn_errors_need_a_seed():
     check_drawn(PAPER_ERRORS, None)
     check_drawn(TYPICAL, 0)
     with pytest.raises(
@@ -84,7 +90,7 @@ def test_what_is_no_term_is_refused(terms):
     assert "term" in str(refused.value)
 
 
-def test_own_terms_take_part_and_draw_the_same_in_any_company(street):
+def test_own_terms_take_part(street):
     assert isinstance(Offset(), ErrorTerm)
     mine = ErrorProfile("mine", (Offset(0.25),))
     said = mine.read(street, seed=0, sensor=1, frame=2)
@@ -92,12 +98,18 @@ def test_own_terms_take_part_and_draw_the_same_in_any_company(street):
     assert not said.measurement[~street.valid].any()
     assert mine.modules == [__name__]
     assert not mine.needs_velocities
+
+
+def test_terms_draw_the_same_in_any_company(street):
     rainy = ErrorProfile("a", (rain(30.0),)).read(street, seed=1, sensor=2, frame=3)
     later = ErrorProfile("b", (Calibration(0.01, 0.1), DropOut(0.0), rain(30.0))).read(
         street, seed=1, sensor=2, frame=3
     )
     assert np.array_equal(rainy.measurement, later.measurement)
     assert (later.pose != rainy.pose).any()
+
+
+def test_no_terms_change_nothing(street):
     said = ErrorProfile("none", ()).read(street, seed=0, sensor=0, frame=0)
     assert said.measurement is street.measurement
     assert said.pose is street.sensor.pose
@@ -143,7 +155,8 @@ def test_calibration_is_what_the_name_says(name, degrees, metres):
 
 def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
     said = [
-        BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 1, frame, 2)) for frame in (0, 9)
+        BlindSector(share=0.25).apply(Reading.from_truth(street), Draws(5, 1, frame, 2))
+        for frame in (0, 9)
     ]
     columns = street.measurement.shape[1]
     for each in said:
@@ -151,15 +164,17 @@ def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
         assert not (each.valid & blind).any()
         assert 0 < blind.sum() <= round(0.25 * columns)
     assert (said[0].measurement == said[1].measurement).all()
-    other = BlindSector(share=0.25).apply(Reading.of(street), Draws(5, 2, 0, 2))
+    other = BlindSector(share=0.25).apply(Reading.from_truth(street), Draws(5, 2, 0, 2))
     assert (other.measurement != said[0].measurement).any()
-    assert BlindSector(share=1.0).apply(Reading.of(street), Draws(5, 1, 0, 2)).valid.sum() == 0
+    assert (
+        BlindSector(share=1.0).apply(Reading.from_truth(street), Draws(5, 1, 0, 2)).valid.sum() == 0
+    )
 
 
 def test_a_bias_of_range_is_one_number_of_a_sensor(street):
     offsets = []
     for sensor in range(200):
-        said = RangeBias(deviation=0.05).apply(Reading.of(street), Draws(5, sensor, 0, 2))
+        said = RangeBias(deviation=0.05).apply(Reading.from_truth(street), Draws(5, sensor, 0, 2))
         off = (said.measurement - street.measurement)[street.valid]
         assert np.ptp(off) < 1e-4
         offsets.append(off.mean())

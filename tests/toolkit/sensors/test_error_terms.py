@@ -72,7 +72,7 @@ def test_points_on_a_car_move_with_its_velocity_and_drops_stay(read, street):
     speed = np.full((4, 3), 10.0)
     near = np.where(street.owners == 0, np.float32(2.0), street.measurement)
 
-    reading = replace(Reading.of(replace(street, velocities=speed)), measurement=near)
+    reading = replace(Reading.from_truth(replace(street, velocities=speed)), measurement=near)
     said = ClockOffset(0.05).apply(reading, Draws(0, 1, 2, 3))
     assert said.shift is not None
     assert not said.shift[street.owners == 0].any()
@@ -233,7 +233,7 @@ def angle_between(a, b):
     return np.arccos(np.clip((np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2, -1, 1))
 
 
-def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
+def test_calibration_has_its_root_mean_square(read, street):
     term, true = Calibration(0.01, 0.05), np.linalg.inv(street.sensor.pose)
     errors = np.array([true @ read(term, street, number=n).pose for n in range(800)])
     moves = errors[:, :3, 3]
@@ -245,6 +245,9 @@ def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
     assert np.sqrt((moves**2).sum(axis=1).mean()) == pytest.approx(0.05, rel=0.04)
     assert np.abs(moves.mean(axis=0)).max() < 0.007
     assert np.abs(turns.mean(axis=0)).max() < 0.0014
+
+
+def test_calibration_is_constant_and_scales(read, street):
     said = [read(Calibration(0.01, 0.05), street, frame=frame) for frame in (0, 1, 900)]
     assert all(np.array_equal(each.pose, said[0].pose) for each in said)
     assert all(each.measurement is street.measurement for each in said)
@@ -260,7 +263,7 @@ def test_calibration_has_its_root_mean_square_and_is_constant(read, street):
     assert not np.array_equal(read(Calibration(0.01, 0.05), street, number=6).pose, single)
 
 
-def test_poles_sway_and_noise_is_drawn_anew(read, street):
+def test_poles_sway_along_a_line(read, street):
     term = PoleSway(0.004, 3.0)
     height, rest = street.sensor.position[2], street.sensor.pose
     angles, moves = [], []
@@ -277,12 +280,18 @@ def test_poles_sway_and_noise_is_drawn_anew(read, street):
     assert np.linalg.matrix_rank(tips, tol=1e-9) == 1
     crossings = int((np.diff(np.sign(tips @ tips[np.abs(tips).sum(axis=1).argmax()])) != 0).sum())
     assert 60 / 4.0 * 2 - 1 <= crossings <= 60 / 2.0 * 2 + 1  # two a period of 2 to 4 s
+
+
+def test_sensors_of_one_pole_sway_together(read, street):
     other = replace(street.sensor, name="other")
     said = [
         read(PoleSway(0.004), replace(street, sensor=s), number=n).pose
         for n, s in ((1, street.sensor), (2, other))
     ]
     assert np.array_equal(*said)
+
+
+def test_noise_is_drawn_anew_for_frame_seed_and_sensor(read, street):
     noise = RangeNoise(constant=0.1)
     drawn = [
         read(noise, street, **with_).measurement.tobytes()

@@ -92,7 +92,7 @@ def test_ranges_are_distances_of_points(street):
 
 
 def test_a_reading_without_error_is_the_truth(street):
-    reading = Reading.of(street)
+    reading = Reading.from_truth(street)
     assert reading.measurement is street.measurement
     assert reading.pose is street.sensor.pose
     assert reading.shift is None
@@ -108,7 +108,7 @@ def test_a_reading_without_error_is_the_truth(street):
 def test_measurements_that_are_not_finite_are_no_returns(street):
     image = street.measurement.copy()
     image[0, :4] = np.nan, np.inf, -np.inf, -3.0
-    reading = Reading.of(replace(street, measurement=image))
+    reading = Reading.from_truth(replace(street, measurement=image))
     assert reading.measurement[0, :4].tolist() == [0, 0, 0, -3]
     assert not reading.valid[0, :4].any()
     assert not reading.truth.ranges[0, :4].any()

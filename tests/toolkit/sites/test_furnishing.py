@@ -65,13 +65,16 @@ def test_what_is_built_keeps_off_the_lanes_the_mounts_and_the_bays(seed, angles)
     assert any(works) == (not angles)
 
 
-def test_posts_and_crowns_have_their_size_and_shape():
+def test_posts_are_as_high_as_their_mounts_leave():
     rng = np.random.default_rng(0)
     mounts = place_mounts(ROAD, AREA, rng)
     solids, _ = furnish(replace(ROAD, strips={}), AREA, mounts, rng)
     assert [s.top for s in solids[: len(mounts)]] == [
         round(m.min_height - POST_AIR_M, 2) for m in mounts
     ]
+
+
+def test_works_stand_beside_the_road():
     assert works(0, line=np.array([[0.0, -6.1], [12.0, -6.1]])) == []
     number = 0
     for seed in range(8):
@@ -80,6 +83,9 @@ def test_posts_and_crowns_have_their_size_and_shape():
         assert not any(shapely.Polygon(s.footprint).intersects(ROAD.surface) for s in plot.solids)
         number += len(plot.solids) > 0
     assert number >= 4
+
+
+def test_a_barrier_is_as_long_as_asked_and_about_a_metre_high():
     solids = barrier(2.5, np.random.default_rng(0))
     assert np.ptp(np.concatenate([s.footprint for s in solids])[:, 0]) == pytest.approx(2.5)
     assert min(s.base for s in solids) == 0
@@ -87,6 +93,9 @@ def test_posts_and_crowns_have_their_size_and_shape():
     plot = Plot(ROAD, WINDOW, [])
     plant_avenues(plot, np.zeros((0, 3)), np.random.default_rng(0))
     assert plot.solids == []
+
+
+def test_crowns_are_as_wide_and_high_as_drawn():
     for seed in range(10):
         made = draw_crown(5.0, -2.0, CROWN_WIDTH_M[1] / 2, (3.0, 7.0), np.random.default_rng(seed))
         assert 3 <= len(made) <= 8
@@ -94,6 +103,9 @@ def test_posts_and_crowns_have_their_size_and_shape():
         assert 3.0 < reach < 4.51
         assert min(s.base for s in made) == 3.0
         assert max(s.top for s in made) == 7.0
+
+
+def test_trees_keep_off_walls_lanes_and_each_other():
     rng, plot = np.random.default_rng(0), Plot(ROAD, WINDOW, [])
     plot.solids.append(site.Solid(furniture.rectangle(0.0, 8.0, 10.0, 18.0), 0.0, 6.0, "building"))
     assert plant_tree(plot, np.array([5.0, 6.2]), 4.0, (3.0, 6.0), rng)
@@ -114,7 +126,7 @@ def avenue(seed):
     return plot.solids
 
 
-def test_avenues_islands_and_slivers_are_planted():
+def test_avenues_hang_over_the_road_and_stand_beside_it():
     seen = 0
     for seed in range(12):
         solids = avenue(seed)
@@ -128,6 +140,9 @@ def test_avenues_islands_and_slivers_are_planted():
         assert min(near, default=1.0) > 0.99
         assert [len(s.footprint) for s in solids] == [len(s.footprint) for s in avenue(seed)]
     assert 4 <= seen <= 11
+
+
+def test_islands_are_planted_with_all_kinds():
     kinds, numbers, sizes = set(), [], []
     for seed in range(25):
         plot = planted(seed)
@@ -143,6 +158,9 @@ def test_avenues_islands_and_slivers_are_planted():
     assert {"hedge", "bush", "tree", "sign", "container", "planter"} <= kinds
     assert min(numbers) < 25 < 50 < max(numbers)
     assert min(sizes) < 1.0 < 4.0 < max(sizes)
+
+
+def test_slivers_stay_bare():
     narrow = [
         (-20.0, -8.0, 20.0, -2.0),
         (-20.0, 2.0, 20.0, 8.0),

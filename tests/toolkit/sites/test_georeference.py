@@ -1,4 +1,3 @@
-import builtins
 import json
 import re
 from dataclasses import replace
@@ -25,7 +24,7 @@ TURNED = Site(
 UTM = "+proj=utm +zone=33 +datum=WGS84 +units=m +no_defs"
 
 
-def test_sites_lie_on_earth_by_projections_of_proj():
+def test_metres_are_those_of_wgs84():
     # Independent figures: one degree of longitude and latitude at 52.505° on WGS84 are 67,922.6 m
     # and 111,268.5 m.
     metres = georeference.project(np.array([[13.401, 52.505], [13.4, 52.506], CENTRE]), CENTRE)
@@ -36,6 +35,9 @@ def test_sites_lie_on_earth_by_projections_of_proj():
         points,
         atol=1e-6,
     )
+
+
+def test_projections_are_those_of_proj_within_a_millimetre():
     # Within 2 km to 1 mm, also for southern, western and far northern places.
     pyproj = pytest.importorskip("pyproj")
     points = np.random.default_rng(1).uniform(-1400, 1400, (50, 2))
@@ -48,6 +50,9 @@ def test_sites_lie_on_earth_by_projections_of_proj():
             np.abs((georeference.inverse_project(points, centre) - degrees + 180) % 360 - 180).max()
             < 2e-8
         ), centre
+
+
+def test_sites_in_utm_lie_on_earth():
     site = Site("utm", AREA, map_SE3_site=pose(500000.0, 4982950.400), geo_reference=UTM)
     found = georeference.longitude_latitude(site, np.array([[0.0, 0.0], [10.0, 20.0]]))
     assert found is not None
@@ -57,6 +62,9 @@ def test_sites_lie_on_earth_by_projections_of_proj():
     assert georeference.site_metres(site, found) == pytest.approx(
         np.array([[0.0, 0.0], [10.0, 20.0]]), abs=1e-5
     )
+
+
+def test_sites_of_carla_lie_where_equator_and_greenwich_meet():
     # Its map's zero is where equator and Greenwich meet; 1 degree of longitude is 111,319.5 m
     # there.
     carla = (
@@ -67,6 +75,9 @@ def test_sites_lie_on_earth_by_projections_of_proj():
     assert georeference.longitude_latitude(site, np.zeros((1, 2))) == pytest.approx(
         np.array([[104 / 111319.49, -196 / 110574.28]]), abs=1e-8
     )
+
+
+def test_turned_sites_lie_on_earth():
     xy = np.array([[0.0, 0.0], [100.0, 0.0], [-4.0, 3.0]])
     placed = georeference.longitude_latitude(TURNED, xy)
     assert placed is not None
@@ -80,17 +91,29 @@ def test_sites_lie_on_earth_by_projections_of_proj():
     assert georeference.longitude_latitude(TURNED, np.zeros((0, 2))) == pytest.approx(
         np.zeros((0, 2))
     )
+
+
+def test_sites_without_a_reference_lie_nowhere():
     assert georeference.longitude_latitude(files.load_site("tjunction"), np.zeros((2, 2))) is None
     with pytest.raises(
         ValueError, match=r"site 'tjunction' does not say where on earth it is \(geo_reference\)"
     ):
         georeference.site_metres(files.load_site("tjunction"), np.zeros((2, 2)))
+
+
+def test_places_that_a_projection_does_not_reach_are_refused():
     pytest.importorskip("pyproj")
     site = replace(TURNED, geo_reference="+proj=merc +datum=WGS84")
     with pytest.raises(ValueError, match=r"does not reach \[0.0, 95.0\]"):
         georeference.site_metres(site, np.array([[0.0, 0.0], [0.0, 95.0]]))
+
+
+def test_bearings_lie_from_0_to_360():
     assert georeference.bearing_deg(TURNED, float(np.nextafter(0.0, 1.0))) == 0.0
     assert min(georeference.bearing_deg(TURNED, h) for h in np.linspace(-7, 7, 500).tolist()) >= 0
+
+
+def test_collections_are_json_in_utf_8_without_nan():
     assert json.loads(georeference.feature_collection([], name="none", note="Straße")) == {
         "type": "FeatureCollection",
         "name": "none",
@@ -119,15 +142,8 @@ def test_what_is_no_projection_is_said_so(reference):
         georeference.site_metres(site, np.zeros((1, 2)))
 
 
-def test_without_pyproj_only_foreign_maps_are_refused(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name.startswith("pyproj"):
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+def test_without_pyproj_only_foreign_maps_are_refused(without_packages):
+    without_packages("pyproj", "pyproj.exceptions")
     assert georeference.longitude_latitude(TURNED, np.zeros((1, 2))) is not None
     with pytest.raises(ImportError, match=r"pip install 'coview\[report\]'"):
         georeference.longitude_latitude(
@@ -206,6 +222,11 @@ def test_every_layer_is_there_with_its_properties(site):
         "capacity_kbit": 800.0,
         "origin": "drawn",
     }
+
+
+def test_bearings_and_heights_are_those_of_the_sensors(site):
+    features = json.loads(georeference.site_geojson(site))["features"]
+    by_name = {each["properties"]["name"]: each["properties"] for each in features}
     assert by_name["bay000"]["bearing_deg"] == pytest.approx(
         360 - 28.6
     )  # 0.5 rad counter-clockwise from north
@@ -232,6 +253,9 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
             (ring,) = each["geometry"]["coordinates"]
             assert ring[0] == ring[-1]
             assert shapely.LinearRing(ring).is_ccw
+
+
+def test_features_lie_where_the_site_has_them(site):
     features = {
         each["properties"]["name"]: each
         for each in json.loads(georeference.site_geojson(site))["features"]
@@ -242,6 +266,9 @@ def test_rings_boxes_and_members_as_rfc_7946_has_them(site):
     assert [area.min(axis=0), area.max(axis=0)] == pytest.approx(
         np.array([[-2.0, -6.0], [8.0, 14.0]]), abs=2e-3
     )
+
+
+def test_a_feature_without_a_reference_is_in_metres_and_a_file_is_refused(site):
     written = georeference.feature(
         replace(site, geo_reference=None), shapely.Point(1.23456, -0.0001, 7.0)
     )

@@ -295,14 +295,20 @@ def shape(polygons):
     return shapely.union_all([shapely.Polygon(p) for p in polygons])
 
 
-def test_whole_roads_have_tracks_turns_and_legs():
+def test_tracks_cover_lanes_and_what_a_body_needs_beyond():
     # the internal lane is 3.5 m wide at most, and a body of 5.5 m goes on from it
     tracks = find_tracks(NET)
     assert tracks.bounds == pytest.approx((-80, -3.75, 25.5, -0.25), abs=0.5)
     assert tracks.area == pytest.approx(80 * 3 + 20 * 3.5 + 5.5 * 2.6, abs=1.5)
+
+
+def test_corners_of_junctions_belong_to_lanes_and_footways():
     carriageway, footway = junction_corners(NET)
     assert footway.bounds == (0, -6, 8, -2)
     assert carriageway.area == pytest.approx(72 - 32)
+
+
+def test_a_body_cuts_the_corner_of_a_bend():
     bend = "0,0 1,0 2,0.2 3,0.6 4,1.2 4.8,2 5.4,3 5.8,4 6,5 6,6"
     lane = f'<lane id=":c_0_0" index="0" width="2" shape="{bend}"/>'
     turn = find_tracks(f'<net><edge id=":c_0" function="internal">{lane}</edge></net>')
@@ -315,10 +321,16 @@ def test_whole_roads_have_tracks_turns_and_legs():
         .buffer(1.0)
         .contains(turn)
     )
+
+
+def test_legs_go_on_from_the_lanes_and_nothing_turns_on_a_straight_road():
     assert find_turns(NET).is_empty
     paths, widths = find_legs(NET)
     assert widths == [(3.5, 3.5)]  # 5 m of lanes, from the middle of the inner one
     np.testing.assert_allclose(paths[0], [[-80, -2], [0, -2], [130, -2]])
+
+
+def test_a_slot_across_the_road_is_closed():
     lanes = [shapely.box(-60, -4, -0.8, 4), shapely.box(0.8, -4, 60, 4)]
     footways = [shapely.box(-60, 4, 60, 6), shapely.box(-0.8, 1, 0.8, 5)]
     track = shapely.box(-60, -3, 60, 0)
@@ -329,6 +341,9 @@ def test_whole_roads_have_tracks_turns_and_legs():
     assert road.contains(shapely.box(-0.7, 1.1, 0.7, 3.9))
     assert walk.symmetric_difference(shapely.box(-50, 4, 50, 6)).area < 0.1
     assert road.intersection(walk).area < 1e-6
+
+
+def test_a_slot_along_the_road_is_closed_up_to_the_window():
     lanes = [
         shapely.box(-80, -4, 80, -0.1),
         shapely.box(-80, 0.1, 80, 4),
@@ -339,6 +354,9 @@ def test_whole_roads_have_tracks_turns_and_legs():
     assert road.bounds[0::2] == walk.bounds[0::2] == (-50, 50)
     assert road.symmetric_difference(shapely.box(-50, -4, 50, 4)).area < 0.5
     assert walk.bounds[1] >= 4.0
+
+
+def test_islets_become_road_and_refuges_stay():
     lanes = [shapely.box(-60, -8, 60, 8).difference(shapely.box(0, -2, 4, 2))]
     islet, refuge = shapely.box(0, -2, 4, 2), shapely.box(-40, 8, 40, 12)
     track = shapely.box(-60, 7, 60, 9)
@@ -347,13 +365,16 @@ def test_whole_roads_have_tracks_turns_and_legs():
     assert walk.bounds == pytest.approx((-40, 9, 40, 12), abs=0.02)
 
 
-def test_roads_yield_and_bays_are_free():
+def test_fillings_become_road_or_footway():
     lanes, walk = [shapely.box(-60, -4, 60, 4)], [shapely.box(-60, 4, 60, 6)]
     fillings = shapely.box(-10, -12, 10, 5), shapely.box(-10, -14, 10, -12)
     lanes_there, footways = whole_road(lanes, walk, shapely.Polygon(), WINDOW, fillings=fillings)
     assert shape(lanes_there).contains(shapely.box(-9.9, -11.9, 9.9, 0))
     assert shape(footways).contains(shapely.box(-9.9, 4.1, 9.9, 5.9))
     assert shape(footways).contains(shapely.box(-9.9, -13.9, 9.9, -12.1))
+
+
+def test_kerbs_lie_between_lanes_and_footways_and_are_lowered():
     driven, footways = (
         (furniture.rectangle(-10.0, -4.0, 10.0, 4.0),),
         (furniture.rectangle(-10.0, 4.0, 10.0, 6.0),),
@@ -367,6 +388,9 @@ def test_roads_yield_and_bays_are_free():
     lowered = shape([s.footprint for s in kerbstones(driven, footways, shapely.box(-3, 0, 3, 9))])
     assert lowered.area == pytest.approx(14 * 0.14, abs=0.1)
     assert not lowered.intersects(shapely.box(-2.9, 0, 2.9, 9))
+
+
+def test_bays_are_free_of_posts_and_lanes():
     bays = [(0.0, 9.0, 0.0), (10.0, 9.0, 0.0), (20.0, 9.0, 0.0), (38.0, 9.0, 0.0)]
     window = shapely.box(-40, -40, 40, 40)
     rows = find_free_bays(
@@ -377,6 +401,9 @@ def test_roads_yield_and_bays_are_free():
     strip, lane = (4.8, shapely.box(-40, -3.3, 40, 0))
     assert len(find_free_bays([(0.0, strip / 2, 0.25 * np.pi)], window, [], lane)) == 1
     assert len(find_free_bays([(0.0, strip / 2 - 0.5, 0.25 * np.pi)], window, [], lane)) == 0
+
+
+def test_bays_are_laid_along_a_line():
     along = lay_bays(np.array([[0.0, 0], [0, 20]]))
     np.testing.assert_allclose(
         along, [(0, 3.2, np.pi / 2), (0, 9.6, np.pi / 2), (0, 16.0, np.pi / 2)]

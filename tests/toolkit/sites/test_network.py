@@ -1,5 +1,6 @@
 """SUMO networks made by netconvert, and the road polygons in them."""
 
+import os
 import subprocess
 import sys
 import time
@@ -50,7 +51,7 @@ def test_networks_are_repeatable_and_keep_their_coordinates(union):
     assert all(shapely.Polygon(p).is_valid for p in (*lanes, *footways))
 
 
-def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
+def test_what_netconvert_refuses_and_missing_sumo_are_told(without_packages, environment):
     pytest.importorskip("sumo")
     with pytest.raises(ValueError, match=r"^netconvert: .*nowhere") as refusal:
         build_network(
@@ -60,9 +61,8 @@ def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
     assert "\n" not in str(refusal.value)
     with pytest.raises(ValueError, match="netconvert"):
         run_netconvert(["--opendrive-files=/no/such/file.xodr"])
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    monkeypatch.setattr("shutil.which", lambda name: None)
-    monkeypatch.delenv("SUMO_HOME", raising=False)
+    without_packages("sumo")
+    environment(PATH="", SUMO_HOME=None)
     with pytest.raises(ImportError, match=r"pip install coview\[sim\]"):
         netconvert()
 
@@ -70,14 +70,17 @@ def test_what_netconvert_refuses_and_missing_sumo_are_told(monkeypatch):
 @pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="other systems cannot tie a child to its parent"
 )
-def test_netconvert_has_limits_and_dies_with_its_parent(tmp_path, monkeypatch):
+def test_netconvert_has_limits_and_dies_with_its_parent(
+    tmp_path, limits, without_packages, environment
+):
     program, said = tmp_path / "netconvert", tmp_path / "said"
     program.write_text(
         f"#!/bin/sh\necho $$ $(ulimit -v) > {said}.new; mv {said}.new {said}; exec sleep 60\n"
     )
     program.chmod(0o755)
-    monkeypatch.setattr(network, "netconvert", lambda: program)
-    monkeypatch.setattr(network, "MAX_RUN_S", 1.0)
+    without_packages("sumo")
+    environment(PATH=f"{tmp_path}:{os.environ['PATH']}", SUMO_HOME=None)
+    limits(network, MAX_RUN_S=1.0)
     with pytest.raises(ValueError, match="no network made in 1 s"):
         run_netconvert([])
     assert int(said.read_text().split()[1]) * 1024 == network.MAX_MEMORY_BYTES

@@ -66,8 +66,8 @@ def test_entities_are_refused(tmp_path, put):
     "bomb",
     ["<!--" + 8_000_000 * "x" + "-->", f"<way>{210_000 * '<tag/>'}</way>", 200_000 * "<node/>"],
 )
-def test_maps_that_would_take_long_are_refused(tmp_path, crossroads, bomb, monkeypatch):
-    monkeypatch.setattr("toolkit.sites.osm.elements.MAX_MAP_BYTES", 1_000_000)
+def test_maps_that_would_take_long_are_refused(tmp_path, crossroads, bomb, limits):
+    limits("toolkit.sites.osm.elements", MAX_MAP_BYTES=1_000_000)
     path = tmp_path / "town.osm.gz"
     path.write_bytes(
         gzip.compress(str(crossroads()).replace("<node", f"{bomb}<node", 1).encode(), 1)

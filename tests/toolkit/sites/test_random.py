@@ -107,9 +107,12 @@ def test_many_sites_are_valid(seed, tmp_path):
     check(random_site(np.random.default_rng(1000 + seed)), tmp_path)
 
 
-def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
+def test_random_sites_repeat_with_the_seed():
     assert format_site(random_site(3)) == format_site(random_site(np.random.default_rng(3)))
     assert format_site(random_site(3)) != format_site(random_site(4))
+
+
+def test_random_sensors_are_of_both_sorts():
     site = random_site(1)
     rng = np.random.default_rng(0)
     drawn = [random_sensors(site, rng) for _ in range(60)]
@@ -123,6 +126,9 @@ def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
     for sensors in drawn:
         names = [sensor.name for sensor in sensors]
         assert names == sorted(names)
+
+
+def test_random_cameras_look_to_the_middle():
     site = random_site(2)
     rng = np.random.default_rng(0)
     middle = (site.area[:2] + site.area[2:]) / 2
@@ -135,6 +141,9 @@ def test_sensors_repeat_with_the_seed_and_are_of_both_sorts():
         (towards * ahead).sum(1) / np.linalg.norm(towards, axis=1) / np.linalg.norm(ahead, axis=1)
     )
     assert np.mean(cosine > np.cos(np.pi / 4)) > 0.6
+
+
+def test_so_many_sensors_are_drawn_as_asked():
     site = random_site(0)
     assert len(random_sensors(site, 5, 7)) == 7
     assert len(random_sensors(site, 5, len(site.mounts) + 3)) == len(site.mounts) + 3
@@ -178,7 +187,7 @@ def test_streets_hold_what_detectors_must_tell_from_vehicles():
 
 
 @pytest.mark.slow
-def test_sensors_hang_above_ground_that_may_slope():
+def test_sensors_hang_at_heights_and_tilts_of_streets():
     rows = []
     for site in drawn(6):
         rng = np.random.default_rng(0)
@@ -199,10 +208,18 @@ def test_sensors_hang_above_ground_that_may_slope():
     assert tilts.max() < 35.1
     assert np.median(tilts[heights < 2.2]) < 7
     assert np.median(tilts[heights > 6]) > 12
+
+
+@pytest.mark.slow
+def test_slopes_are_drawn_for_some_streets():
     steep = [np.hypot(*sloping(Relief(0.1, seed)).slope) for seed in range(400)]
     assert 0.33 < np.mean(np.array(steep) > 0) < 0.47
     assert max(steep) <= MAX_STREET_SLOPE + 1e-3
     assert min(s for s in steep if s) >= 0.01 - 1e-3
+
+
+@pytest.mark.slow
+def test_mounts_stand_on_the_sloping_ground():
     sites = drawn(4)
     assert max(np.hypot(*site.relief.slope) for site in sites) > 0.01
     for site in sites:

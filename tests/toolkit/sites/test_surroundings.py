@@ -27,7 +27,7 @@ ROAD = Road(
 )
 
 
-def test_ground_is_taken_once_and_solids_together_or_not_at_all():
+def test_roads_have_surfaces_and_islands():
     assert ROAD.carriageway.area == pytest.approx(160 * 7, rel=0.01)
     assert ROAD.surface.area == pytest.approx(160 * 11, rel=0.01)
     assert ROAD.islands == []
@@ -39,6 +39,9 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     ]
     (island,) = Road([], [], [rectangle(*side) for side in sides], []).islands
     assert island.centroid.distance(shapely.Point(0, 0)) < 1e-6
+
+
+def test_ground_is_claimed_once_and_off_lanes_and_mounts():
     mount = Mount("post", np.array([30.0, 10.0, 0.0]))
     plot = Plot(ROAD, shapely.box(*AREA), [mount])
     assert plot.claim(shapely.box(0, 8, 4, 12))
@@ -48,6 +51,9 @@ def test_ground_is_taken_once_and_solids_together_or_not_at_all():
     assert plot.claim(shapely.box(20, 4, 21, 5), on_footways=True)
     assert not plot.claim(shapely.box(30, 10, 31, 11).buffer(MOUNT_CLEARANCE_M / 2))
     assert not plot.claim(shapely.box(100, 8, 104, 12)), "outside the window"
+
+
+def test_solids_are_placed_together_or_not_at_all():
     plot = Plot(ROAD, shapely.box(*AREA), [])
     free, in_the_way = (
         Solid(rectangle(x, y, x + 2, y + 2), 0.0, 1.0, "hedge") for x, y in ((0.0, 9.0), (4.0, 2.0))

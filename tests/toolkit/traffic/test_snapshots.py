@@ -296,17 +296,23 @@ def cars(*offsets):
     ]
 
 
-def test_later_rows_and_parked_vehicles_stand_free():
+def test_boxes_that_stand_free_stay():
     boxes = cars((0, 0, 0), (0, 2.0 + 2 * BODY_GAP_M, 0), (10, 0, 1))
     settled, kept, repaired = separate(boxes, FREE)
     assert settled is boxes
     assert (kept.tolist(), repaired) == ([True] * 3, 0)
+
+
+def test_a_later_box_is_moved_aside_where_there_is_room():
     boxes = cars((0, 0, 0), (0, 1.8, 0))
     settled, kept, repaired = separate(boxes, FREE)
     assert (kept.tolist(), repaired) == ([True] * 2, 1)
     assert np.array_equal(settled[0], boxes[0])
     assert settled[1, 1] == pytest.approx(2.3)
     assert not overlaps(settled).any()
+
+
+def test_a_box_without_room_is_dropped_and_pushes_nobody():
     # no room for the third
     settled, kept, repaired = separate(cars((0, 0, 0), (0, 4.2, 0), (0, 2.1, 0)), FREE)
     assert (kept.tolist(), repaired) == ([True, True, False], 1)
@@ -317,9 +323,15 @@ def test_later_rows_and_parked_vehicles_stand_free():
         False,
         True,
     ]  # the third touches only the second, which is dropped
+
+
+def test_no_boxes_are_separated():
     settled, kept, repaired = separate(np.zeros((0, 7)), FREE)
     assert (settled.shape, kept.shape, repaired) == ((0, 7), (0,), 0)
     assert overlaps(settled).shape == (0, 0)
+
+
+def test_random_boxes_neither_overlap_nor_hit_walls():
     rng = np.random.default_rng(0)
     obstacles = Obstacles(Site("walled", AREA, solids=(wall(-3, -3, 3, -2), wall(4, -9, 5, 9))))
     for _ in range(50):
@@ -328,6 +340,9 @@ def test_later_rows_and_parked_vehicles_stand_free():
         assert not overlaps(settled[kept]).any()
         assert not obstacles.hit(settled[kept]).any()
         assert kept[0] or obstacles.hit(boxes[:1]).any()
+
+
+def test_vehicles_are_parked_in_bays_of_their_own():
     labels = np.array([body.label for body in catalogue()])
     for seed in range(10):
         parked = draw(seed)
@@ -336,11 +351,17 @@ def test_later_rows_and_parked_vehicles_stand_free():
         assert (labels[parked.bodies] == VEHICLE).all()
         assert np.abs(parked.poses[:, :2] - parked.bays[parked.places, :2]).max() < 0.2
         assert np.abs(np.sin(parked.poses[:, 2] - 0.5)).max() < 0.05
+
+
+def test_blocked_bays_and_sites_without_bays_hold_nobody():
     assert len(draw(0, solids=(WALL,)).bays) == len(BAYS) - 1
     site = Site("none", np.array([-5.0, -5, 5, 5]))
     supply = Supply(catalogue(), np.random.default_rng(0))
     parked = Parked.draw(site, Obstacles(site), supply, max_parked=6)
     assert len(parked.ids) == len(parked.later(supply).ids) == 0
+
+
+def test_parked_vehicles_leave_after_their_mean_stay():
     parked, supply = draw(1), Supply(catalogue(), np.random.default_rng(2))
     supply.ids, number, gone = count(100), len(parked.ids), 0
     for _ in range(400):

@@ -148,19 +148,28 @@ FOOTWAY = lane("foot_0", (-60, 4), (60, 4), forbidden=("passenger",))
 ROADS = Roads({each.name: each for each in (TOWARDS, lane("out_0", (0, 0), (60, 0)), FOOTWAY)})
 
 
-def test_routes_begin_on_lanes_and_go_on_by_links():
+def test_places_on_a_lane_are_scaled_to_its_length():
     longer = lane("in_0", (0, 0), (10, 0), length=20.0)
     assert longer.at(np.array([0.0, 10.0, 20.0])).tolist() == [[0, 0], [5, 0], [10, 0]]
+
+
+def test_vehicles_begin_on_lanes_within_reach():
     places = ROADS.places(AREA, 20.0, "passenger")
     x = places.points[:, 0]
     assert set(places.lanes) == {"in_0", "out_0"}
     assert x.min() >= -30
     assert x.max() <= 10, "beyond the area the lane leads away from it"
     assert len(places.lanes) == len(places.offsets) == len(places.lengths)
+
+
+def test_pedestrians_begin_on_footways():
     places = ROADS.places(AREA, 20.0, "pedestrian")
     assert set(places.lanes) == {"foot_0"}
     assert places.points[:, 0].min() < -25
     assert places.points[:, 0].max() > 25
+
+
+def test_routes_go_on_by_links():
     rng = np.random.default_rng(0)
     assert ROADS.route("in_0", "passenger", 1.0, rng) == ["in", "out"]
     assert ROADS.route("in_0", "passenger", 1e6, rng) == ["in", "out"]

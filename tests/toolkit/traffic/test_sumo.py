@@ -1,4 +1,3 @@
-import sys
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -34,7 +33,7 @@ def test_silent(site, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_missing_sumo_is_named(site, monkeypatch):
-    monkeypatch.setitem(sys.modules, "libsumo", None)
+def test_missing_sumo_is_named(site, without_packages):
+    without_packages("libsumo")
     with pytest.raises(ImportError, match=r'pip install "coview\[sim\]"'):
         next(simulate(site, BODIES, frames=1, seed=0))

@@ -253,11 +253,11 @@ def test_points_are_coloured_by_each_colouring():
 def test_scales_span_most_points():
     sample = DrawnSample("s", 0.0, (CLOUD, BARE), {}, {})
     assert find_newest(sample) == 0.1
-    scales = Scales.of(sample)
+    scales = Scales.from_sample(sample)
     assert scales.height == pytest.approx(tuple(np.percentile([0, 1, 2, 9] * 2, (2, 98))))
     assert scales.intensity == pytest.approx((1.06, 3.94))
     assert scales.age == pytest.approx(tuple(np.percentile([0.1, 0, 0.05, 0.08], (2, 98))))
-    assert Scales.of(DrawnSample("none", 0.0, (), {}, {})) == Scales()
+    assert Scales.from_sample(DrawnSample("none", 0.0, (), {}, {})) == Scales()
     assert find_newest(DrawnSample("bare", 0.0, (BARE,), {}, {})) == 0.0
 
 

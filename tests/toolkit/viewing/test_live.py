@@ -41,13 +41,16 @@ FIRST = {
 }
 
 
-def test_it_shows_samples_and_colourings_in_turn(view):
+def test_the_first_sample_is_shown_and_described(view):
     assert view.status_text == (
         "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected (0 hits, 0 "
         "false alarms, 1 ignored)"
     )
     assert shown(view) == FIRST
     assert set(view.groups) >= {"/grid", "/sensors/0", "/truth/heavy", "/detections/others"}
+
+
+def test_the_next_sample_takes_the_place_of_the_first(view):
     view.show(1)
     assert view.status_text.startswith("second: 500 points")
     assert {"/sensors/1/place/0", "/sensors/1/sensor/0"} < shown(view)
@@ -55,12 +58,18 @@ def test_it_shows_samples_and_colourings_in_turn(view):
     assert view.style.sensors == ("north", "south")
     view.show(0)
     assert shown(view) == FIRST
+
+
+def test_a_damaged_sample_is_said_and_shows_nothing(view):
     view.show(2)
     assert view.status_text == "sample 2 cannot be shown: labels.json is *damaged*"
     assert view._line.content.endswith(r"labels\.json is \*damaged\*")
     assert shown(view) == set()
     view.show(0)
     assert shown(view) == FIRST
+
+
+def test_colours_change_what_is_shown(view):
     view.colour_by("height")
     assert "/sensors/0/height/0" in shown(view)
     assert "/sensors/0/sensor/0" not in shown(view)
@@ -121,8 +130,8 @@ def test_a_first_sample_that_is_damaged_is_an_error(recording):
     assert not [name for name in switches if name.startswith(("hits", "missed", "false"))]
 
 
-def test_large_clouds_are_said_to_be_thinned(view, monkeypatch):
-    monkeypatch.setattr(live_view, "LIVE_POINTS", 300)
+def test_large_clouds_are_said_to_be_thinned(view, limits):
+    limits(live_view, LIVE_POINTS=300)
     view.show(0)
     assert view.status_text.endswith("of larger clouds 300 points are drawn")
 

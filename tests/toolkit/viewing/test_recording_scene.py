@@ -23,7 +23,7 @@ def api():
 
 def style(drawn, most=1000, colourings=COLOURINGS):
     return recording_scene.SceneStyle(
-        recording_scene.list_sensors(drawn), colourings, Scales.of(drawn[0]), most
+        recording_scene.list_sensors(drawn), colourings, Scales.from_sample(drawn[0]), most
     )
 
 

@@ -55,8 +55,8 @@ def test_the_server_is_for_this_machine_alone_and_ends(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_without_viser_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(scene, "find_spec", lambda name: None)
+def test_without_viser_it_says_what_to_install(without_packages):
+    without_packages("viser")
     with pytest.raises(ImportError, match=r"need viser: pip install coview\[report\]"):
         scene.check_viser()
     with pytest.raises(ImportError, match=r"coview\[report\]"), scene.viser_server():

@@ -12,8 +12,8 @@ from toolkit.viewing.still import write_still
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch):
-    monkeypatch.setattr(canvas, "DPI", 50)
+def small(limits):
+    limits(canvas, DPI=50)
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ Else a cloud whose frame no transform mentions stays in its frame, and is counte
   is not set, as protobuf leaves it, is the identity; a quaternion of another length than 1 is
   refused.
 - Numeric types of fields are Foxglove's: 1 to 8 are UINT8, INT8, UINT16, INT16, UINT32, INT32,
-  FLOAT32 and FLOAT64, little-endian. They are not those of ROS, in which 2 is UINT8.
-- A cloud's time is its `timestamp`, else that of the log. Clouds of several topics are paired by
+  FLOAT32 and FLOAT64, little-endian. They differ from ROS, in which 2 is UINT8.
+- A cloud's time is its `timestamp`, else the log's. Clouds of several topics are paired by
   time (`toolkit.datasets.clock_times`).
 - Channels in JSON or FlatBuffers are refused by name. A file without an index was cut off: `mcap
-  recover` makes a whole one of it.
+  recover` repairs it.
 - There are no labels. Reading needs mcap and foxglove-schemas-protobuf."""
 
 from collections import Counter

@@ -89,7 +89,7 @@ def _find_cloud(location: str, labels: Path, clouds: CloudFiles) -> Path | None:
     """Find the cloud file that a label file names, None if it is not there.
 
     Among files of one name, it is the one with most folders in common. location: path or URL in
-    the label file, of which the last part must be the file's name; labels: the label file."""
+    the label file, whose last part must be the file's name; labels: the label file."""
     candidates = clouds.get(PurePosixPath(location).name) or clouds.get(
         PureWindowsPath(location).name, ()
     )

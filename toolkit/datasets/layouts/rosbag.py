@@ -271,7 +271,7 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
             frame_ns = round(seconds * 1e9)
             cloud_ns = [round(cloud_time(cloud, seconds) * 1e9) for cloud in sample.clouds]
             stamped_clouds = list(zip(sample.clouds, cloud_ns, strict=True))
-            links = [_make_link(store, cloud, stamp) for cloud, stamp in stamped_clouds]
+            links = [make_link(store, cloud, stamp) for cloud, stamp in stamped_clouds]
             tf_message = store.types[TF](transforms=links)
             writer.write(tf, frame_ns, store.serialize_cdr(tf_message, TF))
             for cloud, stamp in stamped_clouds:
@@ -279,7 +279,7 @@ def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:
                     connections[cloud.name] = writer.add_connection(
                         f"/{cloud.name}", CLOUD, typestore=store
                     )
-                message = _make_cloud_message(store, cloud, stamp)
+                message = make_cloud_message(store, cloud, stamp)
                 writer.write(connections[cloud.name], frame_ns, store.serialize_cdr(message, CLOUD))
     if label_count:
         warnings.warn(f"a bag has no place for labels, {label_count} are not in it", stacklevel=2)
@@ -292,7 +292,7 @@ def _make_header(store: RosObject, stamp_ns: int, frame: str) -> RosObject:
     return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
 
 
-def _make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
+def make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
     """Make the transform of a cloud's sensor in the frame "world". store: rosbags' types."""
     package = "geometry_msgs/msg"
     w, x, y, z = compute_quaternion(cloud.world_SE3_sensor).tolist()
@@ -306,7 +306,7 @@ def _make_link(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject
     )
 
 
-def _make_cloud_message(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
+def make_cloud_message(store: RosObject, cloud: SensorCloud, stamp_ns: int) -> RosObject:
     """Make the PointCloud2 of a cloud, float32 in its sensor's frame. store: rosbags' types."""
     table = np.column_stack([cloud.in_sensor(), get_intensity(cloud)]).astype("<f4")
     make_field = store.types["sensor_msgs/msg/PointField"]

@@ -125,7 +125,7 @@ class Restored(NamedTuple):
     """Image that the centre restores from a message and the empty scene.
 
     header: header of the message; image: measurements (m), the empty scene's in all pixels that
-    were neither sent nor missing, 0 in missing ones; sent, missing: masks of these pixels; steps:
+    were neither sent nor missing, 0 in missing ones; sent, missing: masks of such pixels; steps:
     measurements of sent pixels in whole steps, 0 elsewhere."""
 
     header: wire.MessageHeader

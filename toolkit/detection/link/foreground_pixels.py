@@ -74,7 +74,7 @@ def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
     """Points that the centre draws for a sensor that sends nothing: its empty scene, cropped.
 
     captured: image that defines the sensor's pose, the crop and the lift. Results are cached."""
-    crop = Crop.of(captured.area, captured.height)
+    crop = Crop.from_place(captured.area, captured.height)
     return _crop_scene(scene, captured.sensor, crop, lift=captured.lift)
 
 

@@ -70,7 +70,7 @@ def unpack_integers(data: bytes, start: int, max_count: int) -> tuple[Int64[np.n
     symbols_end = symbols_start + length
     opener = zlib.decompressobj(-15)  # a bare deflate stream, without header and checksum
     try:
-        # one byte more than expected: enough to notice excess, without inflating all of it
+        # one byte more than expected: enough to notice excess, without inflating everything
         content = opener.decompress(data[symbols_start:symbols_end], count + 1)
     except zlib.error as error:
         raise ValueError(f"packed numbers cannot be inflated ({error})") from None
@@ -314,7 +314,7 @@ def predict_steps(
     higher = np.maximum(left, up)
     # the median predictor of LOCO-I: the plane through the three neighbours, within left and up
     median = np.clip(left + up - upper_left, lower, higher)
-    # predictions from both left and up, from one of them, or from neither
+    # predictions from both left and up, from one, or from neither
     from_both = np.where(upper_left >= 0, median, (left + up) >> 1)
     from_one = np.where(up >= 0, up, left)
     upper_left_or_last = np.where(upper_left >= 0, upper_left, last)

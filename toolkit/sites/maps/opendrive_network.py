@@ -1,4 +1,4 @@
-"""SUMO network of an OpenDRIVE map: all of it, then the roads near a site."""
+"""SUMO network of an OpenDRIVE map: all roads, then the roads near a site."""
 
 import re
 import tempfile

@@ -28,7 +28,7 @@ class Carriageway:
         name: name of the road that netconvert gets, its plain road.
         length: length of the road by its geometry (m).
         sections: sections with lanes numbered as in the plain road.
-        offset: m from the reference line to the middle of these lanes along s, positive to the
+        offset: m from the reference line to the middle of the lanes along s, positive to the
             left.
         ends: for "start" and "end" of the road, ids of the driven lanes there: in the file, and in
             the plain road.

@@ -51,7 +51,7 @@ USERS: dict[str, str] = {
     "rail": "rail rail_urban rail_electric rail_fast",
     **dict.fromkeys(_CLOSED, ""),
 }
-# who uses all lanes of a road of that type
+# who uses all lanes of a road of each type
 _ROADS = {"pedestrian": (FOOT,), "bicycle": ("bicycle",)}
 _NOTED = ("restricted", "stop", "roadWorks")  # closed types on which a reader may expect traffic
 # value of restriction of <access>: SUMO's users

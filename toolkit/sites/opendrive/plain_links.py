@@ -20,7 +20,7 @@ class PlainLink:
     Attributes:
         kind: "road" or "junction".
         name: its name for netconvert.
-        contact: end of that road at which the two meet, "start" or "end"; "" for a junction.
+        contact: end of the other road at which the two meet, "start" or "end"; "" for a junction.
         lane_ids: ids of the lanes at this end in the file, and those that netconvert gets."""
 
     kind: str

@@ -25,8 +25,8 @@ def make_buildings(
 ) -> tuple[list[Solid], list[str]]:
     """Make the solids of buildings that reach into `window`, cut off at `road`, and notes.
 
-    A building with parts (building:part) is made of them, and of the rest of its outline. window,
-    road: ground in the extract's frame."""
+    A building with parts (building:part) is made from its parts and the rest of its outline.
+    window, road: ground in the extract's frame."""
     solids = []
     cut_count = 0
     reach = window.buffer(MAX_OVERHANG_M)

@@ -37,7 +37,7 @@ class Sides(NamedTuple):
 
 
 class ParkingRoad(NamedTuple):
-    """Line of a road, and the parking to the left and right of it, as the line runs in the map."""
+    """Line of a road, and the parking to its left and right, as the line runs in the map."""
 
     line: shapely.LineString
     left: Angle

@@ -17,7 +17,7 @@ BOXES = [[10.0, 2.0, 0.8, 4.2, 1.8, 1.5, 0.4], [-3.0, 5.0, 0.9, 0.6, 0.6, 1.8, 2
 
 
 @pytest.fixture
-def clouds(tmp_path, monkeypatch):
+def clouds(tmp_path, work_in):
     """Three clouds by their times, and a detector that always finds two road users."""
     rng = np.random.default_rng(0)
     frames = []
@@ -31,8 +31,7 @@ def clouds(tmp_path, monkeypatch):
         "import numpy as np\nfrom toolkit.objects import Detections\n"
         f"def detect(points):\n    return Detections(np.array({BOXES}), np.array([0.9, 0.4]), np.array([0, 2]))\n"
     )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
+    work_in(tmp_path)
     return tmp_path / "mine"
 
 
@@ -78,8 +77,8 @@ def test_what_it_refuses(clouds, tmp_path, refused):
     assert "exists" in refused(*asked, out, "--to", "openlabel")
 
 
-def test_a_missing_package_is_named_with_its_extra(clouds, tmp_path, run, monkeypatch):
-    monkeypatch.setattr("toolkit.exchange.standard.find_spec", lambda module: None)
+def test_a_missing_package_is_named_with_its_extra(clouds, tmp_path, run, without_packages):
+    without_packages("mcap", "foxglove_schemas_protobuf")
     asked = ("detect", clouds, "--detector", DETECTOR, "--out", tmp_path / "x.mcap", "--to", "mcap")
     code, _, error = run(*asked)
     assert code == 3

@@ -34,10 +34,9 @@ thing = 3
 
 
 @pytest.fixture
-def ours(tmp_path, monkeypatch):
+def ours(tmp_path, work_in):
     (tmp_path / "our_detectors.py").write_text(OURS)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
+    work_in(tmp_path)
     yield
     sys.modules.pop("our_detectors", None)
 
@@ -77,6 +76,7 @@ def test_it_prints_rows_and_leaves_table_and_curves(recording, tmp_path, run):
     assert (tmp_path / "pr_0.5.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_what_is_there_is_replaced_when_told_and_errors_are_written_down(
     recording, tmp_path, run, refused
 ):

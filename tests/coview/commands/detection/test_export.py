@@ -17,7 +17,14 @@ pytest.importorskip("onnxscript")
 onnx = pytest.importorskip("onnx")
 
 
-@pytest.mark.parametrize("name", ["tjunction", "general", "roundabout"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tjunction",
+        pytest.param("general", marks=pytest.mark.slow),
+        pytest.param("roundabout", marks=pytest.mark.slow),
+    ],
+)
 def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     site = CoopDataset(recording).site
     area = site.area.tolist() if name == "general" else None
@@ -33,7 +40,7 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     assert isinstance(exported.network, OnnxDetector)
     assert (exported.labels, exported.area) == (torches.labels, torches.area)
     found = 0
-    for frame in (CoopDataset(recording)[k] for k in range(4)):
+    for frame in (CoopDataset(recording)[k] for k in range(2)):
         points = np.concatenate(frame_points(frame, area=site)).astype(np.float32)
         for some in (points, points[::7], points[:50]):
             maps = torches.network.network(voxelise(some, torches.network.config))._asdict()
@@ -47,6 +54,7 @@ def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     assert found > 10
 
 
+@pytest.mark.slow
 def test_commands_take_the_file_for_a_detector(recording, tmp_path, run, refused):
     area = ("--area", -40, -20, 40, 20)
     assert run("export", "tjunction", tmp_path / "t.onnx")[0] == 0

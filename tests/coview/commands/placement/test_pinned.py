@@ -156,6 +156,7 @@ def test_a_surrogate_is_fitted_as_well(tmp_path, run):
     assert load_models(out)[0].domain.sets == PINNED["surrogate"]["sets"]
 
 
+@pytest.mark.slow
 def test_a_table_holds_the_same_figures(recording, tmp_path, run):
     out = tmp_path / "table.npz"
     code, said, err = run(

@@ -207,6 +207,7 @@ def test_what_is_wrong_in_a_catalogue_is_named(tmp_path, refused, catalogue):
     )
 
 
+@pytest.mark.slow
 def test_a_plan_for_several_classes_says_the_ap_of_each(tmp_path, run):
     arguments = (
         "plan",
@@ -254,6 +255,7 @@ def test_a_plan_for_several_classes_says_the_ap_of_each(tmp_path, run):
     assert "AP of each class with the chosen set" in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_plan_goes_by_the_mean_over_thresholds_and_by_what_is_left(tmp_path, run):
     code, out, err = run(
         "plan",

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-import placement_env.search.methods as methods
 from placement_env.search.checkpoint import Checkpoint
+from placement_env.search.methods import METHODS
 from toolkit.sites.files import load_site, save_site
 
 FEW = ("--candidates", "paper", "--budget", 2, "--frames", 2)
@@ -34,6 +34,9 @@ def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run
     assert (result["provenance"]["site"], result["provenance"]["frames"]) == ("tjunction", 2)
     assert "detector" in result["verified"]["provenance"]
     assert any(tmp_path.rglob("*.sqlite"))
+
+
+def test_sensors_are_verified_with_the_errors_of_a_profile(tmp_path, run):
     arguments = (
         "--candidates",
         "paper",
@@ -53,9 +56,9 @@ def test_it_finds_sensors_verifies_them_and_keeps_what_it_rendered(tmp_path, run
     assert result["verified"]["provenance"]["errors"]["profile"] == "typical"
 
 
-def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, monkeypatch, run):
+def test_moved_sensors_are_named_and_verified_where_they_stand(tmp_path, work_in, run):
     pytest.importorskip("cma")
-    monkeypatch.chdir(tmp_path)
+    work_in(tmp_path)
     arguments = (
         "--candidates",
         "paper",
@@ -201,8 +204,8 @@ def test_numbers_and_caches_that_cannot_be_are_refused(refused, tmp_path, run):
 
 
 @pytest.mark.parametrize("method", ["cpsat", "cmaes", "ppo"])
-def test_a_missing_package_is_named_before_anything_is_rendered(method, monkeypatch, run):
-    monkeypatch.setattr(methods, "find_spec", lambda name: None)
+def test_a_missing_package_is_named_before_anything_is_rendered(method, without_packages, run):
+    without_packages(METHODS[method].needs)
     code, _, err = run("search", "tjunction", "--candidates", "paper", "--method", method)
     assert code == 3
     assert "pip install coview[" in err
@@ -227,8 +230,8 @@ def test_sensor_models_by_name(run, refused, tmp_path):
     assert "telepathy" in refused("search", two_poles, "--model", "telepathy", *arguments)
 
 
-def test_anybodys_detector(tmp_path, monkeypatch, run, refused):
-    monkeypatch.chdir(tmp_path)
+def test_anybodys_detector(tmp_path, work_in, run, refused):
+    work_in(tmp_path)
     code = (
         "from toolkit.objects import Detections\n\ndef nothing(points):\n    return "
         "Detections.empty()\n"
@@ -393,6 +396,7 @@ def test_it_refuses_other_files_sites_and_projections(refused, tmp_path):
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.slow
 def test_classes_are_weighed(run, tmp_path):
     asked = (
         "search",
@@ -551,6 +555,7 @@ def test_the_cheapest_set_and_the_curve(tmp_path, run):
     ]
 
 
+@pytest.mark.slow
 def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
     swapped = (
         "search",
@@ -580,7 +585,6 @@ def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monke
     assert "unfinished run made from seed 0 instead of 1" in refused(
         *asked, "--out", tmp_path / "o", "--seed", 1
     )
-    monkeypatch.setattr(Checkpoint, "offer", lambda _, state: states.append(state))
     assert run(*asked, "--out", tmp_path / "o")[0] == 0
     assert not (tmp_path / "o.parts").exists()
     assert run(*asked, "--out", tmp_path / "whole")[0] == 0
@@ -591,18 +595,15 @@ def test_a_search_that_was_killed_goes_on_with_out(run, refused, tmp_path, monke
     assert here == there
 
 
-def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp_path, monkeypatch):
-    places = []
-
-    def noted(order, checkpoint):
-        places.append(order.run.cache)
-        raise OSError("killed")
-
-    monkeypatch.setattr("placement_env.search.search_run.run_search", noted)
+def test_an_unfinished_search_keeps_what_it_saw_where_there_is_no_cache(run, tmp_path, fail, spy):
+    fail("placement_env.search.search_run", "run_search", OSError("killed"))
+    calls = spy("placement_env.search.search_run", "run_search")
     assert run("search", "tjunction", *FEW, "--cache", "None", "--out", tmp_path / "o")[0] == 2
-    assert places == [tmp_path / "o.parts" / "search.cache.state"]
+    (call,) = calls
+    assert call.args[0].run.cache == tmp_path / "o.parts" / "search.cache.state"
 
 
+@pytest.mark.slow
 def test_levels_of_traffic_are_searched_and_judged(run, refused, tmp_path):
     few = (
         "search",

@@ -1,9 +1,12 @@
 """coview search --curve --out: what is written, and that it goes on where it was killed."""
 
+import pytest
+
 import placement_env.search.portfolio.curve as curve
 from toolkit.sites.files import load_site
 
 
+@pytest.mark.slow
 def test_a_curve_that_was_killed_goes_on_with_out(run, refused, tmp_path, monkeypatch):
     few = (
         "--candidates",

@@ -9,6 +9,7 @@ from placement_env.fidelity.hit_model import load_models
 QUICK = ("--frames", 6, "--poses", 4, "--sets", 10, "--schemes", "early", "--resamples", 2)
 
 
+@pytest.mark.slow
 def test_models_of_classes_are_fitted_and_searched_with(tmp_path, run, refused):
     out, cache = tmp_path / "people.json", ("--cache", tmp_path / "cache")
     asked = (

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 
 def test_it_scores_every_set_and_replaces_nothing_untold(recording, tmp_path, run, refused):
     out = tmp_path / "table.npz"
@@ -16,22 +18,18 @@ def test_it_scores_every_set_and_replaces_nothing_untold(recording, tmp_path, ru
     assert recording.read_bytes() == before
 
 
-def test_errors_by_name(recording, tmp_path, run, refused, monkeypatch):
-    asked = []
-
-    def stopped(renders, *_, **__):
-        asked.append(renders.errors.name)
-        raise ValueError("far enough")
-
-    monkeypatch.setattr("coview.commands.placement.table.make_table", stopped)
+def test_errors_by_name(recording, tmp_path, run, refused, fail, spy):
+    fail("coview.commands.placement.table", "make_table", ValueError("far enough"))
+    calls = spy("coview.commands.placement.table", "make_table")
     arguments = ("--out", tmp_path / "rough.npz", "--frames", 1, "--detector", "cluster")
     assert "far enough" in refused("table", recording, *arguments, "--errors", "poor")
-    assert asked == ["poor"]
+    assert [call.args[0].errors.name for call in calls] == ["poor"]
     assert "unknown error profile 'bad'" in refused(
         "table", recording, *arguments, "--errors", "bad"
     )
 
 
+@pytest.mark.slow
 def test_a_table_of_classes_is_searched(recording, tmp_path, run, refused):
     out, classes = (
         tmp_path / "all.npz",

@@ -152,6 +152,13 @@ def test_a_plan_brings_its_whole_question(plan_folder, ask):
     assert before["kbit"] == pytest.approx(chosen["kbit"], rel=0.5)  # that is of other traffic
     assert before["problems"] == []
     assert {link["capacity_mbit_s"] for link in before["links"]} == {17.0}
+
+
+def test_a_sensor_on_another_pole_has_its_price_and_link(plan_folder, ask):
+    made = json.loads((plan_folder / "plan.json").read_text())
+    (unused,) = {"north", "south", "spare"} - {sensor["pole"] for sensor in made["sensors"]}
+    found = ask("--carry", made["sensors"][0]["name"], unused)
+    before = found["before"]
     assert unused in {link["pole"] for link in found["after"]["links"]}
     poles = {pole["name"]: pole["price"] for pole in made["stock"]["poles"]}
     left = poles[made["sensors"][0]["pole"]]

@@ -138,15 +138,14 @@ def test_without_a_reference_sensors_are_fitted_to_a_held_one(folder, refused, r
     assert "leave them or --reference out" in line
 
 
-def test_road_users_are_looked_for_where_a_detector_is_given(folder, run, monkeypatch, tmp_path):
+def test_road_users_are_looked_for_where_a_detector_is_given(folder, run, work_in, tmp_path):
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n"
         "from toolkit.objects import Detections\n"
         "def find(points):\n"
         "    return Detections(np.array([[0.0, 0, 0.8, 4, 2, 1.5, 0.3]]), np.ones(1))\n"
     )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
+    work_in(tmp_path)
     shared = []
     for more in ([], ["--detector", "mine:find"]):
         code, text, err = run("calibrate", folder / "true.hdf5", "--held", "a", "--json", *more)

@@ -40,11 +40,11 @@ def test_our_recording_as_kitti_and_back(recording, tmp_path, run):
     assert json.loads(said)["objects_per_frame"]["vehicle"] == len(again.objects)
 
 
-def test_into_our_hdf5_and_out_of_it(recording, tmp_path, run, monkeypatch):
+def test_into_our_hdf5_and_out_of_it(recording, tmp_path, run, work_in):
     """Recorded clouds as one file, which is scored, surveyed and packed as any other layout."""
     source = "import toolkit.objects as o\ndef it(points): return o.Detections.empty()\n"
     (tmp_path / "finds_nothing.py").write_text(source)
-    monkeypatch.syspath_prepend(tmp_path)
+    work_in(tmp_path)
     clouds = tmp_path / "clouds.hdf5"
     assert (
         run(

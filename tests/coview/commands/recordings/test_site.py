@@ -87,9 +87,9 @@ def test_what_is_drawn_is_said_and_can_be_left_out(run, tmp_path):
     assert bare.relief.amplitude == 0 < drawn.relief.amplitude
 
 
-def test_sensors_that_are_asked_for_are_placed_by_coverage(run, refused, tmp_path, monkeypatch):
-    monkeypatch.setattr("placement_env.search.first_sensors.FIRST_FRAMES", 2)
-    monkeypatch.setattr("placement_env.search.first_sensors.FIRST_HEADINGS", 4)
+def test_sensors_that_are_asked_for_are_placed_by_coverage(run, refused, tmp_path, limits):
+    limits("placement_env.search.first_sensors", FIRST_FRAMES=2)
+    limits("placement_env.search.first_sensors", FIRST_HEADINGS=4)
     site = tmp_path / "own.json"
     code, out, _ = run("site", "import", *OWN, "--sensors", 2, "--out", site)
     assert code == 0

@@ -52,7 +52,7 @@ def test_precision_recall_and_needed_density_by_their_points():
     assert density_needed(np.zeros(0), np.zeros(0), 0.5) is None
 
 
-def test_curves_have_their_rows_and_files(stored):
+def test_curves_have_their_rows(stored):
     made = curve_experiment(stored, "tjunction", "12 frames")
     rows = {row.labels: row for row in made.rows}
     for run, paper in zip(
@@ -76,6 +76,9 @@ def test_curves_have_their_rows_and_files(stored):
     )
     assert detections.visible_share(stored, (4,)) > 0.3
     assert one.reason == ""
+
+
+def test_curves_have_a_file_of_points(stored):
     ((name, lines),) = curve_experiment(stored, "tjunction", "").curves
     assert name == "pr_curves_points"
     assert lines[0] == ("sensors", "score", "precision", "recall")
@@ -102,7 +105,7 @@ def test_pictures_of_the_roundabout_and_their_bins(stored_roundabout, tmp_path):
     assert made.conclusion.endswith("T-junction alone.")
 
 
-def test_curve_and_density_rows_are_cumulative_shares(stored):
+def test_density_rows_are_shares_beside_the_papers(stored):
     rows = {row.labels: row for row in density_experiment(stored, "tjunction", "").rows}
     points = np.concatenate([truth.points for truth in stored.truths])
     none = [(truth.points[:, [3, 4]].sum(axis=1) == 0).sum() for truth in stored.truths]
@@ -121,6 +124,10 @@ def test_curve_and_density_rows_are_cumulative_shares(stored):
     assert rows["no points", "1,3,4,5"].paper is None
     assert rows["median of the points", "4"].ours == np.median(points[:, 4])
     assert len(rows) == 18
+
+
+def test_density_curves_are_cumulative_shares(stored):
+    points = np.concatenate([truth.points for truth in stored.truths])
     ((_, lines),) = density_experiment(stored, "tjunction", "").curves
     assert lines[0] == (
         "points, at most",

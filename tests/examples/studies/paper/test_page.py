@@ -31,12 +31,15 @@ def page():
     )
 
 
-def test_pages_request_nothing_and_stand_side_by_side(page):
+def test_pages_request_nothing(page):
     found = re.findall(r'(?:src|href)="([^"]+)"', page)
     assert found
     assert all(each.startswith(("data:", "#")) for each in found)
     assert "<script" not in page
     assert "url(" not in page
+
+
+def test_figures_stand_beside_the_papers(page):
     cells = re.findall(r"<tr[^>]*>(<td.*?)</tr>", page)
     first = re.findall(r"<td[^>]*>(.*?)</td>", cells[0])
     figures = ["early", "AP", "0.9900", "0.9800–1.0000", "0.7100", "+0.2800"]
@@ -48,6 +51,9 @@ def test_pages_request_nothing_and_stand_side_by_side(page):
     ]
     assert "1 of 2 AP values differ from the paper's by more than 0.05" in page
     assert page.count('<tr class="large">') == 1
+
+
+def test_pages_break_in_print(page):
     assert "@media print" in page
     assert "break-before: page" in page
 

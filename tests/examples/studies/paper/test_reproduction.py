@@ -81,7 +81,7 @@ def made(tmp_path_factory, table):
     return result, detector, out, stages
 
 
-def test_every_experiment_has_its_files_and_figures(made):
+def test_every_experiment_has_its_files(made):
     result, _, out, _ = made
     assert tuple(each.name for each in result.experiments) == NAMES
     assert {f"{name}.{kind}" for name in NAMES for kind in ("csv", "svg")} <= set(files(out))
@@ -93,6 +93,10 @@ def test_every_experiment_has_its_files_and_figures(made):
         FIGURES,
     }
     assert set(files(out)) == more | {f"{name}.{kind}" for name in NAMES for kind in ("csv", "svg")}
+
+
+def test_the_page_has_figures_and_conditions(made):
+    result, _, out, _ = made
     assert result.page == out / PAGE
     result, _, out, _ = made
     page = (out / PAGE).read_text()
@@ -106,6 +110,10 @@ def test_every_experiment_has_its_files_and_figures(made):
     assert "The detector is not the shipped one" in page
     assert f"coview reproduce tjunction --frames {FRAMES}" in page
     result, _, out, _ = made
+
+
+def test_tables_and_json_have_the_same_figures(made):
+    result, _, out, _ = made
     rows = list(csv.DictReader((out / "schemes.csv").read_text().splitlines()))
     values = json.loads((out / FIGURES).read_text())
     assert [float(row["ours"]) for row in rows] == [
@@ -114,6 +122,9 @@ def test_every_experiment_has_its_files_and_figures(made):
     assert [each["name"] for each in values["experiments"]] == list(NAMES)
     assert values["conditions"]["sensor sets"] == "exact table of 12 frames, 50 vehicles"
     assert result.as_dict()["frames"] == FRAMES
+
+
+def test_stages_are_told_up_to_the_last_frame(made):
     stages = made[3]
     assert ("frames simulated", FRAMES, FRAMES) in stages
     assert ("frames detected", FRAMES, FRAMES) in stages

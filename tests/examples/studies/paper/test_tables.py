@@ -13,7 +13,7 @@ from examples.studies.paper.set_table import places_of_best, rank_correlation, s
 from placement_env.fidelity.table import best_sets
 
 
-def test_table_1_has_its_rows_and_explains_what_is_sent(stored):
+def test_table_1_has_its_rows(stored):
     made = scheme_experiment(stored, "tjunction", "12 frames")
     by_labels = {row.labels: row for row in made.rows}
     assert len(made.rows) == len(by_labels) == 15
@@ -28,6 +28,9 @@ def test_table_1_has_its_rows_and_explains_what_is_sent(stored):
         assert by_labels[run.scheme, "time"].ours == ms_per_frame(stored, run)
         assert by_labels[run.scheme, "time"].unit == "ms"
     assert made.basis == "12 frames"
+
+
+def test_table_1_explains_what_is_sent(stored):
     rows = {row.labels: row.reason for row in scheme_experiment(stored, "tjunction", "").rows}
     far = sum(truth.sent[2].sum() for truth in stored.truths) / stored.frames / 6 * 0.096
     kbit = kbit_per_sensor(stored, scheme_runs(6)[0])
@@ -96,6 +99,9 @@ def test_table_2_has_our_best_three_in_order(stored, exact_table):
     assert [row.ours for row in rows[:16]] == [each.ap for size in best.values() for each in size]
     assert {row.paper for row in rows} == {None}
     assert {"in the paper's list" in row.labels[0] for row in rows} == {True, False}
+
+
+def test_table_2_compares_the_ranks_of_sets(stored, exact_table):
     made, listed = (set_experiment(exact_table, stored, "tjunction"), sensor_sets("tjunction"))
     correlations = {row.labels[1]: row.ours for row in made.rows if row.unit == "rank correlation"}
     ours = [r.ours for r in made.rows if r.labels[0].startswith("paper") and r.labels[1] == "late"]
@@ -134,7 +140,7 @@ def test_rows_of_table_3(site, stored, stored_roundabout):
     assert set(runs) >= {SchemeRun("early", row.sensors) for row in REGION_TABLE[site]}
 
 
-def test_table_4_has_its_rows_and_gains(stored):
+def test_table_4_concludes_what_a_second_view_gains(stored):
     made = region_experiment(stored, "tjunction", "")
     ap = [row.ours or 0.0 for row in made.rows]
     assert (
@@ -147,6 +153,9 @@ def test_table_4_has_its_rows_and_gains(stored):
     )
     helps = ap[2] > max(ap[:2]) and ap[5] > max(ap[3:5])
     assert made.conclusion.startswith("A second view" if helps else "Not every pair")
+
+
+def test_benchmarks_have_the_papers_figures_and_ours(stored):
     made = benchmark_experiment(stored, "tjunction", "")
     theirs = [row for row in made.rows if row.ours is None]
     assert [row.paper for row in theirs] == [

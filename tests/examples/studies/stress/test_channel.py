@@ -110,17 +110,23 @@ def shown(channels, frames=None, **options):
     return [[int(image[0, 0]) - 1 for image in each.frame.images] for each in lagged], lagged
 
 
-def test_channels_are_each_sensors_own_and_what_is_lost_leaves_the_one_before():
+def test_a_perfect_channel_shows_every_frame_at_once():
     which, lagged = shown(LinkChannel())
     assert which == [[k, k] for k in range(12)]
     assert [each.ages.tolist() for each in lagged] == [[0, 0]] * 12
     assert lagged[5].since == pytest.approx(0.5)
+
+
+def test_each_sensor_has_its_delay_and_rate():
     which, lagged = shown([LinkChannel(delay=0.2), LinkChannel(every=3)])
     assert which == [[max(k - 2, -1), k - k % 3] for k in range(12)]
     np.testing.assert_allclose(lagged[7].ages, [0.2, 0.1])
     assert np.isnan(lagged[1].ages[0])
     assert [each.frame.objects.boxes[0, 0] for each in lagged] == list(range(12))
     assert lagged[7].frame.time == pytest.approx(0.7)
+
+
+def test_what_is_lost_or_too_old_leaves_nothing_to_the_centre():
     which, _ = shown([LinkChannel(loss=0.9, burst=200.0), LinkChannel()], recording(40), seed=3)
     first = [row[0] for row in which]
     kept = first.index(-1) if first[0] >= 0 else 0
@@ -128,6 +134,9 @@ def test_channels_are_each_sensors_own_and_what_is_lost_leaves_the_one_before():
     assert [row[1] for row in which] == list(range(40))
     stale, _ = shown([LinkChannel(every=30), LinkChannel()], recording(25))
     assert [row[0] for row in stale] == [0] * 11 + [-1] * 14
+
+
+def test_traffic_that_begins_anew_has_no_earlier_frames():
     which, lagged = shown(LinkChannel(delay=0.1), recording(anew=(6,)))
     assert which == [
         [-1, -1],
@@ -201,22 +210,15 @@ def test_every_message_arrives_when_an_oracle_says(channel):
         assert [line.arrival(time) for time in times] == list(slowly(channel, seed, times))
 
 
-def test_lines_are_drawn_from_the_seed_the_frame_that_traffic_began_with_and_the_sensor(
-    monkeypatch,
-):
-    asked = []
-
-    def noted(channel, seed):
-        asked.append((channel.delay, seed))
-        return Line(channel, seed)
-
-    monkeypatch.setattr("examples.studies.stress.channel.Line", noted)
+def test_lines_are_drawn_from_the_seed_the_frame_that_traffic_began_with_and_the_sensor(spy):
+    lines = spy("examples.studies.stress.channel", "Line")
     channels = [LinkChannel(delay=0.1), LinkChannel()]
     list(delay_frames(recording(anew=(6,)), channels, noise_seed=None, seed=5))
+    asked = [(channel.delay, seed) for (channel, seed), _ in lines]
     assert asked == [(0.1, [5, 0, 0]), (0.0, [5, 0, 1]), (0.1, [5, 6, 0]), (0.0, [5, 6, 1])]
-    asked.clear()
+    lines.clear()
     list(delay_frames(recording(2), LinkChannel(), noise_seed=None))
-    assert [seed for _, seed in asked] == [[0, 0, 0], [0, 0, 1]]
+    assert [seed for (_, seed), _ in lines] == [[0, 0, 0], [0, 0, 1]]
     with pytest.raises(ValueError, match="zip"):
         list(delay_frames(recording(2), channels[:1], noise_seed=None))
 

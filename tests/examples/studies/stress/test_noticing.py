@@ -17,7 +17,7 @@ def found(driving, tops):
     return time_faults(fine, tops(), Run(frames=28))
 
 
-def test_faults_are_noticed_both_ways_and_false_alarms_are_of_losses(found):
+def test_faults_are_noticed_both_ways(found):
     noticed = {(each.fault, each.sent_as): each for each in found[0]}
     assert {each.cases for each in noticed.values()} == {2}
     for way in ("whole images", "foreground"):
@@ -26,6 +26,9 @@ def test_faults_are_noticed_both_ways_and_false_alarms_are_of_losses(found):
     assert noticed["blinded", "whole images"] == Noticed("blinded", "whole images", 2, 2, 0.2, 0.2)
     assert noticed["frozen", "foreground"].worst == 0.2
     assert noticed["blinded", "foreground"].worst == 0.2
+
+
+def test_false_alarms_are_of_losses(found):
     alarms = {(each.link, each.sent_as): each for each in found[1]}
     nothing = alarms["nothing wrong", "foreground"]
     assert nothing.alarms == 0

@@ -19,12 +19,15 @@ ROWS = [
 NOTICED = Noticed("frozen", "foreground", 6, 5, 0.2, np.inf)
 
 
-def test_rows_as_text_and_files_so_far(tmp_path):
+def test_rows_are_a_table_of_text(tmp_path):
     assert outputs.format_stress_rows(ROWS).splitlines() == [
         "stress  level  scheme  sent as  IoU    AP  95 % interval  kbit/sensor     age",
         "delay   0.3 s  early   2 cm     0.7  0.88   0.80 to 0.91         6.12  0.30 s",
         "loss    10%    late    paper    0.7  0.88   0.80 to 0.91         0.25   nan s",
     ]
+
+
+def test_files_have_rows_crossings_and_times(tmp_path):
     crossed = outputs.Crossing("pose", 0.7, "early", "late", 0.254, 0.2, np.inf, 0.97)
     outputs.write_stress(
         outputs.StressResults(tuple(ROWS), (crossed,), noticed=(NOTICED,)),
@@ -43,6 +46,9 @@ def test_rows_as_text_and_files_so_far(tmp_path):
     assert "tally" not in content["rows"][0]
     assert "exact" not in content
     assert "<svg" in (tmp_path / "out" / "stress.svg").read_text()
+
+
+def test_rows_so_far_are_written_again_and_again(tmp_path):
     outputs.write_rows(ROWS[:1], {"site": "plain"}, tmp_path / "new")
     outputs.write_rows(ROWS, {"site": "plain"}, tmp_path / "new")
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["stress.json"]

@@ -101,7 +101,7 @@ def test_differences_show_what_foreground_does_in_fewer_bytes_unless_messages_ar
 
     standing = driving()
     here, away = standing.box(0), np.array([[40.0, 0, 0, 0, 0, 0, 0]])
-    monkeypatch.setattr(standing, "box", lambda k: here + (k < 8) * away)
+    vars(standing)["box"] = lambda k: here + (k < 8) * away
     key = ForegroundDifferences(refers_to="key", name="to key")
     rows = ask(
         standing,
@@ -209,7 +209,7 @@ def frame(time=0.0):
     return Frame((), (), Objects(TRUTH, np.zeros(3, int), np.arange(3)), time, 0)
 
 
-def test_figures_at_each_iou_and_tracks_that_restart():
+def test_figures_are_at_each_iou():
     counted = trial((0.5, 0.9))
     shifted = TRUTH[:2] + np.array([0.4, 0, 0, 0, 0, 0, 0])  # IoU 0.82
     for boxes, scores in ((shifted, [0.9, 0.8]), (TRUTH[:1], [0.7])):
@@ -235,6 +235,9 @@ def test_figures_at_each_iou_and_tracks_that_restart():
     assert (loose.kbit_per_sensor, loose.age) == (3, pytest.approx(0.15))
     assert (loose.judged.low, loose.judged.high) == loose.tally.interval(seed=0)
     assert loose.tally.truths.tolist() == [2, 2]
+
+
+def test_tracks_go_on_and_restart():
     counted, here = trial(), Detections(TRUTH[:1], np.array([0.9]))
     for k in range(10):
         moved = Detections(TRUTH[:1] + np.array([1.0 * k, 0, 0, 0, 0, 0, 0]), np.array([0.9]))

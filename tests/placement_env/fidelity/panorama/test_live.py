@@ -87,13 +87,13 @@ def test_it_agrees_with_rendering_and_panoramas_at_any_aim(traffic, view):
 
 def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
     asked = []
-    made = SuccessiveStrips.of
+    made = SuccessiveStrips.find_next
 
     def counted(self, moment, fine):
         asked.append(self._viewpoints[:, 2].round(6).tolist())
         return made(self, moment, fine)
 
-    monkeypatch.setattr(SuccessiveStrips, "of", counted)
+    monkeypatch.setattr(SuccessiveStrips, "find_next", counted)
     view = TrafficView(traffic)
     view.see(hung((0, 4.3, 0.7, 0.3, 0)))
     assert asked == [[4.1, 4.6, 5.1]] * 2  # the foot stands at 0.1
@@ -108,22 +108,22 @@ def test_panoramas_of_a_mount_are_made_once(traffic, monkeypatch):
     view.limit(10)
     # what is made anew drops what is old
     view.see(hung((0, 4.0, 0.7, 0.3, 1), models=(CAMERA, LIDAR)))
-    assert list(view._kept) == [(-22.0, -15.0, 4.1)]
+    assert list(view.surrounds) == [(-22.0, -15.0, 4.1)]
 
 
-def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, monkeypatch):
+def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, fail):
     cache, some = (
         Cache(tmp_path / "cache.sqlite"),
         hung((0, 4.3, 0.7, 0.3, 0), (0, 5.0, 0.1, 0.2, 0)),
     )
     first = TrafficView(traffic, cache=cache).see(some)
     assert len(cache) == 3
-    monkeypatch.setattr(SuccessiveStrips, "of", None)
+    fail(SuccessiveStrips, "find_next")
     for one in (TrafficView(traffic, cache=cache).see(some), view.see(some)):
         np.testing.assert_array_equal(one.points, first.points)
         np.testing.assert_array_equal(one.sent, first.sent)
     others = replace(traffic, snapshots=traffic.snapshots[::-1])
-    with pytest.raises(TypeError):
+    with pytest.raises(AssertionError, match="of was called"):
         TrafficView(others, cache=cache).see(some)
 
 

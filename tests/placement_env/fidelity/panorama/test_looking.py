@@ -72,10 +72,12 @@ def test_a_strip_counts_for_its_object_and_for_what_is_sent():
     )
     cells = 240 * (120 + 350 + 170)
     still = Still(np.full(cells, 125, np.uint8), np.full(cells, 0, np.uint8))
-    surround = Surround.of(
+    surround = Surround.from_strips(
         strips, ScoredItems(np.arange(3), np.array([0, 1, 1]), 3, 2), {model: still}
     )
-    towards, away = (Lookup.of(Sensor("a", model, pose(z=5.0, yaw=yaw))) for yaw in (1.0, -2.0))
+    towards, away = (
+        Lookup.from_sensor(Sensor("a", model, pose(z=5.0, yaw=yaw))) for yaw in (1.0, -2.0)
+    )
     np.testing.assert_allclose(still.count_background(towards), [800, 0], rtol=1e-5)
     points, sent, far = surround.seen(towards)
     each = 64.0  # rays of a fifth of the field of view both ways

@@ -49,13 +49,13 @@ def test_panoramas_are_worthwhile_for_far_sighted_sensors_in_one_place(small_tra
     ]  # 42 by 30 m, and height
     first, second, *_ = small_traffic.snapshots
     traffic = replace(small_traffic, snapshots=(first, first, second, first))
-    job = seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))
+    job = seeing.RoundLook(traffic, tuple(SENSORS), (VEHICLE,))
     for block in (seeing.Block(0, 4), seeing.Block(2, 4), seeing.Block(1, 2)):
-        assert same(job(block), seeing._RoundLook(traffic, tuple(SENSORS), (VEHICLE,))(block))
+        assert same(job(block), seeing.RoundLook(traffic, tuple(SENSORS), (VEHICLE,))(block))
 
 
-def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatch):
-    monkeypatch.setattr(seeing, "VIEW_BLOCK_FRAMES", 2)
+def test_blocks_and_processes_make_no_difference(small_traffic, seen, limits):
+    limits(seeing, VIEW_BLOCK_FRAMES=2)
     told: list[int] = []
     assert same(
         look_round(
@@ -64,7 +64,7 @@ def test_blocks_and_processes_make_no_difference(small_traffic, seen, monkeypatc
         seen,
     )
     assert told == [1, 3, 4]
-    job = seeing._RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))
+    job = seeing.RoundLook(small_traffic, tuple(SENSORS), (VEHICLE,))
     job(seeing.Block(0, 1))
     again = pickle.loads(pickle.dumps(job))
     assert "_stills" not in vars(again)
@@ -78,16 +78,12 @@ def test_a_sensor_sees_the_same_beside_others(small_traffic, seen):
     assert same([each[:0:-1] for each in together], seen)
 
 
-def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_path):
+def test_what_is_kept_is_not_made_again(small_traffic, seen, limits, fail, change_code, tmp_path):
     run = Run(cache=tmp_path)
-    monkeypatch.setattr(seeing, "VIEW_BLOCK_FRAMES", 4)
+    limits(seeing, VIEW_BLOCK_FRAMES=4)
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     assert len(run.memo) == 2
-
-    def fail(*_: object) -> None:
-        raise AssertionError("made again")
-
-    monkeypatch.setattr(SuccessiveStrips, "of", fail)
+    fail(SuccessiveStrips, "find_next", AssertionError("made again"))
     assert same(look_round(small_traffic, SENSORS, (VEHICLE,), run), seen)
     turned = [*SENSORS[:3], Sensor("3", CAMERA, look(AT, 2.0, 0.3))]
     others = replace(small_traffic, snapshots=small_traffic.snapshots[::-1])
@@ -96,6 +92,6 @@ def test_what_is_kept_is_not_made_again(small_traffic, seen, monkeypatch, tmp_pa
     ):
         with pytest.raises(AssertionError, match="made again"):
             look_round(traffic, sensors, labels, run)
-    monkeypatch.setattr(seeing, "code_digest", lambda *modules: "other")
+    change_code(seeing.__name__)
     with pytest.raises(AssertionError, match="made again"):
         look_round(small_traffic, SENSORS, (VEHICLE,), run)

@@ -57,7 +57,7 @@ def counted(model, rects, heading, tilt, roll=0.0):
 
 def whole(table, rects, heading=0.0, more=0.0):
     where, counts = table.counts(
-        Rectangles.of(*rects),
+        Rectangles.from_edges(*rects),
         np.float32(heading * AZIMUTHS_PER_RAD),
         np.float32(more * ELEVATIONS_PER_RAD),
     )
@@ -99,7 +99,7 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
     large = exact > 100
     assert np.abs(near[large] / exact[large] - 1).mean() < 0.02
     steady, tilted = (
-        Lookup.of(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt))))
+        Lookup.from_sensor(Sensor("s", CAMERA, look((0.0, 0.0, 5.0), 0.5, np.deg2rad(tilt))))
         for tilt in (15.0, 15.4)
     )
     assert steady.table is tilted.table
@@ -112,7 +112,7 @@ def test_sensors_are_looked_up_by_tilt_and_turned_back():
     )
 
 
-def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
+def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(limits):
     azimuth, elevation = angles(CAMERA, 0.0, 0.3)
     table = RayTable(CAMERA, 0.3, 0.0)
     assert table.cell_rays.sum() == np.prod(CAMERA.shape)
@@ -134,7 +134,7 @@ def test_rays_of_cells_are_counted_once_in_numbers_wide_enough(monkeypatch):
         DepthCamera(width=120, height=90), 0.3, 0.0
     )
     before = get_ray_table(CAMERA, 0.3, 0.0)
-    monkeypatch.setattr(ray_table, "MAX_TABLE_BYTES", 2 * before.nbytes)
+    limits(ray_table, MAX_TABLE_BYTES=2 * before.nbytes)
     for tilt in (0.31, 0.32, 0.33):
         get_ray_table(CAMERA, tilt, 0.0)
         assert ray_table.RAY_TABLES.nbytes <= ray_table.MAX_TABLE_BYTES

@@ -34,16 +34,18 @@ def empty(small_traffic):
 )
 def test_it_is_what_rays_see(empty, sensor):
     exact = look_at(empty, build_renderer(empty), [sensor])
-    sent, far = Still.of(
+    sent, far = Still.from_renderer(
         build_renderer(empty), empty.site, sensor.position, sensor.model
-    ).count_background(Lookup.of(sensor))
+    ).count_background(Lookup.from_sensor(sensor))
     assert exact.sent[0, 0] > 150
     assert sent == pytest.approx(exact.sent[0, 0], rel=0.05)
     assert far == pytest.approx(exact.far[0, 0], rel=0.05, abs=20)
 
 
 def test_behind_strips_it_is_that_of_the_direction(empty):
-    still = Still.of(build_renderer(empty), empty.site, np.array((0.0, -10.0, 4.0)), LIDAR)
+    still = Still.from_renderer(
+        build_renderer(empty), empty.site, np.array((0.0, -10.0, 4.0)), LIDAR
+    )
     azimuth, elevation = np.meshgrid(
         np.arange(240) * np.deg2rad(1.5) - np.pi + 0.01, np.deg2rad([-60.2, -20.05, 40.3])
     )

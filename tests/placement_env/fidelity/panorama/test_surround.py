@@ -48,7 +48,7 @@ def still(sent, far):
 
 
 def test_strips_are_sorted_and_only_what_is_scored_counts(strips, scored):
-    around = Surround.of(strips, scored, {LIDAR: still(0, 0)})
+    around = Surround.from_strips(strips, scored, {LIDAR: still(0, 0)})
     left = around.rectangles.left
     assert (np.diff(left) >= 0).all()
     assert left[0] >= 0
@@ -60,7 +60,7 @@ def test_strips_are_sorted_and_only_what_is_scored_counts(strips, scored):
     np.testing.assert_allclose(
         width, np.sort(strips.right - strips.left) * AZIMUTHS_PER_RAD, atol=2e-3
     )
-    around = Surround.of(strips, scored, {LIDAR: still(0, 0)})
+    around = Surround.from_strips(strips, scored, {LIDAR: still(0, 0)})
     order = sort_by_azimuth(strips)
     nobody = (strips.shows[order] == OUTSIDE) | (strips.item[order] >= 30)
     np.testing.assert_array_equal(around.item == 30, nobody)
@@ -71,7 +71,7 @@ def test_strips_are_sorted_and_only_what_is_scored_counts(strips, scored):
 @pytest.mark.parametrize("model", [CAMERA, LIDAR], ids=["camera", "lidar"])
 @pytest.mark.parametrize("more", [0.0, 8.0])
 def test_what_is_ahead_is_all_that_is_seen(strips, scored, model, more):
-    around = Surround.of(strips, scored, {model: still(100, 50)})
+    around = Surround.from_strips(strips, scored, {model: still(100, 50)})
     table, seen_any = RayTable(model, 0.3, 0.0), 0
     order = sort_by_azimuth(strips)
     for heading in (-3.1, -1.0, 0.0, 2.0, 3.1):

@@ -97,6 +97,9 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
         len(each["alt"]) > 20 and each["src"].startswith("data:image/svg+xml;base64,")
         for each in pictures
     )
+
+
+def test_pages_load_nothing_from_elsewhere(outline):
     for tag, attributes in outline.elements:
         for name in ("src", "href", "action", "poster", "data"):
             address = attributes.get(name) or "#"
@@ -105,6 +108,9 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert policy["content"] == POLICY
     assert "default-src 'none'" in POLICY
     assert "http" not in POLICY
+
+
+def test_cells_of_numbers_hold_their_value(outline):
     cells = [each for each in outline.all("td") if each.get("class") == "number"]
     assert {"data-value"} <= {name for each in cells for name in each}
     assert any(float(each["data-value"]) == 0.962 for each in cells if "data-value" in each)

@@ -1,34 +1,30 @@
 """Names of poles beyond Latin in the report: whole, or numbered with a note."""
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 
 from placement_env.report.content import Planned, replace_texts
 from placement_env.report.pages.report import write_report
-from toolkit.plots import fonts
 
 NAMES = {"post00": "信号灯杆一", "post01": "Ώμος", "post02": "عمود", "post03": "Straße;5"}
 
 
 @pytest.fixture
-def planned(example, monkeypatch) -> Iterator[Planned]:
+def planned(example, system_fonts) -> Planned:
     """The example with other names of poles, on a computer without fonts of its own."""
-    monkeypatch.setattr(fonts, "list_system_fonts", lambda: ())
-    fonts._cover_letters.cache_clear()
+    system_fonts()
     plan = replace_texts(
         example.plan, lambda text: re.sub("|".join(NAMES), lambda found: NAMES[found[0]], text)
     )
     (mount, *others) = example.site.mounts
-    yield replace(
+    return replace(
         example,
         plan=plan,
         site=replace(example.site, mounts=(replace(mount, name=NAMES["post00"]), *others)),
         moments=(),
     )
-    fonts._cover_letters.cache_clear()
 
 
 def test_a_pole_whose_name_cannot_be_set_has_a_number(planned, tmp_path):

@@ -50,6 +50,9 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
         == "By zone, AP ranges from 0.80 at “west” to 0.90 at “east”; the intervals do not overlap."
     )
     assert [cell.text for cell in table.rows[2]] == ["far", "–", "no vehicle", "–", "0", "–", "–"]
+
+
+def test_overlapping_intervals_name_no_weakest_part(example):
     near = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", judged(0.9)))
     section = read(
         detection_section.detection_section,
@@ -59,6 +62,9 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
         "No part of the site is clearly worse than another: the weakest, “west”, has AP"
     )
     assert section.blocks[0].caption.endswith("; the intervals overlap.")
+
+
+def test_parts_without_vehicles_have_no_ap(example):
     only = (BreakdownRow("west", judged(0.87)), BreakdownRow("east", None))
     plan = replace(
         example.plan, by_zone=only, by_range=(BreakdownRow("far", None),), by_approach=()
@@ -66,6 +72,9 @@ def test_the_weakest_part_is_named_where_intervals_tell_it(example):
     drawing, _, distance, *_ = read(detection_section.detection_section, plan).blocks
     assert drawing.caption == "By zone, only “west” had vehicles: AP 0.87 (0.85–0.89, 40 vehicles)."
     assert distance.text == "AP by distance is unknown: there was no vehicle to detect."
+
+
+def test_the_class_covered_least_is_named(example):
     seen = (
         ClassSeen("vehicle", 40, 10, 0.99),
         ClassSeen("cyclist", 1, 1, 0.5),

@@ -59,11 +59,18 @@ def test_the_decision_comes_first_in_the_words_of_an_operator(example):
     )
     assert said["How sure"].startswith("AP 0.962, 95% interval 0.932–0.992, from 60 frames")
     assert "d3 first" in said["Next"]
+
+
+def test_the_decision_explains_its_words(example):
+    section, _ = facts(example.plan, example)
     view, explained = section.blocks[1:]
     assert view.caption == "4 sensors on 4 poles; 2 poles that could carry one stay free."
     assert [
         word in explained.text for word in ("AP (average precision)", "a find needs 0.7", "kbit")
     ] == [True] * 3
+
+
+def test_a_decision_that_misses_the_question_says_what_was_allowed(example):
     question = {"money": 9.0, "sensors": 4}
     asked = replace(
         example.plan, question=question, verdict=Verdict(False, "No.", ("Links are too small.",))
@@ -196,7 +203,7 @@ def test_figures_of_sets_and_what_they_are_compared_by_are_explained(example):
         assert said == f"The AP of each set in this section is that {words}, as the question asks."
 
 
-def test_bills_schedules_and_links_are_listed(example):
+def test_links_that_are_too_narrow_are_named(example):
     section = read(installation_sections.links_section, example.plan)
     assert section.conclusion == "1 link of 4 cannot carry what is sent: post00."
     assert section.blocks[0].caption.startswith("All links together carry 12.48 Mbit/s")
@@ -210,6 +217,9 @@ def test_bills_schedules_and_links_are_listed(example):
         "Every link carries what is sent; the fullest, at post01, is used to 20%: it needs 3.90 "
         "of 20.00 Mbit/s."
     )
+
+
+def test_materials_are_billed_in_the_currency_or_in_units(example):
     section = read(installation_sections.materials_section, example.plan)
     assert section.conclusion == (
         "The total is 6 EUR; the largest part, 4 EUR, is “pole with power and link” (4 at 1 EUR)."
@@ -222,12 +232,18 @@ def test_bills_schedules_and_links_are_listed(example):
         bare.conclusion == "The total is 1 unit; the largest part, 1 unit, is “pole” (1 at 1 unit)."
     )
     assert bare.blocks[0].text == "Prices are in units of one ordinary pole."
+
+
+def test_the_schedule_says_where_sensors_are_mounted(example):
     section = read(installation_sections.schedule_section, example.plan, example.site)
     assert section.conclusion == "Mount 4 sensors on 4 poles, 5.2 m above the foot of the pole."
     assert [cell.text for cell in section.blocks[1].rows[0]] == [
         *("d0", "post00", "depth camera", "40.90", "8.10", "5.20"),
         *("14.423500", "50.081200", "45.0", "20.0"),
     ]
+
+
+def test_a_schedule_without_a_geographic_reference_has_metres(example):
     first, *others = example.plan.sensors
     plan = replace(
         example.plan, sensors=(replace(first, longitude=None, latitude=None, height=3.0), *others)

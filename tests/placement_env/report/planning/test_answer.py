@@ -39,7 +39,7 @@ def answered(ask, street):
     return answered
 
 
-def test_figures_fit_together_or_say_why_not(answered):
+def test_the_cheaper_of_two_equal_sets_is_chosen(answered):
     plan = answered()
     # of the two sets with AP 0.75 the first costs 11 + 23 and the second 11 + 11
     assert plan.chosen.sensors == ("post0_eye", "post1_eye")
@@ -51,16 +51,27 @@ def test_figures_fit_together_or_say_why_not(answered):
     assert (
         plan.chosen.kbit_per_sensor == 4.8
     )  # as measured in the final traffic: 50 points of 96 bits
+
+
+def test_considered_sets_and_the_front_have_their_prices(answered):
+    plan = answered()
     assert [option.price for option in plan.considered] == [34.0, 22.0, 11.0]
     assert plan.near_optimal == ()  # two blocks of frames tell nothing apart
     assert plan.best.sensors == plan.chosen.sensors
     assert [option.price for option in plan.front] == [11.0, 22.0]
     assert plan.poles_unused == ("post2", "post3")
+
+
+def test_order_materials_and_ground_are_of_the_chosen_sensors(answered):
+    plan = answered()
     assert plan.detector == "Reader"
     assert plan.verdict.met is None
     assert [step.judged.ap for step in plan.order] == [0.5, 0.75]
     assert [item.price for item in plan.materials] == [20.0, 2.0]
     assert set(plan.ground.sensor_m2) == {"post0_eye", "post1_eye"}
+
+
+def test_an_ap_out_of_reach_is_not_met_for_stated_reasons(answered):
     plan = answered(min_ap=0.9)
     assert plan.verdict.met is False
     assert plan.verdict.reasons[0].startswith(
@@ -68,6 +79,9 @@ def test_figures_fit_together_or_say_why_not(answered):
     )
     assert plan.verdict.reasons[-1] == "The links exclude 1 of 5 candidates."
     assert {row.as_good for row in plan.schemes} == {False}
+
+
+def test_the_cheapest_set_that_reaches_the_ap_is_chosen(answered):
     assert answered(min_ap=0.5).chosen.sensors == ("post0_eye",)
     assert answered(min_ap=0.5).verdict.met is True
 
@@ -96,9 +110,9 @@ def test_pairs_have_exact_worth_and_every_scheme(pair):
     assert (sent["early"], sent["late"]) == (50 * 96 / 1000, 2 * 256 / 1000)
 
 
-def test_large_sets_are_sampled_by_the_fidelity_of_the_searches(street, pair, monkeypatch):
-    monkeypatch.setattr("placement_env.report.planning.chosen_set.MAX_SUBSET_SENSORS", 1)
-    monkeypatch.setattr(street.detected, "outcomes", None)
+def test_large_sets_are_sampled_by_the_fidelity_of_the_searches(street, pair, limits, fail):
+    limits("placement_env.report.planning.chosen_set", MAX_SUBSET_SENSORS=1)
+    fail(street.detected, "outcomes")
     first, second = pair.worth()
     assert (first.shapley, second.shapley) == pytest.approx((0.375, 0.375))
 
@@ -147,7 +161,7 @@ def trace(street, question, *, frames=1):
     return trace_plan(findings, street.candidates, Reader())
 
 
-def test_provenance_holds_every_input_by_its_digest(ask, street, tmp_path):
+def test_provenance_holds_seeds_versions_and_files(ask, street, tmp_path):
     poles = tmp_path / "poles.geojson"
     poles.write_text("one")
     catalogue = SensorCatalogue((), "EUR", None, "digest of it")
@@ -161,6 +175,9 @@ def test_provenance_holds_every_input_by_its_digest(ask, street, tmp_path):
     poles.write_text("two")
     changed = trace(street, question)
     assert {key for key in before if before[key] != changed[key]} == {"poles_sha256"}
+
+
+def test_provenance_changes_with_site_areas_errors_and_frames(ask, street):
     question = ask(street.site)
     before = trace(street, question)
     assert (

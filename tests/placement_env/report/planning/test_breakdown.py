@@ -27,7 +27,7 @@ def scored(street):
     return score_boxes(street.judge, (0, 2))
 
 
-def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
+def test_boxes_have_hits_points_and_frames(scored):
     assert scored.truths.shape == (32, 7)
     assert scored.boxes.shape == (32, 7)  # three cars and the ghost in each frame
     (truth,) = scored.hits
@@ -36,6 +36,9 @@ def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
     assert np.array_equal(scored.boxes[hit], scored.truths[truth[hit]])
     assert scored.points.tolist() == [25, 25, 0, 25] * 8
     assert scored.frame.tolist() == np.repeat(np.arange(8), 4).tolist()
+
+
+def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
     west, east = by_group(
         scored, ["west", "east"], lambda boxes: (boxes[:, 0] > -6).astype(np.int64), 0
     )
@@ -51,7 +54,7 @@ def test_groups_of_boxes_share_vehicles_and_false_alarms(scored):
     assert (row.judged, row.mean_points) == (None, None)
 
 
-def test_zones_ranges_approaches_and_levels(street, scored):
+def test_zones_divide_the_area(street, scored):
     rows = by_zone(scored, street.site, 0)
     assert [row.name for row in rows] == [
         *("centre (within 10 m)", "north-east", "north-west", "south-east", "south-west")
@@ -59,6 +62,9 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     counts = {row.name: row.judged and row.judged.vehicles for row in rows}
     assert list(counts.values()) == [8, 24 - 8, 8, None, None]
     assert rows[2].judged.precision == 1.0
+
+
+def test_ranges_go_from_the_nearest_sensor(street, scored):
     rows = by_range(scored, [street.candidates.sensors[0], street.candidates.sensors[2]], 0)
     assert [row.name for row in rows] == [
         "0 to 10 m",
@@ -69,9 +75,15 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     ]
     assert [row.judged and row.judged.vehicles for row in rows] == [None, 24, 8, None, None]
     assert rows[2].judged.recall == 1.0  # the car in the middle, 21 m from both
+
+
+def test_a_bare_site_has_one_approach(street, scored):
     assert [(row.name, row.judged.vehicles) for row in by_approach(scored, street.site, 0)] == [
         ("inside the junction", 32)
     ]
+
+
+def test_levels_are_thin_and_dense_traffic(street, scored):
     assert by_level(scored, street.judge, (0, 2)) == ()
     levels = (np.array([1, 3]), np.array([0, 2, 4, 5, 6, 7]))
     thin, dense = by_level(
@@ -84,7 +96,7 @@ def test_zones_ranges_approaches_and_levels(street, scored):
     assert [thin.judged.ap, dense.judged.ap] == pytest.approx([whole.ap] * 2)
 
 
-def test_classes_and_moments_are_seen_or_not(street):
+def test_classes_are_seen_by_their_share(street):
     vehicle, walker, heavy = by_class(street.judge, (0, 2), ("vehicle", "pedestrian", "heavy"))
     assert (vehicle.label, vehicle.objects, vehicle.least_points, vehicle.share) == (
         "vehicle",
@@ -94,8 +106,14 @@ def test_classes_and_moments_are_seen_or_not(street):
     )
     assert (walker.objects, walker.share) == (8, 0.0)
     assert (heavy.objects, heavy.share) == (0, None)
+
+
+def test_clouds_of_a_set_are_fused(street):
     assert fuse_clouds(street.detected, (), 0).shape == (0, 3)
     assert fuse_clouds(street.detected, (0, 2), 0).shape == (100, 3)
+
+
+def test_pictures_show_hits_misses_and_ignored_objects(street):
     shots = pick_moments(street.detected, (0, 2), count=3, points=10)
     assert len(shots) == 3
     shot = shots[0]
@@ -161,18 +179,12 @@ def test_error_profiles(street, scored):
     assert by_errors(street.judge, (0, 2)) == ()
 
 
-def test_the_busiest_frames_are_taken(street, monkeypatch):
+def test_the_busiest_frames_are_taken(street, spy):
     counts = [1, 0, 2, 4, 4, 1, 0, 3]
-    monkeypatch.setattr(street.detected, "scored", lambda k: np.arange(5) < counts[k])
-    (shot,), taken = pick_moments(street.detected, (0,), count=1), []
-
-    def noted(detected, chosen, k, *_):
-        taken.append(k)
-        return shot
-
-    monkeypatch.setattr("placement_env.report.planning.moments.build_scene_moment", noted)
+    vars(street.detected)["scored"] = lambda k: np.arange(5) < counts[k]
+    calls = spy("placement_env.report.planning.moments", "build_scene_moment")
     pick_moments(street.detected, (0,), count=2)
-    assert taken == [3, 4]
+    assert [call.args[2] for call in calls] == [3, 4]
 
 
 def test_thin_clouds_are_the_same_again_and_in_order():

@@ -80,54 +80,54 @@ def test_the_front_holds_sets_that_no_other_beats():
     )
 
 
-def test_sets_of_each_size_race_and_the_best_are_judged(street):
+@pytest.fixture
+def six(street):
+    """Six sets of one to three sensors that the searches found."""
     sets = np.array(
         [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 1, 0, 0], [1, 1, 1, 0]], bool
     )
-    found = Entrants(sets, street.objective.scores(sets).ap, (("greedy",), (), (), (), (), ()), 77)
+    searches = (("greedy",), (), (), (), (), ())
+    return Entrants(sets, street.objective.scores(sets).ap, searches, 77)
+
+
+def test_sets_of_each_size_race_and_the_best_are_judged(street, six):
     stages = []
-    picked = choose_set(
-        street.objective, found, street.judge, run=Run(progress=lambda *stage: stages.append(stage))
-    )
+    run = Run(progress=lambda *stage: stages.append(stage))
+    picked = choose_set(street.objective, six, street.judge, run=run)
     assert (picked.chosen, picked.rule) == (5, "best")
     assert [stage for stage in stages if stage[0] == "set sizes compared"] == [
         *(("set sizes compared", done, 3) for done in (1, 2, 3))
     ]
     judged = [o.judged and o.judged.ap for o in picked.options]
-    assert judged[:4] == [
-        0.5,
-        None,
-        None,
-        None,
-    ]  # one of two equal ones; others come nowhere near the best
+    # one of two equal ones; others come nowhere near the best
+    assert judged[:4] == [0.5, None, None, None]
     assert judged[4:] == pytest.approx([0.75, 0.8])
+
+
+def test_options_have_price_sensors_poles_and_searches(street, six):
+    picked = choose_set(street.objective, six, street.judge)
     assert picked.options[5].price == 32.5
-    assert [o.predicted for o in picked.options] == found.predicted.round(6).tolist()
-    other = choose_set(
-        street.objective, replace(found, predicted=found.predicted / 2), street.judge
-    )
-    assert [o.predicted for o in other.options] == (found.predicted / 2).round(
-        6
-    ).tolist()  # not scored again
     assert picked.options[5].sensors == ("post0_eye", "post1_eye", "post2_eye")
     assert picked.options[0].searches == ("greedy",)
     assert [picked.options[i].poles for i in (3, 5)] == [("post3",), ("post0", "post1", "post2")]
-    aps = street.judge.detected.estimates(sets[[4, 5]])
-    assert [o.mean_ap for o in picked.options[4:6]] == pytest.approx(
-        np.mean([e.ap for e in aps.values()], 0)
-    )
+    aps = street.judge.detected.estimates(six.sets[[4, 5]])
+    means = np.mean([estimate.ap for estimate in aps.values()], 0)
+    assert [o.mean_ap for o in picked.options[4:6]] == pytest.approx(means)
     assert picked.options[2].mean_ap is None
-    cheap = choose_set(street.objective, found, street.judge, min_ap=0.75)
+
+
+def test_predictions_are_those_of_the_searches(street, six):
+    for predicted in (six.predicted, six.predicted / 2):  # not scored again
+        found = replace(six, predicted=predicted)
+        picked = choose_set(street.objective, found, street.judge)
+        assert [o.predicted for o in picked.options] == predicted.round(6).tolist()
+
+
+def test_the_cheapest_that_reaches_the_ap_is_chosen_or_none(street, six):
+    cheap = choose_set(street.objective, six, street.judge, min_ap=0.75)
     assert (cheap.chosen, cheap.rule, cheap.confidence) == (4, "cheapest", None)
-    assert [o.judged is not None for o in cheap.options] == [
-        False,
-        False,
-        False,
-        False,
-        True,
-        False,
-    ]
-    dear = choose_set(street.objective, found, street.judge, min_ap=0.9)
+    assert [o.judged is not None for o in cheap.options] == [False] * 4 + [True, False]
+    dear = choose_set(street.objective, six, street.judge, min_ap=0.9)
     assert (dear.chosen, dear.rule) == (5, "none")
 
 
@@ -171,7 +171,7 @@ def test_sets_are_compared_by_failures_and_levels(street):
     )
 
 
-def test_sets_are_compared_over_error_profiles(street, monkeypatch):
+def test_sets_are_compared_over_error_profiles(street, limits):
     """Exact, 0 finds with 1 as many cars as 3 does, for less money; where 0 is blinded, fewer."""
     steady = replace(
         option(0.8, 0.7, 0.9),
@@ -192,7 +192,7 @@ def test_sets_are_compared_over_error_profiles(street, monkeypatch):
     )
     judge = Judge((street.detected, rough), Cases(errors=("paper", "poor")))
     found = Entrants(np.array([[1, 1, 0, 0], [0, 1, 0, 1]], bool), np.zeros(2), ((), ()), 2)
-    monkeypatch.setattr(size_races, "NEAR_AP", 1.0)
+    limits(size_races, NEAR_AP=1.0)
     picked, alone = (
         choose_set(street.objective, found, judge),
         choose_set(street.objective, found, street.judge),

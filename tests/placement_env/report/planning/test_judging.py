@@ -17,7 +17,7 @@ from placement_env.report.planning.judging import Judge, judge_tallies
 from toolkit.objects import Detections
 
 
-def test_a_set_is_judged_as_the_detector_scores_it_at_any_iou(street):
+def test_a_set_is_judged_as_the_detector_scores_it(street):
     first, both, all_of_them, none = street.judge.judge(
         np.array([[1, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 0], [0, 0, 0, 0]], bool)
     )
@@ -35,13 +35,22 @@ def test_a_set_is_judged_as_the_detector_scores_it_at_any_iou(street):
     assert (none.ap, none.recall, none.precision) == (0.0, 0.0, None)
     row = np.array([[1, 1, 1, 0]], bool)
     assert all_of_them.ap == pytest.approx(float(street.detected(row).ap[0]), abs=1e-12)
+
+
+def test_cars_that_are_exact_are_found_at_any_iou(street):
     (at,) = street.judge.judge(np.array([[1, 0, 0, 0]], bool), Cases(iou=0.9))
     assert at.ap == 0.5
     assert street.judge.to_find[0].tolist() == [4] * 8
+
+
+def test_frames_are_detected_once_and_told(street):
     calls = []
     for _ in range(2):  # nothing is detected twice
         street.judge.judge(np.array([[0, 1, 1, 0]], bool), progress=calls.append)
     assert calls == list(range(1, 9))
+
+
+def test_plain_cases_have_no_other_figures(street):
     ((judged,), draws) = street.judge.judge_cases(np.array([[1, 0, 0, 1]], bool))
     assert judged[1:] == (None, None, None)
     assert (draws == judged.judged.ap).all()  # all frames are alike
@@ -301,6 +310,11 @@ def test_figures_over_drawings_of_a_site_are_means(street, rush):
     ]
     assert raced.resamples == pytest.approx(np.mean(each_raced, axis=0))
     assert both.evaluator.mean_ap(SETS[:1], np.arange(8)) == pytest.approx([judged.ap])
+
+
+def test_the_best_set_is_judged_at_each_drawing(street, rush):
+    both = replace(street.judge, drawings=(rush(Cases(), ()),))
+    (judged,), _ = both.judge_drawn(SETS[:1], both.cases)
     options = tuple(PlanOption((name,), 1.0, 1.0, 1.0, 0.5, judged, poles=(name,)) for name in "ab")
     first, second = choose_at_drawings(both, Choice(options, SETS, 0, 0, (), "best"), None)
     assert (first.judged.ap, second.judged.ap, first.poles) == (0.75, 0.625, ("a",))

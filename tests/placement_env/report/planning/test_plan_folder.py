@@ -39,7 +39,7 @@ def folder(question, tmp_path):
     return tmp_path / "plan"
 
 
-def test_everything_comes_back(question, folder):
+def test_setting_and_run_come_back(question, folder):
     found = read_plan_folder(folder)
     before, after = question.setting, found.setting
     assert (after.cases, after.counted, after.fusion, after.codec) == (
@@ -49,6 +49,11 @@ def test_everything_comes_back(question, folder):
         before.codec,
     )
     assert (after.most_price, found.sensors, found.frames, found.seed) == (9000.0, 3, 3, 5)
+
+
+def test_the_stock_comes_back_with_its_sensors_and_poles(question, folder):
+    found, before = read_plan_folder(folder), question.setting
+    after = found.setting
     stock, pool, again = after.candidates, before.pool, after.pool
     assert stock.catalogue == replace(PLANS.CATALOGUE, report={"client": "City of Elm"})
     assert [area.wkt for area in stock.keep_out] == [area.wkt for area in PLANS.KEEP_OUT]
@@ -64,6 +69,10 @@ def test_everything_comes_back(question, folder):
     assert [sensor.name for sensor in after.place.sensors] == [
         pool.mounts[pool.mount[k]].name for k in (3, 500)
     ]
+
+
+def test_stated_figures_come_back(folder):
+    found = read_plan_folder(folder)
     assert (found.stated.ap, found.stated.errors, found.stated.predicted) == (0.75, "typical", 0.7)
     assert math.isnan(found.stated.low)
     assert found.stated.objects == 70

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
+from models.detector import VoxelNetDetector
 from placement_env.candidates.candidates import paper_candidates
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import Judgement, Plan, Planned, PlanOption, Verdict
@@ -56,7 +57,7 @@ def planned(asked):
     return plan(asked())
 
 
-def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
+def test_a_plan_mounts_the_sensors_that_it_judged(planned):
     made = planned.plan
     assert made.verdict.met is None
     assert len(made.chosen.sensors) == len(made.sensors) == len(planned.site.sensors) == 2
@@ -65,6 +66,10 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert judged.frames == 5
     assert np.isnan([judged.low, judged.high]).all()
     assert judged.vehicles > 10
+
+
+def test_tables_of_a_plan_add_up_to_its_judgement(planned):
+    made, judged = planned.plan, planned.plan.chosen.judged
     assert {(row.scheme, row.iou) for row in made.schemes} == {
         (s, i) for s in ("early", "late", "hybrid") for i in (0.7, 0.8, 0.9)
     }
@@ -84,12 +89,19 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
         == sum(item.price for item in made.materials)
         == 2.0
     )
+
+
+def test_a_plan_has_links_ground_and_pictures(planned):
+    made = planned.plan
     assert len(made.poles_unused) == 4
     assert made.links[0].mbit_s == pytest.approx(made.sensors[0].kbit / 100)
     assert 0 < made.ground.seen_by[0] <= 1
     assert planned.ground.seen.shape[0] == 2
     assert len(planned.moments) == 5
     assert made.detector == "tjunction"
+
+
+def test_searches_comparison_and_judgement_have_traffic_of_their_own(planned):
     parts = planned.plan.provenance["traffic"]
     assert [parts[name]["seed"] for name in ("search", "comparison", "judgement")] == [
         0,
@@ -97,6 +109,9 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
         2000006,
     ]
     assert len({part["sha256"] for part in parts.values()}) == 3
+
+
+def test_considered_sets_go_from_the_best_to_those_that_were_only_predicted(planned):
     considered = planned.plan.considered
     assert {option.judged.frames for option in considered if option.judged} == {5}
     rank = [
@@ -107,11 +122,8 @@ def test_a_plan_has_all_its_parts_with_traffic_of_their_own(planned):
     assert len({judged for judged, _ in rank}) == 2
 
 
-def test_the_same_question_has_the_same_plan(planned, asked, monkeypatch):
-    def never(*_):
-        raise AssertionError("detected again")
-
-    monkeypatch.setattr("models.detector.VoxelNetDetector.__call__", never)
+def test_the_same_question_has_the_same_plan(planned, asked, fail):
+    fail(VoxelNetDetector, "__call__", AssertionError("detected again"))
     again = plan(asked())
     assert format_json(again.plan) == format_json(planned.plan)
     assert all(
@@ -251,10 +263,15 @@ def test_sets_are_judged_with_the_errors_that_are_asked_for(planned, asked):
     assert rough.chosen.judged.ap < planned.plan.chosen.judged.ap
 
 
+@pytest.fixture(scope="module")
+def mean_plan(asked):
+    """Plan by the mean over three thresholds when one sensor fails."""
+    return plan(asked(iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01)).plan
+
+
 @pytest.mark.slow
-def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned, asked):
-    made = plan(asked(iou=(0.7, 0.8, 0.9), failing=1, min_ap=0.01)).plan
-    chosen = made.chosen
+def test_mean_iou_and_a_failure_decide(mean_plan):
+    made, chosen = mean_plan, mean_plan.chosen
     assert made.question["iou"] == [0.7, 0.8, 0.9]
     assert (made.question["failing"], made.question["failures"]) == (1, "worst")
     assert len(chosen.sensors) == 2  # of one nothing is left
@@ -262,6 +279,11 @@ def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned
     assert made.verdict.met is (chosen.left.ap >= 0.01)
     assert "what is left in the worst case when 1 sensor fails" in made.verdict.sentence
     assert "IoU 0.7 to 0.9 (mean of 3 thresholds)" in made.verdict.sentence
+
+
+@pytest.mark.slow
+def test_figures_at_the_mean_iou_add_up(mean_plan):
+    made, chosen = mean_plan, mean_plan.chosen
     own = {row.iou: row.judged.ap for row in made.schemes if row.scheme == "early"}
     assert (
         own[(0.7, 0.8, 0.9)]
@@ -271,9 +293,18 @@ def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned
     for rows in (made.by_zone, made.by_range, made.by_approach):
         assert sum(row.judged.vehicles for row in rows if row.judged) == chosen.judged.vehicles
     assert sum(worth.shapley for worth in made.worth) == pytest.approx(chosen.judged.ap)
+
+
+@pytest.mark.slow
+def test_the_mean_and_failures_are_of_that_question_alone(mean_plan, planned):
+    made = mean_plan
     assert any("as in COCO" in sentence for sentence in made.assumptions)
     assert {option.left is None for option in made.considered if option.judged} == {False}
     assert all(option.left is None for option in planned.plan.considered)
+
+
+@pytest.mark.slow
+def test_entrants_of_another_iou_are_searched_again(planned, asked):
     # Entrants that are kept depend on the IoU by which they were found.
     strict = plan(asked(iou=0.9)).plan
     loose = {option.sensors: option.predicted for option in planned.plan.considered}
@@ -282,20 +313,33 @@ def test_mean_iou_and_a_failure_decide_and_are_said_from_their_own_cache(planned
     assert all(loose[option.sensors] > option.predicted for option in shared)
 
 
-def test_levels_of_traffic_decide_and_are_said(planned, asked):
-    made = plan(asked(sensors=1, levels=2, min_ap=0.01)).plan
-    chosen = made.chosen
+@pytest.fixture(scope="module")
+def levels_plan(asked):
+    """Plan by the worst of two levels of traffic."""
+    return plan(asked(sensors=1, levels=2, min_ap=0.01)).plan
+
+
+def test_levels_of_traffic_decide(levels_plan):
+    made, chosen = levels_plan, levels_plan.chosen
     assert (made.question["levels"], made.question["levels_by"]) == (2, "worst")
     assert [row.name for row in made.by_level] == ["thin traffic", "dense traffic"]
     assert np.sum([row.judged.frames for row in made.by_level]) == 5
     assert chosen.over_levels.ap == min(row.judged.ap for row in made.by_level)
     assert chosen.judged.vehicles == np.sum([row.judged.vehicles for row in made.by_level])
+
+
+def test_verdict_and_reasons_are_at_the_worst_level(levels_plan, planned):
+    made, chosen = levels_plan, levels_plan.chosen
     assert "at the worst of 2 levels of traffic" in made.verdict.sentence
     assert made.verdict.met is (chosen.over_levels.ap >= 0.01)
     assert any("compared is that at the worst of 2 levels" in sentence for sentence in made.why)
     assert {option.over_levels is None for option in made.considered if option.judged} == {False}
     assert planned.plan.by_level == ()
     assert planned.plan.chosen.over_levels is None
+
+
+def test_entrants_are_searched_over_levels(levels_plan, planned):
+    made = levels_plan
     alone = {option.sensors: option.predicted for option in planned.plan.considered}
     both = [
         (each.predicted, alone[each.sensors]) for each in made.considered if each.sensors in alone
@@ -340,17 +384,32 @@ def test_the_last_part_has_the_frames_that_a_width_takes(street, monkeypatch):
         assert judge.frames == frames[-1]
 
 
+@pytest.fixture(scope="module")
+def errors_plan(asked):
+    """Plan by the worst of two error profiles."""
+    return plan(asked(sensors=1, errors=("paper", "poor"), min_ap=0.01)).plan
+
+
 @pytest.mark.slow
-def test_error_profiles_decide_and_are_said(planned, asked):
+def test_error_profiles_have_a_row_each(errors_plan):
     """Judged at both profiles, searched as before; what else is said is at the first."""
-    made = plan(asked(sensors=1, errors=("paper", "poor"), min_ap=0.01)).plan
-    chosen = made.chosen
+    made = errors_plan
     assert (made.question["errors"], made.question["errors_by"]) == (["paper", "poor"], "worst")
     assert [row.name for row in made.by_errors] == ["paper", "poor"]
+
+
+@pytest.mark.slow
+def test_errors_are_drawn_ten_times(errors_plan):
+    made = errors_plan
     (drawn,) = made.by_draw
     assert (drawn.profile, len(drawn.aps), drawn.frames) == ("poor", 10, 5)
     assert min(drawn.aps) <= drawn.tenth <= drawn.mean == pytest.approx(np.mean(drawn.aps))
     assert len(set(drawn.aps)) > 1
+
+
+@pytest.mark.slow
+def test_the_worst_profile_decides_and_searches_are_as_before(errors_plan, planned):
+    made, chosen = errors_plan, errors_plan.chosen
     assert chosen.over_errors.ap == min(row.judged.ap for row in made.by_errors)
     assert chosen.judged == made.by_errors[0].judged
     assert "at the worst of the error profiles paper and poor" in made.verdict.sentence

@@ -54,7 +54,7 @@ def test_bad_questions(ask, wrong, message):
     assert "\n" not in str(refused.value)
 
 
-def test_prices_links_and_stocks_are_as_asked(ask):
+def test_prices_and_links_are_those_of_the_catalogue(ask):
     question = ask(SITE, catalogue=CATALOGUE, capacity_kbit=700.0)
     pool = question.setting.pool
     assert question.currency == "EUR"
@@ -62,11 +62,17 @@ def test_prices_links_and_stocks_are_as_asked(ask):
     assert set(np.unique(pool.prices)) == {1500.0 + 4000.0 * 0.6, 5500.0}
     assert (pool.capacity == 700.0).all()
     assert pool.sensors[0].model == DepthCamera(width=80)
+
+
+def test_plain_prices_are_in_poles(ask):
     question = ask(SITE)
     pool = question.setting.pool
     assert (question.currency, question.money) == ("", None)
     assert set(pool.prices) == {0.6, 1.0}
     assert with_terms(pool, 1.0, None).digest() == pool.digest()
+
+
+def test_a_stock_is_made_of_a_name_alone():
     assert Question(Setting("tjunction")).stock.candidates == "paper"
     assert Question(Setting("tjunction", candidates="pool")).stock.candidates == "pool"
     with pytest.raises(ValueError, match="a plan needs a Stock of candidates"):
@@ -93,7 +99,7 @@ def test_options_are_in_words_with_digests_of_files(ask, tmp_path):
     assert Stock().poles_digest is None
 
 
-def test_classes_thresholds_and_error_profiles_are_written_down(ask):
+def test_classes_are_written_down(ask):
     plain = ask(SITE).as_dict()
     assert (plain["classes"], plain["class_weights"], plain["combine"]) == (
         ["vehicle"],
@@ -106,16 +112,25 @@ def test_classes_thresholds_and_error_profiles_are_written_down(ask):
     assert (words["classes"], words["combine"]) == (["vehicle", "pedestrian"], "worst")
     assert words["class_ious"] == [0.8, 0.5]
     assert ask(SITE, classes=("cyclist",)).setting.counted == Classes(("cyclist",))
+
+
+def test_thresholds_are_sorted_and_written_for_each_class(ask):
     question = ask(SITE, iou=(0.9, 0.7), classes=("vehicle", "pedestrian"), failing=1)
     assert question.cases.ious == (0.7, 0.9)
     assert question.as_dict()["class_ious"] == [(0.7, 0.9), 0.5]
     assert ask(SITE, iou=(0.8,)).as_dict()["iou"] == 0.8
+
+
+def test_error_profiles_are_written_down(ask):
     plain = ask(SITE).as_dict()
     assert (plain["errors"], plain["errors_by"]) == (["paper"], "worst")
     single = ask(SITE, errors=("typical",), errors_by="mean").as_dict()
     assert (single["errors"], single["errors_by"]) == (["typical"], "worst")
     both = ask(SITE, errors=("typical", "poor"), errors_by="mean").as_dict()
     assert (both["errors"], both["errors_by"]) == (["typical", "poor"], "mean")
+
+
+def test_searches_and_judgement_have_settings_and_runs_of_their_own(ask):
     question = ask(SITE, candidates="paper", errors=("typical",), seed=4, frames=3)
     assert question.search_setting.cases.names == ("paper",)
     assert question.search_setting.fidelity == "surrogate"

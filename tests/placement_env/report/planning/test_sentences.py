@@ -17,7 +17,9 @@ from placement_env.report.content import (
     Verdict,
 )
 from placement_env.report.planning import refusals, sentences
+from placement_env.report.planning.question import Stock
 from toolkit.detection.link.range_images import RangeImages
+from toolkit.runtime.run import Run
 from toolkit.sites.site import Mount, Relief, Site, Solid
 
 SITE = Site("street", np.array([-20.0, -20, 20, 20]))
@@ -82,7 +84,7 @@ def test_cases_of_the_ap(ask, asked, words):
         ]
 
 
-def test_verdicts_on_cases_and_error_profiles(ask):
+def test_error_profiles_are_among_the_assumptions(ask):
     both = ask(SITE, errors=("paper", "poor"))
     assert sentences.describe_cases(both) == ", at the worst of the error profiles paper and poor,"
     said = assume(both)
@@ -98,6 +100,9 @@ def test_verdicts_on_cases_and_error_profiles(ask):
         "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
     )
     assert named in assume(ask(SITE, errors=("typical",)))
+
+
+def test_verdicts_say_whether_the_ap_is_met_and_how_surely(ask):
     asked = sentences.build_verdict(ask(SITE), OPTION, OPTION, ())
     assert asked.met is None
     words = (
@@ -112,13 +117,16 @@ def test_verdicts_on_cases_and_error_profiles(ask):
     missed = sentences.build_verdict(ask(SITE, min_ap=0.95), OPTION, OPTION, ("Because.",))
     assert (missed.met, missed.reasons[-1]) == (False, "Because.")
     assert "is not met" in missed.sentence
+
+
+def test_a_verdict_under_failures_is_on_what_is_left(ask):
     # the AP asked for is what is left
     frail = replace(OPTION, left=replace(FINAL, ap=0.5, low=0.4, high=0.6))
     verdict = sentences.build_verdict(ask(SITE, min_ap=0.8, failing=1), OPTION, frail, ())
     assert (verdict.met, "has AP 0.500" in verdict.sentence) == (False, True)
 
 
-def test_choices_and_assumptions_follow_the_question(ask):
+def test_the_choice_is_explained_by_sets_schemes_and_failures(ask):
     schemes = (SchemeFigures("early", 0.7, FINAL, 500.0), SchemeFigures("late", 0.7, FINAL, 2.0))
     failures = (
         FailureCase(("a",), FINAL),
@@ -130,12 +138,18 @@ def test_choices_and_assumptions_follow_the_question(ask):
     assert "1 other judged set is surely within 0.01 of the best on the same frames" in said
     assert "late 0.910 for 2.0 kbit" in said
     assert "The failure of b hurts most: AP 0.400 is left" in said
+
+
+def test_plain_assumptions_name_seeds_classes_and_prices(ask):
     plain = assume(ask(SITE, seed=4))
     assert "seeds 4, 1000007 and 2000010" in plain
     assert "cyclist, pedestrian and heavy did not count in the choice" in plain
     assert "AP is of vehicles alone, heavy ones not counted, centred in the detection area" in plain
     assert "No catalogue was given" in plain
     assert "by coverage" not in plain
+
+
+def test_weights_coverage_and_samples_are_among_the_assumptions(ask):
     other = assume(
         ask(SITE, classes=Classes(EVERY, (3.0, 1.0, 1.0, 3.0))), "coverage", sampled=True
     )
@@ -146,6 +160,9 @@ def test_choices_and_assumptions_follow_the_question(ask):
     ) in other
     assert "searches went by coverage" in other
     assert "For a set this large" in other
+
+
+def test_assumptions_name_the_class_and_the_codec(ask):
     assert "AP is of pedestrian alone, centred" in assume(
         ask(SITE, classes=Classes(("pedestrian",)))
     )
@@ -156,12 +173,15 @@ def test_choices_and_assumptions_follow_the_question(ask):
     assert "kbit are of messages as RangeImages(step=0.02) writes" in assume(
         ask(SITE, scheme="foreground")
     )
+
+
+def test_an_ap_without_an_interval_is_among_the_unknowns():
     assert len(sentences.list_unknowns(FINAL)) == 4
     few = Judgement(1.0, math.nan, math.nan, 1.0, 1.0, 3, 4)
     assert "How far AP 1.00 may be off" in sentences.list_unknowns(few)[-1]
 
 
-def test_refusals_say_how_short_of_the_requirement(ask, street):
+def test_refusals_say_what_is_missing(ask, street):
     assert "budget is 0 sensors" in refusals.refuse_question(ask(street.site, sensors=0))[0]
     question = ask(street.site)
     assert "has no road network" in refusals.refuse_question(question)[0]
@@ -172,6 +192,9 @@ def test_refusals_say_how_short_of_the_requirement(ask, street):
     assert refusals.refuse_traffic(question, ["cyclist", "heavy"], 3, "judging")[0].startswith(
         "No cyclist and no heavy enters"
     )
+
+
+def test_a_shortfall_says_how_much_is_missing(ask, street):
     final = Judgement(0.8, 0.7, 0.9, 0.8, 1.0, 50, 20)
     best = PlanOption(("a", "b"), 5500.0, 1.0, 2.0, 0.9, replace(final, ap=0.85))
     question = ask(street.site, sensors=2, money=6000.0, min_ap=0.95)
@@ -234,14 +257,42 @@ def test_schemes_at_the_plans_iou_and_single_failures_are_said(ask):
     ]
 
 
-def test_assumptions_name_what_was_asked_and_no_more(ask):
+def test_numbers_in_assumptions_are_the_ones_in_use(ask, monkeypatch):
+    said = assume(ask(SITE, errors=("typical",)))
+    assert "over blocks of 8 frames, two lives of an object" in said
+    assert "links are compared with them at 10 frames a second" in said
+    assert "drawn anew for every 4 frames" in said
+    for name, number in (("BLOCK_FRAMES", 12), ("FRAME_RATE_HZ", 2.5), ("LIFE", 6)):
+        monkeypatch.setattr(sentences, name, number)
+    changed = assume(ask(SITE, errors=("typical",)))
+    for words in ("blocks of 12 frames", "at 2.5 frames a second", "for every 6 frames"):
+        assert words in changed
+
+
+def test_a_narrowed_search_states_the_frames_that_it_looked_at(ask):
+    question = ask(SITE, candidates=None)
+    narrowed = replace(
+        question, setting=replace(question.setting, candidates=Stock(only=("p0", "p1")))
+    )
+    assert "the 2 that see most in the first 8 frames went on" in assume(narrowed)
+    short = replace(narrowed, run=Run(frames=3))
+    assert "the 2 that see most in the first 3 frames went on" in assume(short)
+
+
+def test_mean_thresholds_are_among_the_assumptions(ask):
     several = assume(ask(SITE, iou=(0.7, 0.8)))
     assert "Every AP is the mean over IoU 0.7, 0.8, as in COCO" in several
     assert "hits at IoU 0.7." in several
+
+
+def test_drawings_are_among_the_assumptions(ask):
     assert "COCO" not in assume(ask(SITE))
     assert "drawings" not in assume(ask(SITE))
     drawn = assume(ask(replace(SITE, furnished="dense"), drawings=3))
     assert "Figures of whole sets are means over 3 drawings of what no map knows" in drawn
+
+
+def test_assumptions_say_what_prices_are_in(ask):
     bare = assume(ask(SITE, catalogue=SensorCatalogue((), "EUR")))
     assert "The catalogue names no pole_price: the prices of poles are taken to be in EUR." in bare
     assert "its unit" in assume(ask(SITE, catalogue=SensorCatalogue(())))

@@ -72,23 +72,14 @@ WHOLE = Plan({}, "s", "Reader", 0.7, "early", "", Verdict(None, "So."), None)
 
 
 @pytest.fixture
-def staged(ask, street, monkeypatch):
+def staged(ask, street, spy, monkeypatch):
     """Plans on the street: searches answer at once, and what they, the choice and the pictures are
     asked is noted."""
     site = replace(street.site, network="<net><edge/></net>")
-    monkeypatch.setattr(
-        "placement_env.setting.choose_candidates", lambda *_, **__: street.candidates
-    )
     monkeypatch.setattr(questions, "choose_candidates", lambda *_, **__: street.candidates)
     traffic = Traffic(site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
     noted = SimpleNamespace(
-        searched=[],
-        others=[],
-        chosen=[],
-        moments=[],
-        parts=[],
-        labels=np.array([0, 0, 2]),
-        judge=street.judge,
+        searched=[], others=[], parts=[], labels=np.array([0, 0, 2]), judge=street.judge
     )
 
     class Prepared:
@@ -123,20 +114,12 @@ def staged(ask, street, monkeypatch):
         noted.parts.append(run)
         return PreparedJudge(Prepared(question.setting, run), noted.judge)
 
-    def noting(to, original):
-        def call(*given, **named):
-            to.append((given, named))
-            return original(*given, **named)
-
-        return call
-
     monkeypatch.setattr(entrant_search, "Preparation", Prepared)
     monkeypatch.setattr(Objective, "from_view", staticmethod(moved))
     monkeypatch.setattr(entrant_search, "keep_entrants", searched)
     monkeypatch.setattr(planning, "prepare_judge", judged)
     monkeypatch.setattr(prepared_judge, "prepare_judge", judged)
-    monkeypatch.setattr(planning, "choose_set", noting(noted.chosen, choosing.choose_set))
-    monkeypatch.setattr(planning, "pick_moments", noting(noted.moments, pick_moments))
+    noted.chosen, noted.moments = spy(planning, "choose_set"), spy(planning, "pick_moments")
 
     def made(**options):
         plain = {"sensors": 2, "detector": street.detected.detector, "seed": 7}
@@ -147,7 +130,7 @@ def staged(ask, street, monkeypatch):
 
 
 def test_every_stage_has_its_seed_and_its_part_of_the_traffic(staged, tmp_path):
-    planned = staged.plan(confidence=0.9, min_ap=0.4, cache=tmp_path)
+    staged.plan(confidence=0.9, min_ap=0.4, cache=tmp_path)
     ((objective, effort, memo, depends_on, seed),) = staged.searched
     assert (effort.sizes, effort.min_ap, seed) == ((1, 2), 0.4, 7)
     assert (memo is not None, depends_on) == (True, staged.traffic.digest())
@@ -158,6 +141,10 @@ def test_every_stage_has_its_seed_and_its_part_of_the_traffic(staged, tmp_path):
     assert [(run.seed, run.frames) for run in staged.parts] == [(1000010, 120), (2000013, 120)]
     ((given, asked),) = staged.moments
     assert (given[1], asked) == ((0,), {"seed": 7})  # the cheapest that finds two of five
+
+
+def test_a_plan_has_sensors_traffic_and_pictures_of_its_stages(staged):
+    planned = staged.plan(confidence=0.9, min_ap=0.4)
     made = planned.plan
     assert (
         made.chosen.sensors
@@ -338,6 +325,11 @@ def test_schemes_are_judged_at_every_threshold_and_as_good_only_at_the_plans(str
             return Detections(boxes, found.scores)
 
     rough = Judge((Detected(street.detected.renders, Rough(), "early"),))
+    drawn = replace(street.judge, drawings=(rough,))  # schemes are those of the first drawing
+    of_first = ChosenSet((0, 1), ("a", "b"), drawn, street.objective).schemes()
+    assert [(row.iou, row.judged.ap, row.as_good) for row in of_first] == [
+        (row.iou, row.judged.ap, row.as_good) for row in single.schemes()
+    ]
     aps = {
         row.iou: row.judged.ap
         for row in ChosenSet((0, 1), ("a", "b"), rough, street.objective).schemes()[:3]
@@ -442,7 +434,7 @@ def test_sets_near_the_best_are_listed_from_the_cheapest(street):
     assert [option.sensors for option in choice.near_optimal] == [("b",), ("c",), ("a",)]
 
 
-def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
+def test_pictures_are_drawn_by_the_seed(street, spy):
     class Dense(type(street.detected.renders)):  # type: ignore[misc]
         def clouds(self, k, c):
             return np.random.default_rng(c).normal(size=(200, 3)).astype(np.float32)
@@ -450,13 +442,11 @@ def test_pictures_are_drawn_by_the_seed(street, monkeypatch):
     detected = Detected(
         Dense(street.site, street.detected.renders.sensors), street.detected.detector, "early"
     )
-    monkeypatch.setattr(
-        moments, "build_scene_moment", lambda detected, chosen, k, points, seed: (k, points, seed)
-    )
-    asked: list[Any] = [*pick_moments(detected, (0,), count=1)]
-    assert asked == [(0, 2500, 0)]
-    asked = [*pick_moments(detected, (0,), count=2, points=9, seed=5)]
-    assert asked == [(0, 9, 5), (1, 9, 5)]
+    calls = spy(moments, "build_scene_moment")
+    pick_moments(detected, (0,), count=1)
+    pick_moments(detected, (0,), count=2, points=9, seed=5)
+    # frame, points and seed
+    assert [call.args[2:] for call in calls] == [(0, 2500, 0), (0, 9, 5), (1, 9, 5)]
 
 
 def test_what_is_refused_alone_is_not_built_whatever_it_sends(street):
@@ -566,15 +556,14 @@ def test_no_part_of_a_plan_is_left_out(staged, street):
     assert "No cheaper set is surely within 0.01 of it" in " ".join(made.why)
 
 
-def test_the_search_has_the_pool_that_was_narrowed(staged, street, monkeypatch):
-    def prepare(setting, run):
-        raise KeyError(*(sensor.name for sensor in setting.candidates.sensors))
-
+def test_the_search_has_the_pool_that_was_narrowed(staged, street, fail, spy, monkeypatch):
     monkeypatch.setattr(buildable, "narrow_pool", lambda setting, run: [1, 3])
-    monkeypatch.setattr(entrant_search, "Preparation", prepare)
-    with pytest.raises(KeyError) as stopped:
+    fail(entrant_search, "Preparation", KeyError("far enough"))
+    calls = spy(entrant_search, "Preparation")
+    with pytest.raises(KeyError, match="far enough"):
         staged.plan()
-    assert stopped.value.args == tuple(street.candidates.sensors[k].name for k in (1, 3))
+    (call,) = calls
+    assert call.args[0].candidates.sensors == tuple(street.candidates.sensors[k] for k in (1, 3))
 
 
 @pytest.mark.parametrize(("share", "of"), [(0.125, np.min), (1.0, np.max)])
@@ -602,9 +591,6 @@ def test_results_of_drawings_are_part_of_the_plan(staged, monkeypatch):
 
 def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkeypatch):
     monkeypatch.setattr(
-        prepared_judge, "Preparation", lambda setting, run, compares: (setting, run)
-    )
-    monkeypatch.setattr(
         Judge,
         "from_preparation",
         staticmethod(lambda prepared, seed: replace(street.judge, seed=seed)),
@@ -616,7 +602,7 @@ def test_judges_are_over_all_drawings_by_the_seed_of_the_question(street, monkey
     objectives: Any = [SimpleNamespace(candidates="a"), SimpleNamespace(candidates="b")]
     made, judge = prepare_judge(asked, objectives, Run(seed=9))
     prepared: Any = made
-    assert prepared == ((0, "a"), Run(seed=9))
+    assert (prepared.setting, prepared.run) == ((0, "a"), Run(seed=9))
     assert (judge.seed, [other.seed for other in judge.drawings]) == (5, [5])
 
 
@@ -634,15 +620,10 @@ def test_ignored_detections_count_in_no_group(street):
     assert rows[0].judged.ap == 1.0
 
 
-def test_points_of_pictures_are_thinned_by_frame_and_sensor(street, monkeypatch):
-    asked = []
-
-    def noted(cloud, points, seed):
-        asked.append((len(cloud), points, seed))
-        return cloud
-
-    monkeypatch.setattr(moments, "thin", noted)
+def test_points_of_pictures_are_thinned_by_frame_and_sensor(street, spy):
+    calls = spy(moments, "thin")
     pick_moments(street.detected, (0, 2), count=1, points=9, seed=5)
+    asked = [(len(cloud), points, seed) for (cloud, points, seed), _ in calls]
     assert asked == [(50, 9, [5, 0, 0]), (50, 9, [5, 0, 2])]
 
 
@@ -655,7 +636,7 @@ def test_levels_with_few_road_users_are_named(vehicles, few):
     assert "How far" not in said
 
 
-def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, monkeypatch):
+def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, limits):
     """Eighty frames: in half of each block of four sensor 0 is blind, so that resamples differ by
     the seed."""
 
@@ -676,7 +657,7 @@ def test_intervals_are_of_the_seed_and_where_all_is_found_wilsons(street, monkey
     # 320 vehicles, each in four frames
     wilson = binomtest(40, 80).proportion_ci(0.95, method="wilson")
     assert (found.low, found.high) == pytest.approx((wilson.low, wilson.high))
-    monkeypatch.setattr(judging, "CONFIDENCE", 0.8)
+    limits(judging, CONFIDENCE=0.8)
     (found,) = Judge((detected,)).judge(np.array([[0, 1, 0, 0]], bool))
     wilson = binomtest(40, 80).proportion_ci(0.8, method="wilson")
     assert (found.low, found.high) == pytest.approx((wilson.low, wilson.high))
@@ -716,7 +697,7 @@ def test_a_hit_of_the_very_first_vehicle_counts_in_its_group(street):
 
 
 def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_judged(
-    street, monkeypatch
+    street, limits, monkeypatch
 ):
     """Of one sensor each, sets end at 1, 0.75 and just below; a quarter is near."""
     asked = []
@@ -730,7 +711,7 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
     monkeypatch.setattr(
         judged_options, "check_agreement", lambda *_: None
     )  # of AP that are made up
-    monkeypatch.setattr(size_races, "NEAR_AP", 0.25)
+    limits(size_races, NEAR_AP=0.25)
     sets = np.eye(4, dtype=bool)[:3]
     found = Entrants(sets, np.zeros(3), ((),) * 3, 3)
     choice = choosing.choose_set(

@@ -163,7 +163,8 @@ def test_bounds_under_failures_and_steps_of_shares(junction):
     )
     assert len(failing.best.subset) >= 2
     assert plain.certificate.bound < failing.certificate.bound
-    surrogate = junction("surrogate", 1).scored_by
+    objective = junction("surrogate", 1)
+    surrogate = objective.scored_by
     halves = [surrogate.in_frames(np.arange(4)), surrogate.in_frames(np.arange(4, 8))]
     both = cheapest.join_levels([cheapest.build_levels(half, above=True) for half in halves])
     each = [cheapest.build_levels(half, above=True) for half in halves]
@@ -172,8 +173,8 @@ def test_bounds_under_failures_and_steps_of_shares(junction):
     for chosen in ([0], [1, 4], [0, 3, 9]):
         assert both.worth(chosen) == min(one.worth(chosen) for one in each)
     usual = cheapest.build_levels(surrogate, above=True)
-    surrogate._parts[0].evidence.visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
-    bulky = Surrogate(surrogate._parts[0].evidence.visibility, "early", replace(MODEL, bulk=1.0))
+    objective.visibility.boxes[:20, 3:6] = 8.0, 2.0, 2.0
+    bulky = Surrogate(objective.visibility, "early", replace(MODEL, bulk=1.0))
     levels = cheapest.build_levels(bulky, above=True)
     np.testing.assert_array_equal(levels.evidence, usual.evidence)
     np.testing.assert_allclose(levels.gain[:, :20], usual.gain[:, :20] / 2, atol=1)

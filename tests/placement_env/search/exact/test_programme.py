@@ -197,8 +197,8 @@ def test_limits_and_seed_are_those_asked_for():
     assert SolverLimits(1.0).build_solver().parameters.max_deterministic_time > 1e6
 
 
-def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "ortools.sat.python", None)
+def test_a_missing_package_is_named(without_packages):
+    without_packages("ortools.sat.python")
     with pytest.raises(ImportError, match="pip install coview"):
         load_cp_model()
 

@@ -11,28 +11,23 @@ from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
-from placement_env.search.portfolio.entrants import Effort, keep_entrants
+from placement_env.search.portfolio.entrants import Effort
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     DetectorEvaluator,
     Schedule,
     race_order,
 )
-from placement_env.search.portfolio.portfolio import MAX_SET_FRAMES, Judging, contest
+from placement_env.search.portfolio.portfolio import MAX_SET_FRAMES, Judging
 from placement_env.setting import Setting
 
 
-def test_searches_go_on_where_the_checkpoint_left_them(street, monkeypatch, tmp_path):
-    asked, kept = [], Checkpoint(tmp_path)
-
-    def noted(objective, effort, **named):
-        asked.append(named)
-        return keep_entrants(objective, effort)
-
-    monkeypatch.setattr(curve, "keep_entrants", noted)
+def test_searches_go_on_where_the_checkpoint_left_them(street, spy, tmp_path):
+    calls, kept = spy(curve, "keep_entrants"), Checkpoint(tmp_path)
     effort = Effort((1,), neighbours=0)
-    assert len(list(curve._search_budgets(street.objective, effort, (), 7, kept))) == 1
-    assert asked == [{"others": {}, "seed": 7, "checkpoint": kept}]
+    assert len(list(curve.search_budgets(street.objective, effort, (), 7, kept))) == 1
+    (call,) = calls
+    assert call.named == {"others": {}, "seed": 7, "checkpoint": kept}
 
 
 def test_each_number_has_its_winner_that_pays(street):
@@ -54,6 +49,8 @@ def test_each_number_has_its_winner_that_pays(street):
         street.detected.partial(street.objective.row([0, 1])[None], 8).kbit[0]
     )
 
+
+def test_a_number_that_finds_less_does_not_pay(street):
     class Worse(CasesEvaluator):
         """Finds half as much with three sensors."""
 
@@ -122,6 +119,9 @@ def test_amounts_of_money_have_their_winners(street):
     assert all(point.price <= point.money for point in points)
     assert len({point.subset for point in points}) == len(points)
     assert street.objective.most_price == np.inf
+
+
+def test_amounts_above_the_largest_price_are_held_to_it(street):
     poor = street.objective.with_weights(street.objective.weights, most_price=22.0)
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     points = budget_curve(
@@ -221,21 +221,14 @@ def test_the_states_of_amounts_are_their_own(street):
 
 
 @pytest.mark.parametrize("amounts", [(), (22.0, 33.0)])
-def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(
-    street, monkeypatch, amounts
-):
-    seeds, keep = [], keep_entrants
-
-    def noted(*given, seed, **more):
-        seeds.append(seed)
-        return keep(*given, seed=seed, **more)
+def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(street, spy, amounts):
+    calls = spy(curve, "keep_entrants")
 
     class Noting(CasesEvaluator):
         def evaluate(self, sets, frames, progress=None):
             judged.append(frames.tolist())
             return super().evaluate(sets, frames, progress)
 
-    monkeypatch.setattr(curve, "keep_entrants", noted)
     raced, judged = CasesEvaluator((DetectorEvaluator(street.detected),)), list[list[int]]()
     final = Noting((DetectorEvaluator(street.detected),))
     for seconds, order in ((None, np.arange(final.frames)), (60.0, race_order(final.frames))):
@@ -250,7 +243,7 @@ def test_searches_get_the_seed_and_the_judge_frames_in_order_or_spread(
         )
         assert judged[0] == order[: len(judged[0])].tolist()
     assert race_order(final.frames).tolist() != list(range(final.frames))
-    assert set(seeds) == {7}
+    assert {call.named["seed"] for call in calls} == {7}
 
 
 @pytest.mark.parametrize("wrong", [{"seconds": 0.0}, {"evaluations": 0}])
@@ -284,14 +277,14 @@ def test_a_winner_stays_where_more_money_finds_nothing_better(street):
     assert [(point.money, point.subset) for point in points] == [(22.0, (0, 1))]
 
 
-def test_only_more_ap_for_more_money_pays(street, monkeypatch):
+def test_only_more_ap_for_more_money_pays(street):
     points = budget_curve(street.objective, 3, judging=levelled(street, least=0.75, most=0.75))
     assert [(point.ap, point.pays) for point in points] == [
         (0.5, True),
         (0.75, True),
         (0.75, False),
     ]
-    monkeypatch.setattr(street.objective, "price", lambda rows: np.ones(len(rows)))
+    vars(street.objective)["price"] = lambda rows: np.ones(len(rows))
     points = budget_curve(street.objective, 3, judging=levelled(street, least=0.8))
     assert [(point.ap, point.pays) for point in points] == [
         (0.5, False),
@@ -300,43 +293,29 @@ def test_only_more_ap_for_more_money_pays(street, monkeypatch):
     ]
 
 
-def test_races_and_searches_share_their_time_and_know_the_seed(street, monkeypatch):
+def test_races_and_searches_share_their_time_and_know_the_seed(street, spy):
     """Of 60 s the searches have three tenths, eight for each number; each race an equal share of
     the rest, with the judgement."""
-    races, efforts, shares, race, keep, limit = [], [], [], contest, keep_entrants, Schedule.limit
-
-    def raced(*given, **named):
-        races.append(named)
-        return race(*given, **named)
-
-    def kept(objective, effort, **named):
-        efforts.append(effort)
-        return keep(objective, effort, **named)
-
-    def limited(schedule, evaluator, share=1.0, **least):
-        shares.append((share, *least.values()))
-        return limit(schedule, evaluator, share, **least)
-
-    monkeypatch.setattr(curve, "contest", raced)
-    monkeypatch.setattr(curve, "keep_entrants", kept)
-    monkeypatch.setattr(Schedule, "limit", limited)
+    races, searches = spy(curve, "contest"), spy(curve, "keep_entrants")
+    limits = spy(Schedule, "limit")
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected),))
     asked = {
         "seed": 7,
         "judging": Judging(evaluators=(evaluator, evaluator), confidence=0.6, neighbours=3),
     }
     budget_curve(street.objective, 2, seconds=60.0, evaluations=500, **asked)
-    assert efforts == [Effort((1, 2), 60 * 0.3 / (8 * 2), 500, 3)]
-    assert [(each["seed"], each["confidence"], each["most"]) for each in races] == [
-        (7, 0.6, np.inf)
-    ] * 2
-    assert shares == [(1 / 3, 1), (1 / 2, 1), (1.0,)]
+    assert [call.args[1] for call in searches] == [Effort((1, 2), 60 * 0.3 / (8 * 2), 500, 3)]
+    rules = {"seed": 7, "confidence": 0.6, "most": np.inf}
+    assert [rules.items() <= call.named.items() for call in races] == [True] * 2
+    shares = [call.named for call in limits]
+    assert shares == [{"share": 1 / 3, "least": 1}, {"share": 1 / 2, "least": 1}, {}]
     budget_curve(street.objective, 3, amounts=(11.0, 22.0), seconds=60.0, **asked)
-    assert efforts[1:] == [Effort((3,), 60 * 0.3 / (8 * 2), None, 3)] * 2
+    efforts = [call.args[1] for call in searches[1:]]
+    assert efforts == [Effort((3,), 60 * 0.3 / (8 * 2), None, 3)] * 2
     budget_curve(street.objective, 1, **asked)
-    assert (efforts[-1].seconds, races[-1]["most"]) == (None, MAX_SET_FRAMES)
+    assert (searches[-1].args[1].seconds, races[-1].named["most"]) == (None, MAX_SET_FRAMES)
     budget_curve(street.objective, 1, judging=asked["judging"])
-    assert races[-1]["seed"] == 0
+    assert races[-1].named["seed"] == 0
 
 
 def test_amounts_are_prices_of_sets_each_once(street):
@@ -387,14 +366,14 @@ def test_an_amount_that_is_the_price_of_a_set_to_the_cent_is_taken(street):
     )  # no set costs a fourth or an eighth of 33
 
 
-def test_many_sums_are_held_coarsely(street, monkeypatch):
+def test_many_sums_are_held_coarsely(street, limits):
     """Of prices 10.5, 11 and 23, and nothing, those that lie in the same half of 24 count once, the
     dearest."""
-    monkeypatch.setattr(curve, "MAX_SUMS", 4)
+    limits(curve, MAX_SUMS=4)
     assert list_amounts(street.objective, 1, 24.0) == (
         10.5,
         11.0,
         23.0,
     )  # four with nothing: all are held
-    monkeypatch.setattr(curve, "MAX_SUMS", 2)
+    limits(curve, MAX_SUMS=2)
     assert list_amounts(street.objective, 1, 24.0) == (11.0, 23.0)

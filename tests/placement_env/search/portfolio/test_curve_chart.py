@@ -15,14 +15,15 @@ POINTS = [
 
 
 @pytest.fixture
-def axes_of(monkeypatch):
-    figures = []
-    monkeypatch.setattr(canvas, "write_figure", lambda figure, out: figures.append(figure))
+def axes_of(spy, tmp_path):
+    calls = spy(canvas, "write_figure")
 
     def drawn(points):
-        drawing.draw_curve(points, "curve.png", judge="surrogate", currency="EUR")
-        assert "by the surrogate" in figures[0].texts[1].get_text()
-        (axes,) = figures.pop().axes
+        out = tmp_path / "curve.svg"
+        drawing.draw_curve(points, out, judge="surrogate", currency="EUR")
+        figure, _ = calls.pop().args
+        assert "by the surrogate" in figure.texts[1].get_text()
+        (axes,) = figure.axes
         return axes
 
     return drawn

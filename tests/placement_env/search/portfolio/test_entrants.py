@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -35,7 +36,7 @@ from toolkit.runtime.run import Run
 TWO = Effort((1, 2))
 
 
-def test_every_size_has_the_best_set_for_the_money(street):
+def test_every_size_has_its_best_set(street):
     found = find_entrants(street.objective, Effort((1, 2, 3)))
     assert street.objective.feasible(found.sets).all()
     sizes = found.sets.sum(axis=1)
@@ -50,6 +51,9 @@ def test_every_size_has_the_best_set_for_the_money(street):
     assert {"exhaustive", "greedy"} <= set(found.searches[three])
     assert found.considered > 14
     assert np.array_equal(found.predicted, street.objective.scores(found.sets).ap)
+
+
+def test_sets_above_the_largest_price_do_not_enter(street):
     # the sets cost 11, 11, 10.5 and 23
     tight = Objective(
         Setting(
@@ -62,12 +66,18 @@ def test_every_size_has_the_best_set_for_the_money(street):
     found = find_entrants(tight, Effort((1, 2, 3, 4)))
     assert tight.price(found.sets).max() == 22.0
     assert found.sets.sum(axis=1).max() == 2
+
+
+def test_the_same_seed_finds_the_same_entrants(street):
     first, again = (
         find_entrants(street.objective, Effort((1, 2)), seed=3),
         find_entrants(street.objective, Effort((1, 2)), seed=3),
     )
     assert np.array_equal(first.sets, again.sets)
     assert (first.searches, first.considered) == (again.searches, again.considered)
+
+
+def test_nothing_enters_where_nothing_may_be_built(street):
     poor = Objective(
         Setting(
             candidates=street.candidates,
@@ -134,7 +144,7 @@ def test_entrants_of_several_searches_are_joined(street):
     assert join_entrants([street.objective], found[:1]) is found[0]
 
 
-def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
+def test_they_are_kept_under_all_that_they_depend_on(street, fail):
     cache = Cache()
     first = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert first.searches == find_entrants(street.objective, TWO, seed=1).searches
@@ -146,10 +156,7 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
             most_price=900.0,
         )
     )
-    monkeypatch.setattr(
-        "placement_env.search.portfolio.entrants.find_entrants",
-        lambda *_, **__: pytest.fail("searched"),
-    )
+    fail(module_of_entrants, "find_entrants")
     again = keep_entrants(street.objective, TWO, cache, depends_on="a", seed=1)
     assert np.array_equal(first.sets, again.sets)
     assert np.array_equal(first.predicted, again.predicted)
@@ -165,7 +172,7 @@ def test_they_are_kept_under_all_that_they_depend_on(street, monkeypatch):
             (rich, TWO, {}),
         ),
     ):
-        with pytest.raises(pytest.fail.Exception, match="searched"):
+        with pytest.raises(AssertionError, match="find_entrants was called"):
             keep_entrants(objective, effort, cache, **{"depends_on": "a", "seed": 1, **changes})
 
 
@@ -184,36 +191,25 @@ def test_none_are_kept_too(street):
         assert (none.searches, none.sets.shape) == ((), (0, 4))
 
 
-def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, monkeypatch):
+def test_searches_get_the_seed_the_effort_and_the_price_that_are_asked(street, spy):
     """Prices of the candidates are 11, 11, 10.5 and 23 units: 13.875 in the mean."""
-    asked, search = [], swap.search
-
-    def noted(objective, size, **given):
-        asked.append(
-            (
-                objective.weights.price,
-                given["seed"],
-                given["starts"],
-                given["evaluations"],
-                given["seconds"],
-            )
-        )
-        return search(objective, size, **given)
-
-    monkeypatch.setattr(swap, "search", noted)
+    calls = spy(swap, "search")
     find_entrants(
         street.objective, Effort((2,), seconds=50.0, evaluations=40, neighbours=0), seed=7
     )
-    assert [each[1:] for each in asked] == [(7, swap.DEFAULT_STARTS, 40, 50.0)] * len(asked)
-    assert [price for price, *_ in asked if price] == [pytest.approx(THRIFT_AP / 13.875)]
+    asked = {"seed": 7, "starts": swap.DEFAULT_STARTS, "evaluations": 40, "seconds": 50.0}
+    assert all(asked.items() <= call.named.items() for call in calls)
+    prices = [objective.weights.price for (objective, _), _ in calls]
+    assert [price for price in prices if price] == [pytest.approx(THRIFT_AP / 13.875)]
+    calls.clear()
     find_entrants(street.objective, Effort((2,)), seed=7)
-    assert {most for *_, most, _ in asked[len(asked) // 2 :]} == {SWAP_EVALUATIONS}
+    assert {call.named["evaluations"] for call in calls} == {SWAP_EVALUATIONS}
 
 
 @pytest.mark.parametrize(("most", "searched"), [(10, True), (9, False)])
-def test_all_sets_are_scored_up_to_a_number_of_them(street, monkeypatch, most, searched):
+def test_all_sets_are_scored_up_to_a_number_of_them(street, limits, most, searched):
     """Of four sensors there are 4 + 6 sets of one or two."""
-    monkeypatch.setattr("placement_env.search.portfolio.entrants.MAX_EXHAUSTIVE_SETS", most)
+    limits("placement_env.search.portfolio.entrants", MAX_EXHAUSTIVE_SETS=most)
     found = find_entrants(street.objective, Effort((2,)))
     assert any("exhaustive" in names for names in found.searches) == searched
 
@@ -230,7 +226,7 @@ def searches(street, monkeypatch):
     monkeypatch.setattr(module_of_entrants, "entropy_objective", lambda objective: "by entropy")
     monkeypatch.setattr(module_of_entrants, "points_objective", lambda objective: None)
     monkeypatch.setattr(module_of_entrants, "Surrogate", type(street.objective.scored_by))
-    monkeypatch.setattr(street.objective, "visibility", "seen")
+    street.objective.visibility = "seen"
 
     class Part:
         def __init__(self, name=""):
@@ -240,7 +236,7 @@ def searches(street, monkeypatch):
             return f"part {name}"
 
     def listed(effort, size=2, objective=street.objective, others=None):
-        found = module_of_entrants._list_searches(objective, size, effort, 7, Part(), others or {})
+        found = module_of_entrants.list_searches(objective, size, effort, 7, Part(), others or {})
         return [(name, run()) for name, run in found]
 
     return listed
@@ -352,7 +348,7 @@ def test_required_aps_are_searched_at_the_last_size_alone_and_between_0_and_1(se
     assert names[-2:] == ["swap for AP 0.95", "cheapest for AP 0.95"]  # not for 1
 
 
-def test_searches_that_bring_nothing_new_are_left_out(searches, street, monkeypatch):
+def test_searches_that_bring_nothing_new_are_left_out(searches, street, limits, monkeypatch):
     alike = tuple(replace(mount, price=1.0) for mount in street.candidates.mounts)
     free = replace(street.candidates, mounts=alike, axes=replace(street.candidates.axes, prices=()))
     same = Objective(Setting(candidates=free, fidelity=street.objective.scored_by, scheme="late"))
@@ -362,19 +358,19 @@ def test_searches_that_bring_nothing_new_are_left_out(searches, street, monkeypa
         "greedy",
         "swap",
     ]
-    monkeypatch.setattr(exhaustive, "MAX_CANDIDATES", 3)
+    limits(exhaustive, MAX_CANDIDATES=3)
     assert [name for name, _ in searches(Effort((2,)), objective=same)] == ["greedy", "swap"]
-    monkeypatch.setattr(exhaustive, "MAX_CANDIDATES", 4)
+    limits(exhaustive, MAX_CANDIDATES=4)
     assert searches(Effort((2,)), objective=same)[0][0] == "exhaustive"
 
 
-def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
+def test_neighbours_are_the_best_for_each_choice_of_mounts(make, limits):
     """One answer of two sensors among four mounts with two headings each: the best for each other
     pair of mounts."""
     objective = make(mounts=4, poses=2, seed=5)
     answer = np.zeros((1, 8), bool)
     answer[0, [0, 2]] = True
-    rows, considered = module_of_entrants._choose_neighbours(objective, answer, 3)
+    rows, considered = module_of_entrants.choose_neighbours(objective, answer, 3)
     near = neighbours(np.array([0, 2]), 8)[1:]
     near = near[objective.feasible(near)]
     assert considered == len(near)
@@ -382,8 +378,8 @@ def test_neighbours_are_the_best_for_each_choice_of_mounts(make, monkeypatch):
     for i in np.argsort(-objective.scores(near).reward, kind="stable"):
         best.setdefault(tuple(np.flatnonzero(near[i].reshape(4, 2).any(axis=1)).tolist()), near[i])
     assert [row.tolist() for row in rows] == [row.tolist() for row in list(best.values())[:3]]
-    monkeypatch.setattr(module_of_entrants, "MAX_SCORED_NEIGHBOURS", 4)
-    few, fewer = module_of_entrants._choose_neighbours(objective, answer, 3)
+    limits(module_of_entrants, MAX_SCORED_NEIGHBOURS=4)
+    few, fewer = module_of_entrants.choose_neighbours(objective, answer, 3)
     some = neighbours(np.array([0, 2]), 8)[1:5]
     assert fewer == objective.feasible(some).sum()
     assert 1 <= len(few) <= fewer
@@ -412,32 +408,45 @@ def test_predictions_of_several_drawings_are_means_and_sets_go_by_their_size(str
     assert joined.predicted == pytest.approx(0.75 * street.objective.scores(joined.sets).ap)
 
 
+@pytest.fixture
+def answering(monkeypatch):
+    """Let the searches of each size answer with these sets, after scoring 7, 5 and 3; note the sizes
+    that were searched, and size and number of the searches that ran."""
+
+    def set_answers(answers):
+        noted = SimpleNamespace(sizes=[], run=[])
+
+        def answer(size, number):
+            noted.run.append((size, number))
+            best = SimpleNamespace(subset=answers[size][number])
+            return SimpleNamespace(best=best, evaluations=7 - 2 * number)
+
+        def list_searches(objective, size, *_):
+            noted.sizes.append(size)
+            for number in range(len(answers[size])):
+                yield f"search {number}", partial(answer, size, number)
+
+        monkeypatch.setattr(module_of_entrants, "list_searches", list_searches)
+        return noted
+
+    return set_answers
+
+
 def test_all_sets_that_were_scored_are_counted_and_finished_searches_not_run_again(
-    street, monkeypatch, tmp_path
+    street, answering, tmp_path
 ):
-    """At each of two sizes two searches score 7 and 5 sets, and neighbours are 3."""
-    runs = []
-
-    def answer(name, members, scored):
-        def run():
-            runs.append(name)
-            return SimpleNamespace(best=SimpleNamespace(subset=members), evaluations=scored)
-
-        return name, run
-
-    monkeypatch.setattr(
-        module_of_entrants,
-        "_list_searches",
-        lambda objective, size, *_: [answer("a", (0,), 7), answer("b", (1,), 5)],
-    )
-    near = np.array([[0, 0, 1, 0]], bool)
-    monkeypatch.setattr(module_of_entrants, "_choose_neighbours", lambda *_: (list(near), 3))
+    """At each of two sizes two searches score 7 and 5 sets, and neighbours are scored too."""
+    asked = answering({size: [(0,), (1,)] for size in TWO.sizes})
+    answers = as_rows([(0,), (1,)], 4)
+    near, scored = module_of_entrants.choose_neighbours(street.objective, answers, TWO.neighbours)
+    assert scored > 2
     for _ in range(2):
         found = find_entrants(street.objective, TWO, checkpoint=Checkpoint(tmp_path, every=0.0))
-        assert found.considered == 30
-        assert found.searches == (("a",), ("b",), ())
-        assert found.sets.astype(int).tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
-    assert runs == ["a", "b"] * 2
+        assert found.considered == 2 * (7 + 5 + scored)
+        assert found.searches == (("search 0",), ("search 1",), *[()] * (len(found.sets) - 2))
+        assert found.sets[:2].tolist() == answers.tolist()
+        assert {*map(tuple, found.sets[2:])} == {*map(tuple, near)} - {*map(tuple, answers)}
+    assert asked.run == [(1, 0), (1, 1), (2, 0), (2, 1)]
 
 
 def test_entropy_is_of_the_same_candidates_and_what_they_see(street, seen, small_candidates):
@@ -477,9 +486,7 @@ def test_half_of_the_neighbours_are_those_that_no_other_beats(
     monkeypatch.setattr(exhaustive, "find_front", front)
     setting = Setting(candidates=candidates, fidelity=Coverage(seen, "early"), scheme="early")
     objective = Objective(setting, visibility=seen)
-    rows, considered = module_of_entrants._choose_neighbours(
-        objective, as_rows([[0, 1]], 12), count
-    )
+    rows, considered = module_of_entrants.choose_neighbours(objective, as_rows([[0, 1]], 12), count)
     near = neighbours(np.array([0, 1]), 12)[1:]
     near = near[objective.feasible(near)]
     assert considered == len(near)
@@ -496,12 +503,10 @@ def test_half_of_the_neighbours_are_those_that_no_other_beats(
     assert [row.tolist() for row in rows] == [row.tolist() for row in wanted]
 
 
-def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(
-    make, street, monkeypatch
-):
+def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(make, street, limits):
     objective = make(mounts=8, seed=4)
-    monkeypatch.setattr(module_of_entrants, "MAX_FRONT_NEIGHBOURS", 2)
-    rows, _ = module_of_entrants._choose_neighbours(objective, as_rows([[0, 1]], 8), 9)
+    limits(module_of_entrants, MAX_FRONT_NEIGHBOURS=2)
+    rows, _ = module_of_entrants.choose_neighbours(objective, as_rows([[0, 1]], 8), 9)
     near = neighbours(np.array([0, 1]), 8)[1:]
     near = near[objective.feasible(near)]
     best = near[np.argsort(-objective.scores(near).reward, kind="stable")[:2]]
@@ -516,33 +521,19 @@ def test_the_best_neighbours_are_kept_of_many_and_equal_sizes_stay_in_order(
     assert joined.sets.tolist() == [*singles[:20].tolist(), *pairs.tolist()]
 
 
-def answering(monkeypatch, answers):
-    """Searches of each size that answer with these sets, and the sizes that were searched."""
-    searched = []
-
-    def searches(objective, size, *_):
-        searched.append(size)
-        for n, members in enumerate(answers[size]):
-            best = SimpleNamespace(subset=members)
-            yield f"search {n}", lambda best=best: SimpleNamespace(best=best, evaluations=1)
-
-    monkeypatch.setattr(module_of_entrants, "_list_searches", searches)
-    return searched
-
-
-def test_sets_that_may_not_be_built_do_not_enter(street, monkeypatch):
+def test_sets_that_may_not_be_built_do_not_enter(street, answering):
     poor = street.objective.with_weights(street.objective.weights, most_price=22.0)
-    answering(monkeypatch, {2: [(0, 3), (), (0, 1)]})
+    answering({2: [(0, 3), (), (0, 1)]})
     found = find_entrants(poor, Effort((2,), neighbours=0))
     assert found.searches == (("search 2",),)
     assert found.sets.tolist() == [[True, True, False, False]]
     assert found.considered >= 3
 
 
-def test_where_no_set_of_a_size_was_found_larger_ones_are_not_searched(street, monkeypatch):
-    searched = answering(monkeypatch, {1: [(0,)], 2: [(), ()], 3: [(0, 1, 2)]})
+def test_where_no_set_of_a_size_was_found_larger_ones_are_not_searched(street, answering):
+    asked = answering({1: [(0,)], 2: [(), ()], 3: [(0, 1, 2)]})
     found = find_entrants(street.objective, Effort((1, 2, 3), neighbours=0))
-    assert searched == [1, 2]
+    assert asked.sizes == [1, 2]
     assert found.sets.sum(axis=1).tolist() == [1]
 
 
@@ -553,7 +544,7 @@ def test_neighbours_of_several_answers_are_ranked_together(make):
     pairs = every[every.sum(axis=1) == 2]
     by_reward = pairs[np.argsort(objective.scores(pairs).reward, kind="stable")]
     answers = np.stack([by_reward[0], by_reward[-1]])
-    rows, considered = module_of_entrants._choose_neighbours(objective, answers, 5)
+    rows, considered = module_of_entrants.choose_neighbours(objective, answers, 5)
     near = np.concatenate([neighbours(np.flatnonzero(answer), 7)[1:] for answer in answers])
     near = near[objective.feasible(near)]
     assert considered == len(near)
@@ -561,11 +552,9 @@ def test_neighbours_of_several_answers_are_ranked_together(make):
     assert objective.scores(np.array(rows)).reward == pytest.approx(np.sort(rewards)[::-1][:5])
 
 
-def test_searches_for_a_required_ap_choose_from_the_same_candidates(searches, street, monkeypatch):
+def test_searches_for_a_required_ap_choose_from_the_same_candidates(searches, street):
     """An objective made from a site has its candidates from the pool, not from the setting."""
-    monkeypatch.setattr(
-        street.objective, "setting", replace(street.objective.setting, candidates=None)
-    )
+    street.objective.setting = replace(street.objective.setting, candidates=None)
     found = dict(searches(Effort((1, 2), seconds=9.0, evaluations=300, min_ap=0.5)))
     assert found["swap for AP 0.5"][1].candidates is street.objective.candidates
 
@@ -581,15 +570,9 @@ def test_entropy_is_of_the_objectives_own_candidates(seen, small_candidates):
     assert entropy.candidates is small_candidates
 
 
-def test_seeds_are_0_unless_given(street, monkeypatch):
-    asked = []
-
-    def searches(objective, size, effort, seed, checkpoint, others):
-        asked.append(seed)
-        return ()
-
-    monkeypatch.setattr(module_of_entrants, "_list_searches", searches)
+def test_seeds_are_0_unless_given(street, spy):
+    calls, effort = spy(module_of_entrants, "list_searches"), Effort((1,), evaluations=4)
     for seed in ({}, {"seed": 0}, {"seed": 4}):
-        find_entrants(street.objective, TWO, **seed)
-        keep_entrants(street.objective, TWO, **seed)
-    assert asked == [0] * 4 + [4] * 2
+        find_entrants(street.objective, effort, **seed)
+        keep_entrants(street.objective, effort, **seed)
+    assert [call.args[3] for call in calls] == [0] * 4 + [4] * 2

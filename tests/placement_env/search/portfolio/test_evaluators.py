@@ -45,7 +45,7 @@ def prepared(small_traffic):
     return prepare
 
 
-def test_detection_of_some_frames_in_resamples_of_blocks(street):
+def test_detection_of_some_frames(street):
     evaluator = CasesEvaluator((DetectorEvaluator(street.detected, seed=3),))
     frames = np.array([5, 1, 2])
     found = evaluator.evaluate(SETS, frames)
@@ -60,6 +60,8 @@ def test_detection_of_some_frames_in_resamples_of_blocks(street):
     assert evaluator.count_objects(EVERY) == 32
     assert evaluator.count_objects(np.array([6, 1])) == 8
 
+
+def test_resamples_are_of_blocks_of_frames(street):
     class Blind:
         """Sees nothing in the first block of four frames."""
 
@@ -232,7 +234,7 @@ def test_each_profile_is_rendered_with_its_errors(prepared, street):
 
 
 def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(
-    prepared, small_traffic, blocks_of_four, monkeypatch
+    prepared, small_traffic, blocks_of_four, limits
 ):
     """Five frames are two blocks: each resample is the mean of two drawn ones, moved by what the
     mean of both lacks."""
@@ -259,7 +261,7 @@ def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(
     done = []
     nothing = evaluator.evaluate(np.zeros((1, 4), bool), np.arange(5), done.append)
     assert (nothing.ap.tolist(), nothing.kbit.tolist(), done) == ([0.0], [0.0], [5])
-    monkeypatch.setattr(evaluators, "MAX_BATCHES", 1)
+    limits(evaluators, MAX_BATCHES=1)
     one = evaluator.evaluate(sets, np.arange(5))
     assert one.resamples == pytest.approx(np.repeat(whole[:, None], 1000, axis=1), abs=1e-6)
 
@@ -353,16 +355,10 @@ def test_resamples_of_detections_are_drawn_by_the_seed(hazy):
 
 
 def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_silently(
-    small_traffic, monkeypatch
+    small_traffic, spy
 ):
     """It looks with the processes and the cache of its run, but tells nobody how far it is."""
-    stages, runs = [], []
-
-    def noted(*given, run, **named):
-        runs.append(run)
-        return see(*given, run=run, **named)
-
-    monkeypatch.setattr(evaluators, "see", noted)
+    stages, looks = [], spy(evaluators, "see")
     for only, classes in (([1], ("vehicle",)), ([0, 2], ("vehicle", "pedestrian"))):
         candidates = paper_candidates(small_traffic.site).select(np.array(only))
         setting = Setting(small_traffic.site, candidates=candidates, classes=classes)
@@ -377,5 +373,5 @@ def test_a_fast_fidelity_knows_a_single_candidate_and_all_classes_and_looks_sile
         expected = Coverage(seen, classes=made.setting.counted)(sets).ap
         assert evaluator.evaluate(sets, np.arange(5)).ap == pytest.approx(expected)
         assert evaluator.evaluate(sets[:1], np.arange(5)).ap.tolist() == [0.0]
-        assert runs == [replace(made.run, progress=None)] * len(runs)
+        assert all(call.named["run"] == replace(made.run, progress=None) for call in looks)
     assert stages == []

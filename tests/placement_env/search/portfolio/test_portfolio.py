@@ -12,9 +12,9 @@ from placement_env.analysis.intervals import AP_TOLERANCE, MIN_SURE_FRAMES, figu
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.racing import Contest, RaceRules, race_until
+from placement_env.racing import Contest, RaceRules
 from placement_env.search.portfolio import portfolio
-from placement_env.search.portfolio.entrants import Effort, Entrants, keep_entrants
+from placement_env.search.portfolio.entrants import Effort, Entrants
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
     DetectorEvaluator,
@@ -80,18 +80,20 @@ def deceived(street):
     return Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late"))
 
 
-def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(street):
-    def deceived(progress):
-        setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late")
-        return Objective(setting, Run(progress=progress))
-
+@pytest.fixture
+def decided(street):
+    """A search that was deceived, its evaluators and the stages that were told."""
     stages = []
+    run = Run(progress=lambda *stage: stages.append(stage))
+    setting = Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late")
     race, final = Truth(), Truth(frames=80, shift=-0.05)
-    found = portfolio.search(
-        deceived(lambda *stage: stages.append(stage)),
-        2,
-        judging=Judging(evaluators=(race, final), confidence=0.9, contenders=True),
-    )
+    judging = Judging(evaluators=(race, final), confidence=0.9, contenders=True)
+    found = portfolio.search(Objective(setting, run), 2, judging=judging)
+    return SimpleNamespace(found=found, race=race, final=final, stages=stages)
+
+
+def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(decided):
+    found = decided.found
     said = found.assessment
     assert (found.method, found.best.subset) == (
         "portfolio",
@@ -105,18 +107,29 @@ def test_the_winner_is_the_best_by_the_race_and_its_ap_is_from_the_third_part(st
     assert said.curse == pytest.approx(0.35 - 0.5)
     assert said.expected == pytest.approx(0.55, abs=0.001)
     assert said.confidence >= said.asked == 0.9
+
+
+def test_races_and_entrants_are_counted(decided):
+    said, race = decided.found.assessment, decided.race
     assert said.entrants == len(race.asked[0][0])
     assert said.raced == race.asked[-1][1] == 24
+
+
+def test_the_best_of_the_searches_is_judged_beside_the_winner(decided, deceived):
+    said, race, final = decided.found.assessment, decided.race, decided.final
     (own,) = said.contenders
     assert own.searches == ("exhaustive", "greedy", "swap", "thrifty swap")
     assert own.subset == (0, 1)
     assert (own.predicted, own.ap, own.curse) == pytest.approx((0.7, 0.35, 0.35))
     assert [len(sets) for sets, _ in final.asked] == [2]
     unasked = Truth(frames=80)
-    alone = portfolio.search(
-        deceived(None), 2, judging=Judging(evaluators=(race, unasked))
-    ).assessment
+    alone = portfolio.search(deceived, 2, judging=Judging(evaluators=(race, unasked))).assessment
     assert (alone.contenders, [len(sets) for sets, _ in unasked.asked]) == ((), [1])
+
+
+def test_stages_and_certificate_are_of_searches_race_and_judgement(decided):
+    found, stages = decided.found, decided.stages
+    said = found.assessment
     assert {stage[0] for stage in stages} == {
         "sets scored",
         "searches",
@@ -229,43 +242,65 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
     assert "none of the" in lost.certificate.note
 
 
-def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, monkeypatch):
-    given = {}
+@pytest.fixture
+def end_contests(monkeypatch):
+    """Let every contest end with the figures that a function gives for so many sets."""
 
-    def noted(rewards, sets, order, rules, *, predicted):
-        given.update(rewards=rewards, sets=sets, order=order, rules=rules, predicted=predicted)
-        return Contest(
-            np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4])
-        )
+    def set_figures(figures_of):
+        def contest(objective, sets, *_, **__):
+            count, figures = len(sets), figures_of(len(sets))
+            return Contest(np.arange(count), figures, np.full(count, 24), 1.0, 1, figures)
 
-    monkeypatch.setattr(portfolio, "race_until", noted)
+        monkeypatch.setattr(portfolio, "contest", contest)
+
+    return set_figures
+
+
+@pytest.fixture
+def end_races(monkeypatch):
+    """Let races end one after another with these results, and return the arguments of each."""
+
+    def set_results(*results):
+        asked, remaining = [], iter(results)
+
+        def race_until(rewards, sets, order, rules, *, predicted):
+            asked.append(SimpleNamespace(rewards=rewards, order=order))
+            return next(remaining)
+
+        monkeypatch.setattr(portfolio, "race_until", race_until)
+        return asked
+
+    return set_results
+
+
+def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, spy):
+    races = spy(portfolio, "race_until")
     weights = Weights(comm=0.001, price=0.01)
     both = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
     )
     sets, frames = np.array([[0, 1, 1, 0], [1, 0, 0, 0]], bool), np.array([9, 3, 0, 11, 8])
     portfolio.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
-    assert given["order"].tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
-    assert given["rules"] == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
+    ((rewards, _, order, rules), named) = races.pop()
+    assert order.tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
+    assert rules == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
     cost = [0.1 + 0.01 * 21.5, 0.1 + 0.01 * 11.0]  # of 100 kbit per sensor, and of the sensors
-    assert given["predicted"] == pytest.approx([0.35 - cost[0], 0.5 - cost[1]])
-    found = given["rewards"](sets, frames)
+    assert named["predicted"] == pytest.approx([0.35 - cost[0], 0.5 - cost[1]])
+    found = rewards(sets, frames)
     assert found.figure == pytest.approx([0.55 - cost[0], 0.1 - cost[1]])
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure, abs=1e-3)
     assert (found.frames, found.blocks) == (None, 2.0)
     portfolio.contest(both, sets, Truth(frames=7))
-    assert given["rules"].first == 7
-    assert given["order"].tolist() == race_order(7, seed=0).tolist()
+    ((_, _, order, rules), _) = races.pop()
+    assert rules.first == 7
+    assert order.tolist() == race_order(7, seed=0).tolist()
 
 
 def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatch):
     made = []
-    monkeypatch.setattr(
-        portfolio, "Preparation", lambda setting, run, *, compares: (setting, run, compares)
-    )
 
-    def built(*given, **named):
-        made.append((*given, named))
+    def built(preparation, *given, **named):
+        made.append(((preparation.setting, preparation.run, preparation.compares), *given, named))
         return len(made)
 
     monkeypatch.setattr(portfolio, "build_evaluator", built)
@@ -308,7 +343,7 @@ def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
         plain=SimpleNamespace(setting=plain), run=objective.run, setting=setting
     )
     objective.preparation = prepared
-    monkeypatch.setattr(objective, "describe_origin", lambda subset: {})
+    vars(objective)["describe_origin"] = lambda subset: {}
     monkeypatch.setattr(portfolio, "keep_entrants", kept)
     judging = Judging(evaluators=(Truth(), Truth()), neighbours=3)
     found = portfolio.search(objective, 2, seed=7, seconds=60.0, evaluations=90, judging=judging)
@@ -318,7 +353,7 @@ def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
     assert [each[:3] for each in asked] == [(False, effort, 7), (True, effort, 7)]
 
 
-def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(street, monkeypatch):
+def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(street, end_races):
     """Sets 0 to 3 end at 0.9, 0.895, 0.892 and 0.9 on fewer frames; the second and the third lie
     within 0.0075 or without."""
     figures, means = [0.9, 0.895, 0.892, 0.9], {0: 0.5, 1: 0.6, 2: 0.9, 3: 0.9}
@@ -331,9 +366,9 @@ def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(stre
         asked.append((sets.argmax(axis=1).tolist(), len(frames)))
         return np.array([means[int(k)] for k in sets.argmax(axis=1)])
 
-    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: ended)
+    end_races(ended, ended)
     truth = Truth(frames=20)
-    monkeypatch.setattr(truth, "mean_ap", mean_ap)
+    vars(truth)["mean_ap"] = mean_ap
     objective = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late"))
     ran = portfolio.contest(objective, np.eye(4, dtype=bool), truth)
     assert asked == [([0, 1], 8)]
@@ -341,7 +376,7 @@ def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(stre
     assert ran.expected.tolist() == ran.figures.tolist() == [0.895, 0.9, 0.892, 0.9]
     means.update({0: 0.7, 1: 0.7})
     dear = objective.price(np.eye(4, dtype=bool)) + np.array([1.0, 0, 0, 0])
-    monkeypatch.setattr(objective, "price", lambda rows: dear[rows.argmax(axis=1)])
+    vars(objective)["price"] = lambda rows: dear[rows.argmax(axis=1)]
     assert portfolio.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [
         1,
         0,
@@ -362,6 +397,9 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
     assert found.best.subset == (0, 1)  # after so noisy a race it is the objective that ranks
     assert [each.subset for each in said.contenders] == [(0, 1)]
     assert said.ap == pytest.approx(VALUE[list(found.best.subset)].sum())
+
+
+def test_enough_seconds_judge_all_frames(deceived):
     race, final = Truth(noise=0.0), Truth(frames=60)
     judging = Judging(evaluators=(race, final), contenders=True)
     found = portfolio.search(deceived, 2, judging=judging, seconds=20.0)
@@ -371,30 +409,16 @@ def test_seconds_bound_race_and_judgement_on_the_same_frames(deceived):
     assert (own.subset, own.ap) == ((0, 1), pytest.approx(0.4))
 
 
-def test_a_race_with_a_time_may_take_all_of_it(deceived, monkeypatch):
-    most, contest, shares, limit = [], portfolio.contest, [], Schedule.limit
-
-    def limited(schedule, evaluator, share=1.0, **least):
-        shares.append((share, *least.values()))
-        return limit(schedule, evaluator, share, **least)
-
-    monkeypatch.setattr(Schedule, "limit", limited)
-
-    def asked(*given, **settings):
-        most.append(settings["most"])
-        return contest(*given, **settings)
-
-    monkeypatch.setattr(portfolio, "contest", asked)
+def test_a_race_with_a_time_may_take_all_of_it(deceived, spy):
+    limits, contests = spy(Schedule, "limit"), spy(portfolio, "contest")
     for seconds in (None, 60.0):
         portfolio.search(
             deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds
         )
-    assert most == [portfolio.MAX_SET_FRAMES, np.inf]
-    assert shares == [
-        (0.5, 1),
-        (0.5, 1),
-        *[(1.0,)] * (len(shares) - 2),
-    ]  # races take half of the time
+    assert [call.named["most"] for call in contests] == [portfolio.MAX_SET_FRAMES, np.inf]
+    # races take half of the time, each judgement what is left
+    shares = [call.named for call in limits]
+    assert shares == [{"share": 0.5, "least": 1}] * 2 + [{}] * (len(shares) - 2)
 
 
 def test_it_detects_on_a_real_evaluator(street):
@@ -418,46 +442,24 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
 
 
 @pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.MAX_SET_FRAMES), (60.0, np.inf)])
-def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, monkeypatch):
-    asked, race = [], race_until
-
-    def noted(rewards, sets, order, rules, **more):
-        asked.append((rules, order))
-        return race(rewards, sets, order, rules, **more)
-
-    monkeypatch.setattr(portfolio, "race_until", noted)
+def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, spy):
+    races = spy(portfolio, "race_until")
     judging = Judging(evaluators=(Truth(), Truth()), confidence=0.6)
     portfolio.search(deceived, 2, seed=5, seconds=seconds, judging=judging)
-    ((rules, order),) = asked
+    (((_, _, order, rules), _),) = races
     assert (rules.confidence, rules.tolerance, rules.most) == (0.6, AP_TOLERANCE, most)
     assert order.tolist() == race_order(48, seed=5).tolist()
 
 
-def test_seeds_are_0_unless_given(deceived, monkeypatch):
-    seeds, race, keep = [], portfolio.contest, keep_entrants
-
-    def raced(*given, seed, **more):
-        seeds.append(seed)
-        return race(*given, seed=seed, **more)
-
-    def kept(*given, seed, **more):
-        seeds.append(seed)
-        return keep(*given, seed=seed, **more)
-
-    monkeypatch.setattr(portfolio, "contest", raced)
-    monkeypatch.setattr(portfolio, "keep_entrants", kept)
+def test_seeds_are_0_unless_given(deceived, spy):
+    stages = [spy(portfolio, name) for name in ("contest", "keep_entrants")]
     portfolio.search(deceived, 2, judging=Judging(evaluators=(Truth(), Truth())))
-    assert seeds == [0, 0]
     portfolio.search(deceived, 2, seed=3, judging=Judging(evaluators=(Truth(), Truth())))
-    assert seeds == [0, 0, 3, 3]
+    assert [[call.named["seed"] for call in calls] for calls in stages] == [[0, 3]] * 2
 
 
-def test_a_set_that_is_worth_just_its_price_is_not_built(street, monkeypatch):
-    def ended(objective, sets, *_, **__):
-        count, zero = len(sets), np.zeros(len(sets))
-        return Contest(np.arange(count), zero, np.full(count, 24), 1.0, 1, zero)
-
-    monkeypatch.setattr(portfolio, "contest", ended)
+def test_a_set_that_is_worth_just_its_price_is_not_built(street, end_contests):
+    end_contests(np.zeros)
     judging = Judging(evaluators=(Truth(), Truth()))
     for weights, built in (
         (Weights(price=0.001), False),
@@ -497,41 +499,34 @@ def test_an_answer_says_what_was_scored_and_of_which_sensors(deceived):
     assert history.reward.tolist() == [found.best.reward] * 2
 
 
-def test_only_the_first_must_be_worth_what_it_costs(street, monkeypatch):
-    def ended(objective, sets, *_, **__):
-        figures = np.r_[0.1, np.full(len(sets) - 1, -0.1)]
-        return Contest(np.arange(len(sets)), figures, np.full(len(sets), 24), 1.0, 1, figures)
-
-    monkeypatch.setattr(portfolio, "contest", ended)
+def test_only_the_first_must_be_worth_what_it_costs(street, end_contests):
+    end_contests(lambda count: np.r_[0.1, np.full(count - 1, -0.1)])
     weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.001))
     assert portfolio.search(
         Objective(weighed), 1, judging=Judging(evaluators=(Truth(), Truth()))
     ).best.subset
 
 
-def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, monkeypatch):
+def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, end_races):
     """Sensors 1 and 2 lead on the three frames for which there was time; their price is 21.5."""
-    given, told = {}, []
-
-    def noted(rewards, sets, order, rules, *, predicted):
-        given.update(rewards=rewards, order=order)
-        return Contest(
-            np.array([0, 1]), predicted[:2], np.array([7, 7]), 1.0, 14, np.array([0.5, 0.4])
-        )
+    told, figures = [], np.array([0.5, 0.4])
+    races = end_races(
+        Contest(np.array([0, 1]), np.array([0.9, 0.8]), np.array([7, 7]), 1.0, 14, figures)
+    )
 
     class Cut(Truth):
         def evaluate(self, sets, frames, progress=None):
             return super().evaluate(sets, frames, progress)._replace(frames=3)
 
-    monkeypatch.setattr(portfolio, "race_until", noted)
     weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.01))
     objective = Objective(weighed)
     sets = np.array([[1, 0, 0, 0], [0, 1, 1, 0], [0, 0, 1, 0]], bool)
     portfolio.contest(objective, sets, Cut(frames=20), seed=3, frames=5)
-    assert given["order"].tolist() == race_order(20, seed=3)[:5].tolist()
-    given["rewards"](sets, given["order"])
+    (race,) = races
+    assert race.order.tolist() == race_order(20, seed=3)[:5].tolist()
+    race.rewards(sets, race.order)
     objective.watch = lambda *better: told.append(better)
-    found = given["rewards"](sets, np.array([9, 3, 0, 21, 33]))
+    found = race.rewards(sets, np.array([9, 3, 0, 21, 33]))
     assert told == [((1, 2), pytest.approx(0.55 - 0.215), 3)]
     assert (found.frames, found.blocks) == (
         3,
@@ -540,7 +535,7 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, m
 
 
 def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
-    deceived, monkeypatch
+    deceived, end_races
 ):
     figures, asked = [0.0, -portfolio.NEAR_TIE_AP], []
 
@@ -548,17 +543,16 @@ def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
         asked.append(sets.argmax(axis=1).tolist())
         return np.arange(len(sets), dtype=float)
 
-    ends = iter(
-        [
+    end_races(
+        *(
             Contest(
                 np.arange(2), np.array(figures), np.array([8, k]), 0.9, 8 + k, np.array(figures)
             )
             for k in (8, 4)
-        ]
+        )
     )
-    monkeypatch.setattr(portfolio, "race_until", lambda *_, **__: next(ends))
     truth = Truth(frames=20)
-    monkeypatch.setattr(truth, "mean_ap", mean_ap)
+    vars(truth)["mean_ap"] = mean_ap
     rows = np.eye(4, dtype=bool)[:2]
     assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
     assert asked == [[0, 1]]
@@ -604,7 +598,7 @@ class Clock:
 )
 def test_sets_are_judged_one_after_another_while_time_is_left(left, frames, asked):
     clock, final = Clock(left, frames), Truth(frames=40)
-    judged, used = portfolio._judge_in_time(np.eye(4, dtype=bool), final, clock, None)  # type: ignore[arg-type]
+    judged, used = portfolio.judge_in_time(np.eye(4, dtype=bool), final, clock, None)  # type: ignore[arg-type]
     count = 40 if frames[0] is None else frames[0]
     assert clock.judged == [([asked[0]], 40), *(([n], count) for n in asked[1:])]
     assert used.tolist() == race_order(40)[:count].tolist()

@@ -33,7 +33,7 @@ class Slow:
         return Evaluated(ap, np.zeros(len(sets)), np.repeat(ap[:, None], 4, axis=1))
 
 
-def test_an_evaluator_goes_on_until_time_is_up_and_does_one_part_at_least():
+def test_an_evaluator_goes_on_until_time_is_up():
     slow = Slow(0.02)
     timed = TimedEvaluator(slow, time.monotonic() + 0.15)
     assert timed.frames == 40
@@ -47,6 +47,9 @@ def test_an_evaluator_goes_on_until_time_is_up_and_does_one_part_at_least():
     again = timed.evaluate(SETS[:1], np.arange(40)[::-1])  # time is up, what was done stays
     assert again.frames == found.frames
     assert len(slow.known) == found.frames
+
+
+def test_without_time_one_part_is_done():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() - 1, at_once=4)
     assert timed.evaluate(SETS, np.arange(10)).frames == 4
@@ -57,7 +60,7 @@ def test_an_evaluator_goes_on_until_time_is_up_and_does_one_part_at_least():
     )
 
 
-def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
+def test_frames_are_evaluated_a_few_at_once():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() + 60, at_once=3)
     assert timed.evaluate(SETS, np.arange(4)).frames is None
@@ -65,6 +68,9 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     assert slow.asked == [[0, 1, 2], [3], [0, 1, 2, 3], [4, 5, 6], [7], list(range(8))]
     assert timed.evaluate(SETS, np.arange(4)).frames is None
     assert slow.asked[-1] == [0, 1, 2, 3]
+
+
+def test_less_time_is_fewer_frames():
     assert [
         Schedule(seconds).frames(96) for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)
     ] == [96, 96, 96, 48, 24, 16, 8]
@@ -72,6 +78,9 @@ def test_less_time_is_fewer_frames_shared_by_searches_races_and_judgement():
     cluster = SimpleNamespace(ray="local", alone=False, count=1)
     runs = (Run(), Run(workers=4), cluster)
     assert [Schedule.from_processes(9.0, run).at_once for run in runs] == [1, 8, 16]
+
+
+def test_searches_races_and_judgement_share_the_time():
     whole, slow = Schedule(100.0), Slow()
     assert whole.search_seconds(5) == pytest.approx(6.0)
     now, least = time.monotonic(), []

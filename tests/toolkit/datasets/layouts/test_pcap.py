@@ -57,7 +57,7 @@ def turning(count=190, first_deg=300.0, address="192.168.1.201", start_s=START_S
         yield seconds, framed(data(azimuth, seconds, **more), address)
 
 
-def test_points_of_a_vlp16_by_its_manual(tmp_path):
+def test_turns_of_a_vlp16_are_frames(tmp_path):
     path = capture(tmp_path / "a.pcap", turning())
     assert guess_layout(path) == "pcap"
     frames = list(open_recording(path))
@@ -69,6 +69,13 @@ def test_points_of_a_vlp16_by_its_manual(tmp_path):
     assert cloud.ring is not None
     assert cloud.time is not None
     assert np.unique(cloud.ring).tolist() == list(range(16))
+
+
+def test_rays_of_a_vlp16_turn_clockwise_by_its_manual(tmp_path):
+    frames = list(open_recording(capture(tmp_path / "a.pcap", turning())))
+    (cloud,) = frames[1].clouds
+    assert cloud.ring is not None
+    assert cloud.time is not None
     ranges = np.linalg.norm(cloud.points, axis=1)
     np.testing.assert_allclose(ranges, 10.0, atol=0.01)  # beams begin 4 cm beside the axis
     elevations = np.rad2deg(np.arcsin(cloud.points[:, 2] / ranges))
@@ -78,6 +85,10 @@ def test_points_of_a_vlp16_by_its_manual(tmp_path):
     # azimuth 0 is the sensor's x, and azimuths turn clockwise: after a quarter turn it looks at -y
     quarter = cloud.points[np.abs(cloud.time - cloud.time.max() / 4) < 1e-3]
     assert (quarter[:, 1] < -9).all()
+
+
+def test_turns_of_a_vlp16_have_the_times_of_their_packets(tmp_path):
+    frames = list(open_recording(capture(tmp_path / "a.pcap", turning())))
     times = np.array([frame.time for frame in frames])
     assert times[0] == pytest.approx(START_S, abs=1e-5)
     np.testing.assert_allclose(np.diff(times)[1:], 0.0995, atol=2 * PACKET_S)
@@ -157,8 +168,8 @@ def test_damage(tmp_path):
         pcap(tmp_path)
 
 
-def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch):
+def test_without_the_package_the_extra_is_named(tmp_path, without_packages):
     path = capture(tmp_path / "a.pcap", turning(3))
-    monkeypatch.setitem(__import__("sys").modules, "velodyne_decoder", None)
+    without_packages("velodyne_decoder")
     with pytest.raises(ImportError, match=r"needs velodyne-decoder: pip install coview\[scans\]"):
         open_recording(path)

@@ -1,0 +1,94 @@
+"""Number formats of a network's proposal part, and the library that computes them fastest.
+
+The proposal part takes most of a detection's time. In bfloat16 it takes about half of it on some
+processors, by torch on some of them and by OpenVINO on others.
+"""
+
+import copy
+import os
+import time
+from functools import lru_cache
+from importlib.util import find_spec
+from typing import Literal
+
+import torch
+from torch import nn
+
+from models.network.openvino_proposal import MapShape, OpenVinoProposal, compile_graph, graph_layer
+from models.network.sparse import SparseVoxelNet
+
+NUMBERS_VARIABLE = "COVIEW_NUMBERS"  # environment; "float32" forbids every other format
+MAX_TIME_SHARE = 0.8  # of the time in float32; nearer ones may be so by chance
+Library = Literal["torch", "openvino"]
+_LAYER_SHAPE = MapShape(channels=48, height=64, width=96)  # of a map like the network's
+
+
+def convert_to_bfloat16(network: SparseVoxelNet, library: Library) -> SparseVoxelNet:
+    """Copy of a network whose proposal part is computed in bfloat16 by a library."""
+    converted = copy.deepcopy(network)
+    if library == "openvino":
+        converted.rpn = OpenVinoProposal(converted.rpn, "bf16")  # type: ignore[assignment]
+    else:
+        proposal = converted.rpn.to(torch.bfloat16)
+        converted.rpn = proposal.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return converted
+
+
+def find_bfloat16_library(device: torch.device) -> Library | None:
+    """Library that is much faster in bfloat16 than torch in float32; None if there is none.
+
+    It is timed once for a device, since the instruction set of a processor does not show it. The
+    environment variable `NUMBERS_VARIABLE` set to "float32" gives None. Raises ValueError for any
+    other value of it but "auto".
+    """
+    requested = os.environ.get(NUMBERS_VARIABLE, "auto")
+    if requested not in ("auto", "float32"):
+        raise ValueError(f"{NUMBERS_VARIABLE} must be auto or float32, got {requested!r}")
+    return None if requested == "float32" else _time_libraries(device)
+
+
+@lru_cache
+def _time_libraries(device: torch.device) -> Library | None:
+    """Fastest library in bfloat16 if it takes at most `MAX_TIME_SHARE` of the time in float32."""
+    checks = [
+        getattr(torch.cpu, f"_is_{name}_supported", lambda: False)
+        for name in ("avx512_bf16", "amx_tile")
+    ]
+    if device.type != "cpu" or not any(is_supported() for is_supported in checks):
+        return None
+    libraries: list[Library] = ["torch"]
+    if find_spec("openvino") is not None:
+        libraries.append("openvino")
+    float32_times = []
+    bfloat16_times: dict[Library, list[float]] = {library: [] for library in libraries}
+    for _ in range(5):  # in turns, so that other work on the machine delays all
+        float32_times.append(time_layer("torch", torch.float32))
+        for library, times in bfloat16_times.items():
+            times.append(time_layer(library, torch.bfloat16))
+    fastest = min(libraries, key=lambda library: min(bfloat16_times[library]))
+    is_fast = min(bfloat16_times[fastest]) < MAX_TIME_SHARE * min(float32_times)
+    return fastest if is_fast else None
+
+
+@torch.inference_mode()
+def time_layer(library: Library, dtype: torch.dtype) -> float:
+    """Seconds that a convolution of the network's size takes in a library."""
+    channels = _LAYER_SHAPE.channels
+    layer = nn.Conv2d(channels, channels, 3, padding=1)
+    if library == "openvino":
+        request = compile_graph(
+            graph_layer(layer, _LAYER_SHAPE), "bf16" if dtype == torch.bfloat16 else "f32"
+        )
+        run = request.infer
+    else:
+        layer = layer.to(dtype)
+        # channels last in memory, as in the network
+        x = torch.ones(1, *_LAYER_SHAPE[1:], channels, dtype=dtype).movedim(3, 1)
+
+        def run() -> object:
+            return layer(x)
+
+    run()  # the first run prepares the convolution
+    began = time.perf_counter()
+    run()
+    return time.perf_counter() - began
