@@ -36,12 +36,14 @@ class ClassCheck:
 
     Attributes:
         label: name of the class.
+        is_promised: True if the class counts in the plan; others are shown only.
         iou: IoU from which a detection counts; several for their mean.
         promised: result by the plan.
         measured: result by the recording, None without an object of the class.
         hota: HOTA of its tracks (`toolkit.tracking.scores`), None if nothing was tracked."""
 
     label: str
+    is_promised: bool
     iou: float | tuple[float, ...]
     promised: Judgement
     measured: Judgement | None
@@ -54,8 +56,8 @@ class ClassCheck:
 
     @property
     def falls_short(self) -> bool:
-        """True if the measured AP is certainly below the promised one."""
-        if self.measured is None or not self.is_compared:
+        """True if the measured AP of a class that counts is certainly below the promised one."""
+        if self.measured is None or not (self.is_promised and self.is_compared):
             return False
         return self.measured.high < self.promised.low
 
@@ -91,7 +93,15 @@ def compare_classes(
         hota = None
         if tracks is not None and measured is not None:
             hota = _score_hota(frames, tracks, promise.label, site)
-        checks.append(ClassCheck(promise.label, promise.iou, promise.judged, measured, hota))
+        check = ClassCheck(
+            label=promise.label,
+            is_promised=promise.weight > 0,
+            iou=promise.iou,
+            promised=promise.judged,
+            measured=measured,
+            hota=hota,
+        )
+        checks.append(check)
     return tuple(checks)
 
 

@@ -114,6 +114,8 @@ def _decide(acceptance: Acceptance) -> Content:
 
 def _compare(check: ClassCheck) -> str:
     """Say in a sentence whether promised and measured AP agree."""
+    if not check.is_promised:
+        return "This class does not count in the plan."
     if not check.is_compared:
         return SHORT
     if check.falls_short:
@@ -279,6 +281,8 @@ def _class_texts(check: ClassCheck) -> list[str]:
 
 def _outcome(check: ClassCheck) -> str:
     """Return the result of the comparison in a word or two."""
+    if not check.is_promised:
+        return "not promised"
     if check.falls_short:
         return "less"
     return "as promised" if check.is_compared else "unknown"
@@ -317,8 +321,8 @@ def _explain(acceptance: Acceptance) -> Content:
         f"than {MAX_POSE_TURN_DEG:g}° or a move of more than {100 * MAX_POSE_MOVE_M:.0f} cm that "
         "is above three standard deviations.",
         f"AP counts as in the plan. Intervals are a bootstrap over blocks of {BLOCK_S:.0f} s. A "
-        "class falls short if the interval of its measured AP is below the interval of the "
-        "promised one.",
+        "class that counts in the plan falls short if the interval of its measured AP is below the "
+        "interval of the promised one.",
         "Without labels, every other sensor must confirm the detections of the rest.",
     )
     steps = describe_count(acceptance.frames, "frame")

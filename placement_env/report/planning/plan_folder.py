@@ -67,14 +67,16 @@ class StatedFigure:
 
 @dataclass(frozen=True)
 class StatedClass:
-    """Result of a plan's whole set for one class, as `content.ClassAP` without its weight.
+    """Result of a plan's whole set for one class, as `content.ClassAP`.
 
     Attributes:
         label: Name of the class.
+        weight: 0 if the class does not count.
         iou: IoU from which a detection counts; several for their mean.
         judged: Result on traffic that no search saw, while no sensor fails."""
 
     label: str
+    weight: float
     iou: IoUs
     judged: Judgement
 
@@ -312,7 +314,8 @@ def _read_class(row: JsonObject) -> StatedClass:
         iou = tuple(row.numbers("iou"))
     else:
         iou = row.number("iou", 0, 1)
-    return StatedClass(row.choice("label", LABELS), iou, judgement)
+    weight = row.number("weight", 0)
+    return StatedClass(row.choice("label", LABELS), weight, iou, judgement)
 
 
 def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:

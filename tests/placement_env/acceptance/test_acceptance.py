@@ -61,7 +61,7 @@ def sees(cars):
 
 
 def accept(objects, cars, surface, frames=FRAMES, findings=()):
-    stated = StatedClass("vehicle", 0.7, Judgement(0.98, 0.95, 1.0, 0.98, 1.0, 240, 120))
+    stated = StatedClass("vehicle", 1.0, 0.7, Judgement(0.98, 0.95, 1.0, 0.98, 1.0, 240, 120))
     fusion = Fusion(SITE, sees(cars), Early(), PAPER)
     promise = Promise(SITE, (stated,), recall=0.98)
     return accept_street(

@@ -1,5 +1,7 @@
 """AP of classes against the plan's, and what halves of the sensors say without labels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,7 +39,7 @@ def street(found_share, frames=240, step=4.0, seed=0):
 
 
 def promise(ap, low, high, iou=0.5):
-    return StatedClass("vehicle", iou, Judgement(ap, low, high, ap, 1.0, 500, 120))
+    return StatedClass("vehicle", 1.0, iou, Judgement(ap, low, high, ap, 1.0, 500, 120))
 
 
 def test_ap_is_that_of_evaluate_and_compared_by_intervals():
@@ -54,6 +56,8 @@ def test_ap_is_that_of_evaluate_and_compared_by_intervals():
     assert check.measured.recall == pytest.approx(score.recall)
     assert check.measured.low < score.ap < check.measured.high
     assert check.falls_short
+    shown = replace(promise(0.99, 0.97, 1.0), weight=0.0)
+    assert not compare_classes(frames, [shown], SITE, None)[0].falls_short
     (sound,) = compare_classes(frames, [promise(0.8, 0.75, 0.85)], SITE, None)
     assert (sound.is_compared, sound.falls_short, sound.hota) == (True, False, None)
 
@@ -70,7 +74,7 @@ def test_several_thresholds_count_by_their_mean_and_short_recordings_are_not_com
     assert not check.is_compared
     assert not check.falls_short
     (other,) = compare_classes(
-        frames, [StatedClass("cyclist", 0.5, promise(1, 1, 1).judged)], SITE, None
+        frames, [StatedClass("cyclist", 1.0, 0.5, promise(1, 1, 1).judged)], SITE, None
     )
     assert (other.measured, other.hota) == (None, None)
 
