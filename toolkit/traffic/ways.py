@@ -71,12 +71,12 @@ class _Course:
         traveller: the road user.
         first: number of the step of the first position.
         points: x, y (m), step after step.
-        yaws: headings (rad), step after step."""
+        yaw: heading at the first step (rad)."""
 
     traveller: Traveller
     first: int = 0
     points: list[tuple[float, float]] = field(default_factory=list)
-    yaws: list[float] = field(default_factory=list)
+    yaw: float = 0.0
 
 
 def possible_movements(site: Site, supply: Supply) -> dict[str, dict[str, list[str]]]:
@@ -248,18 +248,16 @@ class _Demand:
 
 
 def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None:
-    """Add the present positions and angles of all objects to their courses."""
+    """Add the present positions of all objects to their courses."""
     for domain in (sumo.vehicle, sumo.person):
         for name in domain.getIDList():
             course = courses[int(name)]
-            angle = domain.getAngle(name)
-            yaw = np.pi / 2 - np.radians(angle)
-            if not np.isfinite(angle):  # as of some vehicles that change lanes
-                yaw = course.yaws[-1] if course.yaws else 0.0
             if not course.points:
                 course.first = step
+                angle = domain.getAngle(name)
+                if np.isfinite(angle):  # not of some vehicles that change lanes
+                    course.yaw = float(np.pi / 2 - np.radians(angle))
             course.points.append(domain.getPosition(name))
-            course.yaws.append(float(yaw))
 
 
 def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
@@ -271,16 +269,16 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
     turn = float(np.radians(rng.normal(0, SWAY_DEG[label])))
     if label != PEDESTRIAN:
         length = float(supply.sizes[traveller.body, 0])
-        poses = move_driver(points, course.yaws[0], length)
+        poses = move_driver(points, course.yaw, length)
         poses[:, 2] += turn
         return [Journey(traveller, course.first, poses)]
-    walked = move_walker(points, course.yaws[0])
+    walked = move_walker(points, course.yaw)
     directions = smooth_direction(walked[:, 2])
     ways = []
     left = rng.uniform(-MAX_STRIPE_SHIFT_M, MAX_STRIPE_SHIFT_M)  # of the walked course (m)
     for companions in range(int(rng.choice(len(GROUP_SHARES), p=GROUP_SHARES)), -1, -1):
         poses = shift_left(walked, directions, left)
-        poses[:, 2] = face_course(poses[:, :2], course.yaws[0])
+        poses[:, 2] = face_course(poses[:, :2], course.yaw)
         poses[:, 2] += turn
         ways.append(Journey(traveller, course.first, poses))
         if companions:  # the next one walks to the left of this one

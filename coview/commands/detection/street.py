@@ -204,6 +204,7 @@ def observe_street(
 
     hidden: True to show no progress. Raises ValueError for a recording of an unknown site, and for
     tracks of other times."""
+    from toolkit.counting.fragments import join_fragments
     from toolkit.counting.trajectories import collect_trajectories
 
     check_least("--frames", measuring.frames, 1, "leave it out for all")
@@ -230,7 +231,7 @@ def observe_street(
     return Street(
         site,
         in_order.times,
-        collect_trajectories(tracks, in_order.times),
+        join_fragments(collect_trajectories(tracks, in_order.times)),
         collect_trajectories(in_order.truths, in_order.times) if has_truth else None,
     )
 
@@ -239,6 +240,7 @@ def _read_street(recording: "Recording", site: "Site", path: Path, frames: int |
     """Road users of a file of tracks, next to the truth of its recording.
 
     frames: number of first frames to use, None for all."""
+    from toolkit.counting.fragments import join_fragments
     from toolkit.counting.trajectories import collect_trajectories
     from toolkit.exchange.track_reading import read_track_file
 
@@ -257,6 +259,6 @@ def _read_street(recording: "Recording", site: "Site", path: Path, frames: int |
     return Street(
         site,
         times,
-        collect_trajectories([frame.tracks for frame in tracked], times),
+        join_fragments(collect_trajectories([frame.tracks for frame in tracked], times)),
         collect_trajectories([frame.objects for frame in recorded], times) if has_truth else None,
     )

@@ -64,7 +64,7 @@ def test_all_classes_come_in_at_the_border_and_leave_there(traffic, tracks):
 
 @needs_sumo
 def test_hardly_anybody_is_refused(traffic):
-    assert traffic.refused <= 0.02 * (len(traffic.travellers) + traffic.refused)
+    assert traffic.refused <= 1  # of some 50 in a minute
 
 
 @needs_sumo

@@ -84,4 +84,4 @@ def test_what_cannot_be_counted_is_refused(recording, tmp_path, refused):
     assert "--tracks is for a recording" in refused("count", "tjunction", "--tracks", recording)
     assert ".csv" in refused("count", recording, "--out", tmp_path / "counts.json")
     assert ".png or .svg" in refused("count", recording, "--diagram", tmp_path / "counts.gif")
-    assert "detector" in refused("count", recording, "--detector", "nobody")
+    assert "no weights named 'nobody'" in refused("count", recording, "--detector", "nobody")

@@ -1,0 +1,54 @@
+"""Fragments of one road user are joined, those of two are not."""
+
+import numpy as np
+
+from toolkit.counting.fragments import join_fragments
+from toolkit.counting.trajectories import Trajectory
+from toolkit.objects import CYCLIST, HEAVY, VEHICLE
+
+TIMES = np.round(np.arange(0, 20, 0.1), 6)
+
+
+def moving(name, start, velocity, label=VEHICLE):
+    boxes = np.zeros((len(TIMES), 7))
+    boxes[:, :2] = np.array(start) + np.outer(TIMES, velocity)
+    boxes[:, 3:6] = 1.0
+    return Trajectory(
+        name, label, TIMES, boxes, np.tile(np.array(velocity, float), (len(TIMES), 1))
+    )
+
+
+def cut(trajectory, *spans):
+    return [
+        trajectory.select(slice(*span))._replace(id=trajectory.id + 10 * number)
+        for number, span in enumerate(spans)
+    ]
+
+
+def test_a_track_that_broke_twice_is_one():
+    car = moving(1, (0, 0), (8, 0))
+    fragments = cut(car, (0, 50), (65, 100), (130, 200))
+    fragments[1] = fragments[1]._replace(label=HEAVY)
+    (joined,) = join_fragments(fragments[::-1])
+    assert (joined.id, joined.label) == (21, VEHICLE)
+    np.testing.assert_allclose(joined.times, np.delete(TIMES, [*range(50, 65), *range(100, 130)]))
+
+
+def test_two_side_by_side_keep_apart():
+    cars = [moving(1, (0, 0), (8, 0)), moving(2, (0, 3), (8, 0))]
+    fragments = [part for car in cars for part in cut(car, (0, 80), (95, 200))]
+    joined = join_fragments(fragments)
+    assert len(joined) == 2
+    assert [np.ptp(user.boxes[:, 1]) for user in joined] == [0, 0]
+
+
+def test_long_gaps_other_places_and_other_classes_stay_apart():
+    car = moving(1, (0, 0), (8, 0))
+    assert len(join_fragments(cut(car, (0, 50), (100, 200)))) == 2
+    ahead, behind = cut(car, (0, 50), (70, 200))
+    assert len(join_fragments([ahead, behind._replace(label=CYCLIST)])) == 2
+    away = behind._replace(boxes=behind.boxes + np.eye(7)[1] * 9)
+    assert len(join_fragments([ahead, away])) == 2
+    standing = moving(3, (5, 5), (0, 0))
+    assert len(join_fragments(cut(standing, (0, 20), (180, 200)))) == 1
+    assert join_fragments([]) == []
