@@ -18,7 +18,7 @@ from toolkit.tracking.tracks import Tracks
 MIN_MOVING_M_S = 1.0  # slower tracks move less than a box's error in a sweep
 MIN_APART_S = 0.005  # a car at 50 km/h moves 7 cm
 BOX_MARGIN_M = 0.4  # around a track's box, but not below it: errors of box and velocity
-UNDERSIDE_M = 0.2  # above a track's underside; nothing below it moves, as it may be ground
+MIN_CLAIM_M = 0.2  # above a track's underside; nothing below it moves, as it may be ground
 
 
 def move_to_frame(frame: Frame, times_s: Float64[np.ndarray, " sensors"], tracks: Tracks) -> Frame:
@@ -70,8 +70,8 @@ def find_moves(
         return moves
     claims = moving.boxes.copy()
     claims[:, 3:5] += 2 * BOX_MARGIN_M
-    claims[:, 5] += BOX_MARGIN_M - UNDERSIDE_M
-    claims[:, 2] += (BOX_MARGIN_M + UNDERSIDE_M) / 2
+    claims[:, 5] += BOX_MARGIN_M - MIN_CLAIM_M
+    claims[:, 2] += (BOX_MARGIN_M + MIN_CLAIM_M) / 2
     # boxes that hold all places of a claim since the oldest point
     ways = moving.velocities * float(ages.max())
     search = claims.copy()

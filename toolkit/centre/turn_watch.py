@@ -39,7 +39,7 @@ _TurnJob = tuple[EmptyScene, Pose, Sequence[ImageRanges]]  # arguments of `find_
 def find_turn(
     scene: EmptyScene, world_SE3_sensor: Pose, images: Sequence[ImageRanges]
 ) -> float | None:
-    """Return the angle (rad) by which a sensor is turned, 0 for one that is not clearly turned.
+    """Return the angle (rad) by which a sensor is turned, 0 if it is not clearly turned.
 
     scene: its empty scene; world_SE3_sensor: its believed pose; images: its last images, at least
     2. None if its pose cannot be found."""
