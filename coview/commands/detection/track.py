@@ -97,8 +97,8 @@ def track_command(
             origin = writing.place(opened.site)
             if path is not None:
                 sequence = find_sequence(recording, opening)
-                text = DetectionText(path, place, sequence, tracking.rate)
-                followed = text.read(opened, tracking.frames)
+                source = DetectionText(path, place, sequence, tracking.rate)
+                followed = source.read(opened, tracking.frames)
             else:
                 followed = detect_in_order(
                     opened,
