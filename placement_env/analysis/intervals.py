@@ -265,7 +265,9 @@ class Tally:
     truths: Int64[np.ndarray, " frames"]
 
     @staticmethod
-    def of(outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int) -> "Tally":
+    def from_outcomes(
+        outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int
+    ) -> "Tally":
         """Tally of one set from its outcome in each frame.
 
         Args:

@@ -238,7 +238,7 @@ class DetectorEvaluator:
         tallies = []
         for iou_index in map(self.detected.ious.index, self.ious):
             class_tallies = [
-                Tally.of(outcomes_of_class, class_truths, iou_index)
+                Tally.from_outcomes(outcomes_of_class, class_truths, iou_index)
                 for outcomes_of_class, class_truths in zip(class_outcomes, truths, strict=True)
             ]
             tallies.append(class_tallies)

@@ -170,11 +170,11 @@ def test_tallies_are_made_of_outcomes_at_one_threshold():
         ),
         Outcome(np.array([0.6]), np.array([[1], [IGNORED]]), bits, np.zeros(1)),
     ]
-    tally = Tally.of(outcomes, np.array([1, 2]), 0)
+    tally = Tally.from_outcomes(outcomes, np.array([1, 2]), 0)
     assert tally.scores.tolist() == [0.9, 0.8, 0.6]
     assert (tally.hit.tolist(), tally.frame.tolist()) == ([True, False, True], [0, 0, 1])
     assert (tally.recall, tally.precision) == pytest.approx((2 / 3, 2 / 3))
-    assert Tally.of(outcomes, np.array([1, 2]), 1).hit.tolist() == [False, False, False]
+    assert Tally.from_outcomes(outcomes, np.array([1, 2]), 1).hit.tolist() == [False, False, False]
 
 
 def test_intervals_of_equal_blocks_are_wilsons():
