@@ -139,7 +139,7 @@ def test_what_cannot_run_is_refused_in_a_line(configured, refused, tmp_path):
     assert "centre.toml: speed is unknown" in refused("run", twice)
     config = configured()
     config.write_text(config.read_text().replace("tjunction+background", "tjunctoin"))
-    assert "no such file of weights" in refused("run", config)
+    assert "no weights named 'tjunctoin'" in refused("run", config)
     config = configured()
     config.write_text(config.read_text().replace("street.hdf5", "none.hdf5"))
     assert "none.hdf5" in refused("run", config)
