@@ -19,6 +19,7 @@ from toolkit.sensors.error_profiles import find_profile
 if TYPE_CHECKING:
     from placement_env.acceptance.acceptance import Acceptance
     from placement_env.report.planning.plan_folder import PlanFolder, StatedResults
+    from toolkit.doctor.findings import Finding
     from toolkit.frame import Recording
 
 PLAN_FILE = "plan.json"
@@ -129,7 +130,7 @@ def _accept(
     if checking.reference is not None:
         surface = read_surface(checking.reference)
     recall = _combine_recall(promised.planned, promised.stated)
-    findings = []
+    findings: "list[Finding]" = []
     if opened.path is not None:
         findings = diagnose(opened.path, layout, site=site).findings
     return accept_street(
