@@ -124,6 +124,31 @@ def footprint_overlap(a: ArrayLike, b: ArrayLike) -> Float64[np.ndarray, "n m"]:
     return _measure_all_pairs(a, b, covered_share)
 
 
+def are_close(first: BoxRows, second: BoxRows, gap: float) -> Bool[np.ndarray, " n"]:
+    """Mask of rows at which two boxes are closer than a gap (m), seen from above.
+
+    Both boxes are widened by half of the gap on each side, and overlap unless an edge of one
+    separates them."""
+    half_first = (first[:, 3:5] + gap) / 2
+    half_second = (second[:, 3:5] + gap) / 2
+    dx = second[:, 0] - first[:, 0]
+    dy = second[:, 1] - first[:, 1]
+    turn = second[:, 6] - first[:, 6]
+    cos = np.abs(np.cos(turn))
+    sin = np.abs(np.sin(turn))
+    is_close = np.ones(len(dx), np.bool_)
+    for yaw, near_half, far_half in (
+        (first[:, 6], half_first, half_second),
+        (second[:, 6], half_second, half_first),
+    ):
+        ahead = dx * np.cos(yaw) + dy * np.sin(yaw)
+        aside = dy * np.cos(yaw) - dx * np.sin(yaw)
+        reach_ahead = near_half[:, 0] + far_half[:, 0] * cos + far_half[:, 1] * sin
+        reach_aside = near_half[:, 1] + far_half[:, 0] * sin + far_half[:, 1] * cos
+        is_close &= (np.abs(ahead) <= reach_ahead) & (np.abs(aside) <= reach_aside)
+    return is_close
+
+
 def nms(
     boxes: ArrayLike, scores: ArrayLike, iou_threshold: float, *, labels: ArrayLike | None = None
 ) -> Int64[np.ndarray, " kept"]:

@@ -67,6 +67,20 @@ class Part(RecordingView):
 
 
 @dataclass(frozen=True)
+class Numbered(RecordingView):
+    """View of a recording whose frames have their numbers as `index`.
+
+    by_name: True if the numbers are the frames' names, as in KITTI, else they count from 0."""
+
+    by_name: bool = False
+
+    def __getitem__(self, index: int) -> Frame:
+        frame = self.recording[index]
+        number = int(frame.name) if self.by_name else index
+        return frame if frame.index == number else replace(frame, index=number)
+
+
+@dataclass(frozen=True)
 class Reads:
     """Options for reading a recording: sensor errors and length.
 

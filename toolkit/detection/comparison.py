@@ -36,6 +36,7 @@ class Comparison:
         rate: frames per second (Hz) for the load on a link, None for no loads.
         breakdown: whether AP is broken down by range, points and other sets' protocols, None for
             only at unknown sites.
+        timings: True to summarise the times of stages.
     """
 
     schemes: Sequence[Scheme | str | None] = PAPER_SCHEMES
@@ -49,6 +50,7 @@ class Comparison:
     radius: float | None = None
     rate: float | None = None
     breakdown: bool | None = None
+    timings: bool = False
 
 
 def list_ious(comparison: Comparison) -> dict[str, tuple[float, ...]]:

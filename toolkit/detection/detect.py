@@ -26,6 +26,7 @@ from toolkit.detection.standing import StandingScene
 from toolkit.frame import Frame
 from toolkit.objects import Detections, Detector
 from toolkit.points import detect_on_ground, frame_points
+from toolkit.runtime.stage_times import StageTimes
 from toolkit.runtime.writing import write_text, writing_folder
 from toolkit.sites.site import Site
 
@@ -42,6 +43,8 @@ class FrameDetections:
         stand: ground and area of the frame.
         detect_ms: milliseconds that detection took, without finding the ground.
         left_out: number of detections that were left out as background.
+        read_ms: milliseconds until the frame was there.
+        fuse_ms: milliseconds that joining the points took, and moving boxes into the world.
     """
 
     frame: Frame
@@ -49,6 +52,18 @@ class FrameDetections:
     stand: Stand
     detect_ms: float
     left_out: int = 0
+    read_ms: float = 0.0
+    fuse_ms: float = 0.0
+
+    @property
+    def stage_ms(self) -> dict[str, float]:
+        """Milliseconds of each stage."""
+        return {
+            "read": self.read_ms,
+            "fuse": self.fuse_ms,
+            "level": self.stand.ms,
+            "detect": self.detect_ms,
+        }
 
 
 def detect_frames(
@@ -63,7 +78,10 @@ def detect_frames(
     middle of the area, or at a known site in the site's frame; place: area and ground; scene:
     standing scene, whose detections are left out, None to keep all. A frame without points has no
     detections."""
+    end = perf_counter()  # of the frame before
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
+        begin = perf_counter()
+        read_ms = 1e3 * (begin - end) - stand.ms
         site = stand.area if isinstance(stand.area, Site) else None
         # all points of the frame, which a known site needs only to leave out a standing scene
         world_points = frame.points() if site is None or scene is not None else np.zeros((0, 3))
@@ -86,7 +104,10 @@ def detect_frames(
             stand=stand,
             detect_ms=detect_ms,
             left_out=len(detections) - len(kept_detections),
+            read_ms=read_ms,
+            fuse_ms=1e3 * (perf_counter() - begin) - detect_ms,
         )
+        end = perf_counter()
 
 
 def write_detections(
@@ -120,11 +141,13 @@ def file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_.#" else "_" for letter in name)
 
 
-def summarise(results: Iterable[FrameDetections]) -> dict[str, Any]:
+def summarise(results: Iterable[FrameDetections], *, timings: bool = False) -> dict[str, Any]:
     """Count frames, detections and problems, with median times.
 
-    Returns `samples`, `detections`, `problems` by kind, and the median milliseconds to find the
-    ground (`level_ms`) and to detect (`detect_ms`), None without frames."""
+    timings: True to add median, p95 and p99 of each stage. Returns `samples`, `detections`,
+    `problems` by kind, and the median milliseconds to find the ground (`level_ms`) and to detect
+    (`detect_ms`), None without frames; with timings `timings`, see `StageTimes.summarise`."""
+    times = StageTimes()
     samples = 0
     detections = 0
     problems = Counter[str]()
@@ -136,13 +159,15 @@ def summarise(results: Iterable[FrameDetections]) -> dict[str, Any]:
         problems.update(result.frame.problems)
         level_ms.append(result.stand.ms)
         detect_ms.append(result.detect_ms)
-    return {
+        times.add_all(result.stage_ms)
+    figures: dict[str, Any] = {
         "samples": samples,
         "detections": detections,
         "problems": dict(problems),
         "level_ms": float(np.median(level_ms)) if samples else None,
         "detect_ms": float(np.median(detect_ms)) if samples else None,
     }
+    return figures | {"timings": times.summarise()} if timings else figures
 
 
 def describe_summary(figures: dict[str, Any]) -> str:

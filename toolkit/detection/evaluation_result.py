@@ -10,6 +10,7 @@ from toolkit.detection.detect import describe_summary
 from toolkit.detection.evaluation_tables import format_class_table, format_table
 from toolkit.detection.figures import ClassFigures, Row
 from toolkit.detection.link.load import SetLoad, format_loads
+from toolkit.runtime.stage_times import describe_times
 from toolkit.runtime.text_values import replace_infinite
 
 
@@ -57,6 +58,9 @@ class Evaluation(Sequence[Row]):
                 f"on a link at {self.loads[0].load.rate:g} Hz:\n{format_loads(self.loads)}"
             )
         parts.append(f"above the detector's threshold:\n{format_class_table(self.classes)}")
+        for name, figures in self.schemes.items():
+            if "timings" in figures:
+                parts.append(f"times of {name}:\n{describe_times(figures['timings'])}")
         if self.breakdown:
             for name, figures in self.schemes.items():
                 parts.append(_format_scheme(name, figures))

@@ -43,6 +43,7 @@ class FrameResult:
         problems: number of labels and points left out in reading, by kind.
         level_ms: milliseconds that finding the ground took.
         warning: warning of ground that is not level, None without one.
+        read_ms: milliseconds until the frame was there.
     """
 
     truth: FrameTruth
@@ -50,6 +51,7 @@ class FrameResult:
     problems: Mapping[str, int]
     level_ms: float
     warning: str | None = None
+    read_ms: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,9 @@ class ScoringJob:
         memory = LinkMemory()
         previous_names = list[str]()
         stands = self.place.stands(frames, self.site)  # each frame with its ground and area
+        end = perf_counter()  # of the frame before
         for number, (frame, stand) in zip(numbers, stands, strict=True):
+            read_ms = 1e3 * (perf_counter() - end) - stand.ms
             names = [sensor.name for sensor in frame.sensors]
             if names != previous_names:
                 memory = LinkMemory()
@@ -109,8 +113,14 @@ class ScoringJob:
             fused = self._fuse(numbered_frame, stand, memory)
             truth = self._find_truth(frame, stand)
             yield FrameResult(
-                truth, fused, frame.problems, level_ms=stand.ms, warning=stand.warning
+                truth,
+                fused,
+                frame.problems,
+                level_ms=stand.ms,
+                warning=stand.warning,
+                read_ms=read_ms,
             )
+            end = perf_counter()
 
     def describe(self, ious: Mapping[str, tuple[float, ...]], **reads: object) -> dict[str, object]:
         """Settings that the figures depend on, for their provenance.

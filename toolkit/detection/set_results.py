@@ -14,6 +14,7 @@ from toolkit.detection.frame_scores import FrameResult, ScoringJob, sends_images
 from toolkit.detection.link.load import LinkLoad, link_load
 from toolkit.detection.metrics import TRUE_IOU, DetectionScore, evaluate, reliability, second_labels
 from toolkit.objects import LABELS, VEHICLE, Detections, label_index
+from toolkit.runtime.stage_times import Percentiles, StageTimes
 
 
 def _find_outside(
@@ -30,9 +31,10 @@ class SetResults:
     """Results of one scheme and sensor set in all frames, pooled into figures.
 
     job: settings of the evaluation; results: result of each frame; scheme: name of the scheme;
-    sensors: indices of the sensors. In the attributes, truths, detections and bits (of each sensor)
-    are lists by frame; ms is the median time of a frame (ms), kbit the mean that a sensor sends in
-    a frame (1000 bits); outside is None unless detections outside the area are treated apart."""
+    sensors: indices of the sensors. In the attributes, truths, detections, bits (of each sensor)
+    and frame_ms (time) are lists by frame; ms is the median of frame_ms, kbit the mean that a
+    sensor sends in a frame (1000 bits); outside is None unless detections outside the area are
+    treated apart."""
 
     def __init__(
         self, job: ScoringJob, results: Sequence[FrameResult], scheme: str, sensors: tuple[int, ...]
@@ -45,7 +47,8 @@ class SetResults:
         fused = [result.fused[scheme, sensors] for result in results]  # result of each frame
         self.detections = [frame_fused.detections for frame_fused in fused]
         self.bits = [frame_fused.bits for frame_fused in fused]  # by frame, then by sensor
-        self.ms = float(np.median([frame_fused.ms for frame_fused in fused]))
+        self.frame_ms = [frame_fused.ms for frame_fused in fused]
+        self.ms = float(np.median(self.frame_ms))
         # mean of the sensors in each frame, then of the frames
         kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]
         self.kbit = float(np.mean(kbits))
@@ -175,6 +178,8 @@ class SetResults:
         }
         if load is not None:
             summary["load"] = vars(load)
+        if self.job.comparison.timings:
+            summary["timings"] = self._summarise_times()
         scheme = self.job.schemes[self.scheme]
         if not self.job.at_site and sends_images(scheme, self.job.comparison.codec):
             summary["images"] = {
@@ -182,3 +187,11 @@ class SetResults:
                 for sensor, scene in self.job.scenes.every.items()
             }
         return summary
+
+    def _summarise_times(self) -> dict[str, Percentiles]:
+        """Return median, p95 and p99 (ms) of reading, levelling and fusing, detection included."""
+        times = StageTimes()
+        for result, fuse_ms in zip(self.results, self.frame_ms, strict=True):
+            stages = {"read": result.read_ms, "level": result.level_ms, "fuse": fuse_ms}
+            times.add_all(stages)
+        return times.summarise()

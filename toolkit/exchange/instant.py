@@ -90,7 +90,7 @@ class Instant:
         )
 
     @staticmethod
-    def from_tracks(time_s: float, tracks: Tracks) -> "Instant":
+    def from_tracks(time_s: float, tracks: Tracks, clouds: Sequence[SensorCloud] = ()) -> "Instant":
         """Return tracks as an instant, with their ids and velocities."""
         return Instant(
             time_s,
@@ -99,6 +99,7 @@ class Instant:
             tracks.scores,
             ids=tracks.ids,
             velocities=tracks.velocities,
+            clouds=clouds,
         )
 
     def list_ids(self) -> list[int]:

@@ -11,10 +11,10 @@ With TP, FP, FN the numbers of matched pairs, of tracks and of true objects with
     IDF1    2 · IDTP / (frames of true objects + frames of tracks), one track for each true object
             (Ristani et al. 2016)
 
-A pair's similarity is the IoU of the volumes, or for people and cyclists, whose heights are
-uncertain, 1 at the same place falling to 0 at `MAX_DISTANCE_M` on the ground. Matches are those of
-TrackEval: HOTA prefers pairs that are similar over the whole recording, MOTA those of the frame
-before.
+A pair's similarity, and which objects and tracks do not count, is defined in
+`toolkit.tracking.frame_overlap`. Matches are those of TrackEval: HOTA prefers pairs that are
+similar over the whole recording, MOTA those of the frame before. LocA is left out, since its mean
+counts 1 at thresholds where nothing matches.
 """
 
 from collections.abc import Sequence
@@ -24,29 +24,14 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.boxes import iou_3d
-from toolkit.objects import CYCLIST, PEDESTRIAN, Objects, label_index
+from toolkit.objects import Objects, label_index
+from toolkit.tracking.frame_overlap import SIMILARITY_TOLERANCE, FramePairs, measure_overlap
 from toolkit.tracking.tracks import Tracks
 
 THRESHOLDS = np.arange(0.05, 0.99, 0.05)
-CLEAR_THRESHOLD = 0.5
-MAX_DISTANCE_M = 2.0  # of people and cyclists who are not similar at all
+CLEAR_THRESHOLD = 0.5  # of MOTA, IDF1 and the share mostly tracked
 MOSTLY_TRACKED_SHARE = 0.8
-_EPSILON = np.finfo(np.float64).eps
 _PREFERENCE = 1000.0  # of the pair of the frame before, above any similarity
-
-
-class FramePairs(NamedTuple):
-    """True objects and tracks of one frame.
-
-    Attributes:
-        truth: Id of each true object.
-        tracks: Id of each track.
-        similarity: 0 to 1, a row for each true object, a column for each track."""
-
-    truth: Int64[np.ndarray, " n"]
-    tracks: Int64[np.ndarray, " m"]
-    similarity: Float64[np.ndarray, "n m"]
 
 
 @dataclass(frozen=True)
@@ -89,23 +74,18 @@ def score_tracks(
         raise ValueError(
             f"each frame needs tracks and truth, got {len(tracks)} and {len(truths)} frames"
         )
-    label = label_index(label)
+    number = label_index(label)
     frames = []
     for frame_tracks, objects in zip(tracks, truths, strict=True):
-        found = frame_tracks[frame_tracks.labels == label]
-        true = objects[objects.labels == label]
-        if label in (CYCLIST, PEDESTRIAN):
-            offsets = true.boxes[:, None, :2] - found.boxes[None, :, :2]
-            distances = np.hypot(offsets[..., 0], offsets[..., 1])
-            similarity = np.maximum(0.0, 1 - distances / MAX_DISTANCE_M)
-        else:
-            similarity = iou_3d(true.boxes, found.boxes)
-        frames.append(FramePairs(true.ids, found.ids, similarity))
+        overlap = measure_overlap(frame_tracks, objects, number)
+        frames.append(overlap.scored(CLEAR_THRESHOLD).pairs)
     return score_pairs(frames)
 
 
-def score_pairs(frames: Sequence[FramePairs]) -> TrackScores:
-    """Score tracks whose similarity to the true objects is known in each frame."""
+def score_pairs(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD) -> TrackScores:
+    """Score tracks whose similarity to the true objects is known in each frame.
+
+    threshold: similarity from which an object and a track match, except for HOTA."""
     numbers = _number(frames)
     truth_ids = numbers.truth_ids
     track_ids = numbers.track_ids
@@ -119,20 +99,23 @@ def score_pairs(frames: Sequence[FramePairs]) -> TrackScores:
         truth_frames[pairs.truth] += 1
         track_frames[pairs.tracks] += 1
     deta, assa = _score_hota(numbered, truth_frames, track_frames)
-    clear = _count_clear(numbered, len(truth_ids))
-    true_positives = clear.matched_frames.sum()
+    matches, switches = _match_in_order(numbered, len(truth_ids), threshold)
+    matched_frames = np.zeros(len(truth_ids))
+    for pairs, match in zip(numbered, matches, strict=True):
+        matched_frames[pairs.truth[match.rows]] += 1
+    true_positives = matched_frames.sum()
     misses = truth_frames.sum() - true_positives
     false_positives = track_frames.sum() - true_positives
-    errors = misses + false_positives + clear.switches
-    is_mostly_tracked = clear.matched_frames / truth_frames > MOSTLY_TRACKED_SHARE
-    identity_hits = _count_identity_hits(numbered, len(truth_ids), len(track_ids))
+    errors = misses + false_positives + switches
+    is_mostly_tracked = matched_frames / truth_frames > MOSTLY_TRACKED_SHARE
+    identity_hits = _count_identity_hits(numbered, len(truth_ids), len(track_ids), threshold)
     return TrackScores(
         hota=float(np.sqrt(deta * assa).mean()),
         deta=float(deta.mean()),
         assa=float(assa.mean()),
         mota=float(1 - errors / truth_frames.sum()),
         idf1=float(2 * identity_hits / (truth_frames.sum() + track_frames.sum())),
-        switches=clear.switches,
+        switches=switches,
         mostly_tracked=float(is_mostly_tracked.mean()),
         objects=len(truth_ids),
     )
@@ -181,13 +164,15 @@ def _score_hota(
     shared = np.zeros((len(truth_frames), len(track_frames)))
     for truth, tracks, similarity in frames:
         total = similarity.sum(axis=0) + similarity.sum(axis=1)[:, None] - similarity
-        share = np.where(total > _EPSILON, similarity / np.maximum(total, _EPSILON), 0.0)
+        share = np.where(
+            total > SIMILARITY_TOLERANCE, similarity / np.maximum(total, SIMILARITY_TOLERANCE), 0.0
+        )
         shared[truth[:, None], tracks] += share
     alignment = shared / (truth_frames[:, None] + track_frames - shared)
     matches = np.zeros((len(THRESHOLDS), len(truth_frames), len(track_frames)))
     for truth, tracks, similarity in frames:
         rows, columns = linear_sum_assignment(-alignment[truth[:, None], tracks] * similarity)
-        is_match = similarity[rows, columns] >= THRESHOLDS[:, None] - _EPSILON
+        is_match = similarity[rows, columns] >= THRESHOLDS[:, None] - SIMILARITY_TOLERANCE
         for number, mask in enumerate(is_match):
             matches[number, truth[rows[mask]], tracks[columns[mask]]] += 1
     true_positives = matches.sum(axis=(1, 2))
@@ -198,58 +183,96 @@ def _score_hota(
     return true_positives / np.maximum(1, everything), assa
 
 
-class _ClearCounts(NamedTuple):
-    """Counts for MOTA.
+class ClearMatch(NamedTuple):
+    """Pairs of one frame, matched for MOTA.
 
     Attributes:
-        matched_frames: Number of frames in which each true object is matched.
-        switches: Number of switches."""
+        rows: Row of each matched object in the frame's pairs.
+        columns: Column of its track."""
 
-    matched_frames: Float64[np.ndarray, " N"]
+    rows: Int64[np.ndarray, " k"]
+    columns: Int64[np.ndarray, " k"]
+
+
+class ClearCounts(NamedTuple):
+    """Matches and counts for MOTA.
+
+    Attributes:
+        matches: Matched pairs of each frame.
+        false_positives: Number of tracks without a match, in all frames.
+        misses: Number of true objects without a match, in all frames.
+        switches: Number of switches.
+        objects: Number of true objects, in all frames."""
+
+    matches: list[ClearMatch]
+    false_positives: int
+    misses: int
     switches: int
+    objects: int
 
 
-def _count_clear(frames: Sequence[FramePairs], objects: int) -> _ClearCounts:
-    """Match frame by frame at `CLEAR_THRESHOLD`, with preference for the pairs of the frame before.
+def match_clear(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD) -> ClearCounts:
+    """Match frame by frame, with preference for the pairs of the frame before.
+
+    threshold: similarity from which an object and a track match."""
+    numbers = _number(frames)
+    matches, switches = _match_in_order(numbers.frames, len(numbers.truth_ids), threshold)
+    matched = sum(len(match.rows) for match in matches)
+    objects = sum(len(pairs.truth) for pairs in frames)
+    tracks = sum(len(pairs.tracks) for pairs in frames)
+    return ClearCounts(matches, tracks - matched, objects - matched, switches, objects)
+
+
+def _match_in_order(
+    frames: Sequence[FramePairs], objects: int, threshold: float
+) -> tuple[list[ClearMatch], int]:
+    """Matched pairs of each frame, and the number of switches.
 
     Args:
         frames: Frames with numbers in place of ids.
-        objects: Number of true objects."""
+        objects: Number of true objects.
+        threshold: As in `match_clear`."""
     from scipy.optimize import linear_sum_assignment
 
-    matched_frames = np.zeros(objects)
     last = np.full(objects, -1)  # track of the last match
     before = np.full(objects, -1)  # track of the match in the frame before
     switches = 0
+    matches = []
+    nothing = ClearMatch(np.zeros(0, np.int64), np.zeros(0, np.int64))
     for truth, tracks, similarity in frames:
         if not len(truth) or not len(tracks):
+            matches.append(nothing)
             continue
         score = similarity + _PREFERENCE * (tracks == before[truth][:, None])
-        score[similarity < CLEAR_THRESHOLD - _EPSILON] = 0.0
+        score[similarity < threshold - SIMILARITY_TOLERANCE] = 0.0
         rows, columns = linear_sum_assignment(-score)
-        is_match: Bool[np.ndarray, " k"] = score[rows, columns] > _EPSILON
-        matched = truth[rows[is_match]]
-        partners = tracks[columns[is_match]]
+        is_match: Bool[np.ndarray, " k"] = score[rows, columns] > SIMILARITY_TOLERANCE
+        match = ClearMatch(rows[is_match], columns[is_match])
+        matched = truth[match.rows]
+        partners = tracks[match.columns]
         switches += int(((last[matched] >= 0) & (last[matched] != partners)).sum())
-        matched_frames[matched] += 1
         last[matched] = partners
         before[:] = -1
         before[matched] = partners
-    return _ClearCounts(matched_frames, switches)
+        matches.append(match)
+    return matches, switches
 
 
-def _count_identity_hits(frames: Sequence[FramePairs], objects: int, tracks: int) -> float:
+def _count_identity_hits(
+    frames: Sequence[FramePairs], objects: int, tracks: int, threshold: float
+) -> float:
     """Most frames in which true objects and tracks are similar, if each has one partner for good.
 
     Args:
         frames: Frames with numbers in place of ids.
         objects: Number of true objects.
-        tracks: Number of tracks."""
+        tracks: Number of tracks.
+        threshold: Similarity from which both are similar."""
     from scipy.optimize import linear_sum_assignment
 
     similar_frames = np.zeros((objects, tracks))
     for truth, frame_tracks, similarity in frames:
-        rows, columns = np.nonzero(similarity >= CLEAR_THRESHOLD - _EPSILON)
+        rows, columns = np.nonzero(similarity >= threshold - SIMILARITY_TOLERANCE)
         similar_frames[truth[rows], frame_tracks[columns]] += 1
     rows, columns = linear_sum_assignment(-similar_frames)
     return float(similar_frames[rows, columns].sum())

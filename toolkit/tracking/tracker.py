@@ -137,14 +137,16 @@ class Tracker:
             tracks = _predict(tracks, time - self._time)
         self._time = time
         sure = detections.scores >= SURE_SCORE
-        track_rows = np.arange(len(tracks.ids))
-        matched_tracks = [np.zeros(0, np.int64)]
-        matched_detections = [np.zeros(0, np.int64)]
-        for round_rows in (np.flatnonzero(sure), np.flatnonzero(~sure)):
-            free = np.setdiff1d(track_rows, np.concatenate(matched_tracks))
+        matched_tracks = []
+        matched_detections = []
+        is_free = np.ones(len(tracks.ids), np.bool_)
+        for is_of_round in (sure, ~sure):
+            round_rows = np.flatnonzero(is_of_round)
+            free = np.flatnonzero(is_free)
             mine, theirs = _assign(tracks.select(free), detections[round_rows], time)
             matched_tracks.append(free[mine])
             matched_detections.append(round_rows[theirs])
+            is_free[free[mine]] = False
         mine = np.concatenate(matched_tracks)
         theirs = np.concatenate(matched_detections)
         order = np.argsort(mine)
@@ -152,10 +154,12 @@ class Tracker:
         theirs = theirs[order]
         seen = _correct(tracks.select(mine), detections[theirs], time)
         seen = seen._replace(detection=finite_rows[theirs])
-        unseen = tracks.select(np.setdiff1d(track_rows, mine))
+        unseen = tracks.select(is_free)
         unseen = unseen.select(self._stays(unseen, time))
         unseen = unseen._replace(detection=np.full(len(unseen.ids), -1))
-        fresh_rows = np.setdiff1d(np.arange(len(detections)), theirs)
+        is_fresh = np.ones(len(detections), np.bool_)
+        is_fresh[theirs] = False
+        fresh_rows = np.flatnonzero(is_fresh)
         fresh = _start(detections[fresh_rows], time, self._next_id)
         fresh = fresh._replace(detection=finite_rows[fresh_rows])
         self._next_id += len(fresh.ids)
@@ -312,7 +316,7 @@ def _rotate_variances(
 
 def _predict(tracks: _State, seconds: float) -> _State:
     """Tracks so many seconds later, moved with their velocity."""
-    step, noise = constant_velocity(seconds)
+    (step,), (noise,) = constant_velocities(np.array([seconds]))
     variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
     # bodies turn for a moment only
@@ -322,19 +326,22 @@ def _predict(tracks: _State, seconds: float) -> _State:
     )
 
 
-def constant_velocity(
-    seconds: float,
-) -> tuple[Float64[np.ndarray, "4 4"], Float64[np.ndarray, "4 4"]]:
+def constant_velocities(
+    seconds: Float64[np.ndarray, " n"],
+) -> tuple[Float64[np.ndarray, "n 4 4"], Float64[np.ndarray, "n 4 4"]]:
     """Transition of x, y and their velocities, and its covariance by white acceleration of 1 m/s².
 
-    seconds: time that passes."""
-    step = np.eye(4)
-    step[0, 2] = step[1, 3] = seconds
-    noise = np.zeros((4, 4))
-    noise[[0, 1], [0, 1]] = seconds**4 / 4
-    noise[[2, 3], [2, 3]] = seconds**2
-    noise[[0, 1, 2, 3], [2, 3, 0, 1]] = seconds**3 / 2
-    return step, noise
+    seconds: times that pass, a transition for each."""
+    count = len(seconds)
+    steps = np.zeros((count, 4, 4))
+    steps[:, [0, 1, 2, 3], [0, 1, 2, 3]] = 1.0
+    steps[:, 0, 2] = seconds
+    steps[:, 1, 3] = seconds
+    noise = np.zeros((count, 4, 4))
+    noise[:, [0, 1], [0, 1]] = seconds[:, None] ** 4 / 4
+    noise[:, [2, 3], [2, 3]] = seconds[:, None] ** 2
+    noise[:, [0, 1, 2, 3], [2, 3, 0, 1]] = seconds[:, None] ** 3 / 2
+    return steps, noise
 
 
 def _assign(
@@ -348,13 +355,17 @@ def _assign(
     labels = tracks.label()
     gates = _rotate_variances(tracks.yaw, GATE_ALONG_M[labels] ** 2, GATE_ACROSS_M[labels] ** 2)
     inverse = np.linalg.inv(tracks.covariance[:, :2, :2] + gates)
-    offset = detections.boxes[None, :, :2] - tracks.motion[:, None, :2]
-    cost = np.einsum("mni,mij,mnj->mn", offset, inverse, offset)
+    x = detections.boxes[None, :, 0] - tracks.motion[:, None, 0]
+    y = detections.boxes[None, :, 1] - tracks.motion[:, None, 1]
+    cost = inverse[:, 0, 0, None] * x * x
+    cost += 2 * inverse[:, 0, 1, None] * x * y
+    cost += inverse[:, 1, 1, None] * y * y
     is_far = cost > MAX_SQUARED_DISTANCE
     cost += OTHER_CLASS_COST * (labels[:, None] != detections.labels)
     is_returning = (time - tracks.last_time > GAP_S) & (labels != PEDESTRIAN)
-    size_difference = np.abs(detections.boxes[None, :, 3:5] - tracks.size[:, None, :2]).max(axis=2)
-    cost += is_returning[:, None] * np.square(size_difference / SIZE_COST_M)
+    sizes = tracks.size[is_returning, None, :2]
+    size_difference = np.abs(detections.boxes[None, :, 3:5] - sizes).max(axis=2)
+    cost[is_returning] += np.square(size_difference / SIZE_COST_M)
     impossible = is_far | _UNLIKE[labels][:, detections.labels]
     cost[impossible] = 1e6
     mine, theirs = linear_sum_assignment(cost)
@@ -451,9 +462,18 @@ def _is_ghost(unseen: _State, *detected: _State) -> Bool[np.ndarray, " m"]:
     """Mask of tracks without a detection where a detected track of their kind is."""
     is_ghost = np.zeros(len(unseen.ids), np.bool_)
     for tracks in detected:
-        if not len(unseen.ids) or not len(tracks.ids):
+        reach = np.hypot(unseen.size[:, 0], unseen.size[:, 1])[:, None] / 2
+        reach = reach + np.hypot(tracks.size[:, 0], tracks.size[:, 1]) / 2
+        x = unseen.motion[:, None, 0] - tracks.motion[:, 0]
+        y = unseen.motion[:, None, 1] - tracks.motion[:, 1]
+        is_near = x * x + y * y < reach * reach
+        rows = np.flatnonzero(is_near.any(axis=1))
+        columns = np.flatnonzero(is_near.any(axis=0))
+        if not len(rows):
             continue
-        overlap = iou_bev(_make_boxes(unseen), _make_boxes(tracks))
-        is_alike = ~_UNLIKE[unseen.label()][:, tracks.label()]
-        is_ghost |= ((overlap > SAME_PLACE_IOU) & is_alike).any(axis=1)
+        near_unseen = unseen.select(rows)
+        near_tracks = tracks.select(columns)
+        overlap = iou_bev(_make_boxes(near_unseen), _make_boxes(near_tracks))
+        is_alike = ~_UNLIKE[near_unseen.label()][:, near_tracks.label()]
+        is_ghost[rows] |= ((overlap > SAME_PLACE_IOU) & is_alike).any(axis=1)
     return is_ghost

@@ -1,8 +1,8 @@
-"""Continuous traffic: frames of ways that lead through a site, none of which overlap.
+"""Continuous traffic: frames of ways through a site that never overlap.
 
-Frames may be any number of steps of 0.1 s apart. A road user that would overlap one who set out
-before, a parked vehicle or a solid is refused as a whole, so that nobody is moved aside, appears or
-vanishes inside the view."""
+Frames may be any number of steps of 0.1 s apart. A road user that would overlap another, a parked
+vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`). It is refused as a whole
+if that does not help, so that nobody appears or vanishes inside the view."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,17 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from toolkit.arrays import Bool, Int64
+from toolkit.arrays import Int64
 from toolkit.boxes import footprints
-from toolkit.objects import Objects
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.site import Site
 from toolkit.traffic.flow import Flow
-from toolkit.traffic.obstacles import LevelBoxes, Obstacles, overlaps, place_boxes
+from toolkit.traffic.obstacles import LevelBoxes, Obstacles
+from toolkit.traffic.occupancy import Occupancy, size_boxes
 from toolkit.traffic.parked import Parked
+from toolkit.traffic.right_of_way import Course, give_way
 from toolkit.traffic.road_lanes import outline_view
 from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply
-from toolkit.traffic.ways import Traveller, simulate_ways
+from toolkit.traffic.ways import Journey, Traveller, simulate_ways
+
+# rank of each class; lower ones do not give way to higher ones
+RANK = {VEHICLE: 0, HEAVY: 0, CYCLIST: 1, PEDESTRIAN: 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +101,18 @@ def simulate_continuously(
     seconds = max(0, frames - 1) * interval
     ways = simulate_ways(site, supply, seconds=seconds, flow=flow, progress=progress)
     stride = round(interval / FINE_STEP_S)
+    parked_boxes = parked.boxes(supply)
+    last = max(0, frames - 1) * stride
+    occupancy = Occupancy(site.area, obstacles, parked_boxes, last)
+    kept_ways = _keep_apart(ways, supply, occupancy)
     view = outline_view(site.area)
     frame_parts = [np.zeros(0, np.int64)]
     box_parts = [np.zeros((0, 7))]
     way_parts = [np.zeros(0, np.int64)]
-    for number, way in enumerate(ways):
+    for number, way in enumerate(kept_ways):
         steps = way.first + np.arange(len(way.poses))
         rows = np.flatnonzero((steps % stride == 0) & (steps >= 0) & (steps < frames * stride))
-        sizes = np.tile(supply.sizes[way.traveller.body], (len(rows), 1))
-        boxes = place_boxes(way.poses[rows], sizes)
+        boxes = size_boxes(way.poses[rows], supply.sizes[way.traveller.body])
         is_seen = shapely.intersects(shapely.polygons(footprints(boxes)), view)
         frame_parts.append(steps[rows][is_seen] // stride)
         box_parts.append(boxes[is_seen])
@@ -114,61 +122,35 @@ def simulate_continuously(
     frame = frame[order]
     boxes = np.concatenate(box_parts)[order]
     way_of_row = np.concatenate(way_parts)[order]
-    begin = np.searchsorted(frame, np.arange(frames + 1))
-    parked_boxes = parked.boxes(supply)
-    is_refused = _refuse(begin, way_of_row, boxes, len(ways), parked_boxes, obstacles)
-    is_kept = ~is_refused[way_of_row]
-    seen_ways = np.unique(way_of_row[is_kept])
+    seen_ways = np.unique(way_of_row)
     return ContinuousTraffic(
         site=site,
         interval=interval,
-        travellers=tuple(ways[number].traveller for number in seen_ways.tolist()),
-        refused=int(is_refused.sum()),
+        travellers=tuple(kept_ways[number].traveller for number in seen_ways.tolist()),
+        refused=len(ways) - len(kept_ways),
         parked_boxes=parked_boxes,
         parked_ids=parked.ids,
         parked_bodies=parked.bodies,
-        begin=np.searchsorted(frame[is_kept], np.arange(frames + 1)),
-        traveller=np.searchsorted(seen_ways, way_of_row[is_kept]),
-        boxes=boxes[is_kept],
+        begin=np.searchsorted(frame, np.arange(frames + 1)),
+        traveller=np.searchsorted(seen_ways, way_of_row),
+        boxes=boxes,
         labels=supply.labels,
     )
 
 
-def _refuse(
-    begin: Int64[np.ndarray, " frames+1"],
-    way: Int64[np.ndarray, " n"],
-    boxes: LevelBoxes,
-    ways: int,
-    parked_boxes: LevelBoxes,
-    obstacles: Obstacles,
-) -> Bool[np.ndarray, " ways"]:
-    """Mask of ways that overlap a way that is kept, a parked vehicle or a solid, in any frame.
+def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> list[Journey]:
+    """Ways without overlaps, in the same order; those that find no way through are left out.
 
-    Args:
-        begin: First row of each frame, and n at the end.
-        way: Number of each row's way, ascending within a frame.
-        boxes: Box of each row, on level ground.
-        ways: Number of ways.
-        parked_boxes: Boxes of parked vehicles, on level ground.
-        obstacles: Solids in the way."""
-    is_refused = np.zeros(ways, np.bool_)
-    is_refused[way[obstacles.hit(boxes)]] = True
-    pairs: set[tuple[int, int]] = set()
-    parked = len(parked_boxes)
-    for first, last in zip(begin[:-1].tolist(), begin[1:].tolist(), strict=True):
-        close = overlaps(np.concatenate([parked_boxes, boxes[first:last]]))
-        earlier, later = np.nonzero(close)
-        for row, other in zip(earlier.tolist(), later.tolist(), strict=True):
-            if other < parked:
-                continue  # both are parked
-            later_way = int(way[first + other - parked])
-            if row < parked:
-                is_refused[later_way] = True
-            else:
-                pairs.add((int(way[first + row - parked]), later_way))
-    by_later: dict[int, list[int]] = {}
-    for earlier_way, later_way in pairs:
-        by_later.setdefault(later_way, []).append(earlier_way)
-    for later_way in sorted(by_later):
-        is_refused[later_way] |= not is_refused[by_later[later_way]].all()
-    return is_refused
+    Vehicles go before cyclists and these before walkers, in each class who set out first."""
+    labels = supply.labels[[way.traveller.body for way in ways]].tolist() if ways else []
+    order = sorted(range(len(ways)), key=lambda number: RANK[labels[number]])
+    poses_by_number = {}
+    for number in order:
+        way = ways[number]
+        size = supply.sizes[way.traveller.body]
+        poses = give_way(Course(way.first, way.poses, size, labels[number]), occupancy)
+        if poses is not None:
+            poses_by_number[number] = poses
+    return [
+        ways[number]._replace(poses=poses_by_number[number]) for number in sorted(poses_by_number)
+    ]

@@ -5,7 +5,6 @@ is the compass direction in which it lies from the middle of the detection area,
 "south-east 2" for the second of two."""
 
 import csv
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,17 +20,6 @@ ROAD_USER_KINDS = ("vehicle", "cyclist", "walker")
 DRAWN_PER_HOUR = {"vehicle": (160.0, 320.0), "cyclist": (20.0, 80.0), "walker": (60.0, 160.0)}
 MAX_PER_HOUR = 3600.0  # at one gate, of one kind
 _COLUMNS = ("kind", "entry", "exit", "per_hour")
-# clockwise from north, 45 degrees apart
-DIRECTIONS = (
-    "north",
-    "north-east",
-    "east",
-    "south-east",
-    "south",
-    "south-west",
-    "west",
-    "north-west",
-)
 
 
 class Movement(NamedTuple):
@@ -144,22 +132,3 @@ class Flow:
                 raise ValueError(
                     f"no {kind} can go from {entry!r} to {exit_name!r}: exits there are {exits}"
                 )
-
-
-def name_gates(bearings_deg: Sequence[float], distances_m: Sequence[float]) -> list[str]:
-    """Name gates by the compass direction in which they lie.
-
-    Gates in one direction are numbered from the nearest on.
-
-    Args:
-        bearings_deg: Direction of each gate, clockwise from north.
-        distances_m: Distance of each gate."""
-    sectors = [round(bearing / 45) % 8 for bearing in bearings_deg]
-    names = [""] * len(sectors)
-    numbers = Counter[int]()
-    for row in sorted(range(len(sectors)), key=lambda row: (sectors[row], distances_m[row])):
-        sector = sectors[row]
-        numbers[sector] += 1
-        suffix = f" {numbers[sector]}" if numbers[sector] > 1 else ""
-        names[row] = DIRECTIONS[sector] + suffix
-    return names

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 
 from toolkit.arrays import Float64
+from toolkit.sites.gate_names import name_gates
 from toolkit.sites.georeference import bearing_deg
 from toolkit.sites.site import Site
-from toolkit.traffic.flow import name_gates
 from toolkit.traffic.road_lanes import Roads, outline_view
 
 _SAME_GATE_M = 30.0  # between ends of roads that are one gate

@@ -12,9 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Float64
-from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
+from toolkit.traffic.body_motion import (
+    face_course,
+    move_driver,
+    move_walker,
+    shift_left,
+    smooth_direction,
+)
 from toolkit.traffic.flow import ROAD_USER_KINDS, Flow
 from toolkit.traffic.gates import Gates, Passage
 from toolkit.traffic.road_lanes import Roads
@@ -22,9 +28,6 @@ from toolkit.traffic.sumo import FINE_STEP_S, running
 from toolkit.traffic.supply import HEAVY_SHARE, LANE_OFFSETS_M, SWAY_DEG, Supply
 
 WARM_UP_S = 150.0  # before the first frame, so that the roads are as full as they stay
-SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
-REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
-MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
 MAX_STRIPE_SHIFT_M = 0.3  # sideways, of a walker from the middle of its stripe
 GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # walkers with 0, 1, 2, 3 companions
 COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next to each other
@@ -272,12 +275,12 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
         poses[:, 2] += turn
         return [Journey(traveller, course.first, poses)]
     walked = move_walker(points, course.yaws[0])
+    directions = smooth_direction(walked[:, 2])
     ways = []
     left = rng.uniform(-MAX_STRIPE_SHIFT_M, MAX_STRIPE_SHIFT_M)  # of the walked course (m)
     for companions in range(int(rng.choice(len(GROUP_SHARES), p=GROUP_SHARES)), -1, -1):
-        poses = walked.copy()
-        poses[:, 0] -= left * np.sin(walked[:, 2])
-        poses[:, 1] += left * np.cos(walked[:, 2])
+        poses = shift_left(walked, directions, left)
+        poses[:, 2] = face_course(poses[:, :2], course.yaws[0])
         poses[:, 2] += turn
         ways.append(Journey(traveller, course.first, poses))
         if companions:  # the next one walks to the left of this one
@@ -286,63 +289,3 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
             traveller = traveller._replace(id=next(supply.ids), body=body)
             turn = float(np.radians(rng.normal(0, SWAY_DEG[label])))
     return ways
-
-
-def move_driver(
-    fronts: Float64[np.ndarray, "steps 2"], yaw: float, length: float
-) -> Float64[np.ndarray, "steps 3"]:
-    """Return the poses (x, y of the middle, yaw) of a vehicle whose front takes a course.
-
-    The rear axle follows the front as a trailer does, so headings turn smoothly and no body slides
-    sideways.
-
-    Args:
-        fronts: x, y of the middle of the front bumper (m), one for each step of `FINE_STEP_S`.
-        yaw: heading at the start (rad).
-        length: length of the body (m)."""
-    smoothed = smooth_motion(fronts)
-    axle_distance = REAR_AXLE_SHARE * length  # from the front bumper
-    rear_x = smoothed[0, 0] - axle_distance * np.cos(yaw)
-    rear_y = smoothed[0, 1] - axle_distance * np.sin(yaw)
-    poses = np.empty((len(smoothed), 3))
-    for step, (x, y) in enumerate(smoothed.tolist()):
-        dx = x - rear_x
-        dy = y - rear_y
-        distance = float(np.hypot(dx, dy))
-        rear_x = x - axle_distance * dx / distance
-        rear_y = y - axle_distance * dy / distance
-        poses[step, 2] = np.arctan2(dy, dx)
-    poses[:, 0] = smoothed[:, 0] - length / 2 * np.cos(poses[:, 2])
-    poses[:, 1] = smoothed[:, 1] - length / 2 * np.sin(poses[:, 2])
-    return poses
-
-
-def move_walker(
-    points: Float64[np.ndarray, "steps 2"], yaw: float
-) -> Float64[np.ndarray, "steps 3"]:
-    """Poses (x, y, yaw) of a walker who takes a course and faces where it leads.
-
-    Args:
-        points: x, y (m), one for each step of `FINE_STEP_S`.
-        yaw: heading at the start (rad), for one who does not move."""
-    smoothed = smooth_motion(points)
-    velocities = (
-        np.gradient(smoothed, FINE_STEP_S, axis=0) if len(smoothed) > 1 else np.zeros((1, 2))
-    )
-    is_walking = np.hypot(*velocities.T) >= MIN_WALKING_M_S
-    yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
-    # step of the last heading that holds; before the first one, that one
-    last = np.maximum.accumulate(np.where(is_walking, np.arange(len(yaws)), -1))
-    if is_walking.any():
-        last[last < 0] = int(np.argmax(is_walking))
-        yaws = yaws[last]
-    else:
-        yaws[:] = yaw
-    return np.column_stack([smoothed, smooth_motion(np.unwrap(yaws)[:, None])[:, 0]])
-
-
-def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:
-    """Means over time, weighted by a Gaussian of `SMOOTHING_S`; the first and last value stay.
-
-    values: one row for each step of `FINE_STEP_S`."""
-    return smooth_rows(values, SMOOTHING_S / FINE_STEP_S)

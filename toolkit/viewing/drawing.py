@@ -11,8 +11,11 @@ from toolkit.detection.detect import FrameDetections, detect_frames
 from toolkit.frame import Frame, OtherObjects, SensorCloud
 from toolkit.objects import LABELS, Detections, Detector, label_index
 from toolkit.plots.line_style import Outcome
+from toolkit.tracking.tracks import Tracks
+from toolkit.viewing.box_lines import Segments
 from toolkit.viewing.drawn import OTHERS, DrawnCloud, DrawnSample, Tag, sort_kinds
 from toolkit.viewing.outcomes import MARKED, Marked, sort_outcomes
+from toolkit.viewing.track_overlay import TrackOverlay, trail_segments
 
 GROUND_PERCENTILE = 5.0  # percentile of heights that is the ground of a cloud, if not levelled
 
@@ -67,13 +70,17 @@ class _Lift:
         """Return a tag for each box of one outcome and class, above the middle of its roof.
 
         kind: name of the class; rows: boxes (world) and scores, which are ignored for missed
-        labels."""
+        labels, and numbers of tracks."""
         tags = []
         boxes = self.boxes(rows.boxes)
         centres = boxes[:, :3].tolist()
         heights = boxes[:, 5].tolist()
-        for (x, y, z), height, score in zip(centres, heights, rows.scores, strict=True):
-            text = f"{kind} missed" if outcome == "missed" else f"{kind} {score:.2f}"
+        names = [kind] * len(rows)
+        if isinstance(rows, Tracks):
+            names = [f"{kind} {number}" for number in rows.ids.tolist()]
+        scores = rows.scores
+        for (x, y, z), height, name, score in zip(centres, heights, names, scores, strict=True):
+            text = f"{kind} missed" if outcome == "missed" else f"{name} {score:.2f}"
             if outcome == "false alarm":
                 text += " false"
             tags.append(Tag(kind, outcome, text, place=(x, y, z + height / 2)))
@@ -90,6 +97,7 @@ class Drawing:
         least_score: score below which no detection is drawn.
         classes: names of the classes that are drawn, all if None.
         sensors: indices or names of the sensors whose clouds are drawn and used, all if None.
+        tracks: tracks that are drawn in place of detections, None without any.
     """
 
     detector: Detector | None = None
@@ -97,6 +105,12 @@ class Drawing:
     least_score: float = 0.0
     classes: Sequence[str] | None = None
     sensors: Sequence[int | str] | None = None
+    tracks: TrackOverlay | None = None
+
+    @property
+    def has_detections(self) -> bool:
+        """True if detections or tracks are drawn."""
+        return self.detector is not None or self.tracks is not None
 
     def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
         """Origin (m, world) for a recording that begins with this frame.
@@ -122,7 +136,7 @@ class Drawing:
             truth[OTHERS] = lift.boxes(frame.others.boxes)
         detections = detected.detections
         # boxes in the world, by part of the scene (such as "hits") and name of the class
-        world_outcomes = {} if self.detector is None else sort_outcomes(detected)
+        world_outcomes = sort_outcomes(detected) if self.has_detections else {}
         outcomes: dict[Marked, dict[str, np.ndarray]] = {}
         tags: list[Tag] = []
         for part, rows_by_kind in world_outcomes.items():
@@ -143,16 +157,31 @@ class Drawing:
             warning=detected.stand.warning,
             outcomes=outcomes,
             tags=tuple(tags),
+            trails=self._draw_trails(frame, detections, lift),
         )
+
+    def _draw_trails(
+        self, frame: Frame, detections: Detections, lift: _Lift
+    ) -> dict[str, Segments]:
+        """Trails of the tracks of a frame, by kind; empty without tracks."""
+        if self.tracks is None or not isinstance(detections, Tracks):
+            return {}
+        lines: dict[str, list[Segments]] = {}
+        for name, boxes in self.tracks.trace(frame, detections).items():
+            kind = name.partition(" ")[0]
+            lines.setdefault(kind, []).append(trail_segments(lift.boxes(boxes)))
+        return {kind: np.concatenate(parts) for kind, parts in lines.items()}
 
     def _detect(self, sample: Frame) -> FrameDetections:
         """Frame and detections, restricted to the sensors, classes and scores that are drawn.
 
-        Without a detector there are no detections."""
+        Tracks take the place of detections. Without a detector or tracks there are none."""
         if self.sensors is not None:
             sample = sample.seen_by(self.sensors)
         detector = self.detector or (lambda points: Detections.empty())
         (detected,) = detect_frames([sample], detector, self.place)
+        if self.tracks is not None:
+            detected = replace(detected, detections=self.tracks.find(sample))
         is_sure = detected.detections.scores >= self.least_score
         detections = detected.detections[is_sure]
         if self.classes is None:

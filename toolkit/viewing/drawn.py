@@ -61,6 +61,7 @@ class DrawnSample:
         warning: warning of ground that is not level, None without one.
         outcomes: boxes by outcome and kind, empty if unknown.
         tags: tags of detected and missed boxes.
+        trails: lines of where tracks were, start and end (m), by kind.
     """
 
     name: str
@@ -71,6 +72,7 @@ class DrawnSample:
     warning: str | None = None
     outcomes: dict[Marked, BoxesByKind] = field(default_factory=dict)
     tags: tuple[Tag, ...] = ()
+    trails: dict[str, Float64[np.ndarray, "_ 2 3"]] = field(default_factory=dict)
 
     def describe(self) -> str:
         """Describe the frame in one line: numbers of points, labels, detections and outcomes."""

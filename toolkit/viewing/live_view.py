@@ -19,6 +19,7 @@ from toolkit.viewing.recording_scene import (
     GRID_NODE,
     OUTCOME_NODES,
     TAGS,
+    TRAILS,
     SceneStyle,
     add_grid,
     add_groups,
@@ -75,7 +76,13 @@ class LiveView:
         self.origin = drawing.origin(first)
         drawn = drawing.draw(first, self.origin)
         sensors = list_sensors([drawn])
-        self.style = SceneStyle(sensors, COLOURINGS, Scales.from_sample(drawn), LIVE_POINTS)
+        self.style = SceneStyle(
+            sensors,
+            COLOURINGS,
+            Scales.from_sample(drawn),
+            LIVE_POINTS,
+            has_trails=drawing.tracks is not None,
+        )
         area = find_view_area(drawn)
         groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in groups}
@@ -98,12 +105,15 @@ class LiveView:
         boxes = server.gui.add_folder("Boxes")
         for group, how in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
             self._add_switch(boxes, how, [f"/{group}"])
-        for name, node in OUTCOME_NODES.items() if drawing.detector is not None else ():
+        for name, node in OUTCOME_NODES.items() if drawing.has_detections else ():
             self._add_switch(boxes, f"{name}, {SHOWN_AS[name]}", [f"/{node}"])
-        if drawing.detector is not None:
+        if drawing.has_detections:
             self._add_switch(boxes, TAGS_NAME, [f"/{TAGS}"])
+        if self.style.has_trails:
+            self._add_switch(boxes, TRAILS, [f"/{TRAILS}"])
         for kind in BOX_KINDS:
-            self._add_switch(boxes, kind, nodes_of_kind(kind, outcomes=True))
+            nodes = nodes_of_kind(kind, outcomes=True, trails=self.style.has_trails)
+            self._add_switch(boxes, kind, nodes)
         self._add_switch(boxes, "grid of 10 m", [GRID_NODE])
         self.show(0)
 
@@ -129,7 +139,7 @@ class LiveView:
                 self._drawn = None
                 self.status_text = f"sample {number} cannot be shown: {error}"
             self._redraw()
-            self._line.content = _escape_markdown(self.status_text)
+            self._line.content = escape_markdown(self.status_text)
 
     def colour_by(self, colouring: Colouring) -> None:
         """Colour the points of the shown frame, and of later ones, by another attribute."""
@@ -193,8 +203,8 @@ class LiveView:
         switch.on_update(apply)
 
 
-def _escape_markdown(text: str) -> str:
-    # Markdown that shows any characters literally
+def escape_markdown(text: str) -> str:
+    """Return Markdown that shows any characters literally."""
     return "".join(f"\\{letter}" if letter in MARKDOWN_SIGNS else letter for letter in text)
 
 

@@ -19,6 +19,7 @@ from toolkit.viewing.recording_scene import (
     GRID_NODE,
     OUTCOME_NODES,
     TAGS,
+    TRAILS,
     SceneStyle,
     add_grid,
     add_groups,
@@ -92,6 +93,7 @@ def page_content(
         scales=Scales.from_sample(samples[0]),
         max_points=max_cloud_points,
         precision="float16",
+        has_trails=any(sample.trails for sample in samples),
     )
     area = find_view_area(samples[0])
     frame_nodes: list[tuple[str, ...]] = []
@@ -133,10 +135,13 @@ def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Sw
             switches.append(Switch(part, f"/{OUTCOME_NODES[part]}", OUTCOME[outcome].colour))
     if any(sample.tags for sample in samples):
         switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
+    if style.has_trails:
+        switches.append(Switch(TRAILS, f"/{TRAILS}", BOXES["detections"]))
     present_kinds = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
     for kind in BOX_KINDS:
         if kind in present_kinds:
-            switches.append(Switch(kind, " ".join(nodes_of_kind(kind, outcomes=has_outcomes))))
+            nodes = nodes_of_kind(kind, outcomes=has_outcomes, trails=style.has_trails)
+            switches.append(Switch(kind, " ".join(nodes)))
     return [*switches, Switch("grid of 10 m", GRID_NODE)]
 
 

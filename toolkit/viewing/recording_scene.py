@@ -6,7 +6,8 @@
     /truth/KIND/FRAME               labelled boxes of one kind
     /detections/KIND/FRAME          detected boxes of one kind
     /hits/KIND/FRAME                true ones; /missed, /false_alarms and /ignored likewise
-    /tags/KIND/FRAME-K              class and score of a box
+    /trails/KIND/FRAME              where tracks were, if there are tracks
+    /tags/KIND/FRAME-K              class, number of the track and score of a box
 
 A node is seen if it and all nodes above it are visible."""
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 # name of the node above the boxes of an outcome
 OUTCOME_NODES: dict[Marked, str] = {name: name.replace(" ", "_") for name in MARKED}
 TAGS = "tags"
+TRAILS = "trails"
+TRAIL_WIDTH_PX = 2.0
 SHOWN_POINT_SIZE = 0.07  # m
 _HOUSING_SIZE_M = (0.4, 0.4, 0.4)  # along x, y and z
 _LABEL_RISE_M = 0.6  # height of a name above its sensor
@@ -63,6 +66,7 @@ class SceneStyle:
         scales: ranges of values that the colours span.
         max_points: maximum number of points of a cloud.
         precision: type of coordinates; float16 is half as large, in steps of 3 cm beyond 32 m.
+        has_trails: whether there are tracks with trails.
     """
 
     sensors: tuple[str, ...]
@@ -70,6 +74,7 @@ class SceneStyle:
     scales: Scales
     max_points: int
     precision: Literal["float16", "float32"] = "float32"
+    has_trails: bool = False
 
 
 def list_sensors(samples: Iterable[DrawnSample]) -> tuple[str, ...]:
@@ -81,7 +86,9 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     """Add the empty nodes above all others (sensors, groups and kinds of boxes).
 
     Returns a handle for each, with which its part of the scene is shown or hidden."""
-    groups = (*_STYLES, TAGS)  # names of nodes such as "truth", "hits" and "tags"
+    groups = [*_STYLES, TAGS]  # names of nodes such as "truth", "hits" and "tags"
+    if style.has_trails:
+        groups.append(TRAILS)
     nodes = ["/sensors", *(f"/{group}" for group in groups)]
     nodes += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
     handles: list[scene.Handle] = [scene_parts.add_group(api, node) for node in nodes]
@@ -135,6 +142,13 @@ def add_sample(
     for number, tag in enumerate(sample.tags):
         node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
         handles.append(scene_parts.add_label(api, node, tag.text, tag.place, visible=visible))
+    for kind, segments in sample.trails.items():
+        node = f"/{TRAILS}/{kind}/{frame}"
+        trail = scene_parts.add_lines(
+            api, node, segments, BOXES["detections"], width=TRAIL_WIDTH_PX, visible=visible
+        )
+        if trail is not None:  # None without segments
+            handles.append(trail)
     return handles + _add_boxes(api, sample, frame=frame, visible=visible)
 
 
@@ -174,12 +188,15 @@ def _add_boxes(
     return handles
 
 
-def nodes_of_kind(kind: str, *, outcomes: bool) -> list[str]:
-    """Paths of the nodes above all boxes and tags of one kind.
+def nodes_of_kind(kind: str, *, outcomes: bool, trails: bool = False) -> list[str]:
+    """Paths of the nodes above all boxes, tags and trails of one kind.
 
-    kind: one of `BOX_KINDS`; outcomes: whether to include the nodes of outcomes."""
-    groups = _STYLES if outcomes else BOXES
-    return [f"/{group}/{kind}" for group in (*groups, TAGS)]
+    kind: one of `BOX_KINDS`; outcomes, trails: whether to include the nodes of outcomes, and of
+    trails."""
+    groups = [*(_STYLES if outcomes else BOXES), TAGS]
+    if trails:
+        groups.append(TRAILS)
+    return [f"/{group}/{kind}" for group in groups]
 
 
 def add_grid(api: "SceneApi", area: tuple[float, float, float, float]) -> scene.Handle:

@@ -57,6 +57,7 @@ def write_still(
         figure, axes = _make_sheet(area)
         _draw_clouds(axes, sample, sensor_order, colouring, scales)
         entries = [*_draw_labels(axes, sample), *_draw_outcomes(axes, sample)]
+        _draw_trails(axes, sample)
         _draw_tags(axes, sample.tags)
         entries += _draw_sensors(axes, sample, sensor_order)
         figure.suptitle(shorten(title or sample.name, 90), fontsize=11.0)
@@ -127,6 +128,16 @@ def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
         draw_outcome(axes, boxes, outcome)
         entries.append(outcome_entry(outcome, f"{outcome} ({len(boxes)})"))
     return entries
+
+
+def _draw_trails(axes: "Axes", sample: drawn.DrawnSample) -> None:
+    """Draw where tracks were, as lines from above."""
+    colour = OUTCOME["detection"].colour
+    for segments in sample.trails.values():
+        for start, end in segments:
+            axes.plot(
+                [start[0], end[0]], [start[1], end[1]], color=colour, linewidth=1.2, zorder=3.4
+            )
 
 
 def _draw_tags(axes: "Axes", tags: Sequence[drawn.Tag]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -21,14 +22,25 @@ if TYPE_CHECKING:
     from toolkit.detection.standing import StandingScene
 
 
+@dataclass(frozen=True, kw_only=True)
+class Scope:
+    """Frames, and what is said of them."""
+
+    frames: int | None = None
+    """Number of first frames of each recording; all when left out."""
+    format: Literal["boxes", "openlabel", "kitti"] = "boxes"
+    """One JSON file (boxes), openlabel or kitti."""
+    timings: bool = False
+    """Print median, 95th and 99th percentile of the milliseconds of each stage."""
+
+
 def detect_command(
     clouds: Positional[tuple[Path, ...]],
     /,
     *,
     out: Path,
     detector: str = "general",
-    frames: int | None = None,
-    format: Literal["boxes", "openlabel", "kitti"] = "boxes",
+    scope: Scope = Scope(),
     opening: Opening = Opening(),
     place: Place = Place(),
     writing: Exchange = Exchange(),
@@ -50,15 +62,14 @@ def detect_command(
             always at the recording's site or in its empty scene; general has it if the site is
             known, or learns it if the sensors stand still over ten frames and more;
             general-background has not; +phases4 detects on four shifted grids; +float32 in exact
-            numbers even if the processor has quicker ones.
-        frames: Number of first frames of each recording; all when left out.
-        format: One JSON file (boxes), openlabel or kitti."""
+            numbers even if the processor has quicker ones."""
     from toolkit.datasets.recording_views import Part
     from toolkit.detection.detect import describe_summary, summarise, write_detections
     from toolkit.detection.exports import export_detections
     from toolkit.detection.standing import learn_standing_scene
+    from toolkit.runtime.stage_times import describe_times
 
-    check_least("--frames", frames, 1, "leave it out for all")
+    check_least("--frames", scope.frames, 1, "leave it out for all")
     if not clouds:
         raise ValueError("give clouds to detect in: files, folders or bags")
     spec = DetectorSpec.from_name(detector)
@@ -67,13 +78,13 @@ def detect_command(
     inputs = [*clouds, *opening.files]
     files = writing.check(out, inputs) if writing.to else {}
     if files:
-        _check_one_format(format, clouds)
+        _check_one_format(scope.format, clouds)
     else:
-        _check_boxes(out, format, inputs, overwrite=writing.overwrite)
+        _check_boxes(out, scope.format, inputs, overwrite=writing.overwrite)
     with ExitStack() as stack:
         recordings = [stack.enter_context(opening.open(path)) for path in clouds]
         origin = writing.place(recordings[0].site)
-        parts = [Part(recording, frames) for recording in recordings]
+        parts = [Part(recording, scope.frames) for recording in recordings]
         scenes: list[StandingScene | None] = []
         for recording, samples in zip(recordings, parts, strict=True):
             learns_scene = recording.site is None and spec.learns_scene
@@ -86,11 +97,12 @@ def detect_command(
         if files:
             written = export_detections(results, files, origin)
         else:
-            written = write_detections(results, out, format, detector=detector, level=level)
-        figures = summarise(written)
-    print_result(
-        figures | {"out": str(out)}, f"{out}: {describe_summary(figures)}", as_json=writing.json
-    )
+            written = write_detections(results, out, scope.format, detector=detector, level=level)
+        figures = summarise(written, timings=scope.timings)
+    text = f"{out}: {describe_summary(figures)}"
+    if scope.timings:
+        text += f"\n{describe_times(figures['timings'])}"
+    print_result(figures | {"out": str(out)}, text, as_json=writing.json)
     return OK
 
 

@@ -5,11 +5,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from coview import arguments
+from coview.commands.detection.evaluate_tracks import evaluate_track_file
+from coview.commands.detection.evaluation_options import Rules, Subject
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_folder, claim, print_result
@@ -28,61 +30,6 @@ if TYPE_CHECKING:
     from toolkit.detection.evaluation_result import Evaluation
     from toolkit.frame import Recording
     from toolkit.objects import Detector
-
-
-@dataclass(frozen=True)
-class Link:
-    """Link from sensors to the centre."""
-
-    codec: str = "paper"
-    """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes, as scheme
-    foreground does."""
-    step: float = 0.02
-    """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08; foreground takes a coarser one,
-    up to 0.32, for a message that would not fit one packet."""
-    rate: float | None = None
-    """Frame rate (Hz); prints each scheme's load on the link, its packets and their airtime."""
-
-
-@dataclass(frozen=True)
-class Rules:
-    """Rules of scoring."""
-
-    schemes: tuple[str, ...] | None = None
-    """Fusion schemes: early, late, hybrid, foreground; when left out, the first three at a
-    known site."""
-    sensors: tuple[str, ...] = ("all",)
-    """Sensor sets, each a comma-separated list of numbers or names, or all."""
-    classes: tuple[arguments.Label, ...] | None = None
-    """Classes to score; those that the detector knows when left out."""
-    iou: tuple[float, ...] | None = None
-    """IoU thresholds; 0.7 0.8 0.9 for vehicle and heavy, 0.25 0.5 0.7 for cyclist and pedestrian
-    when left out."""
-    metric: Literal["3d", "bev"] = "3d"
-    """IoU of volumes or of footprints."""
-    protocol: Literal["exact", "published", "measured"] | None = None
-    """Objects that count: exact, as the published code counts, or with a point (measured, usual
-    without a site)."""
-    breakdown: bool | None = None
-    """Print AP by range and points, and in other protocols; usual without a known site."""
-    radius: float | None = None
-    """Distance (m) beyond which hybrid fusion shares points; the site's when left out."""
-    link: Link = Link()
-
-
-@dataclass(frozen=True)
-class Subject:
-    """Detector and sensors to score."""
-
-    detector: str | None = None
-    """Detector: voxelnet (the site's network, or general), cluster, general, a file of weights or
-    in ONNX, or package.module:callable; +background drops what stands, +phases4 detects on four
-    shifted grids, +bfloat16 in coarser numbers."""
-    calibrate: str | None = None
-    """Reference, as in coview calibrate, to find the sensors' poses by first, or together."""
-    errors: str = "paper"
-    """Error profile of sensors that measured images: paper (their own noise), surveyed, typical,
-    glare, typical-clock, poor."""
 
 
 def evaluate_command(
@@ -110,10 +57,37 @@ def evaluate_command(
     Example: coview evaluate my-junction --schemes early late foreground --calibrate together
         --still
 
+    Example: coview evaluate street.hdf5 --tracks tracks.json
+
     Args:
         dataset: Recording made by coview simulate, one of the authors' files, or clouds in any
-            layout.
+            layout; with --tracks also KITTI's labels of tracks (.txt), or a folder of them.
         out: Folder for table.json and the PR curves."""
+    score = _evaluate_detector if subject.tracks is None else evaluate_track_file
+    return score(
+        dataset,
+        out=out,
+        subject=subject,
+        rules=rules,
+        opening=opening,
+        place=place,
+        run=run,
+        writing=writing,
+    )
+
+
+def _evaluate_detector(
+    dataset: Path,
+    *,
+    out: Path,
+    subject: Subject,
+    rules: Rules,
+    opening: Opening,
+    place: Place,
+    run: Run,
+    writing: Writing,
+) -> int:
+    """Score a detector on a recording. Arguments as in `evaluate_command`."""
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.datasets.recording_views import ReadRecording, Reads
     from toolkit.detection.evaluation import evaluate_recording
@@ -182,6 +156,8 @@ def _check_options(rules: Rules, subject: Subject) -> None:
     arguments.check_least("--radius", rules.radius, 0.0)
     arguments.check_positive("--rate", rules.link.rate)
     arguments.check_share("--step", rules.link.step)
+    if rules.similarity is not None:
+        raise ValueError("--similarity is for --tracks: leave it out")
     find_profile(subject.errors)
 
 
@@ -291,6 +267,7 @@ def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
         radius=rules.radius,
         rate=link.rate,
         breakdown=rules.breakdown,
+        timings=rules.timings,
     )
 
 

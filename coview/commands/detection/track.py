@@ -1,31 +1,31 @@
 """`coview track`: follow road users through a recording."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from tyro.conf import Positional
 
-from coview.arguments import check_ending, check_least
-from coview.commands.detection.placed_detectors import Detectors, detect_in_turn
+from coview.arguments import check_ending, check_least, check_positive
+from coview.commands.detection.detection_texts import DetectionText, read_text_alone
+from coview.commands.detection.detections_in_order import detect_in_order
+from coview.commands.detection.placed_detectors import Detectors
 from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector
 from coview.exchange import Exchange
 from coview.outputs import OK, check_file, print_result
-from coview.progress_bar import progress_bar
 from coview.recordings import Opening
+from coview.tracks import TEXT, find_sequence
 from toolkit.calibration.place import Place
 
 if TYPE_CHECKING:
     from toolkit.arrays import Float64
-    from toolkit.detection.detect import FrameDetections
-    from toolkit.objects import Detections
+    from toolkit.exchange.geo_origin import GeoOrigin
     from toolkit.tracking.tracks import Tracks
 
-MAX_INTERVAL_S = 1.0  # median time between frames; farther apart, road users are not recognised
-_FIRST_FRAMES = 3
+USUAL_DETECTOR = "general"
 ENDINGS = (".json", ".csv")
 
 
@@ -40,26 +40,11 @@ class Tracking:
     """Error profile of simulated sensors, as in coview evaluate."""
     frames: int | None = None
     """Number of first frames to use; all when left out."""
-
-
-@dataclass
-class _Tracked:
-    """Frames of a recording, in order.
-
-    Attributes:
-        names: name of each frame.
-        times: time of each frame (s).
-        detections: detections in each frame, world frame."""
-
-    names: list[str] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
-    detections: "list[Detections]" = field(default_factory=list)
-
-    def add(self, result: "FrameDetections") -> None:
-        """Add a frame."""
-        self.names.append(result.frame.name)
-        self.times.append(result.frame.time)
-        self.detections.append(result.detections)
+    detections: Path | None = None
+    """Detections to follow instead of a detector's: KITTI's tracking text, whose frames are
+    numbered as the recording's."""
+    rate: float | None = None
+    """Frames in a second, for recordings and texts without times."""
 
 
 def track_command(
@@ -67,7 +52,7 @@ def track_command(
     /,
     *,
     out: Path,
-    detector: str = "general",
+    detector: str = USUAL_DETECTOR,
     tracking: Tracking = Tracking(),
     opening: Opening = Opening(),
     place: Place = Place(),
@@ -79,89 +64,82 @@ def track_command(
 
     Example: coview track junction.bag --layout rosbag --to mcap kitti-tracking --out tracks
 
+    Example: coview track detections.txt --rate 10 --offline --out tracks.json
+
     Args:
-        recording: Folder, bag or recording in any layout, with the time of each frame.
+        recording: Folder, bag or recording in any layout, with the time of each frame; or
+            detections in KITTI's tracking text (.txt).
         out: File of tracks (.json or .csv), or what --to writes.
         detector: Detector, as in coview detect."""
-    from toolkit.datasets.recording_views import Part, ReadRecording, Reads
-    from toolkit.detection.standing import learn_standing_scene
-    from toolkit.sites.site import Site
-
     check_least("--frames", tracking.frames, 1, "leave it out for all")
+    check_positive("--rate", tracking.rate)
     spec = DetectorSpec.from_name(detector)
-    check_detector(spec)
-    inputs = [recording, *opening.files]
+    path = tracking.detections
+    is_text = recording.suffix.lower() == TEXT
+    if is_text or path is not None:
+        if detector != USUAL_DETECTOR:
+            raise ValueError("--detector does not go with detections of a text: leave it out")
+    else:
+        check_detector(spec)
+    texts = [] if path is None else [path]
+    inputs = [recording, *opening.files, *texts]
     files = writing.check(out, inputs) if writing.to else {}
     if not files:
         check_ending(out, ENDINGS, "a file of tracks")
         check_file(out, inputs=inputs, overwrite=writing.overwrite)
-    detectors = Detectors(spec, place)
-    tracked = _Tracked()
-    area = None
-    with opening.open(recording) as opened:
-        origin = writing.place(opened.site)
-        samples = Part(ReadRecording(opened, Reads(tracking.errors)), tracking.frames)
-        # the first frames show most mistakes in times before the long work
-        first_frames = range(min(_FIRST_FRAMES, len(samples)))
-        _check_times([opened[k].time for k in first_frames])
-        learns_scene = opened.site is None and spec.learns_scene
-        scene = learn_standing_scene(samples) if learns_scene else None
-        placed = detectors.choose([samples], [scene])
-        with progress_bar("frame", len(samples), hidden=writing.json) as bar:
-            for result in detect_in_turn([(samples, placed[0], scene)], bar.to):
-                tracked.add(result)
-                if isinstance(result.stand.area, Site):
-                    area = result.stand.area.area.tolist()
-    _check_times(tracked.times)
-    tracks = _follow(tracked, area, offline=tracking.offline)
+    if is_text:
+        if path is not None:
+            raise ValueError(f"{recording} holds detections already: leave --detections out")
+        followed = read_text_alone(recording, tracking.rate, tracking.frames)
+        origin = writing.place(None)
+    else:
+        with opening.open(recording) as opened:
+            origin = writing.place(opened.site)
+            if path is not None:
+                sequence = find_sequence(recording, opening)
+                text = DetectionText(path, place, sequence, tracking.rate)
+                followed = text.read(opened, tracking.frames)
+            else:
+                followed = detect_in_order(
+                    opened,
+                    Detectors(spec, place),
+                    errors=tracking.errors,
+                    frames=tracking.frames,
+                    hidden=writing.json,
+                    rate_hz=tracking.rate,
+                )
+    tracks = followed.track(offline=tracking.offline)
     if files:
-        from toolkit.exchange.instant import Instant
-        from toolkit.exchange.standards import open_writers
-
-        with open_writers(files, origin=origin) as write:
-            for time, now in zip(tracked.times, tracks, strict=True):
-                write(Instant.from_tracks(time, now))
+        _export(followed.times, tracks, files, origin)
     else:
         from toolkit.tracking.track_files import write_tracks
 
-        write_tracks(out, tracked.names, tracked.times, tracks)
+        write_tracks(out, followed.names, followed.times, tracks)
     figures = _summarise(tracks)
-    text = (
+    summary = (
         f"{out}: {figures['tracks']} road users in {figures['frames']} frames, "
         f"{figures['seconds']:.1f} s in the median"
     )
-    print_result(figures | {"out": str(out)}, text, as_json=writing.json)
+    print_result(figures | {"out": str(out)}, summary, as_json=writing.json)
     return OK
 
 
-def _check_times(times: Sequence[float]) -> None:
-    """Raise ValueError for frames without times, out of order, or too far apart."""
-    steps = np.diff(times)
-    if len(steps) and not (steps > 0).all():
-        number = int(np.argmin(steps > 0)) + 1
-        raise ValueError(
-            "tracks need frames in the order of time, each with its own, got "
-            f"{times[number]:g} s after {times[number - 1]:g} s at frame {number}"
-        )
-    if len(steps) and np.median(steps) > MAX_INTERVAL_S:
-        raise ValueError(
-            f"tracks need frames at most {MAX_INTERVAL_S:g} s apart, got {np.median(steps):g} s: "
-            "record more often, or simulate with --every 0.1"
-        )
+def _export(
+    times: Sequence[float],
+    tracks: "Sequence[Tracks]",
+    files: Mapping[str, Path],
+    origin: "GeoOrigin | None",
+) -> None:
+    """Write tracks in the formats of other programs.
 
+    times: time of each frame (s); tracks: tracks in each frame; files: file of each format by its
+    name; origin: place on earth of the world frame."""
+    from toolkit.exchange.instant import Instant
+    from toolkit.exchange.standards import open_writers
 
-def _follow(tracked: _Tracked, area: Sequence[float] | None, *, offline: bool) -> "list[Tracks]":
-    """Return the tracks in each frame. area: border of the detections, None if unknown."""
-    from toolkit.tracking.smoothing import smooth_tracks
-    from toolkit.tracking.tracker import Tracker
-
-    if offline:
-        return smooth_tracks(tracked.detections, tracked.times, area)
-    tracker = Tracker(area)
-    moments: Iterator[tuple[Detections, float]] = zip(
-        tracked.detections, tracked.times, strict=True
-    )
-    return [tracker.update(detections, time) for detections, time in moments]
+    with open_writers(files, origin=origin) as write:
+        for time, now in zip(times, tracks, strict=True):
+            write(Instant.from_tracks(time, now))
 
 
 def _summarise(tracks: "Sequence[Tracks]") -> dict[str, float]:

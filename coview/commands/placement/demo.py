@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from coview.arguments import check_least
-from coview.commands.detection.evaluate import Subject, evaluate_command
+from coview.commands.detection.evaluate import evaluate_command
+from coview.commands.detection.evaluation_options import Subject
 from coview.commands.placement.plan import Goal, StockOptions, plan_command
 from coview.commands.recordings.simulate import simulate_command
 from coview.detector_spec import DetectorSpec

@@ -14,8 +14,10 @@ from coview.detectors import check_detector, open_detector
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
+from coview.tracks import find_sequence, number_frames, read_tracks
 from toolkit.calibration.place import Corners, Level, Place
 from toolkit.datasets.recording_views import Part
+from toolkit.exchange.track_lookup import TrackLookup
 from toolkit.frame import Frame, select_sensors
 from toolkit.plots.canvas import check_picture
 from toolkit.viewing.drawing import Drawing
@@ -23,6 +25,7 @@ from toolkit.viewing.live_view import view_live
 from toolkit.viewing.recording_page import PAGE_FRAMES, write_page
 from toolkit.viewing.scene import check_viser
 from toolkit.viewing.still import write_still
+from toolkit.viewing.track_overlay import TrackOverlay
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,11 @@ class ViewOptions:
     detector: str | None = None
     """Detector to show: general, another shipped name, a weights file, or
     package.module:callable."""
+    tracks: Path | None = None
+    """File of tracks to show in place of detections, as in coview evaluate, with numbers and
+    trails."""
     score: float = 0.0
-    """Least score of detections to show."""
+    """Least score of detections or tracks to show."""
     classes: tuple[Label, ...] | None = None
     """Classes of boxes to show, labelled or detected."""
     sensors: str | None = None
@@ -57,13 +63,19 @@ class ViewOptions:
         """Parsed name of the detector, None without one."""
         return None if self.detector is None else DetectorSpec.from_name(self.detector)
 
-    def draw(self, is_unknown: bool) -> Drawing:
-        """Return the drawing of a recording. is_unknown: whether its site is unknown."""
+    def draw(self, is_unknown: bool, sequence: Path | None = None) -> Drawing:
+        """Return the drawing of a recording.
+
+        is_unknown: whether its site is unknown; sequence: KITTI's sequence whose camera a text of
+        tracks is in, None for any other recording."""
         default_level: Level = "map" if is_unknown else "none"
         place = Place(self.level or default_level, area=self.area)
         network = None if self.spec is None else open_detector(self.spec, place)
         sensors = None if self.sensors is None else sensor_set(self.sensors)
-        return Drawing(network, place, self.score, self.classes, sensors)
+        overlay = None
+        if self.tracks is not None:
+            overlay = TrackOverlay(TrackLookup(read_tracks(self.tracks, sequence)))
+        return Drawing(network, place, self.score, self.classes, sensors, overlay)
 
 
 def view_command(
@@ -89,6 +101,8 @@ def view_command(
 
     Example: coview view my-clouds --detector general --out my-clouds.html
 
+    Example: coview view street.hdf5 --tracks tracks.json
+
     Example: coview view tjunction.hdf5 --still frame.png --frame 3 --colour height
 
     Args:
@@ -99,15 +113,19 @@ def view_command(
     _check_options(shown, out, still)
     with opening.open(recording) as opened:
         frames = shown.frames if out is None else shown.frames or PAGE_FRAMES
-        samples = Part(opened, frames, shown.every)
-        drawing = shown.draw(opened.site is None)
+        sequence = None if shown.tracks is None else find_sequence(recording, opening)
+        numbered = opened if shown.tracks is None else number_frames(opened, sequence)
+        samples = Part(numbered, frames, shown.every)
+        drawing = shown.draw(opened.site is None, sequence)
         if still is not None and shown.frame >= len(samples):
             raise ValueError(
                 f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0"
             )
         if len(samples):
             select_sensors(samples[0].sensors, drawing.sensors)
-        check_file(still or out, inputs=[recording, *opening.files], overwrite=writing.overwrite)
+        tracks = [] if shown.tracks is None else [shown.tracks]
+        inputs = [recording, *opening.files, *tracks]
+        check_file(still or out, inputs=inputs, overwrite=writing.overwrite)
         if still is not None:
             _draw_still(samples[shown.frame], drawing, shown, recording.name, still, writing.json)
         elif out is not None:
@@ -127,6 +145,8 @@ def _check_options(options: ViewOptions, out: Path | None, still: Path | None) -
         raise ValueError("--out writes a page, --still a picture: give only one")
     if still is not None:
         check_picture(still)
+    if options.spec is not None and options.tracks is not None:
+        raise ValueError("--detector and --tracks both give boxes: leave one out")
     if options.spec is not None:
         check_detector(options.spec)
     if still is None:

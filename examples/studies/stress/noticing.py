@@ -14,10 +14,10 @@ import numpy as np
 
 from examples.studies.stress.channel import PERFECT, delay_frames
 from examples.studies.stress.conditions import make_conditions
-from examples.studies.stress.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.arrays import ImageMask
 from toolkit.boxes import count_points
 from toolkit.calibration.recording_scenes import Scenes
+from toolkit.centre.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
 from toolkit.detection.link.foreground import Foreground
 from toolkit.detection.link.foreground_pixels import draw_scene, standing_out

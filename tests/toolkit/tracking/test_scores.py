@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from toolkit.objects import CYCLIST, Objects
-from toolkit.tracking.scores import FramePairs, score_pairs, score_tracks
+from toolkit.tracking.frame_overlap import FramePairs
+from toolkit.tracking.scores import score_pairs, score_tracks
 from toolkit.tracking.tracks import Tracks
 
 CAR = [0.0, 0, 0.75, 4.5, 1.9, 1.5, 0.0]

@@ -91,3 +91,28 @@ def test_times_must_fit_the_frames():
         smooth_tracks([Detections.empty()] * 2, [0.0])
     with pytest.raises(ValueError, match="in the order of time"):
         smooth_tracks([Detections.empty()] * 2, [1.0, 0.0])
+
+
+def test_a_corner_that_is_left_at_the_border_does_not_turn_the_body():
+    """The last detection of a car that leaves is a small box across its course."""
+    truth = straight_drive(20)
+    frames = [detected(box) for box in truth]
+    corner = truth[-1] + np.array([0.1, 0.5, 0, -1.2, 0, 0, np.radians(80.0)])
+    frames[-1] = detected(corner)
+    tracks = smooth_tracks(frames, times_of(frames))
+    for k in range(15, 19):
+        assert abs(tracks[k].boxes[0, 6]) < np.radians(3.0)
+        assert iou_3d(tracks[k].boxes, truth[[k]])[0, 0] > 0.85
+
+
+def test_bodies_that_turn_keep_their_headings():
+    """At 2 Hz a car turns by half a radian from frame to frame."""
+    angle = 0.5 * np.arange(12)
+    truth = np.tile([0, 0, 0.75, 4.5, 1.9, 1.5, 0.0], (12, 1))
+    truth[:, 0] = 8 * np.sin(angle)
+    truth[:, 1] = 8 * (1 - np.cos(angle))
+    truth[:, 6] = np.arctan2(np.sin(angle), np.cos(angle))
+    frames = [detected(box) for box in truth]
+    tracks = smooth_tracks(frames, 0.5 * np.arange(12))
+    errors = [tracks[k].boxes[0, 6] - truth[k, 6] for k in range(12)]
+    assert np.abs(np.arctan2(np.sin(errors), np.cos(errors))).max() < np.radians(15.0)

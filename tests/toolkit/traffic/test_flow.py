@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from toolkit.traffic.flow import DRAWN_PER_HOUR, Flow, Movement, name_gates
+from toolkit.sites.gate_names import name_gates
+from toolkit.traffic.flow import DRAWN_PER_HOUR, Flow, Movement
 
 POSSIBLE = {"vehicle": {"east": ["west", "north"], "north": ["east"]}, "walker": {}}
 

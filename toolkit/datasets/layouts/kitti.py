@@ -108,11 +108,13 @@ class LabelRows(NamedTuple):
     """Labels of one frame.
 
     kinds: their types, DontCare too; values: the 14 numbers after each; ids: track of each label,
-    None if the labels have no tracks."""
+    None if the labels have no tracks; scores: of detections, NaN for a row without one, None if
+    they were not read."""
 
     kinds: list[str]
     values: Float64[np.ndarray, "n 14"]
     ids: list[str] | None = None
+    scores: Float64[np.ndarray, " n"] | None = None
 
     @staticmethod
     def parse(rows: list[list[str]], ids: list[str] | None = None) -> "LabelRows":
@@ -140,7 +142,7 @@ class LabelledView(NamedTuple):
         if labels.ids is not None:
             ids = [labels.ids[row] for row in np.flatnonzero(is_real)]
         with np.errstate(all="ignore"):
-            boxes = _parse_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
+            boxes = parse_camera_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
             frame_labels.count_full_turns(values[is_real, 13], problems)
         kinds = [kind for kind in labels.kinds if kind != DONT_CARE]
         labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
@@ -171,7 +173,7 @@ def _parse_values(row: list[str]) -> list[float]:
     return [record_values.as_number(cell) for cell in row[1:15]]
 
 
-def _parse_boxes(values: np.ndarray, lidar_SE3_camera: Pose) -> BoxRows:
+def parse_camera_boxes(values: np.ndarray, lidar_SE3_camera: Pose) -> BoxRows:
     """Boxes in the lidar's frame from labels, whose places are in the camera's frame.
 
     values: the 14 numbers of each label after its type: h w l in columns 7 to 9, x y z of the floor

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from toolkit.arrays import Pose
 from toolkit.datasets import (
     cloud_records,
     folders,
@@ -33,9 +34,10 @@ from toolkit.datasets.layouts.kitti import (
     read_calibration,
     read_image_size,
 )
+from toolkit.datasets.layouts.kitti_track_rows import parse_whole, read_track_rows
 from toolkit.datasets.origins import Middles
 from toolkit.frame import Frame
-from toolkit.runtime.reading import read_bytes
+from toolkit.geometry import invert
 
 MISSING_CLOUDS = "frames that labels refer to and that have no cloud"
 
@@ -76,11 +78,11 @@ def kitti_sequence(path: Path) -> listing.Listing:
     numbers = {}
     with record_values.name_damage(sequence.clouds, "folder of numbered clouds"):
         for name in names:
-            numbers[name] = _parse_whole(name, "the name of a cloud")
+            numbers[name] = parse_whole(name, "the name of a cloud")
     labels: dict[int, LabelRows] | None = None
     calibration = None
     if lexists(sequence.labels):
-        labels = _read_labels(sequence.labels)
+        labels = read_track_rows(sequence.labels)
         if not lexists(sequence.calibration):
             raise FileNotFoundError(
                 f"no calibration {sequence.calibration}: the boxes of {sequence.labels.name} are "
@@ -91,6 +93,14 @@ def kitti_sequence(path: Path) -> listing.Listing:
     middles = Middles({SENSOR: sequence.clouds / f"{names[0]}.bin"})
     load = partial(_load, sequence, numbers, labels, calibration, middles)
     return listing.Listing(names, load, noted={MISSING_CLOUDS: len(strays)})
+
+
+def find_camera(path: Path) -> Pose:
+    """Return the pose world_SE3_camera of the labelled camera of a sequence.
+
+    Raises the errors of `kitti_sequence`, and OSError for a missing calibration."""
+    calibration = read_calibration(_find_sequence(path).calibration)
+    return invert(calibration.camera_SE3_lidar)
 
 
 def _find_sequence(path: Path) -> _Sequence:
@@ -109,32 +119,6 @@ def _find_sequence(path: Path) -> _Sequence:
     raise FileNotFoundError(
         f"{path} is no sequence of KITTI's tracking: it has no velodyne/SEQUENCE/*.bin"
     )
-
-
-def _read_labels(path: Path) -> dict[int, LabelRows]:
-    """Read the labels of each frame."""
-    rows: dict[int, list[list[str]]] = {}
-    with record_values.name_damage(path, "list of labels"):
-        for line in read_bytes(path).decode("utf-8-sig").splitlines():
-            cells = line.split()
-            if not cells:
-                continue
-            if len(cells) not in (17, 18):
-                raise ValueError(f"a line must have 17 or 18 entries, got {len(cells)}")
-            rows.setdefault(_parse_whole(cells[0], "frame"), []).append(cells)
-        labels = {}
-        for number, cells_of_frame in rows.items():
-            ids = [str(_parse_whole(cells[1], "track")) for cells in cells_of_frame]
-            labels[number] = LabelRows.parse([cells[2:] for cells in cells_of_frame], ids)
-    return labels
-
-
-def _parse_whole(text: str, name: str) -> int:
-    """Parse a whole number. Raises ValueError that names it."""
-    value = record_values.as_number(text, name)
-    if value != np.trunc(value) or not abs(value) < 2**31:
-        raise ValueError(f"{name} must be a whole number, got {text[:40]!r}")
-    return int(value)
 
 
 def _load(

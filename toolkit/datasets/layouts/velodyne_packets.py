@@ -43,7 +43,7 @@ class VelodyneCapture:
 
     def decode(self) -> Iterator[Sweep]:
         """Yield all sweeps, each from azimuth 0 on."""
-        decoders = {address: _make_decoder(last) for address, last in self.models.items()}
+        decoders = {address: make_velodyne_decoder(last) for address, last in self.models.items()}
         counts: Counter[str] = Counter()
         with name_damage(self.path, "capture", (Exception,)):
             for time_s, address, data in read_packets(self.path):
@@ -63,14 +63,21 @@ class VelodyneCapture:
         points = np.array(table)
         name = self._name(address)
         counts[name] += 1
-        columns = {
-            "positions": np.column_stack([points["x"], points["y"], points["z"]]),
-            "intensity": points["intensity"],
-            "ring": points["ring"],
-            "time_s": points["time"],
-        }
+        columns = list_sweep_columns(points)
         is_partial = len(points) > 0 and _measure_turn(points) < _MIN_TURN_RAD
         return Sweep(name, counts[name] - 1, float(stamp.host), columns, is_partial)
+
+
+def list_sweep_columns(points: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of a decoded turn by the names of `Sweep.columns`.
+
+    points: structured array of velodyne-decoder."""
+    return {
+        "positions": np.column_stack([points["x"], points["y"], points["z"]]),
+        "intensity": points["intensity"],
+        "ring": points["ring"],
+        "time_s": points["time"],
+    }
 
 
 def _measure_turn(points: np.ndarray) -> float:
@@ -82,7 +89,7 @@ def _measure_turn(points: np.ndarray) -> float:
     return float(2 * np.pi - gaps.max())
 
 
-def _make_decoder(last_byte: int) -> Any:
+def make_velodyne_decoder(last_byte: int) -> Any:
     """Make the decoder of a sensor's packets."""
     import velodyne_decoder
 

@@ -33,6 +33,21 @@ def test_cars_are_found_in_a_folder_of_clouds(clouds, tmp_path, run):
     assert near.mean() > 0.5
 
 
+def test_times_of_stages_are_stated_when_asked_for(clouds, tmp_path, run):
+    asked = ("detect", clouds, "--level", "plane", "--area", -40, -20, 40, 20)
+    _, text, _ = run(*asked, "--out", tmp_path / "a.json", "--timings")
+    assert [line.split(":")[0] for line in text.splitlines()[1:]] == [
+        *("read", "fuse", "level", "detect")
+    ]
+    _, said, _ = run(*asked, "--out", tmp_path / "b.json", "--timings", "--json")
+    summary = json.loads(said)
+    assert set(summary["timings"]["detect"]) == {"median", "p95", "p99"}
+    assert summary["timings"]["detect"]["median"] == pytest.approx(summary["detect_ms"], abs=0.01)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    _, said, _ = run(*asked, "--out", tmp_path / "c.json", "--json")
+    assert "timings" not in json.loads(said)
+
+
 def test_shifted_grids_are_asked_for_by_number(clouds, tmp_path, run, refused):
     asked = ("detect", clouds, "--level", "plane", "--area", -40, -20, 40, 20, "--json", "--out")
     names = ("general", "general+phases3", "general+float32+phases3")

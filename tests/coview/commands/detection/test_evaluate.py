@@ -228,6 +228,18 @@ def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
     )
 
 
+def test_times_of_stages_are_stated_by_scheme_when_asked_for(ours, recording, tmp_path, run):
+    asked = ("evaluate", recording, "--detector", "our_detectors:detect", "--schemes", "early")
+    _, said, _ = run(*asked, "--timings", "--out", tmp_path / "a", "--json")
+    times = json.loads(said)["schemes"]["early"]["timings"]
+    assert list(times) == ["read", "level", "fuse"]
+    assert 0 < times["fuse"]["median"] <= times["fuse"]["p95"] <= times["fuse"]["p99"]
+    _, text, _ = run(*asked, "--timings", "--out", tmp_path / "b")
+    assert "times of early:\nread: " in text
+    _, said, _ = run(*asked, "--out", tmp_path / "c", "--json")
+    assert "timings" not in json.loads(said)["schemes"]["early"]
+
+
 def test_classes_restrict_the_rows_and_a_network_has_all_by_default(recording, tmp_path, run):
     arguments = ("evaluate", recording, "--frames", 1, "--schemes", "early", "--out", tmp_path)
     code, out, _ = run(*arguments, "--classes", "pedestrian", "--json")

@@ -2,10 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from toolkit.datasets.recording_views import read
 from toolkit.datasets.recordings import write_recording
+from toolkit.tracking.track_files import write_tracks
+from toolkit.tracking.tracks import Tracks
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +99,28 @@ def test_without_viser_it_says_what_to_install(recording, run, without_packages)
     code, _, err = run("view", recording)
     assert code == 3
     assert "pip install coview[report]" in err
+
+
+def test_tracks_have_numbers_and_trails(recording, tmp_path, run, refused):
+    frames = list(read(recording, "hdf5"))
+    tracks = []
+    for frame in frames:
+        objects = frame.objects
+        tracks.append(Tracks(objects.boxes, np.ones(len(objects)), objects.labels, ids=objects.ids))
+    path = tmp_path / "tracks.json"
+    names = [frame.name for frame in frames]
+    times = [frame.time for frame in frames]
+    write_tracks(path, names, times, tracks)
+    out = tmp_path / "view.html"
+    options = ("--tracks", path, "--frames", 2)
+    code, said, _ = run("view", recording, *options, "--out", out, "--json")
+    assert code == 0
+    page = out.read_text()
+    assert "/trails" in page
+    assert f"{len(frames[0].objects)} detected" in json.loads(said)["said"][0]
+    still = tmp_path / "view.png"
+    assert run("view", recording, *options, "--frame", 1, "--still", still)[0] == 0
+    assert "both give boxes" in refused("view", recording, *options, "--detector", "general")
+    write_tracks(path, names[1:], times[1:], tracks[1:])
+    line = refused("view", recording, *options, "--still", still, "--overwrite")
+    assert "lacks frame '000000' at" in line

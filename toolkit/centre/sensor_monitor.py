@@ -43,6 +43,7 @@ class Fault(Enum):
     """Kinds of failure of a sensor."""
 
     SILENT = "silent"
+    LATE = "late"
     FROZEN = "frozen"
     BLINDED = "blinded"
     SHIFTED = "shifted"

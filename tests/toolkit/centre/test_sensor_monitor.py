@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from examples.studies.stress.sensor_monitor import (
-    Fault,
-    SensorMonitor,
-    Shown,
-    farther,
-    standing_before,
-)
 from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.centre.sensor_monitor import Fault, SensorMonitor, Shown, farther, standing_before
 from toolkit.geometry import look
 from toolkit.sensors.models import DepthCamera
 from toolkit.sensors.sensor import Sensor

@@ -1,0 +1,160 @@
+"""Parts of a running centre, opened as its configuration asks for them."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from coview.detector_spec import DetectorSpec
+from coview.detectors import check_detector
+from coview.recordings import Opening
+
+if TYPE_CHECKING:
+    from toolkit.calibration.empty_scene import EmptyScene
+    from toolkit.calibration.recording_scenes import LearntScene
+    from toolkit.centre.centre_config import CentreConfig, InputConfig
+    from toolkit.centre.centre_run import CentreParts
+    from toolkit.centre.running_centre import Detection
+    from toolkit.frame import Recording
+    from toolkit.sites.site import Site
+
+_INTERVAL_S = 0.1  # if neither input nor configuration states it
+_LEARNT_IMAGES = 64  # from which a sensor's empty scene is learnt
+
+
+@contextmanager
+def open_centre(config: "CentreConfig") -> "Iterator[CentreParts]":
+    """Open the inputs, the detector and the empty scenes of a centre for a block.
+
+    Raises the errors of the readers, of `coview.detectors.open_detector` and of the writers."""
+    spec = DetectorSpec.from_name(config.detector)
+    check_detector(spec)
+    config.output.make_writer()  # refuses wrong formats before long work
+    match config.inputs[0].kind:
+        case "recording":
+            with _open_recording(config.inputs[0]) as recording:
+                yield _place_backgrounds(_replay(config, spec, recording), config)
+        case "junction":
+            yield _place_backgrounds(_simulate(config, spec), config)
+        case "velodyne":
+            yield _place_backgrounds(_listen(config, spec), config)
+
+
+@contextmanager
+def _open_recording(source: "InputConfig") -> "Iterator[Recording]":
+    """Open the recording of an input for a block."""
+    opening = Opening(layout=source.layout, poses=source.poses, site=source.site or None)
+    with opening.open(source.path) as recording:
+        yield recording
+
+
+def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") -> "CentreParts":
+    """Return the parts of a centre that replays a recording."""
+    from coview.commands.detection.placed_detectors import Detectors
+    from toolkit.calibration.recording_scenes import Scenes
+    from toolkit.centre.centre_run import CentreParts
+    from toolkit.centre.recording_input import RecordingInput
+    from toolkit.centre.running_centre import Detection
+    from toolkit.datasets.recording_views import ReadRecording, Reads
+    from toolkit.detection.standing import learn_standing_scene
+
+    frames = ReadRecording(recording, Reads(config.inputs[0].errors))
+    source = RecordingInput(frames)
+    is_known = config.place.at(recording.site)
+    learns_scene = recording.site is None and spec.learns_scene
+    scene = learn_standing_scene(frames) if learns_scene else None
+    (placed,) = Detectors(spec, config.place).choose([recording], [scene])
+    return CentreParts(
+        [source],
+        Detection(
+            placed.detector, placed.place, site=recording.site if is_known else None, scene=scene
+        ),
+        config.interval_s or source.interval_s,
+        source.spread_s,
+        scenes=Scenes(frames, sample=_LEARNT_IMAGES).every,
+        speed=config.speed,
+        sample=frames[0],
+    )
+
+
+def _simulate(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
+    """Return the parts of a centre at a simulated junction."""
+    from toolkit.calibration.empty_scene import EmptyScene
+    from toolkit.centre.centre_run import CentreParts
+    from toolkit.centre.junction_input import JunctionInput
+    from toolkit.frame import Frame
+    from toolkit.objects import Objects
+    from toolkit.rendering.renderer import Renderer
+    from toolkit.sites.files import load_site
+
+    row = config.inputs[0]
+    site = load_site(row.site)
+    interval_s = config.interval_s or _INTERVAL_S
+    source = JunctionInput(site, interval_s, row.seconds, row.seed)
+    backgrounds = Renderer(site, (), site.sensors, threads=1).background
+    scenes = [
+        EmptyScene.from_render(sensor, image)
+        for sensor, image in zip(site.sensors, backgrounds, strict=True)
+    ]
+    return CentreParts(
+        [source],
+        _detect_at_site(spec, site),
+        interval_s,
+        scenes=_wrap_scenes(scenes),
+        speed=config.speed,
+        sample=Frame(site.sensors, backgrounds, Objects.empty()),
+    )
+
+
+def _detect_at_site(spec: DetectorSpec, site: "Site") -> "Detection":
+    """Return the detector of a known site."""
+    from coview.detectors import open_detector
+    from toolkit.centre.running_centre import Detection
+
+    return Detection(open_detector(spec.in_bfloat16(), site), site=site)
+
+
+def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
+    """Return the parts of a centre of lidars that send packets."""
+    from coview.detectors import open_detector
+    from toolkit.centre.centre_run import CentreParts
+    from toolkit.centre.running_centre import Detection
+    from toolkit.centre.sensor_message import SensorSetup
+    from toolkit.centre.velodyne_input import VelodyneInput
+
+    place = replace(config.place, level=config.place.level or "map")
+    inputs = []
+    for row in config.inputs:
+        pose = config.setups.get(row.name, SensorSetup()).pose
+        inputs.append(VelodyneInput(row.name, row.port, pose, row.address))
+    return CentreParts(
+        inputs,
+        Detection(open_detector(spec.in_bfloat16(), place), place),
+        config.interval_s or _INTERVAL_S,
+        config.interval_s or _INTERVAL_S,  # lidars turn freely
+    )
+
+
+def _place_backgrounds(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
+    """Return parts with the configuration's files, poses, clocks and empty scenes."""
+    from toolkit.calibration.scene_files import load_empty_scenes
+
+    given = []
+    for name, path in config.backgrounds.items():
+        scenes = [scene for scene in load_empty_scenes(path) if scene.name == name]
+        if not scenes:
+            raise ValueError(f"{path} has no empty scene of {name!r}: learn it again")
+        given += scenes
+    return replace(
+        parts,
+        setups=config.setups,
+        output=config.output,
+        scenes={**parts.scenes, **_wrap_scenes(given)},
+    )
+
+
+def _wrap_scenes(scenes: "Sequence[EmptyScene]") -> "dict[str, LearntScene]":
+    """Return given empty scenes by sensor."""
+    from toolkit.calibration.recording_scenes import Scenes
+
+    return Scenes((), given=scenes).every if scenes else {}

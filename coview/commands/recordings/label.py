@@ -1,0 +1,139 @@
+"""`coview label`: tracks as labels of a recording, for an annotator to correct."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.conf import Positional
+
+from coview.arguments import check_least
+from coview.outputs import OK, Writing, check_empty_folder, check_file, print_result
+from coview.progress_bar import progress_bar
+from coview.recordings import Opening
+from coview.tracks import find_sequence, number_frames, read_tracks
+from toolkit.datasets.recordings import find_layout
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from toolkit.detection.label_doubts import DoubtfulTrack
+    from toolkit.exchange.track_lookup import TrackLookup
+    from toolkit.frame import Frame, Recording
+
+LISTED = 5  # most doubtful tracks that are printed
+
+
+def label_command(
+    recording: Positional[Path],
+    /,
+    *,
+    tracks: Path,
+    out: Path,
+    to: str = "sustech",
+    frames: int | None = None,
+    opening: Opening = Opening(),
+    writing: Writing = Writing(),
+) -> int:
+    """Write tracks as labels of a recording, and a list of them with the most doubtful first.
+
+    An annotator corrects them in a tool that reads the layout; coview reads them back. The list is
+    written next to the labels, as NAME-doubtful.csv.
+
+    Example: coview label my-log --layout argoverse --tracks tracks.json --out labelled
+
+    Example: coview label my-clouds --tracks tracks.json --out my-clouds/labels.json
+
+    Args:
+        recording: Recording in any layout.
+        tracks: File of tracks, as in coview evaluate; offline tracks are the surest.
+        out: Folder of clouds and labels, or file of labels (.json) for a folder of clouds.
+        to: Layout of the folder: sustech (SUSTechPOINTS), openlabel, kitti, folder, or another one
+            that coview convert writes.
+        frames: Number of first frames; all when left out."""
+    from toolkit.datasets.recording_views import Part
+    from toolkit.detection.label_doubts import format_doubts, rank_doubts
+    from toolkit.exchange.track_lookup import TrackLookup
+    from toolkit.runtime.writing import write_text
+
+    check_least("--frames", frames, 1, "leave it out for all")
+    is_file = out.suffix.lower() == ".json"
+    target = find_layout(to)
+    if target.file:
+        raise ValueError(f"--to {to} is no folder that annotators open: give sustech or openlabel")
+    write = _write_labels if is_file else target.write
+    worst = out.with_name(f"{out.stem if is_file else out.name}-doubtful.csv")
+    inputs = [recording, tracks, *opening.files]
+    check = check_file if is_file else check_empty_folder
+    check(out, inputs=inputs, overwrite=writing.overwrite)
+    check_file(worst, inputs=inputs, overwrite=writing.overwrite)
+    with opening.open(recording) as opened:
+        sequence = find_sequence(recording, opening)
+        lookup = TrackLookup(read_tracks(tracks, sequence))
+        samples = Part(number_frames(opened, sequence), frames)
+        with progress_bar("frame", len(samples), hidden=writing.json) as bar:
+            is_part = len(samples) < len(opened)
+            written = write(_label_frames(samples, lookup, bar.to, is_part=is_part), out)
+    doubts = rank_doubts(lookup.list_used())
+    write_text(worst, format_doubts(doubts))
+    figures = {
+        "out": str(out),
+        "frames": written,
+        "tracks": len(doubts),
+        "doubtful": str(worst),
+        "worst": [track._asdict() for track in doubts[:LISTED]],
+    }
+    text = f"{out}: {written} frames, {len(doubts)} road users\n{_describe(doubts[:LISTED])}"
+    print_result(figures, f"{text}all in {worst}", as_json=writing.json)
+    return OK
+
+
+def _label_frames(
+    samples: "Recording", lookup: "TrackLookup", progress: Callable[[int], None], *, is_part: bool
+) -> "Iterator[Frame]":
+    """Yield frames whose objects are the tracks of a file.
+
+    progress: called with the number of frames done; is_part: True if the recording goes on after
+    these frames. Raises ValueError, by name, for a frame that a complete file lacks, and for frames
+    of the file that the recording does not have."""
+    from toolkit.exchange.track_lookup import FrameKey
+    from toolkit.frame import OtherObjects
+    from toolkit.objects import Objects
+
+    key = FrameKey(-1, "", float("nan"))
+    for done in range(len(samples)):
+        frame = samples[done]
+        key = FrameKey(frame.index, frame.name, frame.time)
+        tracks = lookup.find(key)
+        if tracks is None and lookup.file.is_complete:
+            raise ValueError(
+                f"{lookup.file.path} lacks frame {key.describe()}: track the whole recording, or "
+                "pass --frames"
+            )
+        objects = Objects.empty()
+        if tracks is not None:
+            objects = Objects(tracks.boxes, tracks.labels, tracks.ids)
+        progress(done + 1)
+        yield replace(frame, objects=objects, categories=(), counts=None, others=OtherObjects())
+    lookup.check_all_used(len(samples), key if is_part else None)
+
+
+def _write_labels(frames: "Iterator[Frame]", out: Path) -> int:
+    """Write the objects of frames as a file of boxes; return the number of frames."""
+    from toolkit.datasets.box_files import boxes_record, write_boxes
+
+    entries = [boxes_record(frame.name, frame.time, frame.objects) for frame in frames]
+    write_boxes(out, entries)
+    return len(entries)
+
+
+def _describe(doubts: "Sequence[DoubtfulTrack]") -> str:
+    """Lines for some tracks and the doubts about them."""
+    lines = []
+    for track in doubts:
+        reasons = ", ".join(track.reasons) or "nothing in particular"
+        span = f"frames {track.first} to {track.last}"
+        lines.append(
+            f"  {track.label} {track.number}: doubt {track.doubt:.2f}, {reasons}, {span}\n"
+        )
+    return "".join(lines)

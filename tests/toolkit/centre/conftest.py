@@ -1,0 +1,136 @@
+"""Clock and messages of a centre that takes no time, and a small junction of two cameras."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.calibration.place import Place
+from toolkit.calibration.recording_scenes import LearntScene
+from toolkit.centre.running_centre import CentreFrame, Detection, RunningCentre
+from toolkit.centre.sensor_message import SensorMessage
+from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
+from toolkit.centre.synchroniser import Synchroniser
+from toolkit.geometry import look
+from toolkit.objects import Detections
+from toolkit.sensors.models import DepthCamera
+from toolkit.sensors.sensor import Sensor
+
+INTERVAL_S = 0.1
+MODEL = DepthCamera(width=80, height=60, stride=1)
+SENSORS = {
+    name: Sensor(name, MODEL, look((x, 0.0, 6.0), 0.0, 0.5))
+    for name, x in (("a", -8.0), ("b", 0.0), ("c", 8.0))
+}
+EMPTY = np.full(MODEL.shape, 20.0, np.float32)
+EMPTY[:10] = 0  # sky
+
+
+class ManualClock:
+    """Clock that stands until it is moved."""
+
+    speed = 1.0
+
+    def __init__(self, time_s: float = 0.0) -> None:
+        self.time_s = time_s
+
+    def now(self) -> float:
+        return self.time_s
+
+    def wait(self, time_s: float, stop: object) -> None:
+        self.time_s = max(self.time_s, time_s)
+
+
+class ScriptedSource:
+    """Messages that arrive at their time on a manual clock, which a wait moves on."""
+
+    def __init__(self, messages: Sequence[SensorMessage], clock: ManualClock) -> None:
+        self.drops: Counter[str] = Counter()
+        self._messages = sorted(messages, key=lambda message: message.arrival_s)
+        self._clock = clock
+        self._end_s = self._messages[-1].arrival_s + 1.0
+
+    def take(self, wait_s: float) -> list[SensorMessage] | None:
+        if self._clock.time_s > self._end_s:
+            return None
+        next_s = self._messages[0].arrival_s if self._messages else np.inf
+        self._clock.time_s = max(self._clock.time_s, min(next_s, self._clock.time_s + wait_s))
+        now = [m for m in self._messages if m.arrival_s <= self._clock.time_s + 1e-9]
+        self._messages = self._messages[len(now) :]
+        return now
+
+
+def measure(name: str, k: int, image: np.ndarray = EMPTY, delay_s: float = 0.0) -> SensorMessage:
+    """Message k of a camera, with its noise."""
+    rng = np.random.default_rng([k, ord(name)])
+    time_s = INTERVAL_S * k
+    return SensorMessage(name, time_s, time_s + delay_s, MODEL.noisy(image, rng))
+
+
+def nobody(points: np.ndarray) -> Detections:
+    return Detections.empty()
+
+
+class Run:
+    """Frames and events of a centre over scripted messages."""
+
+    def __init__(
+        self,
+        messages: Sequence[SensorMessage],
+        detector: Callable[[np.ndarray], Detections] = nobody,
+        clock: ManualClock | None = None,
+        patience_s: float = 0.05,
+    ) -> None:
+        clock = clock or ManualClock()
+        self.events: list[FaultEvent] = []
+        scenes = {
+            name: LearntScene(EmptyScene.from_render(sensor, EMPTY))
+            for name, sensor in SENSORS.items()
+        }
+        self.written: list[float] = []
+        self.synchroniser = Synchroniser(INTERVAL_S, patience_s)
+        self.centre = RunningCentre(
+            SENSORS,
+            Detection(detector, Place("none", area=(-20.0, -20.0, 20.0, 20.0))),
+            synchroniser=self.synchroniser,
+            watch=SensorWatch(SENSORS, start_s=0.0, interval_s=INTERVAL_S, scenes=scenes),
+            clock=clock,
+            write=lambda instant: self.written.append(instant.time_s),
+            tick=lambda now_s, events: self.events.extend(events),
+        )
+        self.frames: list[CentreFrame] = list(self.centre.run(ScriptedSource(messages, clock)))
+
+    def named(self) -> list[tuple[str, str | None, float]]:
+        """Sensor, fault and time of each event before the source fell silent."""
+        end_s = self.frames[-1].frame.time + 0.2
+        return [
+            (event.sensor, event.fault and event.fault.value, round(event.time_s, 3))
+            for event in self.events
+            if event.time_s < end_s
+        ]
+
+
+@pytest.fixture(scope="session")
+def scripted():
+    """Makes a run of a centre over messages."""
+    return Run
+
+
+@pytest.fixture(scope="session")
+def message():
+    """Makes message k of camera a, b or c."""
+    return measure
+
+
+@pytest.fixture(scope="session")
+def manual_clock():
+    """Clock that stands until it is moved."""
+    return ManualClock
+
+
+@pytest.fixture(scope="session")
+def empty_image():
+    """Image of each camera without road users."""
+    return EMPTY

@@ -1,0 +1,134 @@
+"""Counts of ways whose movements, speeds and dwell times are known."""
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from toolkit.counting.arms import find_arms, find_crossing
+from toolkit.counting.counts import compare_counts, count_street, match_trips, wilson_interval
+from toolkit.counting.trajectories import collect_trajectories, split_trajectories
+from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Objects
+from toolkit.sites.files import load_site
+from toolkit.tracking.tracks import Tracks
+
+SITE = load_site("tjunction")
+ARMS = find_arms(SITE)
+TIMES = np.round(np.arange(0, 60, 0.1), 6)
+
+
+def test_arms_are_where_roads_leave_the_area():
+    assert {arm.name for arm in ARMS} == {"south", "east", "north"}
+    for arm in ARMS:
+        on_border = np.isclose(arm.point, SITE.area[:2], atol=0.2) | np.isclose(
+            arm.point, SITE.area[2:], atol=0.2
+        )
+        assert on_border.any()
+    assert len(find_arms(load_site("roundabout"))) == 4
+
+
+def test_a_crossing_is_straight_on_and_soon():
+    area = np.array([-10.0, -10, 10, 10])
+    np.testing.assert_allclose(find_crossing(np.array([7.0, 1]), np.array([3.0, 0]), area), [10, 1])
+    assert find_crossing(np.array([0.0, 1]), np.array([3.0, 0]), area) is None
+    assert find_crossing(np.array([9.0, 1]), np.array([0.0, 0]), area) is None
+
+
+def drive(name, label, points, times):
+    """Rows of a road user at given places."""
+    boxes = np.zeros((len(times), 7))
+    boxes[:, :2] = points
+    boxes[:, 3:6] = (4.5, 1.9, 1.5)
+    step = np.gradient(points, axis=0)
+    boxes[:, 6] = np.arctan2(step[:, 1], step[:, 0])
+    return name, label, boxes, times
+
+
+def join(*users):
+    ids = np.concatenate([np.full(len(times), name) for name, _, _, times in users])
+    labels = np.concatenate([np.full(len(times), label) for _, label, _, times in users])
+    boxes = np.concatenate([boxes for _, _, boxes, _ in users])
+    seconds = np.concatenate([times for _, _, _, times in users])
+    order = np.argsort(seconds, kind="stable")
+    return split_trajectories(ids[order], labels[order], boxes[order], seconds[order])
+
+
+def along(x, y, count):
+    return np.stack([np.broadcast_to(x, count), np.broadcast_to(y, count)], axis=1).astype(float)
+
+
+def streets():
+    """One along +x, to the north, at 8 m/s, one that stands 10 s, one first seen inside."""
+    ten = TIMES[:100]
+    through = drive(1, VEHICLE, along(np.linspace(-39.9, 39.3, 100), 13.6, 100), ten)
+    x = np.concatenate(
+        [np.linspace(-39.9, -20, 50), np.full(100, -20), np.linspace(-20, 39.9, 150)]
+    )
+    waiting = drive(2, HEAVY, along(x, 13.6, 300), TIMES[100:400])
+    inside = drive(3, CYCLIST, along(np.linspace(0, 39.9, 80), 12.0, 80), TIMES[200:280])
+    return through, waiting, inside
+
+
+def test_movements_speeds_dwell_and_queues():
+    counts = count_street(join(*streets()), SITE, ARMS, TIMES.tolist())
+    through, waiting = sorted(counts.movements, key=lambda row: row.label, reverse=True)
+    assert (through.label, through.entry, through.exit, through.count) == (
+        *("vehicle", "south", "north"),
+        1,
+    )
+    assert through.speed_km_h == pytest.approx(8 * 3.6, rel=0.02)
+    assert through.dwell_s == pytest.approx(9.9)
+    assert waiting.dwell_s == pytest.approx(29.9)
+    assert counts.partial["cyclist"] == 1
+    assert counts.total("vehicle", "heavy") == 2
+    (queue,) = counts.queues
+    assert (queue.entry, queue.longest) == ("south", 1)
+    assert queue.mean == pytest.approx(100 / len(TIMES), rel=0.1)
+    assert counts.seconds == pytest.approx(TIMES[-1])
+
+
+def test_parked_vehicles_are_no_trips():
+    parked = drive(1, VEHICLE, along(0.0, 0.0, 600), TIMES)
+    counts = count_street(join(parked), SITE, ARMS, TIMES.tolist())
+    assert counts.movements == ()
+    assert sum(counts.partial.values()) == 0
+    assert counts.queues == ()
+
+
+def test_errors_are_counts_minus_true_counts():
+    through, waiting, inside = streets()
+    truth = count_street(join(through, waiting, inside), SITE, ARMS, TIMES.tolist())
+    late = through[0], through[1], through[2], through[3] + 0.5
+    counts = count_street(join(late), SITE, ARMS, TIMES.tolist())
+    rows = {row.label: row for row in compare_counts(counts, truth)}
+    assert (rows["vehicle"].count, rows["vehicle"].true_count) == (1, 1)
+    assert (rows["heavy"].count, rows["heavy"].true_count) == (0, 1)
+    assert np.isnan(rows["heavy"].speed_km_h)
+    assert match_trips(counts, truth, "vehicle", "heavy") == (1, 1, 2)
+    much_later = through[0], through[1], through[2], through[3] + 20
+    counts = count_street(join(much_later), SITE, ARMS, TIMES.tolist())
+    assert match_trips(counts, truth, "vehicle", "heavy") == (0, 1, 2)
+    assert match_trips(counts, truth, "cyclist") == (0, 0, 0)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 5), (9, 10), (40, 41), (7, 7)])
+def test_wilson_s_interval_is_scipy_s(successes, trials):
+    expected = binomtest(successes, trials).proportion_ci(method="wilson")
+    assert wilson_interval(successes, trials) == pytest.approx(tuple(expected), abs=1e-6)
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+def test_trajectories_of_objects_and_of_tracks_that_are_sure():
+    boxes = np.array([[0.0, 0, 1, 4, 2, 1.5, 0], [5, 5, 1, 4, 2, 1.5, 0]])
+    moved = boxes + np.array([0.5, 0, 0, 0, 0, 0, 0])
+    ids = np.array([4, 2])
+    users = collect_trajectories(
+        [Objects(boxes, ids=ids), Objects(moved[::-1], ids=ids[::-1])], [0.0, 0.1]
+    )
+    assert [user.id for user in users] == [2, 4]
+    assert users[0].velocities[:, 0] == pytest.approx([5.0, 5.0])
+    scores = np.array([0.9, 0.1])
+    tracks = [Tracks(boxes, scores, ids=ids), Tracks(moved, scores, ids=ids)]
+    assert [user.id for user in collect_trajectories(tracks, [0.0, 0.1])] == [4]
+    assert collect_trajectories([Objects.empty()], [0.0]) == []
+    with pytest.raises(ValueError, match="each frame needs a time"):
+        collect_trajectories([], [0.0])

@@ -1,0 +1,129 @@
+"""Giving way: nobody overlaps, walkers wait at kerbs, pass each other, or are refused."""
+
+import numpy as np
+import pytest
+import shapely
+
+from toolkit.boxes import footprints
+from toolkit.objects import PEDESTRIAN, VEHICLE
+from toolkit.sites.site import Site
+from toolkit.traffic.obstacles import Obstacles
+from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
+from toolkit.traffic.right_of_way import Course, give_way
+from toolkit.traffic.road_lanes import distance_to_area
+
+AREA = np.array([-40.0, -20, 40, 20])
+WALKER = np.array([0.5, 0.6, 1.75])
+CAR = np.array([4.6, 1.9, 1.5])
+LAST = 900
+
+
+@pytest.fixture
+def occupancy():
+    return Occupancy(AREA, Obstacles(Site("plain", AREA)), np.zeros((0, 7)), LAST)
+
+
+def straight(start, velocity, first, steps, *, size=WALKER, label=PEDESTRIAN):
+    points = np.array(start) + 0.1 * np.outer(np.arange(steps), velocity)
+    yaw = np.full(steps, np.arctan2(velocity[1], velocity[0]))
+    return Course(first, np.column_stack([points, yaw]), size, label)
+
+
+def placed(course, occupancy):
+    """Poses of a body that finds a way."""
+    poses = give_way(course, occupancy)
+    assert poses is not None
+    return poses
+
+
+def touch(one, one_course, other, other_course):
+    """True if two bodies overlap at some step while both can be seen."""
+    begin = max(one_course.first, other_course.first)
+    end = min(one_course.first + len(one), other_course.first + len(other))
+    shapes = []
+    is_seen = np.ones(end - begin, bool)
+    for poses, course in ((one, one_course), (other, other_course)):
+        boxes = size_boxes(poses[begin - course.first : end - course.first], course.size)
+        shapes.append(shapely.polygons(footprints(boxes)))
+        is_seen = is_seen & (distance_to_area(boxes[:, :2], AREA) < 10)
+    return shapely.intersects(*shapes)[is_seen].any()
+
+
+def test_who_meets_nobody_goes_as_planned(occupancy):
+    course = straight((-45, 0), (1.4, 0), 0, 700)
+    assert give_way(course, occupancy) is course.poses
+    assert occupancy.find_conflict(size_boxes(course.poses, WALKER), 0) == 0
+
+
+def test_a_walker_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
+    cars = [
+        straight((-60, 0), (10, 0), 80 + 25 * k, 160, size=CAR, label=VEHICLE) for k in range(6)
+    ]
+    for car in cars:
+        assert give_way(car, occupancy) is car.poses
+    walker = straight((2, -30), (0, 1.4), 0, 500)
+    poses = placed(walker, occupancy)
+    for car in cars:
+        assert not touch(poses, walker, car.poses, car)
+    assert 500 < len(poses) < 650
+    acceleration = np.hypot(*np.diff(poses[:, :2], n=2, axis=0).T) / 0.01
+    assert acceleration.max() < 5
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    standing = poses[1:][steps < 0.01]
+    assert (np.abs(standing[:, 1]) > 1.2).all()  # not on the lane
+
+
+def test_walkers_who_meet_head_on_step_aside(occupancy):
+    one = straight((-45, 0), (1.4, 0), 0, 700)
+    other = straight((45, 0.1), (-1.3, 0), 0, 750)
+    assert give_way(one, occupancy) is one.poses
+    poses = placed(other, occupancy)
+    assert not touch(poses, other, one.poses, one)
+    assert np.abs(poses[:, 1] - 0.1).max() < 1.3
+    assert poses[-1, 0] == pytest.approx(other.poses[-1, 0], abs=0.5)
+
+
+def test_a_car_follows_a_slower_one(occupancy):
+    slow = straight((-60, 0), (5, 0), 0, 260, size=CAR, label=VEHICLE)
+    fast = straight((-60, 0), (10, 0), 40, 130, size=CAR, label=VEHICLE)
+    give_way(slow, occupancy)
+    poses = placed(fast, occupancy)
+    assert not touch(poses, fast, slow.poses, slow)
+    assert (np.abs(poses[:, 1]) < 1e-6).all()
+
+
+def test_no_way_through_is_refused(occupancy):
+    fence = straight((0, 0), (0, 0), 300, LAST - 299, size=np.array([90.0, 50, 2]))
+    give_way(fence, occupancy)
+    waiting = placed(straight((-70, 0), (1.4, 0), 0, 700), occupancy)
+    assert waiting[-1, 0] < -45
+    assert give_way(straight((-5, 0), (0, 0), 0, LAST + 1), occupancy) is None
+
+
+def test_what_is_not_seen_does_not_count(occupancy):
+    give_way(straight((-80, 0), (0, 0), 0, 300), occupancy)
+    beside = straight((-80, 0), (0, 0), 0, 300)
+    assert give_way(beside, occupancy) is beside.poses
+    before = straight((0, 0), (0, 0), -300, 200)
+    give_way(before, occupancy)
+    assert occupancy.find_conflict(size_boxes(before.poses, WALKER), -300) is None
+
+
+def test_taken_places_are_those_that_shapely_finds(occupancy):
+    rng = np.random.default_rng(1)
+    car = straight((-30, 3), (8, 1), 5, 70, size=CAR, label=VEHICLE)
+    give_way(car, occupancy)
+    poses = np.column_stack(
+        [rng.uniform(-30, 20, 200), rng.uniform(-4, 14, 200), rng.uniform(-3, 3, 200)]
+    )
+    boxes = size_boxes(poses, WALKER)
+    moments = Moments(0, 4, 20)
+    taken = occupancy.find_blocked(boxes, moments, 0.0)
+    shapes = shapely.polygons(footprints(boxes))
+    for moment, step in enumerate(moments.steps.tolist()):
+        if 5 <= step < 75:
+            shape = shapely.polygons(footprints(size_boxes(car.poses[[step - 5]], CAR)))[0]
+            np.testing.assert_array_equal(taken[moment], shapely.intersects(shapes, shape))
+        else:
+            assert not taken[moment].any()
+    assert taken.any()

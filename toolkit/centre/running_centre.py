@@ -1,0 +1,270 @@
+"""`RunningCentre`: messages of sensors in; fused, detected, tracked and written frames out.
+
+Every frame is fused from the messages of one moment (`toolkit.centre.synchroniser`), its points are
+moved to one time (`toolkit.centre.sweep_motion`), road users are detected and tracked, and the
+tracks are written. When frames come faster than they can be worked on, the oldest that wait are
+dropped and counted, so that what comes out stays new."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from toolkit.calibration.place import Place
+from toolkit.centre.clock import Clock
+from toolkit.centre.message_queue import MessageSource
+from toolkit.centre.sensor_monitor import Fault
+from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
+from toolkit.centre.sweep_motion import move_to_frame
+from toolkit.centre.synchroniser import MessageGroup, Synchroniser
+from toolkit.detection.detect import FrameDetections, detect_frames
+from toolkit.detection.standing import StandingScene
+from toolkit.exchange.instant import Instant
+from toolkit.frame import Frame
+from toolkit.objects import Detections, Detector, Objects
+from toolkit.sensors.sensor import Sensor
+from toolkit.sites.site import Site
+from toolkit.tracking.tracker import Tracker
+from toolkit.tracking.tracks import Tracks
+
+MAX_WAITING_FRAMES = 2
+MAX_PAUSE_S = 0.02  # longest wait for a message before the watch looks again
+
+
+@dataclass(frozen=True, eq=False)
+class CentreFrame:
+    """Frame as the centre gives it out.
+
+    Attributes:
+        frame: Measurements, all at `Frame.time`.
+        detections: Detections, world frame.
+        tracks: Tracks after them.
+        faults: Faults of sensors by name.
+        stage_ms: Milliseconds of each stage: wait, fuse, level, detect, track, write.
+        latency_ms: Milliseconds from the last point to the written tracks.
+    """
+
+    frame: Frame
+    detections: Detections
+    tracks: Tracks
+    faults: Mapping[str, Fault]
+    stage_ms: Mapping[str, float]
+    latency_ms: float
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Detector of a centre, and where it works.
+
+    Attributes:
+        detector: Detector.
+        place: Area and ground.
+        site: Known site, None without one.
+        scene: Standing scene whose detections are left out, None to keep all.
+    """
+
+    detector: Detector
+    place: Place = field(default_factory=Place)
+    site: Site | None = None
+    scene: StandingScene | None = None
+
+    def detect(self, frames: Iterable[Frame]) -> Iterator[FrameDetections]:
+        """Yield the detections in each frame."""
+        return detect_frames(_FusedFrames(frames, self.site), self.detector, self.place, self.scene)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Numbers of what the centre left out since it started.
+
+    Attributes:
+        frames: Frames that were dropped because later ones waited.
+        messages: Messages that a full queue dropped, by sensor.
+        late: Messages whose frame was out already, by sensor.
+    """
+
+    frames: int
+    messages: Mapping[str, int]
+    late: Mapping[str, int]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the numbers as plain values."""
+        return {
+            "dropped_frames": self.frames,
+            "dropped_messages": dict(self.messages),
+            "late_messages": dict(self.late),
+        }
+
+
+class RunningCentre:
+    """Centre that works on messages until they end.
+
+    Args:
+        sensors: Sensors by name, at their poses.
+        detection: Detector and place.
+        synchroniser: Groups messages by time.
+        watch: Names sensors that fail.
+        clock: Time of the sensors.
+        write: Called with the tracks of each frame.
+        tick: Called with the time and the faults that began or ended, many times a second.
+        with_clouds: True to pass clouds to `write`, too.
+
+    Attributes:
+        dropped_frames: Number of frames that were dropped because later ones waited.
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, Sensor],
+        detection: Detection,
+        *,
+        synchroniser: Synchroniser,
+        watch: SensorWatch,
+        clock: Clock,
+        write: Callable[[Instant], None] = lambda instant: None,
+        tick: Callable[[float, list[FaultEvent]], None] = lambda now_s, events: None,
+        with_clouds: bool = False,
+    ) -> None:
+        self.dropped_frames = 0
+        self._sensors = sensors
+        self._detection = detection
+        self._synchroniser = synchroniser
+        self._watch = watch
+        self._clock = clock
+        self._write = write
+        self._tick = tick
+        self._with_clouds = with_clouds
+        self._tracker = Tracker()
+        self._last_time_s = -np.inf  # time of the last frame
+        self._number = 0  # number of the next frame
+
+    def run(self, source: MessageSource) -> Iterator[CentreFrame]:
+        """Yield the frames of a source's messages as they are done.
+
+        Raises the errors of the detector and the writers."""
+        stages = _Stages(self._clock)
+        for result in self._detection.detect(self._fuse_groups(source, stages)):
+            stages.end_detection(result)
+            if self._number == 1:
+                self._tracker = Tracker(result.stand.corners.tolist())
+            tracks = self._tracker.update(result.detections, result.frame.time)
+            stages.end("track")
+            clouds = result.frame.clouds if self._with_clouds else ()
+            self._write(Instant.from_tracks(result.frame.time, tracks, clouds))
+            stages.end("write")
+            yield CentreFrame(
+                result.frame,
+                result.detections,
+                tracks,
+                dict(self._watch.faults),
+                dict(stages.times_ms),
+                stages.latency_ms(result.frame.time),
+            )
+
+    def count_left_out(self, source: MessageSource) -> LeftOut:
+        """Return the numbers of what was left out; source: source of the messages."""
+        return LeftOut(self.dropped_frames, source.drops, self._synchroniser.late)
+
+    def _fuse_groups(self, source: MessageSource, stages: "_Stages") -> Iterator[Frame]:
+        """Yield a fused frame of each group of messages, the newest if several wait."""
+        for group in self._take_groups(source):
+            stages.begin(group.time_s)
+            frame = self._fuse(group)
+            stages.end("fuse")
+            yield frame
+            for message in group.messages.values():
+                self._watch.read(message)  # after the frame is out, so that it does not wait
+
+    def _take_groups(self, source: MessageSource) -> Iterator[MessageGroup]:
+        """Yield groups of messages in the order of time, and look at the sensors meanwhile."""
+        waiting: deque[MessageGroup] = deque()
+        while (messages := source.take(0.0 if waiting else MAX_PAUSE_S)) is not None:
+            for message in messages:
+                self._watch.hear(message)
+                self._synchroniser.add(message)
+            now_s = self._clock.now()
+            self._tick(now_s, self._watch.look(now_s))
+            waiting += self._synchroniser.take(now_s, self._watch.in_time)
+            while len(waiting) > MAX_WAITING_FRAMES:
+                waiting.popleft()
+                self.dropped_frames += 1
+            yield from self._pop_first(waiting)
+        waiting += self._synchroniser.flush()
+        while waiting:
+            yield from self._pop_first(waiting)
+
+    def _pop_first(self, waiting: deque[MessageGroup]) -> Iterator[MessageGroup]:
+        """Yield the first waiting group, if there is one and its time goes on."""
+        if waiting:
+            group = waiting.popleft()
+            if group.time_s > self._last_time_s:
+                self._last_time_s = group.time_s
+                yield group
+            else:
+                self.dropped_frames += 1
+
+    def _fuse(self, group: MessageGroup) -> Frame:
+        """Return the messages of a group as one frame, with all points at its time."""
+        messages = [group.messages[name] for name in self._sensors if name in group.messages]
+        sensors = tuple(self._sensors[message.sensor] for message in messages)
+        frame = Frame(
+            sensors=sensors,
+            measurements=tuple(message.measurement for message in messages),
+            objects=Objects.empty(),
+            time=group.time_s,
+            index=self._number,
+            name=f"{self._number:06d}",
+        )
+        self._number += 1
+        times_s = np.array([message.time_s for message in messages])
+        return move_to_frame(frame, times_s, self._tracker.at(frame.time))
+
+
+class _FusedFrames:
+    """Frames of a site, as `detect_frames` takes them.
+
+    site: known site, None without one."""
+
+    def __init__(self, frames: Iterable[Frame], site: Site | None) -> None:
+        self.site = site
+        self._frames = frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self._frames)
+
+
+class _Stages:
+    """Times of the stages of the frame that is worked on.
+
+    Attributes:
+        times_ms: Milliseconds by stage.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.times_ms: dict[str, float] = {}
+        self._clock = clock
+        self._last_s = 0.0
+
+    def begin(self, time_s: float) -> None:
+        """Begin with a frame; time_s: time of its last point."""
+        self.times_ms = {"wait": self.latency_ms(time_s)}
+        self._last_s = perf_counter()
+
+    def end(self, stage: str) -> None:
+        """End a stage, which began when the last one ended."""
+        now_s = perf_counter()
+        self.times_ms[stage] = 1e3 * (now_s - self._last_s)
+        self._last_s = now_s
+
+    def end_detection(self, result: FrameDetections) -> None:
+        """End detection, with the times of its parts."""
+        self.times_ms["fuse"] += result.fuse_ms
+        self.times_ms["level"] = result.stand.ms
+        self.times_ms["detect"] = result.detect_ms
+        self._last_s = perf_counter()
+
+    def latency_ms(self, time_s: float) -> float:
+        """Milliseconds since a time of the sensors."""
+        return 1e3 * (self._clock.now() - time_s) / self._clock.speed

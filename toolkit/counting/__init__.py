@@ -1,0 +1,1 @@
+"""Counting: trips, speeds, queues and conflicts of tracks or of true road users."""

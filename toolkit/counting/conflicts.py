@@ -1,0 +1,291 @@
+"""Conflicts: road users whose ways cross shortly after each other.
+
+    PET  post-encroachment time (Allen, Shin and Cooper, TRR 667, 1978): the shortest time between
+         the moments at which two bodies, as polygons on the ground, take up a common place; 0 if
+         they ever do so together
+    TTC  time to collision (Hayward, HRR 384, 1972): the shortest time, before the conflict, after
+         which the bodies would touch if both kept their velocities
+
+A conflict is a pair with a PET of at most `MAX_PET_S` whose courses differ by more than
+`MIN_CROSSING_DEG`, both at the common place and at one and the same moment: not one who follows,
+and not two side by side in a bend. Two people on foot are no pair."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, BoxRows, Float64, Int64
+from toolkit.boxes import are_close
+from toolkit.counting.trajectories import MOVING_M_S, Trajectory
+from toolkit.objects import LABELS, PEDESTRIAN
+
+MAX_PET_S = 5.0
+MIN_CROSSING_DEG = 20.0
+TTC_SPAN_S = 4.0  # before a conflict, in which the time to collision is looked for
+MAX_PLACE_OFFSET_M = 4.0  # between a conflict and its true one
+MAX_TIME_OFFSET_S = 1.5
+
+
+class Conflict(NamedTuple):
+    """Conflict of two road users.
+
+    Attributes:
+        first: number of the road user who takes up the common place first.
+        second: number of the second road user.
+        labels: names of their classes.
+        time: time at which the second one arrives there (s).
+        x: place of the conflict, along x (m).
+        y: place along y (m).
+        pet_s: post-encroachment time (s).
+        ttc_s: time to collision (s), infinite if they were never on a course to collide.
+        angle_deg: angle between their courses there (degrees)."""
+
+    first: int
+    second: int
+    labels: tuple[str, str]
+    time: float
+    x: float
+    y: float
+    pet_s: float
+    ttc_s: float
+    angle_deg: float
+
+
+def find_conflicts(
+    trajectories: Sequence[Trajectory],
+    area: Float64[np.ndarray, "4"] | None = None,
+    *,
+    max_pet: float = MAX_PET_S,
+) -> list[Conflict]:
+    """Conflicts with a PET of at most `max_pet` seconds, in the order of time.
+
+    area: xmin, ymin, xmax, ymax (m) in which their places are, None for anywhere."""
+    moving = [trajectory for trajectory in trajectories if (trajectory.speeds > MOVING_M_S).any()]
+    conflicts = []
+    for user, partner in _list_pairs(moving, max_pet):
+        conflict = _find_conflict(user, partner, max_pet)
+        if conflict is None:
+            continue
+        point = np.array([conflict.x, conflict.y])
+        if area is None or ((point >= area[:2]) & (point <= area[2:])).all():
+            conflicts.append(conflict)
+    return sorted(conflicts, key=lambda conflict: (conflict.time, conflict.first, conflict.second))
+
+
+def _list_pairs(
+    trajectories: Sequence[Trajectory], max_pet: float
+) -> Iterator[tuple[Trajectory, Trajectory]]:
+    """Yield pairs that are near the same places within `max_pet` seconds, not both on foot."""
+    if not trajectories:
+        return
+    spans = np.array([[trajectory.times[0], trajectory.times[-1]] for trajectory in trajectories])
+    radii = np.array([np.hypot(*trajectory.boxes[0, 3:5]) / 2 for trajectory in trajectories])
+    lows = np.array([trajectory.boxes[:, :2].min(axis=0) for trajectory in trajectories])
+    highs = np.array([trajectory.boxes[:, :2].max(axis=0) for trajectory in trajectories])
+    lows -= radii[:, None]
+    highs += radii[:, None]
+    on_foot = np.array([trajectory.label == PEDESTRIAN for trajectory in trajectories])
+    for row, trajectory in enumerate(trajectories):
+        is_near = (spans[:, 0] <= spans[row, 1] + max_pet) & (
+            spans[:, 1] >= spans[row, 0] - max_pet
+        )
+        is_near &= (lows <= highs[row]).all(axis=1) & (highs >= lows[row]).all(axis=1)
+        is_near &= ~(on_foot & on_foot[row])
+        is_near[: row + 1] = False
+        for number in np.flatnonzero(is_near).tolist():
+            yield trajectory, trajectories[number]
+
+
+class _CommonPlaces(NamedTuple):
+    """Rows of two trajectories at which they take up a common place, and move.
+
+    Attributes:
+        rows: rows of the first trajectory.
+        partner_rows: rows of the second user.
+        gaps: delay of the second one (s)."""
+
+    rows: Int64[np.ndarray, " k"]
+    partner_rows: Int64[np.ndarray, " k"]
+    gaps: Float64[np.ndarray, " k"]
+
+
+def _find_conflict(user: Trajectory, partner: Trajectory, max_pet: float) -> Conflict | None:
+    """Conflict of two road users; None without one of at most `max_pet` seconds."""
+    places = _find_common_places(user, partner, max_pet)
+    if not len(places.gaps):
+        return None
+    shortest = np.abs(places.gaps).min()
+    nearest = np.flatnonzero(np.abs(places.gaps) <= shortest + 1e-6)
+    middle = int(nearest[len(nearest) // 2])
+    row = int(places.rows[middle])
+    partner_row = int(places.partner_rows[middle])
+    angle = _angle_deg(user.velocities[row], partner.velocities[partner_row])
+    moment = (user.times[row] + partner.times[partner_row]) / 2
+    together_angle = _angle_deg(_find_velocity(user, moment), _find_velocity(partner, moment))
+    if min(angle, together_angle) <= MIN_CROSSING_DEG:
+        return None
+    first, second = (user, partner) if places.gaps[middle] >= 0 else (partner, user)
+    point = (user.boxes[row, :2] + partner.boxes[partner_row, :2]) / 2
+    arrival = float(max(user.times[row], partner.times[partner_row]))
+    return Conflict(
+        first=first.id,
+        second=second.id,
+        labels=(LABELS[first.label], LABELS[second.label]),
+        time=arrival,
+        x=float(point[0]),
+        y=float(point[1]),
+        pet_s=float(shortest),
+        ttc_s=_find_shortest_ttc(user, partner, arrival),
+        angle_deg=angle,
+    )
+
+
+def _find_common_places(user: Trajectory, partner: Trajectory, max_pet: float) -> _CommonPlaces:
+    """Rows of two trajectories, at most `max_pet` seconds apart, whose bodies overlap."""
+    rows = np.flatnonzero(_mask_near(user, partner))
+    partner_rows = np.flatnonzero(_mask_near(partner, user))
+    gaps = partner.times[partner_rows] - user.times[rows, None]
+    offsets = partner.boxes[partner_rows, :2] - user.boxes[rows, None, :2]
+    reach = (np.hypot(*user.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
+    is_near = (np.square(offsets).sum(axis=2) < reach**2) & (np.abs(gaps) <= max_pet)
+    near_rows, near_others = np.nonzero(is_near)
+    pair_rows = rows[near_rows]
+    pair_others = partner_rows[near_others]
+    is_common = are_close(user.boxes[pair_rows], partner.boxes[pair_others], 0.0)
+    return _CommonPlaces(
+        pair_rows[is_common],
+        pair_others[is_common],
+        gaps[near_rows[is_common], near_others[is_common]],
+    )
+
+
+def _mask_near(trajectory: Trajectory, partner: Trajectory) -> Bool[np.ndarray, " n"]:
+    """Mask of the times at which a road user moves where another one may ever be."""
+    margin = (np.hypot(*trajectory.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
+    points = trajectory.boxes[:, :2]
+    low = partner.boxes[:, :2].min(axis=0) - margin
+    high = partner.boxes[:, :2].max(axis=0) + margin
+    is_near = ((points >= low) & (points <= high)).all(axis=1)
+    return is_near & (trajectory.speeds > MOVING_M_S)
+
+
+def _find_velocity(trajectory: Trajectory, time: float) -> Float64[np.ndarray, "2"]:
+    """Velocity (m/s) at a time, the first or last one beyond the ends."""
+    row = int(np.clip(np.searchsorted(trajectory.times, time), 0, len(trajectory.times) - 1))
+    return trajectory.velocities[row]
+
+
+def _angle_deg(user: Float64[np.ndarray, "2"], partner: Float64[np.ndarray, "2"]) -> float:
+    """Angle between two directions (degrees, 0 to 180)."""
+    cross = float(user[0] * partner[1] - user[1] * partner[0])
+    return float(np.rad2deg(np.arctan2(abs(cross), float(user @ partner))))
+
+
+def _find_shortest_ttc(user: Trajectory, partner: Trajectory, time: float) -> float:
+    """Shortest time to collision (s) of two road users in the seconds before a time."""
+    is_before = (user.times <= time) & (user.times >= time - TTC_SPAN_S)
+    rows = np.flatnonzero(is_before & np.isin(user.times, partner.times))
+    partner_rows = np.searchsorted(partner.times, user.times[rows])
+    seconds = time_to_collision(
+        user.boxes[rows],
+        partner.boxes[partner_rows],
+        partner.velocities[partner_rows] - user.velocities[rows],
+    )
+    return float(seconds.min(initial=np.inf))
+
+
+def time_to_collision(
+    boxes: BoxRows, partner_boxes: BoxRows, velocities: Float64[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, " n"]:
+    """Seconds after which two bodies touch, row by row, if both keep their velocities.
+
+    0 for bodies that touch now, infinite for those that never do. Along the normal of each edge the
+    bodies overlap during an interval of time; they touch while all intervals last.
+
+    Args:
+        boxes: Boxes of the first body.
+        partner_boxes: Boxes of the second body.
+        velocities: Velocity of the second body as seen from the first (m/s)."""
+    offsets = partner_boxes[:, :2] - boxes[:, :2]
+    begin = np.zeros(len(boxes))
+    end = np.full(len(boxes), np.inf)
+    for yaw in (
+        boxes[:, 6],
+        boxes[:, 6] + np.pi / 2,
+        partner_boxes[:, 6],
+        partner_boxes[:, 6] + np.pi / 2,
+    ):
+        normal = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        reach = _half_extent(boxes, yaw) + _half_extent(partner_boxes, yaw)
+        distance = (offsets * normal).sum(axis=1)
+        speed = (velocities * normal).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bounds = np.sort([(-reach - distance) / speed, (reach - distance) / speed], axis=0)
+        is_still = speed == 0
+        is_apart = np.abs(distance) > reach
+        begin = np.where(is_still, begin, np.maximum(begin, bounds[0]))
+        end = np.where(is_still, np.where(is_apart, -1.0, end), np.minimum(end, bounds[1]))
+    return np.where(begin <= end, begin, np.inf)
+
+
+def _half_extent(boxes: BoxRows, yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+    """Half of the extent (m) of each box along a direction (rad)."""
+    turn = boxes[:, 6] - yaw
+    return (boxes[:, 3] * np.abs(np.cos(turn)) + boxes[:, 4] * np.abs(np.sin(turn))) / 2
+
+
+class ConflictMatches(NamedTuple):
+    """Conflicts found up to a PET, next to the true ones.
+
+    Attributes:
+        found: number of conflicts found.
+        right: number of found ones that are true, whose PET may be longer by the tolerance.
+        true: number of true conflicts.
+        detected: number of true ones that were found, with a PET up to the tolerance longer.
+        pet_errors_s: errors of the PET of the true conflicts that were found (s)."""
+
+    found: int
+    right: int
+    true: int
+    detected: int
+    pet_errors_s: tuple[float, ...]
+
+
+def match_conflicts(
+    detected: Sequence[Conflict], true: Sequence[Conflict], *, max_pet: float, tolerance: float
+) -> ConflictMatches:
+    """Match conflicts with the true ones at the same place and time.
+
+    Args:
+        detected: Conflicts found, also some with a longer PET than `max_pet` + `tolerance`.
+        true: True conflicts, likewise.
+        max_pet: PET up to which conflicts count (s).
+        tolerance: Excess over `max_pet` that a partner may have (s)."""
+    from scipy.optimize import linear_sum_assignment
+
+    places = np.array([[conflict.x, conflict.y] for conflict in detected]).reshape(-1, 2)
+    true_places = np.array([[conflict.x, conflict.y] for conflict in true]).reshape(-1, 2)
+    times = np.array([conflict.time for conflict in detected])
+    true_times = np.array([conflict.time for conflict in true])
+    distances = np.hypot(*np.moveaxis(places[:, None] - true_places, 2, 0)) / MAX_PLACE_OFFSET_M
+    delays = np.abs(times[:, None] - true_times) / MAX_TIME_OFFSET_S
+    is_pair = (distances <= 1) & (delays <= 1)
+    rows, columns = linear_sum_assignment(np.where(is_pair, distances + delays - 10, 0.0))
+    partners = {}
+    true_partners = {}
+    for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+        if is_pair[row, column]:
+            partners[row] = true[column]
+            true_partners[column] = detected[row]
+    counted = [row for row, conflict in enumerate(detected) if conflict.pet_s <= max_pet]
+    counted_true = [row for row, conflict in enumerate(true) if conflict.pet_s <= max_pet]
+    longest = max_pet + tolerance
+    right = [row for row in counted if row in partners and partners[row].pet_s <= longest]
+    recalled = [
+        row for row in counted_true if row in true_partners and true_partners[row].pet_s <= longest
+    ]
+    errors = [true_partners[row].pet_s - true[row].pet_s for row in recalled]
+    return ConflictMatches(
+        len(counted), len(right), len(counted_true), len(recalled), tuple(errors)
+    )

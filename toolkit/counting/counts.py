@@ -1,0 +1,268 @@
+"""Counts of a street: turning movements, speeds, dwell times and queues, with their errors.
+
+Counts from tracks and from the truth are made by the same functions, so that they differ only as
+the tracks do."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.counting.arms import Arm
+from toolkit.counting.trajectories import Trajectory
+from toolkit.counting.trips import Trip, find_trips, mask_inside
+from toolkit.objects import HEAVY, LABELS, VEHICLE
+from toolkit.sites.site import Site
+
+QUEUED_M_S = 5 / 3.6  # slower vehicles queue
+GROUPS = {  # names of classes that are counted together, by the name of the group
+    "vehicles": ("vehicle", "heavy"),
+    "cyclists": ("cyclist",),
+    "pedestrians": ("pedestrian",),
+}
+MAX_TRIP_OFFSET_S = 3.0  # between entries, and between exits, of a trip and its true one
+
+
+@dataclass(frozen=True)
+class MovementCount:
+    """Trips of one class from one arm to another.
+
+    Attributes:
+        label: name of the class.
+        entry: name of the arm at which they come in.
+        exit: name of the arm at which they leave.
+        count: number of trips.
+        speed_km_h: mean speed while they move (km/h).
+        dwell_s: mean time in the area (s)."""
+
+    label: str
+    entry: str
+    exit: str
+    count: int
+    speed_km_h: float
+    dwell_s: float
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Names of class, entry and exit."""
+        return self.label, self.entry, self.exit
+
+
+class QueueCount(NamedTuple):
+    """Vehicles that queue after they came in at an arm.
+
+    Attributes:
+        entry: name of the arm.
+        mean: mean number of them.
+        longest: largest number of them at a time."""
+
+    entry: str
+    mean: float
+    longest: int
+
+
+@dataclass(frozen=True)
+class StreetCounts:
+    """Counts of a stretch of time.
+
+    Attributes:
+        seconds: length of the stretch.
+        trips: all trips, also those whose entry or exit is unknown.
+        movements: counted trips by class, entry and exit.
+        partial: number of trips by class whose entry or exit is unknown, without standing ones.
+        queues: queues by entry."""
+
+    seconds: float
+    trips: tuple[Trip, ...]
+    movements: tuple[MovementCount, ...]
+    partial: dict[str, int]
+    queues: tuple[QueueCount, ...]
+
+    def total(self, *labels: str) -> int:
+        """Number of whole trips of some classes."""
+        return sum(movement.count for movement in self.movements if movement.label in labels)
+
+    def mean_speed(self, *labels: str) -> float:
+        """Mean speed (km/h) of whole trips of some classes, while they move; NaN without trips."""
+        return _mean([trip.speed_km_h for trip in self.trips if _is_counted(trip, labels)])
+
+
+def count_street(
+    trajectories: Sequence[Trajectory], site: Site, arms: Sequence[Arm], times: Sequence[float]
+) -> StreetCounts:
+    """Count the road users of a stretch of time.
+
+    times: time of each frame (s)."""
+    trips = find_trips(trajectories, arms, site.area)
+    groups: dict[tuple[int, str, str], list[Trip]] = {}
+    partial = dict.fromkeys(LABELS, 0)
+    for trip in trips:
+        if trip.entry is not None and trip.exit is not None:
+            groups.setdefault((trip.label, trip.entry, trip.exit), []).append(trip)
+        elif trip.moving_s > 0:
+            partial[LABELS[trip.label]] += 1
+    movements = []
+    for key in sorted(groups):
+        movement = MovementCount(
+            label=LABELS[key[0]],
+            entry=key[1],
+            exit=key[2],
+            count=len(groups[key]),
+            speed_km_h=_mean([trip.speed_km_h for trip in groups[key]]),
+            dwell_s=_mean([trip.dwell_s for trip in groups[key]]),
+        )
+        movements.append(movement)
+    seconds = np.asarray(times, np.float64)
+    return StreetCounts(
+        seconds=float(seconds[-1] - seconds[0]) if len(seconds) else 0.0,
+        trips=tuple(trips),
+        movements=tuple(movements),
+        partial=partial,
+        queues=_count_queues(trajectories, trips, site, seconds),
+    )
+
+
+def _count_queues(
+    trajectories: Sequence[Trajectory],
+    trips: Sequence[Trip],
+    site: Site,
+    seconds: Float64[np.ndarray, " frames"],
+) -> tuple[QueueCount, ...]:
+    """Queues by entry, of vehicles whose entry is known. seconds: time of each frame."""
+    entries = {trip.id: trip.entry for trip in trips if trip.entry is not None}
+    waiting: dict[str, np.ndarray] = {}
+    for trajectory in trajectories:
+        if trajectory.id not in entries or trajectory.label not in (VEHICLE, HEAVY):
+            continue
+        is_queued = mask_inside(trajectory, site.area) & (trajectory.speeds < QUEUED_M_S)
+        frames = np.searchsorted(seconds, trajectory.times[is_queued])
+        entry = entries[trajectory.id]
+        waiting.setdefault(entry, np.zeros(len(seconds), np.int64))[frames] += 1
+    return tuple(
+        QueueCount(entry, float(numbers.mean()), int(numbers.max()))
+        for entry, numbers in sorted(waiting.items())
+    )
+
+
+@dataclass(frozen=True)
+class CountError:
+    """Count of a movement, next to the true one.
+
+    Attributes:
+        label: name of the class.
+        entry: name of the arm of entry.
+        exit: name of the arm of exit.
+        count: number of trips that were counted.
+        true_count: number of true trips.
+        speed_km_h: mean speed of the counted ones (km/h), NaN without any.
+        true_speed_km_h: mean speed of the true ones.
+        dwell_s: mean time in the area of the counted ones (s).
+        true_dwell_s: mean time in the area of the true ones."""
+
+    label: str
+    entry: str
+    exit: str
+    count: int
+    true_count: int
+    speed_km_h: float
+    true_speed_km_h: float
+    dwell_s: float
+    true_dwell_s: float
+
+
+def compare_counts(counts: StreetCounts, truth: StreetCounts) -> list[CountError]:
+    """Movements that were counted or took place, by class, entry and exit."""
+    counted = {movement.key: movement for movement in counts.movements}
+    true = {movement.key: movement for movement in truth.movements}
+    nothing = MovementCount("", "", "", 0, float("nan"), float("nan"))
+    errors = []
+    for key in sorted(counted.keys() | true.keys(), key=_order_of_movement):
+        estimate = counted.get(key, nothing)
+        actual = true.get(key, nothing)
+        error = CountError(
+            label=key[0],
+            entry=key[1],
+            exit=key[2],
+            count=estimate.count,
+            true_count=actual.count,
+            speed_km_h=estimate.speed_km_h,
+            true_speed_km_h=actual.speed_km_h,
+            dwell_s=estimate.dwell_s,
+            true_dwell_s=actual.dwell_s,
+        )
+        errors.append(error)
+    return errors
+
+
+class TripMatches(NamedTuple):
+    """Numbers of trips of some classes that were counted as they were.
+
+    Attributes:
+        right: number of counted trips with a true one of the same movement at the same time.
+        counted: number of counted trips.
+        true: number of true trips."""
+
+    right: int
+    counted: int
+    true: int
+
+
+def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> TripMatches:
+    """Match whole trips of some classes with true ones, by entry and exit.
+
+    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart."""
+    from scipy.optimize import linear_sum_assignment
+
+    counted = [trip for trip in counts.trips if _is_counted(trip, labels)]
+    true = [trip for trip in truth.trips if _is_counted(trip, labels)]
+    right = 0
+    for gates in {(trip.entry, trip.exit) for trip in counted}:
+        spans = _list_spans(counted, gates)
+        true_spans = _list_spans(true, gates)
+        offsets = np.abs(spans[:, None] - true_spans).max(axis=2)
+        is_pair = offsets <= MAX_TRIP_OFFSET_S
+        rows, columns = linear_sum_assignment(np.where(is_pair, offsets - 1e3, 0.0))
+        right += int(is_pair[rows, columns].sum())
+    return TripMatches(right, len(counted), len(true))
+
+
+def _list_spans(
+    trips: Sequence[Trip], gates: tuple[str | None, str | None]
+) -> Float64[np.ndarray, "n 2"]:
+    """Begin and end (s) of the trips of one movement. gates: names of entry and exit."""
+    spans = [[trip.begin, trip.end] for trip in trips if (trip.entry, trip.exit) == gates]
+    return np.array(spans, np.float64).reshape(-1, 2)
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Interval of a share at 95 % (Wilson, JASA 22, 1927); 0 to 1 without trials.
+
+    >>> [round(bound, 3) for bound in wilson_interval(9, 10)]
+    [0.596, 0.982]
+    """
+    if not trials:
+        return 0.0, 1.0
+    z = 1.959964
+    share = successes / trials
+    middle = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    spread = z * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
+    half = float(spread / (1 + z**2 / trials))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def _order_of_movement(key: tuple[str, str, str]) -> tuple[int, str, str]:
+    """Key that sorts movements by class, entry and exit."""
+    return LABELS.index(key[0]), key[1], key[2]
+
+
+def _is_counted(trip: Trip, labels: Sequence[str]) -> bool:
+    """True for a whole trip of one of some classes."""
+    return trip.is_whole and LABELS[trip.label] in labels
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Mean of the values that are finite, NaN without any."""
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else float("nan")

@@ -1,0 +1,83 @@
+"""OpenLABEL, read as tracks: one file of all frames, whose objects keep their numbers."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.datasets import frame_labels
+from toolkit.datasets.clock_times import parse_time
+from toolkit.datasets.layouts.openlabel_boxes import CuboidRows
+from toolkit.datasets.layouts.openlabel_systems import parse_systems
+from toolkit.datasets.problem_kinds import Problems
+from toolkit.datasets.record_values import Unchecked, as_number, entry, numbers
+from toolkit.exchange.instant import Instant
+from toolkit.exchange.track_frames import TrackFile, TrackFrame, check_rising, make_tracks
+
+UNKNOWN_VELOCITY = (float("nan"), float("nan"), float("nan"))  # m/s
+
+
+def parse_openlabel_tracks(path: Path, content: Unchecked) -> TrackFile:
+    """Parse the cuboids of all frames of an OpenLABEL file.
+
+    path: the file; content: what it holds under "openlabel". Raises the errors of damaged files,
+    for `toolkit.datasets.record_values.name_damage`."""
+    problems: Problems = {}
+    frames = []
+    described = entry(content, "frames")
+    for key in sorted(described, key=int):
+        frame = described[key]
+        properties = frame.get("frame_properties") or {}
+        seconds = parse_time(properties.get("timestamp"), "timestamp")
+        systems = parse_systems(content, frame)
+        roots = systems.list_roots()
+        root = roots.pop() if len(roots) == 1 else None
+        cuboids = CuboidRows.parse(content, frame, key, systems, root, problems)
+        labels = frame_labels.make_labels(cuboids.boxes, cuboids.kinds, cuboids.ids, problems)
+        further = _list_openlabel_values(frame)
+        rows = [further.get(number, _OpenLabelValues()) for number in labels.objects.ids.tolist()]
+        instant = Instant(
+            np.nan if seconds is None else seconds,
+            labels.objects.boxes,
+            labels.objects.labels,
+            np.array([row.score for row in rows]),
+            labels.objects.ids,
+            np.array([row.velocity for row in rows]).reshape(-1, 3),
+        )
+        tracks = make_tracks(instant)
+        rectangles = np.full((len(tracks), 4), np.nan)
+        frames.append(TrackFrame(int(key), "", instant.time_s, tracks, rectangles))
+    has_times = bool(frames) and all(np.isfinite(frame.time) for frame in frames)
+    if has_times:
+        check_rising(frames)
+    return TrackFile(path, tuple(frames), True, has_times, problems)
+
+
+class _OpenLabelValues(NamedTuple):
+    """Score of an object in one frame of OpenLABEL, and its velocity (m/s)."""
+
+    score: float = 1.0
+    velocity: tuple[float, float, float] = UNKNOWN_VELOCITY
+
+
+def _list_openlabel_values(frame: Unchecked) -> dict[int, _OpenLabelValues]:
+    """Score and velocity of each object of a frame, by its number.
+
+    A score is a number of that name in the object's data, or among the attributes of its cuboid."""
+    values = {}
+    for track, content in (frame.get("objects") or {}).items():
+        data = (content or {}).get("object_data") or {}
+        cuboids = data.get("cuboid") or []
+        cuboid = cuboids[0] if isinstance(cuboids, list) and cuboids else {}
+        attributes = cuboid.get("attributes") or {}
+        score = 1.0
+        for number in [*(attributes.get("num") or []), *(data.get("num") or [])]:
+            if number.get("name") == "score":
+                score = as_number(entry(number, "val"), "score")
+        velocity = UNKNOWN_VELOCITY
+        for vector in data.get("vec") or []:
+            if vector.get("name") == "velocity":
+                x, y, z = numbers(entry(vector, "val"), 3, "velocity").tolist()
+                velocity = (x, y, z)
+        values[frame_labels.track_number(track)] = _OpenLabelValues(score, velocity)
+    return values

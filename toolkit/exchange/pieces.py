@@ -1,0 +1,78 @@
+"""Endless output in files of a limited time.
+
+Each file is written whole, so that all files but the last are complete whatever happens to the
+process: those formats that are one document, such as OpenLABEL, hold no more than one file's time
+in memory. Files are numbered on from those that are there."""
+
+import re
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from toolkit.exchange.geo_origin import GeoOrigin
+from toolkit.exchange.instant import Instant
+from toolkit.exchange.standards import find_standard, open_writers
+
+_DIGITS = 6
+_NUMBER = re.compile(r"\.?(\d{6,})")  # files, and hidden ones that a killed process left
+
+
+class PieceWriter:
+    """Writer of several formats, each in a folder with a file for every stretch of time.
+
+    Args:
+        folders: Folder of each standard by its name.
+        piece_s: Time of a file (s).
+        origin: Place on earth of the world frame, for formats in degrees.
+
+    Raises:
+        ValueError: A name is unknown, a place is missing, or the time is not above 0.
+        ImportError: A package is missing.
+    """
+
+    def __init__(
+        self, folders: Mapping[str, Path], *, piece_s: float, origin: GeoOrigin | None = None
+    ) -> None:
+        if not piece_s > 0:
+            raise ValueError(f"a file must hold more than 0 s, got {piece_s:g}")
+        for name in folders:
+            standard = find_standard(name)
+            standard.check_packages()
+            if standard.needs_place and origin is None:
+                raise ValueError(f"{name} needs the place on earth of the origin: give it")
+        self._folders = dict(folders)
+        self._piece_s = piece_s
+        self._origin = origin
+        self._stack = ExitStack()
+        self._write: Callable[[Instant], None] | None = None
+        self._end_s = 0.0
+
+    @property
+    def takes_clouds(self) -> bool:
+        """True if a format holds clouds."""
+        return any(find_standard(name).takes_clouds for name in self._folders)
+
+    def write(self, instant: Instant) -> None:
+        """Write an instant, in new files if those before hold `piece_s`."""
+        if self._write is None or instant.time_s >= self._end_s:
+            self.close()
+            files = {name: next_piece(folder, name) for name, folder in self._folders.items()}
+            self._write = self._stack.enter_context(open_writers(files, origin=self._origin))
+            self._end_s = instant.time_s + self._piece_s
+        self._write(instant)
+
+    def close(self) -> None:
+        """Complete the open files."""
+        self._write = None
+        self._stack.close()
+
+
+def next_piece(folder: Path, standard: str) -> Path:
+    """Return the file after the last one of a folder, counted from 000000.
+
+    Files that a killed process left unfinished keep their numbers, too."""
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    matches = [_NUMBER.match(name) for name in names]
+    numbers = [int(match[1]) for match in matches if match is not None]
+    number = max(numbers, default=-1) + 1
+    return folder / f"{number:0{_DIGITS}d}{find_standard(standard).ending}"

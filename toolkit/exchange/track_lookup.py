@@ -1,0 +1,100 @@
+"""Tracks of a file by the frames of a recording."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.exchange.track_frames import TrackFile, TrackFrame
+from toolkit.tracking.tracks import Tracks
+
+MAX_TIME_GAP_S = 0.001  # between a frame's time in a recording and in a file of its tracks
+
+
+class FrameKey(NamedTuple):
+    """Key of a frame of a recording: number, name and time.
+
+    Attributes:
+        number: Its number.
+        name: Its name, "" without one.
+        time: Its time (s), NaN if unknown."""
+
+    number: int
+    name: str
+    time: float
+
+    def describe(self) -> str:
+        """Return words for the frame."""
+        time = f"{self.time:.6f} s" if np.isfinite(self.time) else ""
+        if self.name:
+            return f"{self.name!r} at {time}" if time else repr(self.name)
+        return time or str(self.number)
+
+
+class TrackLookup:
+    """Tracks of a file by the frames of a recording.
+
+    A frame is found by its time if both sides have times, else by its name if both have names, else
+    by its number.
+
+    file: the file."""
+
+    def __init__(self, file: TrackFile) -> None:
+        self.file = file
+        self._times = np.array([frame.time for frame in file.frames])
+        self._places: dict[str | int, int] = {}
+        self._has_names = all(frame.name for frame in file.frames)
+        for number, frame in enumerate(file.frames):
+            self._places[frame.name if self._has_names else frame.number] = number
+        self._used: set[int] = set()
+
+    def find(self, key: FrameKey) -> Tracks | None:
+        """Return the tracks of a frame, None if the file does not list it."""
+        index = self.find_index(key)
+        if index is None:
+            return None
+        self._used.add(index)
+        return self.file.frames[index].tracks
+
+    def find_index(self, key: FrameKey) -> int | None:
+        """Return the index in the file of a frame of the recording, None if it is not there."""
+        if self._is_timed(key):
+            if not len(self._times):
+                return None
+            nearest = int(np.abs(self._times - key.time).argmin())
+            return nearest if abs(self._times[nearest] - key.time) <= MAX_TIME_GAP_S else None
+        return self._places.get(key.name if self._has_names else key.number)
+
+    def list_used(self) -> list[TrackFrame]:
+        """List the frames of the file that were found, in its order."""
+        return [self.file.frames[index] for index in sorted(self._used)]
+
+    def list_unused(self, last: FrameKey | None = None) -> list[TrackFrame]:
+        """List the frames of the file that were never found.
+
+        last: last frame of a part of the recording, after which frames are passed over; None if the
+        recording ends there."""
+        unused = []
+        for index, frame in enumerate(self.file.frames):
+            is_later = False
+            if last is not None and self._is_timed(last):
+                is_later = frame.time > last.time
+            elif last is not None:
+                is_later = frame.number > last.number
+            if index not in self._used and not is_later:
+                unused.append(frame)
+        return unused
+
+    def check_all_used(self, frames: int, last: FrameKey | None = None) -> None:
+        """Raise ValueError for a frame of the file that is not in the recording.
+
+        frames: number of frames of the recording; last: as in `list_unused`."""
+        for frame in self.list_unused(last):
+            key = FrameKey(frame.number, frame.name, frame.time)
+            raise ValueError(
+                f"{self.file.path} has frame {key.describe()}, which is not among the recording's "
+                f"{frames}: is it of another recording?"
+            )
+
+    def _is_timed(self, key: FrameKey) -> bool:
+        """True if a frame of the recording and all frames of the file have times."""
+        return self.file.has_times and bool(np.isfinite(key.time))

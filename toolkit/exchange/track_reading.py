@@ -1,0 +1,112 @@
+"""Files of tracks and detections, ours and other programs', read frame by frame.
+
+| file | frames are known by | lists frames without road users | has |
+|---|---|---|---|
+| `.json` of `coview track` | name and time | yes | all columns |
+| `.json` of OpenLABEL | time, or number without one | yes | cuboids, scores, velocities |
+| `.csv` of `coview track` | name and time | no | all columns |
+| `.txt` of KITTI's tracking | number | no | boxes, scores, image rectangles |
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.arrays import Pose
+from toolkit.datasets import record_values
+from toolkit.datasets.record_values import Unchecked, as_list, as_number, entry, name_damage
+from toolkit.exchange.instant import Instant
+from toolkit.exchange.openlabel_track_reading import parse_openlabel_tracks
+from toolkit.exchange.track_frames import TrackFile, TrackFrame, check_rising, make_tracks
+from toolkit.exchange.track_text import read_track_text
+from toolkit.geometry import BODY_SE3_CAMERA
+from toolkit.objects import label_index
+from toolkit.runtime.reading import read_bytes
+from toolkit.tracking.track_files import TRACK_COLUMNS, TRACKS_VERSION
+
+ENDINGS_READ = (".json", ".csv", ".txt")
+_BOX_KEYS = ("x", "y", "z", "length", "width", "height", "yaw_deg")
+_FURTHER_KEYS = ("score", "vx", "vy", "vz", "age_s", "unseen_s")
+
+
+def read_track_file(path: Path, world_SE3_camera: Pose = BODY_SE3_CAMERA) -> TrackFile:
+    """Read a file of tracks, as the table at the top of this module describes them.
+
+    world_SE3_camera: pose of the camera of KITTI's text, by default one at the world's origin that
+    faces along x. Raises ValueError that names the file, OSError if it is missing."""
+    ending = path.suffix.lower()
+    if ending == ".txt":
+        return read_track_text(path, world_SE3_camera)
+    if ending not in ENDINGS_READ:
+        raise ValueError(
+            f"{path} is no file of tracks: its ending must be {', '.join(ENDINGS_READ)}"
+        )
+    with name_damage(path, "file of tracks"):
+        if ending == ".csv":
+            return _parse_csv(path, read_bytes(path).decode("utf-8-sig"))
+        content = record_values.load_json(path)
+        if isinstance(content, dict) and "openlabel" in content:
+            return parse_openlabel_tracks(path, entry(content, "openlabel"))
+        return _parse_json(path, content)
+
+
+def _parse_json(path: Path, content: Unchecked) -> TrackFile:
+    """Parse the JSON of `toolkit.tracking.track_files`."""
+    version = content.get("coview_tracks") if isinstance(content, dict) else None
+    if version != TRACKS_VERSION:
+        raise ValueError(
+            f'it must be {{"coview_tracks": {TRACKS_VERSION}, "frames": [...]}} or OpenLABEL'
+        )
+    frames = []
+    for number, record in enumerate(as_list(entry(content, "frames"), "frames")):
+        name = str(entry(record, "name"))
+        time = as_number(entry(record, "time"), f"time of frame {name}")
+        rows = as_list(entry(record, "tracks"), f"tracks of frame {name}")
+        frames.append(_make_frame(number, name, time, rows))
+    check_rising(frames)
+    return TrackFile(path, tuple(frames), True, True, {})
+
+
+def _parse_csv(path: Path, text: str) -> TrackFile:
+    """Parse the CSV of `toolkit.tracking.track_files`."""
+    table = csv.DictReader(io.StringIO(text))
+    missing = [name for name in TRACK_COLUMNS if name not in (table.fieldnames or ())]
+    if missing:
+        raise ValueError(f"it has no column {', '.join(missing)}")
+    rows_by_frame: dict[tuple[str, float], list[Unchecked]] = {}
+    for row in table:
+        time = as_number(row["time"], "time")
+        rows_by_frame.setdefault((str(row["frame"]), time), []).append(row)
+    frames = []
+    for number, ((name, time), rows) in enumerate(rows_by_frame.items()):
+        frames.append(_make_frame(number, name, time, rows))
+    check_rising(frames)
+    return TrackFile(path, tuple(frames), False, True, {})
+
+
+def _make_frame(number: int, name: str, time: float, rows: Sequence[Unchecked]) -> TrackFrame:
+    """Make a frame of rows with the names of `TRACK_COLUMNS`. Raises ValueError that names it."""
+    try:
+        boxes = []
+        labels = []
+        ids = []
+        further = []
+        for row in rows:
+            boxes.append([as_number(entry(row, key), key) for key in _BOX_KEYS])
+            labels.append(label_index(str(entry(row, "label"))))
+            ids.append(int(as_number(entry(row, "id"), "id")))
+            further.append([as_number(row.get(key, np.nan), key) for key in _FURTHER_KEYS])
+        values = np.array(further, np.float64).reshape(-1, len(_FURTHER_KEYS))
+        table = np.array(boxes, np.float64).reshape(-1, 7)
+        table[:, 6] = np.deg2rad(table[:, 6])
+        numbers = np.array(ids, np.int64)
+        scores = np.where(np.isnan(values[:, 0]), 1.0, values[:, 0])
+        instant = Instant(time, table, np.array(labels, np.int64), scores, numbers, values[:, 1:4])
+    except ValueError as error:
+        raise ValueError(f"frame {name!r}: {error}") from None
+    seconds = np.nan_to_num(values[:, 4:])
+    tracks = make_tracks(instant, ages=seconds[:, 0], unseen=seconds[:, 1])
+    return TrackFrame(number, name, time, tracks, np.full((len(tracks), 4), np.nan))

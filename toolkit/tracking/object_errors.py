@@ -1,0 +1,137 @@
+"""Errors of tracks against the true objects that they match, and how soon objects are found.
+
+Objects and tracks match as for MOTA.
+
+    speed error         mean over all matches of |speed of the track - speed of the object|; a true
+                        speed comes from the object's places in the frames before and after
+    heading error       mean over all matches of the angle between the headings
+    first detection     seconds from the frame in which a true object is first to be found to its
+                        first match, over the objects that come in after the first frame of their
+                        recording. Quantiles count objects that are never matched as infinite.
+    never found         share of these objects without any match
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.objects import Objects
+from toolkit.tracking.frame_overlap import FrameOverlap
+from toolkit.tracking.scores import ClearMatch
+from toolkit.tracking.tracks import Tracks
+
+
+class TruthMotion(NamedTuple):
+    """True objects of one frame, with time and motion.
+
+    Attributes:
+        objects: All objects of the frame.
+        velocities: (n, 3), m/s, NaN if unknown.
+        time: Time of the frame (s), NaN if unknown.
+        is_first: True for the first frame of a recording."""
+
+    objects: Objects
+    velocities: Float64[np.ndarray, "n 3"]
+    time: float
+    is_first: bool
+
+
+class ObjectErrors(NamedTuple):
+    """Errors of one class, as defined at the top of the module.
+
+    Attributes:
+        speed_error_mps: Mean error of speed (m/s), NaN if no speed is known.
+        heading_error_deg: Mean error of heading (degrees), NaN without a match.
+        first_detection_s: Median time to the first detection (s), NaN if no object comes in.
+        first_detection_95_s: Its 95 % quantile (s).
+        never_found: Share of the objects that come in and are never matched, NaN if none comes in.
+        entering: Number of objects that come in."""
+
+    speed_error_mps: float
+    heading_error_deg: float
+    first_detection_s: float
+    first_detection_95_s: float
+    never_found: float
+    entering: int
+
+
+def measure_errors(
+    overlaps: Sequence[FrameOverlap],
+    matches: Sequence[ClearMatch],
+    tracks: Sequence[Tracks],
+    truths: Sequence[TruthMotion],
+) -> ObjectErrors:
+    """Measure the errors of the tracks of one class in all frames.
+
+    Args:
+        overlaps: Objects and tracks of each frame that count.
+        matches: Matches among them.
+        tracks: All tracks of each frame, with velocities of NaN if they are unknown.
+        truths: All objects of each frame."""
+    speed_errors = [np.zeros(0)]
+    heading_errors = [np.zeros(0)]
+    frames = zip(overlaps, matches, tracks, truths, strict=True)
+    for overlap, match, frame_tracks, truth in frames:
+        truth_rows = overlap.truth_rows[match.rows]
+        track_rows = overlap.track_rows[match.columns]
+        true_speeds = np.linalg.norm(truth.velocities[truth_rows], axis=1)
+        speeds = np.linalg.norm(frame_tracks.velocities[track_rows], axis=1)
+        speed_errors.append(np.abs(speeds - true_speeds))
+        turn = frame_tracks.boxes[track_rows, 6] - truth.objects.boxes[truth_rows, 6]
+        heading_errors.append(np.abs(np.arctan2(np.sin(turn), np.cos(turn))))
+    speed_error = np.concatenate(speed_errors)
+    waits = _list_waits(overlaps, matches, truths)
+    median = tail = never = float("nan")
+    if len(waits):
+        median = _quantile(waits, 0.5)
+        tail = _quantile(waits, 0.95)
+        never = float(np.isinf(waits).mean())
+    return ObjectErrors(
+        _mean(speed_error[np.isfinite(speed_error)]),
+        float(np.rad2deg(_mean(np.concatenate(heading_errors)))),
+        median,
+        tail,
+        never,
+        len(waits),
+    )
+
+
+def _list_waits(
+    overlaps: Sequence[FrameOverlap], matches: Sequence[ClearMatch], truths: Sequence[TruthMotion]
+) -> Float64[np.ndarray, " n"]:
+    """Seconds to the first match of each object that comes in, infinite without any match.
+
+    Arguments as in `measure_errors`."""
+    entered: dict[int, float] = {}
+    first_matches: dict[int, float] = {}
+    present_at_first: set[int] = set()
+    for overlap, match, truth in zip(overlaps, matches, truths, strict=True):
+        for number in overlap.pairs.truth.tolist():
+            entered.setdefault(number, truth.time)
+            if truth.is_first:
+                present_at_first.add(number)
+        for number in overlap.pairs.truth[match.rows].tolist():
+            first_matches.setdefault(number, truth.time)
+    waits = []
+    for number, time in entered.items():
+        if number not in present_at_first:
+            wait = first_matches[number] - time if number in first_matches else np.inf
+            waits.append(wait)
+    return np.array(waits, np.float64)
+
+
+def _quantile(values: Float64[np.ndarray, " n"], share: float) -> float:
+    """Smallest value that at least this share of the values does not exceed.
+
+    NaN if one of the values is unknown."""
+    if np.isnan(values).any():
+        return float("nan")
+    ordered = np.sort(values)
+    return float(ordered[max(0, int(np.ceil(share * len(ordered))) - 1)])
+
+
+def _mean(values: Float64[np.ndarray, " n"]) -> float:
+    """Mean of values, NaN without any."""
+    return float(values.mean()) if len(values) else float("nan")

@@ -1,0 +1,108 @@
+"""Motion of bodies whose points SUMO moves: smooth, with headings that follow the course."""
+
+from math import atan2, cos, hypot, sin
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.geometry import smooth_rows
+from toolkit.traffic.sumo import FINE_STEP_S
+
+SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
+REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
+DIRECTION_SMOOTHING_S = 1.5  # of the direction that sides are counted from
+MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
+
+
+def move_driver(
+    fronts: Float64[np.ndarray, "steps 2"], yaw: float, length: float
+) -> Float64[np.ndarray, "steps 3"]:
+    """Return the poses (x, y of the middle, yaw) of a vehicle whose front takes a course.
+
+    The rear axle follows the front as a trailer does, so headings turn smoothly and no body slides
+    sideways.
+
+    Args:
+        fronts: x, y of the middle of the front bumper (m), one for each step of `FINE_STEP_S`.
+        yaw: heading at the start (rad).
+        length: length of the body (m)."""
+    smoothed = smooth_motion(fronts)
+    axle_distance = REAR_AXLE_SHARE * length  # from the front bumper
+    rear_x = float(smoothed[0, 0]) - axle_distance * cos(yaw)
+    rear_y = float(smoothed[0, 1]) - axle_distance * sin(yaw)
+    yaws = []
+    for x, y in smoothed.tolist():
+        dx = x - rear_x
+        dy = y - rear_y
+        share = axle_distance / hypot(dx, dy)
+        rear_x = x - share * dx
+        rear_y = y - share * dy
+        yaws.append(atan2(dy, dx))
+    poses = np.empty((len(smoothed), 3))
+    poses[:, 2] = yaws
+    poses[:, 0] = smoothed[:, 0] - length / 2 * np.cos(poses[:, 2])
+    poses[:, 1] = smoothed[:, 1] - length / 2 * np.sin(poses[:, 2])
+    return poses
+
+
+def move_walker(
+    points: Float64[np.ndarray, "steps 2"], yaw: float
+) -> Float64[np.ndarray, "steps 3"]:
+    """Poses (x, y, yaw) of a walker who takes a course and faces where it leads.
+
+    Args:
+        points: x, y (m), one for each step of `FINE_STEP_S`.
+        yaw: heading at the start (rad), for one who does not move."""
+    smoothed = smooth_motion(points)
+    return np.column_stack([smoothed, face_course(smoothed, yaw)])
+
+
+def face_course(
+    points: Float64[np.ndarray, "steps 2"], yaw: float
+) -> Float64[np.ndarray, " steps"]:
+    """Headings (rad, without jumps) of a walker who faces where the course leads.
+
+    Slower than `MIN_WALKING_M_S` a walker keeps the last heading.
+
+    Args:
+        points: x, y (m), one for each step of `FINE_STEP_S`.
+        yaw: heading (rad) of one who never walks."""
+    if len(points) < 2:
+        return np.full(len(points), yaw)
+    velocities = np.gradient(points, FINE_STEP_S, axis=0)
+    is_walking = np.hypot(*velocities.T) >= MIN_WALKING_M_S
+    if not is_walking.any():
+        return np.full(len(points), yaw)
+    yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
+    # step of the last heading that holds; before the first one, that one
+    last = np.maximum.accumulate(np.where(is_walking, np.arange(len(yaws)), -1))
+    last[last < 0] = int(np.argmax(is_walking))
+    return smooth_motion(np.unwrap(yaws[last])[:, None])[:, 0]
+
+
+def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:
+    """Means over time, weighted by a Gaussian of `SMOOTHING_S`; the first and last value stay.
+
+    values: one row for each step of `FINE_STEP_S`."""
+    return smooth_rows(values, SMOOTHING_S / FINE_STEP_S)
+
+
+def smooth_direction(yaws: Float64[np.ndarray, " steps"]) -> Float64[np.ndarray, " steps"]:
+    """Headings (rad) smoothed over `DIRECTION_SMOOTHING_S`, without jumps at half turns.
+
+    What goes at a distance beyond a course takes a wide bend, instead of swinging round with each
+    turn of the heading."""
+    unwrapped = np.unwrap(yaws)[:, None]
+    return smooth_rows(unwrapped, DIRECTION_SMOOTHING_S / FINE_STEP_S)[:, 0]
+
+
+def shift_left(
+    poses: Float64[np.ndarray, "steps 3"],
+    directions: Float64[np.ndarray, " steps"],
+    left: Float64[np.ndarray, " steps"] | float,
+) -> Float64[np.ndarray, "steps 3"]:
+    """Poses moved to the left of directions (rad) by distances (m); headings stay."""
+    shifted = poses.copy()
+    shifted[:, 0] -= left * np.sin(directions)
+    shifted[:, 1] += left * np.cos(directions)
+    return shifted

@@ -1,0 +1,318 @@
+"""Right of way: bodies that would overlap others wait for them, or step aside.
+
+Road users are placed in turn, vehicles first and walkers last, each by those who were before it.
+The course of a road user in space is given; when it goes along it is planned, and how far from it
+to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A plan is
+the cheapest sequence of moments to go on, to wait or to step aside in which no body comes near
+another, found by dynamic programming in a window of time around each conflict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.geometry import smooth_rows
+from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.traffic.body_motion import face_course, shift_left, smooth_direction
+from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
+from toolkit.traffic.sumo import FINE_STEP_S
+
+STRIDE = 3  # steps of `FINE_STEP_S` between the moments of a plan
+# steps from the begin of a window to its conflict and on to its end, tried one after the other
+WINDOWS_STEPS = ((50, 120), (400, 400))
+REACH_STEPS = 80  # part of the course after a conflict that a plan covers
+ASIDE_SPACING_M = 0.2
+SMOOTHED_STEPS = 50  # before a window, whose poses smoothing may change
+MAX_PLANS = 40  # windows planned for one road user
+WAIT_COST = 1.0
+CROSSED_WAIT_COST = 3.0  # for waiting where another comes along within the window
+EARLY_WAIT_COST = 0.002  # more for each moment before the end, so that late waits are preferred
+ASIDE_COST = 0.5  # for a step aside by `ASIDE_SPACING_M`
+OFFSET_COST = 0.02  # for each moment and line away from the course
+# rows ahead and lines to the left; with one line only the first two
+MOVES = ((1, 0), (0, 0), (1, 1), (1, -1), (0, 1), (0, -1))
+# by class: lines next to the course, on each side, that they may take
+SIDE_LINES = {VEHICLE: 2, HEAVY: 1, CYCLIST: 3, PEDESTRIAN: 6}
+# by class: gaps to others that are tried one after the other (m)
+GAPS_M = {
+    VEHICLE: (1.5, 0.6, 0.14),
+    HEAVY: (1.5, 0.6, 0.14),
+    CYCLIST: (0.6, 0.3, 0.14),
+    PEDESTRIAN: (0.4, 0.22, 0.14),
+}
+HEADWAYS_STEPS = (12, 0, 0)  # time kept to others, with each of these gaps
+# by class: standard deviation of the mean over time that smooths changes
+SMOOTHING_STEPS = {VEHICLE: 12.0, HEAVY: 12.0, CYCLIST: 6.0, PEDESTRIAN: 4.0}
+MIN_TURNING_M_S = 0.7  # speed with which a step aside is compared at least, for the heading
+
+
+@dataclass(frozen=True)
+class Course:
+    """Course of a body.
+
+    Attributes:
+        first: step of the first pose.
+        poses: x, y (m), yaw (rad), one for each step.
+        size: length, width, height of the body (m).
+        label: class of `toolkit.objects`."""
+
+    first: int
+    poses: Float64[np.ndarray, "steps 3"]
+    size: Float64[np.ndarray, "3"]
+    label: int
+
+    @cached_property
+    def directions(self) -> Float64[np.ndarray, " steps"]:
+        """Direction of the course (rad) that sides are counted from, which turns slowly."""
+        return smooth_direction(self.poses[:, 2])
+
+
+class _Plan(NamedTuple):
+    """Progress on a course, for each step from the course's first on.
+
+    Attributes:
+        progress: row of the course's poses, which may be between two.
+        aside: distance to the left of the course (m)."""
+
+    progress: Float64[np.ndarray, " steps"]
+    aside: Float64[np.ndarray, " steps"]
+
+
+class _Moves(NamedTuple):
+    """Planned moments of a window, up to its end or to where nothing is in the way any more.
+
+    Attributes:
+        progress: rows of the window at each moment.
+        line: number of the line, from the outermost on the right."""
+
+    progress: Int64[np.ndarray, " moments"]
+    line: Int64[np.ndarray, " moments"]
+
+
+def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps 3"] | None:
+    """Poses of a body that waits and steps aside for others, which is added to them.
+
+    Returns x, y (m) and yaw (rad) for each step from the course's first on, None if there is no
+    way through."""
+    plan = _Plan(np.arange(len(course.poses), dtype=np.float64), np.zeros(len(course.poses)))
+    poses = course.poses
+    distances = list(zip(GAPS_M[course.label], HEADWAYS_STEPS, strict=True))
+    settings = [(span, distance) for span in WINDOWS_STEPS for distance in distances]
+    setting = 0
+    since = course.first  # earlier steps have no conflict
+    latest = -1
+    for _ in range(MAX_PLANS):
+        boxes = size_boxes(poses, course.size)
+        conflict = occupancy.find_conflict(boxes, course.first, since=since)
+        if conflict is None:
+            occupancy.add(boxes, course.first)
+            return poses
+        # a plan that did not help is followed by another gap or a longer window
+        setting = setting + 1 if conflict <= latest + STRIDE else 0
+        latest = max(latest, conflict)
+        changed = None
+        while changed is None:
+            if setting == len(settings):
+                return None
+            (before, after), distance = settings[setting]
+            begin = max(course.first, conflict - before)
+            window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
+            reach = conflict - begin + REACH_STEPS
+            since = begin - SMOOTHED_STEPS
+            changed = _plan_window(course, plan, window, (*distance, reach), occupancy)
+            setting += changed is None
+        plan = changed
+        poses = _follow(course, plan, occupancy.last)
+    return None
+
+
+def _plan_window(
+    course: Course,
+    plan: _Plan,
+    window: Moments,
+    limits: tuple[float, int, int],
+    occupancy: Occupancy,
+) -> _Plan | None:
+    """Plan again from a window's begin on; None if there is no way through.
+
+    Args:
+        course: Course of the body.
+        plan: Plan so far.
+        window: Moments for which to plan.
+        limits: Gap (m) and time (steps) to keep to others, and steps of the course that the plan
+            covers.
+        occupancy: The others."""
+    reach = limits[2]
+    gap, headway = limits[:2]
+    side_lines = SIDE_LINES[course.label]
+    row = window.begin - course.first
+    progress = float(plan.progress[row])
+    start_line = round(plan.aside[row] / ASIDE_SPACING_M)
+    start_line = int(np.clip(start_line, -side_lines, side_lines))
+    rows = progress + STRIDE * np.arange(reach // STRIDE)
+    rows = rows[rows <= len(course.poses) - 1]
+    if not len(rows):
+        return None
+    asides = ASIDE_SPACING_M * np.arange(-side_lines, side_lines + 1)
+    offsets = np.repeat(asides, len(rows))
+    poses = _shift(course, np.tile(rows, len(asides)), offsets)
+    boxes = size_boxes(poses, course.size)
+    margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
+    shape = (window.number, len(asides), len(rows))
+    blocked = occupancy.find_blocked(boxes, window, gap).reshape(shape)
+    blocked = _widen(blocked, margin + ceil(headway / STRIDE))
+    is_crossed = np.any(blocked, axis=0)
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, gap).reshape(shape[1:])
+    blocked |= _widen(is_obstructed.T, margin).T
+    moves = _find_moves(blocked, is_crossed, start_line + side_lines)
+    if moves is None:
+        return None
+    # from moments to steps
+    count = len(moves.progress)
+    steps = np.arange(STRIDE * (count - 1) + 1)
+    moments = STRIDE * np.arange(count)
+    planned = _Plan(
+        progress + STRIDE * np.interp(steps, moments, moves.progress),
+        np.interp(steps, moments, ASIDE_SPACING_M * (moves.line - side_lines)),
+    )
+    return _join(_Plan(plan.progress[:row], plan.aside[:row]), planned, len(course.poses))
+
+
+def _widen(mask: Bool[np.ndarray, "n *k"], margin: int) -> Bool[np.ndarray, "n *k"]:
+    """Mask of rows that are marked, or within a margin of such a row, which smoothing needs."""
+    widened = mask.copy()
+    for shift in range(1, margin + 1):
+        widened[shift:] |= mask[:-shift]
+        widened[:-shift] |= mask[shift:]
+    return widened
+
+
+def _join(before: _Plan, planned: _Plan, count: int) -> _Plan:
+    """Plan of all steps: before a window, in it, and straight on to the end of the course.
+
+    count: number of the course's poses."""
+    onward = np.arange(planned.progress[-1] + 1, count)
+    progress = np.concatenate([before.progress, planned.progress, onward])
+    aside = np.concatenate([before.aside, planned.aside, np.full(len(onward), planned.aside[-1])])
+    is_under_way = progress <= count - 1
+    return _Plan(progress[is_under_way], aside[is_under_way])
+
+
+def _find_moves(
+    blocked: Bool[np.ndarray, "moments lines rows"],
+    is_crossed: Bool[np.ndarray, "lines rows"],
+    start_line: int,
+) -> _Moves | None:
+    """Cheapest moves through a window; None if it has no way through.
+
+    Args:
+        blocked: Mask of what is blocked, by moment, line and row of the course.
+        is_crossed: Mask of lines and rows that others take at some moment.
+        start_line: Line at the first moment; the row is 0."""
+    moments = len(blocked)
+    lines, rows = blocked.shape[1:]
+    # the last row is all of the course that is farther on, in which nothing costs anything;
+    # a border of infinite costs is round the lines and before the first row
+    costs = np.full((lines + 2, rows + 2), np.inf)
+    costs[start_line + 1, 1] = 0.0
+    inner = costs[1:-1, 1:]
+    waits = np.full(costs.shape, np.inf)
+    wait_costs = np.zeros((lines, rows + 1))
+    wait_costs[:, :-1] = np.where(is_crossed, CROSSED_WAIT_COST, WAIT_COST)
+    offset_costs = OFFSET_COST * np.abs(np.arange(lines) - lines // 2)[:, None]
+    moves = MOVES if lines > 1 else MOVES[:2]
+    choices = np.empty((moments, lines, rows + 1), np.int8)
+    options = np.empty((len(moves), lines, rows + 1))
+    for moment in range(1, moments):
+        early = EARLY_WAIT_COST * (moments - moment)
+        waits[1:-1, 1:] = inner + wait_costs * (1 + early)
+        for number, (ahead, left) in enumerate(moves):
+            source = costs if ahead else waits
+            first = 1 - left
+            options[number] = source[first : first + lines, 1 - ahead : rows + 2 - ahead]
+            if left:
+                options[number] += ASIDE_COST
+        choices[moment] = options.argmin(axis=0)
+        inner[:] = options.min(axis=0)
+        inner[:, :-1] += offset_costs
+        inner[:, :-1][blocked[moment]] = np.inf
+        cheapest_inside = inner[:, :-1].min()
+        cheapest_beyond = inner[:, -1].min()
+        if cheapest_beyond <= cheapest_inside:  # nothing better can follow, or nothing at all
+            break
+    end = int(inner.argmin())
+    if not np.isfinite(inner.flat[end]):
+        return None
+    return _trace(choices[: moment + 1], moves, end)
+
+
+def _trace(
+    choices: Int64[np.ndarray, "moments lines rows"], moves: Sequence[tuple[int, int]], end: int
+) -> _Moves:
+    """Moves that lead to an end.
+
+    Args:
+        choices: Number of the move that led to each state; the last row is all that follows.
+        moves: Rows ahead and lines to the left of each move.
+        end: Line and row at the last moment, as a flat index."""
+    moments = len(choices)
+    rows = choices.shape[2]
+    line, row = divmod(end, rows)
+    progress = np.empty(moments, np.int64)
+    lines = np.empty(moments, np.int64)
+    for moment in range(moments - 1, -1, -1):
+        progress[moment] = row
+        lines[moment] = line
+        if moment:
+            ahead, left = moves[int(choices[moment, line, row])]
+            row -= ahead
+            line -= left
+    arrival = int(np.searchsorted(progress, rows - 1))
+    progress[arrival:] = rows - 1 + np.arange(moments - arrival)
+    return _Moves(progress, lines)
+
+
+def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "steps 3"]:
+    """Poses of a body that follows a plan up to a last step, with smooth changes."""
+    sigma = SMOOTHING_STEPS[course.label]
+    count = max(0, last - course.first + 1)
+    columns = np.column_stack([plan.progress, plan.aside])
+    smoothed = smooth_rows(columns, sigma)[:count]
+    poses = _pick(course.poses, smoothed[:, 0])
+    if len(poses) < 2 or not smoothed[:, 1].any():
+        return poses
+    shifted = _shift(course, smoothed[:, 0], smoothed[:, 1])
+    # a heading turns with the course that the body takes
+    if course.label == PEDESTRIAN:
+        facing = face_course(poses[:, :2], 0.0)
+        shifted[:, 2] += face_course(shifted[:, :2], 0.0) - facing
+        return shifted
+    ahead_m_s = np.hypot(*np.gradient(poses[:, :2], FINE_STEP_S, axis=0).T)
+    aside_m_s = np.gradient(smoothed[:, 1], FINE_STEP_S)
+    shifted[:, 2] += np.arctan2(aside_m_s, np.maximum(ahead_m_s, MIN_TURNING_M_S))
+    return shifted
+
+
+def _pick(
+    poses: Float64[np.ndarray, "steps 3"], rows: Float64[np.ndarray, " k"]
+) -> Float64[np.ndarray, "k 3"]:
+    """Poses at rows that may be between two; headings are continuous."""
+    low = np.clip(rows.astype(np.int64), 0, len(poses) - 1)
+    high = np.minimum(low + 1, len(poses) - 1)
+    share = (rows - low)[:, None]
+    turn = poses[high, 2] - poses[low, 2]
+    step = poses[high] - poses[low]
+    step[:, 2] = np.arctan2(np.sin(turn), np.cos(turn))
+    return poses[low] + share * step
+
+
+def _shift(
+    course: Course, rows: Float64[np.ndarray, " k"], left: Float64[np.ndarray, " k"]
+) -> Float64[np.ndarray, "k 3"]:
+    """Poses to the left of a course. rows: rows that may be between two; left: distances (m)."""
+    directions = np.interp(rows, np.arange(len(course.poses)), course.directions)
+    return shift_left(_pick(course.poses, rows), directions, left)
