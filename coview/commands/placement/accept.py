@@ -19,6 +19,7 @@ from toolkit.sensors.error_profiles import find_profile
 if TYPE_CHECKING:
     from placement_env.acceptance.acceptance import Acceptance
     from placement_env.report.planning.plan_folder import PlanFolder, StatedResults
+    from toolkit.doctor.findings import Finding
     from toolkit.frame import Recording
 
 PLAN_FILE = "plan.json"
@@ -69,6 +70,7 @@ def accept_command(
         out: Folder for acceptance.json, acceptance.html and acceptance.txt."""
     from placement_env.acceptance.page import describe_acceptance
     from placement_env.report.planning.plan_folder import read_plan_folder, read_stated_results
+    from toolkit.doctor.diagnosis import diagnose
     from toolkit.runtime.text_values import replace_infinite
 
     find_profile(checking.errors)
@@ -86,8 +88,11 @@ def accept_command(
         claim(out, settings, check, overwrite=writing.overwrite),
     ):
         frames = frame_count(opened, checking.frames)
+        if not frames:
+            raise ValueError("there is no frame in the recording: check the path and the layout")
         with progress_bar("frame", frames, hidden=writing.json) as bar:
-            acceptance = _accept(opened, promise, checking, opening.layout, frames, bar.to)
+            faults = diagnose(recording, opening.layout, site=planned.setting.place).findings
+            acceptance = _accept(opened, promise, checking, faults, frames, bar.to)
         _write(acceptance, out, plan, recording)
     text = describe_acceptance(acceptance)
     figures = replace_infinite(acceptance.as_dict())
@@ -107,31 +112,25 @@ def _accept(
     opened: "Recording",
     promised: _Promised,
     checking: Checking,
-    layout: str | None,
+    findings: "list[Finding]",
     frames: int,
     progress: Callable[[int], None],
 ) -> "Acceptance":
     """Compare an open recording with a plan.
 
-    layout: name of the recording's layout, None to guess it; frames: number of frames to use;
-    progress: called with the number of frames done. Raises ValueError without frames."""
+    findings: faults that the doctor found in the recording; frames: number of frames to use;
+    progress: called with the number of frames done."""
     from placement_env.acceptance.acceptance import Promise, accept_street
     from placement_env.acceptance.street_detections import Fusion
     from toolkit.calibration.reference_surface import read_surface, site_surface
     from toolkit.datasets.recording_views import ReadRecording, Reads
-    from toolkit.doctor.diagnosis import diagnose
 
-    if not frames:
-        raise ValueError("there is no frame in the recording: check the path and the layout")
     setting = promised.planned.setting
     site = setting.place
     surface = site_surface(site)
     if checking.reference is not None:
         surface = read_surface(checking.reference)
     recall = _combine_recall(promised.planned, promised.stated)
-    findings = []
-    if opened.path is not None:
-        findings = diagnose(opened.path, layout, site=site).findings
     return accept_street(
         ReadRecording(opened, Reads(checking.errors, checking.seed)),
         Promise(site, promised.stated.classes, recall),

@@ -83,9 +83,11 @@ def test_what_is_found_in_every_frame_has_the_best_hota():
     frames = street(1.0, frames=60, step=0.5)
     tracks = track_boxes(frames, SITE)
     (check,) = compare_classes(frames, [promise(0.99, 0.97, 1.0)], SITE, tracks)
+    assert check.hota is not None
     assert 0.6 < check.hota <= 1
     half = street(0.5, frames=60, step=0.5)
     (worse,) = compare_classes(half, [promise(0.99, 0.97, 1.0)], SITE, track_boxes(half, SITE))
+    assert worse.hota is not None
     assert worse.hota < check.hota
 
 
