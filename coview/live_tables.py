@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from placement_env.handover.mounted import is_named_by_pole
+from placement_env.handover.mounted import describe_radio, is_named_by_pole
 from toolkit.display import describe_count, format_share
 from toolkit.plots.palette import BAR, FAINT, GROUND, INK, OUTCOME, SOLID, sensor_colour
 
@@ -89,6 +89,7 @@ def figures_html(answer: "LiveAnswer") -> str:
         ),
         ("Seen by no sensor", f"{answer.unseen} of {describe_count(answer.objects, 'road user')}"),
         ("Fullest link", _describe_fullest_link(answer)),
+        ("Radio", describe_radio(answer.links)),
     )
     rows = "".join(
         f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>'

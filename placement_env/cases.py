@@ -11,8 +11,9 @@ the axes are reduced from the last:
                      sensors keeps nothing
     error profiles   the profile with the lowest AP gives all figures of a set, or the mean
 
-Resamples of a paired bootstrap are reduced in the same way along a trailing axis. Fields that do
-not fit raise ValueError.
+The methods here reduce the estimates of fast fidelities. `placement_env.analysis.case_figures`
+reduces the figures of evaluated sets, with their resamples, by the same rules. Fields that do not
+fit raise ValueError.
 """
 
 import warnings
@@ -256,35 +257,22 @@ class Cases:
         )
         return np.asarray(reduced + tie * intact) if tie else reduced
 
-    def at_profiles(
-        self,
-        figures: Float64[np.ndarray, "P L I m *rest"],
-        owners: Int64[np.ndarray, " m"],
-        *,
-        tie: float = TIE_SHARE,
-    ) -> Float64[np.ndarray, "P n *rest"]:
-        """Figures of n sets at each error profile, over thresholds, levels and failures.
+    def at_profile(
+        self, figures: Float64[np.ndarray, "L I m *rest"], owners: Int64[np.ndarray, " m"]
+    ) -> Float64[np.ndarray, "n *rest"]:
+        """Figures of n sets over thresholds, levels and failures, at one error profile.
 
-        figures: axes are profile, level of traffic, IoU threshold, row of `expand`, and any others;
-        owners: index of the set of each row; tie: share of the intact set's figures to add."""
-        level_count = figures.shape[1]
-        iou_count = figures.shape[2]
-        # mean over IoU thresholds, with axes profile, level, row and others
-        iou_mean = figures[:, :, 0]
+        The share `TIE_SHARE` of the intact set's figures is added after failures.
+
+        figures: axes are level of traffic, IoU threshold, row of `expand`, and any others; owners:
+        index of the set of each row."""
+        level_count, iou_count = figures.shape[:2]
+        iou_mean = figures[:, 0]  # axes: level, row and others
         if iou_count > 1:
-            iou_sum = sum(figures[:, :, i] for i in range(iou_count))
+            iou_sum = sum(figures[:, i] for i in range(iou_count))
             iou_mean = np.asarray(iou_sum / iou_count)
-        by_profile = []
-        for level_figures in iou_mean:
-            one_figure = level_figures[0] if level_count == 1 else self.over_levels(level_figures)
-            by_profile.append(self.over_failures(one_figure, owners, tie=tie))
-        return np.stack(by_profile)
-
-    def over_errors(self, figures: Float64[np.ndarray, "P *rest"]) -> Float64[np.ndarray, "*rest"]:
-        """Lowest or mean value of each figure over the error profiles (the first axis)."""
-        return np.asarray(
-            figures.min(axis=0) if self.errors_by == "worst" else figures.mean(axis=0)
-        )
+        one_figure = iou_mean[0] if level_count == 1 else self.over_levels(iou_mean)
+        return self.over_failures(one_figure, owners)
 
     def shares(self, ap: Float64[np.ndarray, "P n"]) -> Float64[np.ndarray, "P n"]:
         """Weight of each of P error profiles in the figures of each of n sets.

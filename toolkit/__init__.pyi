@@ -34,6 +34,7 @@ from .detection.link.foreground import (
     decode_foreground as decode_foreground,
     encode_foreground as encode_foreground,
 )
+from .detection.link.sensor_codec import SensorCodec as SensorCodec
 from .exchange.geo_origin import GeoOrigin as GeoOrigin
 from .exchange.instant import Instant as Instant
 from .exchange.standards import open_writer as open_writer

@@ -1,6 +1,6 @@
 """Fusion scheme `differences`: foreground messages that send only what changed.
 
-The centre restores exactly the images that `foreground` would have sent, in 3 to 21 % fewer bits
+The centre restores exactly the images that `foreground` in one step sends, in 3 to 21 % fewer bits
 (`tests/benchmarks/toolkit/bench_messages.py`, 22 Nov 2026, commit 7831231). At 10 Hz much of the
 foreground is still: queues, parked cars, people who wait. The scheme is given to
 `evaluate_recording` as an object: see `python -m examples.differences`."""
@@ -26,7 +26,7 @@ from toolkit.detection.view import View
 @dataclass(frozen=True)
 class ForegroundDifferences(foreground.SendsForeground):
     """Foreground scheme whose messages send only changes: the same points arrive as with
-    `Foreground`.
+    `Foreground` of one step.
 
     Pass a memory from view to view (`toolkit.detection.view.View`) when frames are read in order;
     otherwise every image is sent whole. Fields as in `Foreground` and `DifferenceSender`; raises

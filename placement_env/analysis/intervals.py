@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from placement_env.checks import check_whole
 from placement_env.fidelity.detector import IGNORED, Outcome
-from toolkit.arrays import Float64, Int64, Mask
+from toolkit.arrays import Float64, Int64, Mask, Shaped
 from toolkit.detection.metrics import average_precision, precision_recall
 from toolkit.traffic.spawner import LIFE
 
@@ -103,10 +103,20 @@ def ratio_interval(
             f"there must be one part and one whole per frame, got {numerators.shape} and "
             f"{denominators.shape}"
         )
-    draws = block_draws(len(numerators), seed=seed)
-    sums = draws @ denominators
-    ratios = np.divide(draws @ numerators, sums, out=np.full(len(sums), np.nan), where=sums != 0)
+    ratios = resample_ratio(block_draws(len(numerators), seed=seed), numerators, denominators)
     return percentiles(ratios, count_blocks(len(numerators)), confidence=confidence)
+
+
+def resample_ratio(
+    draws: Shaped[np.ndarray, "resamples k"],
+    parts: Shaped[np.ndarray, " k"],
+    wholes: Shaped[np.ndarray, " k"],
+) -> Resamples:
+    """Return sum(parts) / sum(wholes) over k frames or blocks in each resample, NaN without wholes.
+
+    draws: how often each resample draws each frame or block."""
+    sums = draws @ wholes
+    return np.divide(draws @ parts, sums, out=np.full(len(sums), np.nan), where=sums != 0)
 
 
 def count_blocks(frames: int) -> int:

@@ -145,9 +145,7 @@ class CasesFidelity:
         values = []
         for level in by_level:
             values.append([getattr(estimate, figure) for estimate in level])
-        # `at_profiles` takes and returns a leading axis of profiles, here only one
-        one_profile = np.array([values])
-        return np.asarray(self.cases.at_profiles(one_profile, owners)[0])
+        return self.cases.at_profile(np.array(values), owners)
 
 
 class CasesByFrames(CasesFidelity):

@@ -30,7 +30,7 @@ from placement_env.defaults import VEHICLES
 from placement_env.fidelity.traffic import scored
 from placement_env.protocol import ClassEstimates, Estimate
 from placement_env.subsets import Sets
-from toolkit.arrays import Bool, Float32, Float64, Shaped
+from toolkit.arrays import Bool, Float32, Float64, Int64, Shaped
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.codec import PAPER, Codec, check_codec
 from toolkit.detection.metrics import average_precision, matches, precision_recall
@@ -231,7 +231,9 @@ class Detected:
             progress: Called with the number of new frames done."""
         sets = self._list_members(subsets)
         frame_indices = _list_frames(self.frames, frames)
-        to_find = [self._count_to_find(frame_indices, label) for label in self.classes.labels]
+        to_find = [
+            int(self.count_to_find(frame_indices, label).sum()) for label in self.classes.labels
+        ]
         # axes: set, class, IoU threshold; the last one is AP, recall, kbit
         figures = np.zeros((len(sets), len(self.classes), len(self.ious), 3))
         for first in range(0, len(sets), MAX_SETS_HELD):
@@ -350,9 +352,9 @@ class Detected:
         """Mask of the objects of frame k to be found that have one class (number)."""
         return self.scored(k) & (self.renders.objects(k).labels == label)
 
-    def _count_to_find(self, frames: Iterable[int], label: int) -> int:
-        """Number of objects of one class (number) to be found in some frames (indices)."""
-        return int(sum(self.to_find(k, label).sum() for k in frames))
+    def count_to_find(self, frames: Iterable[int], label: int) -> Int64[np.ndarray, " frames"]:
+        """Number of objects of one class (number) to be found in each of some frames (indices)."""
+        return np.array([self.to_find(k, label).sum() for k in frames], np.int64)
 
     def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
         # key of the outcome of a set (indices of candidates) in frame k

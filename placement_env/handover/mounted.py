@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from string import ascii_lowercase
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from placement_env.candidates.candidates import Candidates, aims, name_sensor
 from placement_env.candidates.sensor_catalogue import RATES, SensorCatalogue
 from placement_env.links import LINK_SHARE, describe_share, max_load, sent_in_most
 from toolkit.arrays import Float64, Int64
+from toolkit.detection.link.packets import count_packets, find_airtime_us
 from toolkit.sensors.models import name_in_words
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.georeference import bearing_deg, longitude_latitude
@@ -52,6 +54,8 @@ class PlannedSensor:
         peak_kbit: Largest data per frame.
         capacity_kbit: Capacity of its link.
         load_kbit: Load of its link by this sensor (`placement_env.links`).
+        packets: Mean packets per frame (`toolkit.detection.link.packets`).
+        airtime_us: Mean airtime of these packets by 802.11p (µs per frame).
     """
 
     name: str
@@ -71,6 +75,8 @@ class PlannedSensor:
     peak_kbit: float
     capacity_kbit: float
     load_kbit: float
+    packets: float = 0.0
+    airtime_us: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,8 @@ class PoleLoad:
         share: Load as a share of the capacity.
         fits: Whether the link carries the load.
         load_mbit_s: Data rate that counts against the capacity.
+        packets_s: Mean packets per second (`toolkit.detection.link.packets`).
+        airtime_ms_s: Mean airtime of these packets by 802.11p (ms per second).
     """
 
     pole: str
@@ -94,6 +102,8 @@ class PoleLoad:
     share: float
     fits: bool
     load_mbit_s: float
+    packets_s: float = 0.0
+    airtime_ms_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,6 +170,7 @@ def format_sensors(
     prices = candidates.model_prices[np.asarray(chosen, np.int64)]
     mean_kbit = kbit.mean(axis=1)
     loads = sent_in_most(kbit, link_share)
+    radio = measure_radio(kbit)
     paid_poles: set[str] = set()
     planned = []
     for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True)):
@@ -187,6 +198,8 @@ def format_sensors(
                 peak_kbit=float(kbit[i].max()),
                 capacity_kbit=float(mount.capacity),
                 load_kbit=float(loads[i]),
+                packets=float(radio.packets[i]),
+                airtime_us=float(radio.airtime_us[i]),
             )
         )
         paid_poles.add(mount.name)
@@ -288,10 +301,31 @@ def _letter(number: int) -> str:
     return (_letter(quotient) if quotient else "") + ascii_lowercase[remainder]
 
 
+class RadioUse(NamedTuple):
+    """Mean use of the radio by each sensor in a frame.
+
+    packets: number of packets; airtime_us: their airtime by 802.11p (µs)."""
+
+    packets: Float64[np.ndarray, " sensors"]
+    airtime_us: Float64[np.ndarray, " sensors"]
+
+
+def measure_radio(kbit: Float64[np.ndarray, "sensors frames"]) -> RadioUse:
+    """Mean packets and airtime per frame of sensors that send a message in each frame.
+
+    kbit: data that each sensor sends, per frame."""
+    bits = np.rint(kbit * 1000).astype(np.int64)
+    packets = count_packets(bits)
+    airtime_us = find_airtime_us(bits)
+    return RadioUse(packets.mean(axis=1), airtime_us.mean(axis=1))
+
+
 def build_load(
     pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
 ) -> PoleLoad:
-    """Load of one link from its amounts (Mbit/s). limited: as in `link_loads`."""
+    """Load of one link from its amounts (Mbit/s), without its packets.
+
+    limited: as in `link_loads`."""
     fits = load <= max_load(capacity) or not limited
     return PoleLoad(pole, mean, peak, capacity, load / capacity, fits, load)
 
@@ -311,6 +345,7 @@ def measure_links(
     means = mbit_s.mean(axis=1)
     peaks = mbit_s.max(axis=1, initial=0)
     sensor_loads = sent_in_most(mbit_s, link_share)
+    radio = measure_radio(kbit)
     loads = []
     for mount in np.unique(candidates.mount).tolist():
         on_mount = candidates.mount == mount
@@ -319,8 +354,20 @@ def measure_links(
         load = float(sensor_loads[on_mount].sum())
         pole = candidates.mounts[mount]
         capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
-        loads.append(build_load(pole.name, mean, peak, load, capacity, limited=limited))
+        pole_load = build_load(pole.name, mean, peak, load, capacity, limited=limited)
+        packets = float(radio.packets[on_mount].sum())
+        airtime_us = float(radio.airtime_us[on_mount].sum())
+        loads.append(_add_radio(pole_load, packets=packets, airtime_us=airtime_us))
     return tuple(loads)
+
+
+def _add_radio(load: PoleLoad, packets: float, airtime_us: float) -> PoleLoad:
+    """Return a load with its packets and airtime per second.
+
+    packets, airtime_us: number and airtime (µs) of its packets per frame."""
+    return replace(
+        load, packets_s=packets * FRAME_RATE_HZ, airtime_ms_s=airtime_us * FRAME_RATE_HZ / 1000
+    )
 
 
 def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[PoleLoad, ...]:
@@ -334,8 +381,26 @@ def link_loads(sensors: tuple[PlannedSensor, ...], *, limited: bool) -> tuple[Po
         peak = sum(sensor.peak_kbit for sensor in pole_sensors) * FRAME_RATE_HZ / KBIT_PER_MBIT
         load = sum(sensor.load_kbit for sensor in pole_sensors) * FRAME_RATE_HZ / KBIT_PER_MBIT
         capacity = pole_sensors[0].capacity_kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
-        loads.append(build_load(pole, mean, peak, load, capacity, limited=limited))
+        pole_load = build_load(pole, mean, peak, load, capacity, limited=limited)
+        packets = sum(sensor.packets for sensor in pole_sensors)
+        airtime_us = sum(sensor.airtime_us for sensor in pole_sensors)
+        loads.append(_add_radio(pole_load, packets=packets, airtime_us=airtime_us))
     return tuple(loads)
+
+
+def describe_radio(loads: Sequence[PoleLoad]) -> str:
+    """Packets and airtime of all links together, in words.
+
+    >>> load = PoleLoad("p", 1.0, 1.0, 20.0, 0.05, True, 1.0, packets_s=20.0, airtime_ms_s=21.8)
+    >>> describe_radio([load, load])
+    '40 packets a second, 4.4 % of the airtime of 802.11p'
+    """
+    packets_s = sum(load.packets_s for load in loads)
+    airtime_share = sum(load.airtime_ms_s for load in loads) / 1000
+    share = f"{100 * airtime_share:,.1f} % of the airtime of 802.11p"
+    if airtime_share > 1:
+        share += ", more than a channel has"
+    return f"{packets_s:,.0f} packets a second, {share}"
 
 
 def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SHARE) -> str:

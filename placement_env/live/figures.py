@@ -20,6 +20,7 @@ from placement_env.analysis.intervals import (
     count_blocks,
     figure_interval,
     percentiles,
+    resample_ratio,
 )
 from placement_env.candidates.candidates import Candidates
 from placement_env.cases import LEVEL_NAMES
@@ -368,13 +369,7 @@ class Meter:
         rows = []
         for k in np.flatnonzero(counts.any(axis=1)).tolist():
             objects = int(counts[k].sum())
-            drawn_counts = self._draws @ counts[k]  # objects in each resample
-            shares = np.divide(
-                self._draws @ found_sums[k],
-                drawn_counts,
-                out=np.full(len(drawn_counts), np.nan),  # NaN for a resample without objects
-                where=drawn_counts > 0,
-            )
+            shares = resample_ratio(self._draws, found_sums[k], counts[k])
             recall = float(found_sums[k].sum() / objects)
             interval = figure_interval(
                 recall, shares, blocks=self.blocks, objects=objects, fewest=MIN_LIVE_BLOCKS

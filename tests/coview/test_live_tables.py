@@ -37,9 +37,12 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site, Solid
 
 ROW = FoundShare("vehicle", None, 0.5, math.nan, math.nan, 7)
-LINKS = (
-    build_load("north", 9.0, 30.0, 12.0, 20.0, limited=True),
-    build_load("south <b>", 15.0, 30.0, 18.0, 20.0, limited=True),
+LINKS = tuple(
+    replace(load, packets_s=20.0, airtime_ms_s=21.8)
+    for load in (
+        build_load("north", 9.0, 30.0, 12.0, 20.0, limited=True),
+        build_load("south <b>", 15.0, 30.0, 18.0, 20.0, limited=True),
+    )
 )
 ANSWER = LiveAnswer(
     what="moved <d0>",
@@ -105,6 +108,8 @@ def read(page: str) -> str:
         ),
         ({}, "Fullest link 90% of 20 Mbit/s, south &lt;b&gt;"),
         ({"links": ()}, "Fullest link none"),
+        ({"links": ()}, "Radio 0 packets a second, 0.0 % of the airtime of 802.11p"),
+        ({}, "Radio 40 packets a second, 4.4 % of the airtime of 802.11p"),
         ({"problems": ("north carries <more>",)}, "&#9888; north carries &lt;more&gt;"),
         ({"approaches": (replace(ROW, recall=math.nan),)}, "vehicle none there, N = 7"),
         ({"approaches": (replace(ROW, low=0.4, high=0.65),)}, "vehicle 50% (40% to 65%), N = 7"),

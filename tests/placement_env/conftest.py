@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_env.analysis import intervals
+from placement_env.analysis import case_figures, intervals
 from placement_env.candidates.candidates import Axes, Candidates, paper_candidates
 from placement_env.fidelity.detector import Detected
 from placement_env.fidelity.hit_model import HitModel
@@ -17,9 +17,9 @@ from placement_env.fidelity.traffic import Traffic
 from placement_env.fidelity.visibility import Visibility
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
-from placement_env.report.planning import choosing, judging
+from placement_env.report.planning import choosing
 from placement_env.report.planning.judging import Judge
-from placement_env.search.portfolio import evaluators, portfolio
+from placement_env.search.portfolio import evaluators, reward_race, schedule
 from placement_env.setting import Setting, Weights
 from toolkit.bodies.body import Body
 from toolkit.bodies.fleet import catalogue
@@ -211,7 +211,7 @@ class Known:
 @pytest.fixture
 def blocks_of_four(limits):
     """Small examples have blocks of one life, four frames."""
-    for module in (intervals, evaluators, portfolio, judging, choosing):
+    for module in (intervals, case_figures, evaluators, schedule, reward_race, choosing):
         limits(module, BLOCK_FRAMES=4)
 
 

@@ -72,7 +72,7 @@ def find_crossing(
 
     Args:
         point: x, y (m) of the road user, inside.
-        velocity: along x and y (m/s); turned round for one that came in.
+        velocity: along x and y (m/s); turned round if it came in.
         area: xmin, ymin, xmax, ymax (m)."""
     speed = float(np.hypot(*velocity))
     if speed <= 0:

@@ -178,7 +178,7 @@ def _find_velocity(trajectory: Trajectory, time: float) -> Float64[np.ndarray, "
 
 def _angle_deg(user: Float64[np.ndarray, "2"], partner: Float64[np.ndarray, "2"]) -> float:
     """Angle between two directions (degrees, 0 to 180)."""
-    cross = float(user[0] * other[1] - user[1] * other[0])
+    cross = float(user[0] * partner[1] - user[1] * partner[0])
     return float(np.rad2deg(np.arctan2(abs(cross), float(user @ partner))))
 
 

@@ -25,7 +25,8 @@ GROUPS = {  # names of classes that are counted together, by the name of the gro
 MAX_TRIP_OFFSET_S = 3.0  # between entries, and between exits, of a trip and its true one
 
 
-class MovementCount(NamedTuple):
+@dataclass(frozen=True)
+class MovementCount:
     """Trips of one class from one arm to another.
 
     Attributes:
@@ -42,6 +43,11 @@ class MovementCount(NamedTuple):
     count: int
     speed_km_h: float
     dwell_s: float
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Names of class, entry and exit."""
+        return self.label, self.entry, self.exit
 
 
 class QueueCount(NamedTuple):
@@ -140,7 +146,8 @@ def _count_queues(
     )
 
 
-class CountError(NamedTuple):
+@dataclass(frozen=True)
+class CountError:
     """Count of a movement, next to the true one.
 
     Attributes:
@@ -167,8 +174,8 @@ class CountError(NamedTuple):
 
 def compare_counts(counts: StreetCounts, truth: StreetCounts) -> list[CountError]:
     """Movements that were counted or took place, by class, entry and exit."""
-    counted = {movement[:3]: movement for movement in counts.movements}
-    true = {movement[:3]: movement for movement in truth.movements}
+    counted = {movement.key: movement for movement in counts.movements}
+    true = {movement.key: movement for movement in truth.movements}
     nothing = MovementCount("", "", "", 0, float("nan"), float("nan"))
     errors = []
     for key in sorted(counted.keys() | true.keys(), key=_order_of_movement):

@@ -18,8 +18,8 @@ class Trip(NamedTuple):
     Attributes:
         id: number of the road user.
         label: its class, as a number of `toolkit.objects.LABELS`.
-        entry: name of the arm at which it came in; None for one that was first seen inside.
-        exit: name of the arm at which it left; None for one that was last seen inside.
+        entry: name of the arm at which it came in; None if it was first seen inside.
+        exit: name of the arm at which it left; None if it was last seen inside.
         begin: time at which it is first in the area (s).
         end: time at which it is last in the area (s).
         way_m: length of its way in the area, as far as it moves.
@@ -69,7 +69,7 @@ def find_trips(
 def mask_inside(trajectory: Trajectory, area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
     """Mask of the times at which a road user's middle is in an area."""
     points = trajectory.boxes[:, :2]
-    return ((points >= area[:2]) & (points <= area[2:])).all(axis=1)
+    return np.all((points >= area[:2]) & (points <= area[2:]), axis=1)
 
 
 def _find_trip(

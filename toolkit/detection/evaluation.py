@@ -35,7 +35,7 @@ from toolkit.detection.evaluation_result import Evaluation
 from toolkit.detection.evaluation_tables import sensor_text
 from toolkit.detection.figures import ClassFigures, Row
 from toolkit.detection.frame_scores import FrameResult, ScoringJob
-from toolkit.detection.link.message import SetLoad
+from toolkit.detection.link.load import SetLoad
 from toolkit.detection.metrics import TRUE_IOU
 from toolkit.detection.provenance import dataset_origin, detector_origin, settings_origin
 from toolkit.detection.scheme import Chained

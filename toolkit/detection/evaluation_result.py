@@ -9,7 +9,7 @@ from toolkit.detection.breakdown import GroupRow, format_rows
 from toolkit.detection.detect import describe_summary
 from toolkit.detection.evaluation_tables import format_class_table, format_table
 from toolkit.detection.figures import ClassFigures, Row
-from toolkit.detection.link.message import SetLoad, format_loads
+from toolkit.detection.link.load import SetLoad, format_loads
 from toolkit.runtime.stage_times import describe_times
 from toolkit.runtime.text_values import replace_infinite
 

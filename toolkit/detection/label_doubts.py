@@ -115,7 +115,7 @@ def rank_doubts(frames: Sequence[TrackFrame]) -> list[DoubtfulTrack]:
         tracks = frame.tracks
         overlap = iou_bev(tracks.boxes, tracks.boxes)
         np.fill_diagonal(overlap, 0.0)
-        has_overlap = (overlap > MIN_OVERLAP_IOU).any(axis=1)
+        has_overlap = np.asarray((overlap > MIN_OVERLAP_IOU).any(axis=1))
         for row, number in enumerate(tracks.ids.tolist()):
             course = courses.setdefault(number, _Course())
             course.names.append(frame.name or str(frame.number))

@@ -11,7 +11,7 @@ from toolkit.arrays import Float64, Mask
 from toolkit.detection.breakdown import FrameTruth, GroupRow, group_rows
 from toolkit.detection.figures import ClassFigures, Row
 from toolkit.detection.frame_scores import FrameResult, ScoringJob, sends_images
-from toolkit.detection.link.message import LinkLoad, link_load
+from toolkit.detection.link.load import LinkLoad, link_load
 from toolkit.detection.metrics import TRUE_IOU, DetectionScore, evaluate, reliability, second_labels
 from toolkit.objects import LABELS, VEHICLE, Detections, label_index
 from toolkit.runtime.stage_times import Percentiles, StageTimes

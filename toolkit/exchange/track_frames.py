@@ -55,17 +55,18 @@ def make_tracks(
     unseen: Float64[np.ndarray, " n"] | None = None,
 ) -> Tracks:
     """Make tracks of a checked instant, with velocities of NaN if they are unknown."""
+    count = len(instant)
     velocities = instant.velocities
     if velocities is None:
-        velocities = np.full((len(instant), 3), np.nan)
+        velocities = np.full((count, 3), np.nan)
     return Tracks(
         instant.boxes,
         instant.scores,
         instant.labels,
-        ids=instant.ids,
+        ids=np.array(instant.list_ids(), np.int64),
         velocities=velocities,
-        ages=ages,
-        unseen=unseen,
+        ages=np.zeros(count) if ages is None else ages,
+        unseen=np.zeros(count) if unseen is None else unseen,
     )
 
 

@@ -145,7 +145,7 @@ def _collect(
     order = np.argsort(track_ids, kind="stable")
     track_ids = track_ids[order]
     rows = np.concatenate(row_parts)[order]
-    detections = _TrackDetections(
+    tracked = _TrackDetections(
         frame=np.concatenate(frame_parts)[order],
         boxes=everything.boxes[rows],
         scores=everything.scores[rows],
@@ -158,8 +158,8 @@ def _collect(
     detections_by_track = {}
     several = zip(names[~is_single], begins[~is_single], counts[~is_single], strict=True)
     for name, begin, count in several:
-        detections_by_track[int(name)] = detections.select(slice(begin, begin + count))
-    single = _SingleDetections(names[is_single], detections.select(begins[is_single]))
+        detections_by_track[int(name)] = tracked.select(slice(begin, begin + count))
+    single = _SingleDetections(names[is_single], tracked.select(begins[is_single]))
     return single, detections_by_track
 
 

@@ -10,6 +10,7 @@ from toolkit.traffic.sumo import FINE_STEP_S
 
 SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
 REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
+DIRECTION_SMOOTHING_S = 1.5  # of the direction that sides are counted from
 MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
 
 
@@ -53,19 +54,30 @@ def move_walker(
         points: x, y (m), one for each step of `FINE_STEP_S`.
         yaw: heading at the start (rad), for one who does not move."""
     smoothed = smooth_motion(points)
-    velocities = (
-        np.gradient(smoothed, FINE_STEP_S, axis=0) if len(smoothed) > 1 else np.zeros((1, 2))
-    )
+    return np.column_stack([smoothed, face_course(smoothed, yaw)])
+
+
+def face_course(
+    points: Float64[np.ndarray, "steps 2"], yaw: float
+) -> Float64[np.ndarray, " steps"]:
+    """Headings (rad, without jumps) of a walker who faces where the course leads.
+
+    Slower than `MIN_WALKING_M_S` a walker keeps the last heading.
+
+    Args:
+        points: x, y (m), one for each step of `FINE_STEP_S`.
+        yaw: heading (rad) of one who never walks."""
+    if len(points) < 2:
+        return np.full(len(points), yaw)
+    velocities = np.gradient(points, FINE_STEP_S, axis=0)
     is_walking = np.hypot(*velocities.T) >= MIN_WALKING_M_S
+    if not is_walking.any():
+        return np.full(len(points), yaw)
     yaws = np.arctan2(velocities[:, 1], velocities[:, 0])
     # step of the last heading that holds; before the first one, that one
     last = np.maximum.accumulate(np.where(is_walking, np.arange(len(yaws)), -1))
-    if is_walking.any():
-        last[last < 0] = int(np.argmax(is_walking))
-        yaws = yaws[last]
-    else:
-        yaws[:] = yaw
-    return np.column_stack([smoothed, smooth_motion(np.unwrap(yaws)[:, None])[:, 0]])
+    last[last < 0] = int(np.argmax(is_walking))
+    return smooth_motion(np.unwrap(yaws[last])[:, None])[:, 0]
 
 
 def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray, "steps k"]:
@@ -73,3 +85,24 @@ def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray,
 
     values: one row for each step of `FINE_STEP_S`."""
     return smooth_rows(values, SMOOTHING_S / FINE_STEP_S)
+
+
+def smooth_direction(yaws: Float64[np.ndarray, " steps"]) -> Float64[np.ndarray, " steps"]:
+    """Headings (rad) smoothed over `DIRECTION_SMOOTHING_S`, without jumps at half turns.
+
+    What goes at a distance beyond a course takes a wide bend, instead of swinging round with each
+    turn of the heading."""
+    unwrapped = np.unwrap(yaws)[:, None]
+    return smooth_rows(unwrapped, DIRECTION_SMOOTHING_S / FINE_STEP_S)[:, 0]
+
+
+def shift_left(
+    poses: Float64[np.ndarray, "steps 3"],
+    directions: Float64[np.ndarray, " steps"],
+    left: Float64[np.ndarray, " steps"] | float,
+) -> Float64[np.ndarray, "steps 3"]:
+    """Poses moved to the left of directions (rad) by distances (m); headings stay."""
+    shifted = poses.copy()
+    shifted[:, 0] -= left * np.sin(directions)
+    shifted[:, 1] += left * np.cos(directions)
+    return shifted

@@ -18,16 +18,16 @@ class Moments(NamedTuple):
     Attributes:
         begin: step of the first moment.
         stride: steps between moments.
-        count: number of moments."""
+        number: number of moments."""
 
     begin: int
     stride: int
-    count: int
+    number: int
 
     @property
     def steps(self) -> Int64[np.ndarray, " moments"]:
         """Step of each moment."""
-        return self.begin + self.stride * np.arange(self.count)
+        return self.begin + self.stride * np.arange(self.number)
 
 
 class Occupancy:
@@ -69,11 +69,16 @@ class Occupancy:
         self._extents[count, :2] = first + begin, first + end - 1
         self._extents[count, 2:] = _bounds(boxes[begin:end])
 
-    def find_conflict(self, boxes: LevelBoxes, first: int) -> int | None:
+    def find_conflict(
+        self, boxes: LevelBoxes, first: int, *, since: int | None = None
+    ) -> int | None:
         """First step at which a body comes closer to another than `BODY_GAP_M`; None without one.
 
-        boxes: box of the body for each step from `first` on."""
+        boxes: box of the body for each step from `first` on; since: step to begin at, None for the
+        first."""
         rows = self._list_seen(boxes, first)
+        if since is not None:
+            rows = rows[rows >= since - first]
         if not len(rows):
             return None
         steps = first + rows
@@ -107,7 +112,7 @@ class Occupancy:
             boxes: Boxes of one size.
             moments: Moments.
             gap: Gap (m)."""
-        blocked = np.zeros((moments.count, len(boxes)), np.bool_)
+        blocked = np.zeros((moments.number, len(boxes)), np.bool_)
         is_seen = self._is_near_view(boxes)
         steps = moments.steps
         bounds = _bounds(boxes) + gap * np.array([-1, -1, 1, 1])
@@ -123,15 +128,20 @@ class Occupancy:
             body_boxes = body_boxes[is_inside]
             if not len(rows):
                 continue
-            reach = radius + np.hypot(*boxes[0, 3:5]) / 2 + gap
-            low = body_boxes[:, :2].min(axis=0) - reach
-            high = body_boxes[:, :2].max(axis=0) + reach
-            near = np.flatnonzero(
-                ((boxes[:, :2] > low) & (boxes[:, :2] < high)).all(axis=1) & is_seen
-            )
-            dx = body_boxes[:, 0, None] - boxes[near, 0]
-            dy = body_boxes[:, 1, None] - boxes[near, 1]
-            moment, column = np.nonzero(dx * dx + dy * dy < reach**2)
+            # in the frame of the body, how far a box can be away and still be close
+            box_radius = np.hypot(*boxes[0, 3:5]) / 2 + gap
+            reach = body_boxes[0, 3:5] / 2 + box_radius
+            low = body_boxes[:, :2].min(axis=0) - radius - box_radius
+            high = body_boxes[:, :2].max(axis=0) + radius + box_radius
+            is_near = is_seen & ((boxes[:, :2] > low) & (boxes[:, :2] < high)).all(axis=1)
+            near = np.flatnonzero(is_near)
+            dx = boxes[near, 0] - body_boxes[:, 0, None]
+            dy = boxes[near, 1] - body_boxes[:, 1, None]
+            cos = np.cos(body_boxes[:, 6, None])
+            sin = np.sin(body_boxes[:, 6, None])
+            is_beside = np.abs(dx * cos + dy * sin) < reach[0]
+            is_beside &= np.abs(dy * cos - dx * sin) < reach[1]
+            moment, column = np.nonzero(is_beside)
             box = near[column]
             is_close = are_close(body_boxes[moment], boxes[box], gap)
             blocked[rows[moment[is_close]], box[is_close]] = True

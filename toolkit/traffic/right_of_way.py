@@ -1,13 +1,14 @@
 """Right of way: bodies that would overlap others wait for them, or step aside.
 
 Road users are placed in turn, vehicles first and walkers last, each by those who were before it.
-The course of a road user in space is given; when it goes along it is planned, and for people also
-how far from it to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A plan is
+The course of a road user in space is given; when it goes along it is planned, and how far from it
+to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A plan is
 the cheapest sequence of moments to go on, to wait or to step aside in which no body comes near
 another, found by dynamic programming in a window of time around each conflict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from typing import NamedTuple
 
@@ -16,25 +17,26 @@ import numpy as np
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
+from toolkit.traffic.body_motion import face_course, shift_left, smooth_direction
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.sumo import FINE_STEP_S
 
-STRIDE = 2  # steps of `FINE_STEP_S` between the moments of a plan
+STRIDE = 3  # steps of `FINE_STEP_S` between the moments of a plan
 # steps from the begin of a window to its conflict and on to its end, tried one after the other
-WINDOWS_STEPS = ((80, 250), (400, 400))
-REACH_STEPS = 120  # part of the course after a conflict that a plan covers
-ASIDE_SPACING_M = 0.15
-MAX_PLANS = 12  # windows planned for one road user
+WINDOWS_STEPS = ((50, 120), (400, 400))
+REACH_STEPS = 80  # part of the course after a conflict that a plan covers
+ASIDE_SPACING_M = 0.2
+SMOOTHED_STEPS = 50  # before a window, whose poses smoothing may change
+MAX_PLANS = 40  # windows planned for one road user
 WAIT_COST = 1.0
 CROSSED_WAIT_COST = 3.0  # for waiting where another comes along within the window
 EARLY_WAIT_COST = 0.002  # more for each moment before the end, so that late waits are preferred
 ASIDE_COST = 0.5  # for a step aside by `ASIDE_SPACING_M`
 OFFSET_COST = 0.02  # for each moment and line away from the course
-RETURN_M = 0.04  # back to the course in a step after a plan
 # rows ahead and lines to the left; with one line only the first two
 MOVES = ((1, 0), (0, 0), (1, 1), (1, -1), (0, 1), (0, -1))
-# by class: lines next to the course, on each side, that people may take
-SIDE_LINES = {VEHICLE: 0, HEAVY: 0, CYCLIST: 3, PEDESTRIAN: 8}
+# by class: lines next to the course, on each side, that they may take
+SIDE_LINES = {VEHICLE: 2, HEAVY: 1, CYCLIST: 3, PEDESTRIAN: 6}
 # by class: gaps to others that are tried one after the other (m)
 GAPS_M = {
     VEHICLE: (1.5, 0.6, 0.14),
@@ -42,6 +44,7 @@ GAPS_M = {
     CYCLIST: (0.6, 0.3, 0.14),
     PEDESTRIAN: (0.4, 0.22, 0.14),
 }
+HEADWAYS_STEPS = (12, 0, 0)  # time kept to others, with each of these gaps
 # by class: standard deviation of the mean over time that smooths changes
 SMOOTHING_STEPS = {VEHICLE: 12.0, HEAVY: 12.0, CYCLIST: 6.0, PEDESTRIAN: 4.0}
 MIN_TURNING_M_S = 0.7  # speed with which a step aside is compared at least, for the heading
@@ -61,6 +64,11 @@ class Course:
     poses: Float64[np.ndarray, "steps 3"]
     size: Float64[np.ndarray, "3"]
     label: int
+
+    @cached_property
+    def directions(self) -> Float64[np.ndarray, " steps"]:
+        """Direction of the course (rad) that sides are counted from, which turns slowly."""
+        return smooth_direction(self.poses[:, 2])
 
 
 class _Plan(NamedTuple):
@@ -92,12 +100,14 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
     way through."""
     plan = _Plan(np.arange(len(course.poses), dtype=np.float64), np.zeros(len(course.poses)))
     poses = course.poses
-    settings = [(span, gap) for span in WINDOWS_STEPS for gap in GAPS_M[course.label]]
+    distances = list(zip(GAPS_M[course.label], HEADWAYS_STEPS, strict=True))
+    settings = [(span, distance) for span in WINDOWS_STEPS for distance in distances]
     setting = 0
+    since = course.first  # earlier steps have no conflict
     latest = -1
     for _ in range(MAX_PLANS):
         boxes = size_boxes(poses, course.size)
-        conflict = occupancy.find_conflict(boxes, course.first)
+        conflict = occupancy.find_conflict(boxes, course.first, since=since)
         if conflict is None:
             occupancy.add(boxes, course.first)
             return poses
@@ -108,11 +118,12 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
         while changed is None:
             if setting == len(settings):
                 return None
-            (before, after), gap = settings[setting]
+            (before, after), distance = settings[setting]
             begin = max(course.first, conflict - before)
             window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
             reach = conflict - begin + REACH_STEPS
-            changed = _plan_window(course, plan, window, (gap, reach), occupancy)
+            since = begin - SMOOTHED_STEPS
+            changed = _plan_window(course, plan, window, (*distance, reach), occupancy)
             setting += changed is None
         plan = changed
         poses = _follow(course, plan, occupancy.last)
@@ -120,7 +131,11 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
 
 
 def _plan_window(
-    course: Course, plan: _Plan, window: Moments, limits: tuple[float, int], occupancy: Occupancy
+    course: Course,
+    plan: _Plan,
+    window: Moments,
+    limits: tuple[float, int, int],
+    occupancy: Occupancy,
 ) -> _Plan | None:
     """Plan again from a window's begin on; None if there is no way through.
 
@@ -128,9 +143,11 @@ def _plan_window(
         course: Course of the body.
         plan: Plan so far.
         window: Moments for which to plan.
-        limits: Gap to keep to others (m), and steps of the course that the plan covers.
+        limits: Gap (m) and time (steps) to keep to others, and steps of the course that the plan
+            covers.
         occupancy: The others."""
-    gap, reach = limits
+    reach = limits[2]
+    gap, headway = limits[:2]
     side_lines = SIDE_LINES[course.label]
     row = window.begin - course.first
     progress = float(plan.progress[row])
@@ -142,14 +159,16 @@ def _plan_window(
         return None
     asides = ASIDE_SPACING_M * np.arange(-side_lines, side_lines + 1)
     offsets = np.repeat(asides, len(rows))
-    poses = _shift(_pick(course.poses, np.tile(rows, len(asides))), offsets)
+    poses = _shift(course, np.tile(rows, len(asides)), offsets)
     boxes = size_boxes(poses, course.size)
-    shape = (window.count, len(asides), len(rows))
-    blocked = occupancy.find_blocked(boxes, window, gap)
-    blocked = _widen(blocked, ceil(SMOOTHING_STEPS[course.label] / STRIDE))
-    is_crossed = blocked.any(axis=0).reshape(shape[1:])
-    blocked |= occupancy.is_obstructed_in_view(boxes, gap)
-    moves = _find_moves(blocked.reshape(shape), is_crossed, start_line + side_lines)
+    margin = ceil(SMOOTHING_STEPS[course.label] / STRIDE)
+    shape = (window.number, len(asides), len(rows))
+    blocked = occupancy.find_blocked(boxes, window, gap).reshape(shape)
+    blocked = _widen(blocked, margin + ceil(headway / STRIDE))
+    is_crossed = np.any(blocked, axis=0)
+    is_obstructed = occupancy.is_obstructed_in_view(boxes, gap).reshape(shape[1:])
+    blocked |= _widen(is_obstructed.T, margin).T
+    moves = _find_moves(blocked, is_crossed, start_line + side_lines)
     if moves is None:
         return None
     # from moments to steps
@@ -163,23 +182,22 @@ def _plan_window(
     return _join(_Plan(plan.progress[:row], plan.aside[:row]), planned, len(course.poses))
 
 
-def _widen(blocked: Bool[np.ndarray, "moments n"], margin: int) -> Bool[np.ndarray, "moments n"]:
-    """Mask of what is blocked at a moment or within a margin of moments, which smoothing needs."""
-    widened = blocked.copy()
+def _widen(mask: Bool[np.ndarray, "n *k"], margin: int) -> Bool[np.ndarray, "n *k"]:
+    """Mask of rows that are marked, or within a margin of such a row, which smoothing needs."""
+    widened = mask.copy()
     for shift in range(1, margin + 1):
-        widened[shift:] |= blocked[:-shift]
-        widened[:-shift] |= blocked[shift:]
+        widened[shift:] |= mask[:-shift]
+        widened[:-shift] |= mask[shift:]
     return widened
 
 
 def _join(before: _Plan, planned: _Plan, count: int) -> _Plan:
-    """Plan of all steps: before a window, in it, and on to the end of the course as usual.
+    """Plan of all steps: before a window, in it, and straight on to the end of the course.
 
     count: number of the course's poses."""
     onward = np.arange(planned.progress[-1] + 1, count)
-    returned = np.maximum(0, np.abs(planned.aside[-1]) - RETURN_M * np.arange(1, len(onward) + 1))
     progress = np.concatenate([before.progress, planned.progress, onward])
-    aside = np.concatenate([before.aside, planned.aside, np.sign(planned.aside[-1]) * returned])
+    aside = np.concatenate([before.aside, planned.aside, np.full(len(onward), planned.aside[-1])])
     is_under_way = progress <= count - 1
     return _Plan(progress[is_under_way], aside[is_under_way])
 
@@ -267,8 +285,12 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     poses = _pick(course.poses, smoothed[:, 0])
     if len(poses) < 2 or not smoothed[:, 1].any():
         return poses
-    shifted = _shift(poses, smoothed[:, 1])
+    shifted = _shift(course, smoothed[:, 0], smoothed[:, 1])
     # a heading turns with the course that the body takes
+    if course.label == PEDESTRIAN:
+        facing = face_course(poses[:, :2], 0.0)
+        shifted[:, 2] += face_course(shifted[:, :2], 0.0) - facing
+        return shifted
     ahead_m_s = np.hypot(*np.gradient(poses[:, :2], FINE_STEP_S, axis=0).T)
     aside_m_s = np.gradient(smoothed[:, 1], FINE_STEP_S)
     shifted[:, 2] += np.arctan2(aside_m_s, np.maximum(ahead_m_s, MIN_TURNING_M_S))
@@ -289,10 +311,8 @@ def _pick(
 
 
 def _shift(
-    poses: Float64[np.ndarray, "k 3"], left: Float64[np.ndarray, " k"]
+    course: Course, rows: Float64[np.ndarray, " k"], left: Float64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, "k 3"]:
-    """Poses moved to their left by some distances (m)."""
-    shifted = poses.copy()
-    shifted[:, 0] -= left * np.sin(poses[:, 2])
-    shifted[:, 1] += left * np.cos(poses[:, 2])
-    return shifted
+    """Poses to the left of a course. rows: rows that may be between two; left: distances (m)."""
+    directions = np.interp(rows, np.arange(len(course.poses)), course.directions)
+    return shift_left(_pick(course.poses, rows), directions, left)

@@ -14,7 +14,13 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
-from toolkit.traffic.body_motion import move_driver, move_walker
+from toolkit.traffic.body_motion import (
+    face_course,
+    move_driver,
+    move_walker,
+    shift_left,
+    smooth_direction,
+)
 from toolkit.traffic.flow import ROAD_USER_KINDS, Flow
 from toolkit.traffic.gates import Gates, Passage
 from toolkit.traffic.road_lanes import Roads
@@ -269,12 +275,12 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
         poses[:, 2] += turn
         return [Journey(traveller, course.first, poses)]
     walked = move_walker(points, course.yaws[0])
+    directions = smooth_direction(walked[:, 2])
     ways = []
     left = rng.uniform(-MAX_STRIPE_SHIFT_M, MAX_STRIPE_SHIFT_M)  # of the walked course (m)
     for companions in range(int(rng.choice(len(GROUP_SHARES), p=GROUP_SHARES)), -1, -1):
-        poses = walked.copy()
-        poses[:, 0] -= left * np.sin(walked[:, 2])
-        poses[:, 1] += left * np.cos(walked[:, 2])
+        poses = shift_left(walked, directions, left)
+        poses[:, 2] = face_course(poses[:, :2], course.yaws[0])
         poses[:, 2] += turn
         ways.append(Journey(traveller, course.first, poses))
         if companions:  # the next one walks to the left of this one

@@ -144,11 +144,11 @@ def add_sample(
         handles.append(scene_parts.add_label(api, node, tag.text, tag.place, visible=visible))
     for kind, segments in sample.trails.items():
         node = f"/{TRAILS}/{kind}/{frame}"
-        handle = scene_parts.add_lines(
+        trail = scene_parts.add_lines(
             api, node, segments, BOXES["detections"], width=TRAIL_WIDTH_PX, visible=visible
         )
-        if handle is not None:  # None without segments
-            handles.append(handle)
+        if trail is not None:  # None without segments
+            handles.append(trail)
     return handles + _add_boxes(api, sample, frame=frame, visible=visible)
 
 

@@ -1,7 +1,7 @@
 """`coview count`: turning movements, speeds, dwell times and queues, with their errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,7 +80,11 @@ def count_command(
     if files.out is not None:
         from toolkit.counting.counts import MovementCount
 
-        write_rows(files.out, list(rows[0]) if rows else MovementCount._fields, rows)
+        write_rows(
+            files.out,
+            list(rows[0]) if rows else [field.name for field in fields(MovementCount)],
+            rows,
+        )
     if files.diagram is not None:
         _draw(street, files.diagram)
     print_result(result, _describe(result), as_json=writing.json)
@@ -100,7 +104,7 @@ def _count(street: Street) -> _Row:
     if measured is not None and true is not None:
         movements = [_list_error(error) for error in compare_counts(measured, true)]
     else:
-        movements = [movement._asdict() for movement in counts.movements]
+        movements = [asdict(movement) for movement in counts.movements]
     queues = {queue.entry: queue._asdict() for queue in counts.queues}
     if measured is not None and true is not None:
         for queue in true.queues:
@@ -130,7 +134,7 @@ def _count_trajectories(
 
 def _list_error(error: "CountError") -> _Row:
     """Row of a movement with its error."""
-    return error._asdict() | {"error": error.count - error.true_count}
+    return asdict(error) | {"error": error.count - error.true_count}
 
 
 def _list_totals(measured: "StreetCounts | None", true: "StreetCounts | None") -> list[_Row]:
@@ -209,9 +213,10 @@ def _describe_total(row: _Row) -> str:
     text = f"{row['count']} {row['group']}, {row['speed_km_h']:.1f} km/h"
     if "true_count" not in row:
         return text
-    low, high = row["found_interval"]  # type: ignore[misc]
+    interval: tuple[float, float] = row["found_interval"]  # type: ignore[assignment]
+    bounds = f"{interval[0]:.1%} to {interval[1]:.1%}"
     return (
         f"{text}; true {row['true_count']}, {row['true_speed_km_h']:.1f} km/h; "
-        f"{row['found_share']:.1%} of the true ones found ({low:.1%} to {high:.1%}), "
+        f"{row['found_share']:.1%} of the true ones found ({bounds}), "
         f"{row['right_share']:.1%} of the counted ones right"
     )

@@ -15,10 +15,11 @@ class Link:
     """Coding: paper counts 96 bits a point and 256 a box, range-images sends bytes, as scheme
     foreground does."""
     step: float = 0.02
-    """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08."""
+    """Resolution of the distances in bytes (m): 0.02, 0.04, 0.08; foreground takes a coarser one,
+    up to 0.32, for a message that would not fit one packet."""
     rate: float | None = None
-    """Frame rate (Hz); prints each scheme's load on the link, and gives times to --tracks of
-    texts."""
+    """Frame rate (Hz); prints each scheme's load on the link, its packets and their airtime, and
+    gives times to --tracks of texts."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FRAME_S = 0.1  # between frames of simulated traffic
 FLEET_FRAMES = 100  # frames whose number of bodies is drawn for simulated traffic
 SECONDS_AN_HOUR = 3600.0
-SITE_ENDINGS = (".json", ".geojson")
+STREET_SITE_ENDINGS = (".json", ".geojson")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +81,7 @@ def is_site(source: str) -> bool:
 
     path = Path(source)
     if path.exists():
-        return path.is_file() and path.suffix.lower() in SITE_ENDINGS
+        return path.is_file() and path.suffix.lower() in STREET_SITE_ENDINGS
     return source in BUILT_IN
 
 

@@ -116,11 +116,11 @@ def track_command(
 
         write_tracks(out, followed.names, followed.times, tracks)
     figures = _summarise(tracks)
-    text = (
+    summary = (
         f"{out}: {figures['tracks']} road users in {figures['frames']} frames, "
         f"{figures['seconds']:.1f} s in the median"
     )
-    print_result(figures | {"out": str(out)}, text, as_json=writing.json)
+    print_result(figures | {"out": str(out)}, summary, as_json=writing.json)
     return OK
 
 

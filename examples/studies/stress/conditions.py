@@ -192,7 +192,7 @@ def make_systems(schemes: Sequence[Scheme], kind: str) -> list[System]:
         for step in STEPS_M:
             stepped = scheme
             if isinstance(scheme, Foreground):
-                stepped = replace(scheme, step=step)
+                stepped = replace(scheme, step=step, max_step=step)
             systems.append(System(stepped, RangeImages(step), _step_name(step)))
     return systems
 

@@ -19,7 +19,8 @@ from toolkit.boxes import count_points
 from toolkit.calibration.recording_scenes import Scenes
 from toolkit.centre.sensor_monitor import Fault, SensorMonitor, Shown, standing_before
 from toolkit.datasets.recording_views import ReadRecording, Reads, read_frame
-from toolkit.detection.link.foreground import Foreground, draw_scene, standing_out
+from toolkit.detection.link.foreground import Foreground
+from toolkit.detection.link.foreground_pixels import draw_scene, standing_out
 from toolkit.detection.link.range_images import STEPS_M
 from toolkit.detection.view import frame_view
 from toolkit.frame import Frame, SiteRecording, unproject

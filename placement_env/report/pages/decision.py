@@ -13,7 +13,7 @@ from placement_env.analysis.intervals import (
 from placement_env.cases import iou_text
 from placement_env.classes import join_names
 from placement_env.handover.ground import GroundGrid
-from placement_env.handover.mounted import FRAME_RATE_HZ, describe_narrow_links
+from placement_env.handover.mounted import FRAME_RATE_HZ, describe_narrow_links, describe_radio
 from placement_env.links import describe_share
 from placement_env.report import content
 from placement_env.report.maps import plan_view
@@ -284,16 +284,18 @@ def _describe_links(plan: content.Plan) -> Fact | None:
     capacity = number_text(fullest.capacity_mbit_s, 2)
     load = f"{needed} of {capacity} Mbit/s at {FRAME_RATE_HZ:g} frames a second"
     cheaper_scheme = _describe_cheaper_scheme(plan)
+    radio = f"By radio, all sensors send {describe_radio(plan.links)}."
     if narrow_poles:
         text = (
-            f"Too narrow at {join_names(narrow_poles)}; {fullest.pole} needs "
-            f"{load}.{cheaper_scheme}"
+            f"Too narrow at {join_names(narrow_poles)}; {fullest.pole} needs {load}. {radio}"
+            f"{cheaper_scheme}"
         )
         return Fact("Links", text, alarm=True)
     frames = describe_share(plan.link_share)
     return Fact(
         "Links",
-        f"Every link carries {frames}. The fullest, {fullest.pole}, needs {load}.{cheaper_scheme}",
+        f"Every link carries {frames}. The fullest, {fullest.pole}, needs {load}. {radio}"
+        f"{cheaper_scheme}",
     )
 
 

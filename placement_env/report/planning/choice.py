@@ -14,7 +14,7 @@ from placement_env.analysis import intervals
 from placement_env.analysis.intervals import Resamples
 from placement_env.report.content import PlanOption
 from placement_env.search.exact.exhaustive import find_front
-from placement_env.search.portfolio.portfolio import NEAR_TIE_AP
+from placement_env.search.portfolio.reward_race import NEAR_TIE_AP
 from toolkit.arrays import Bool
 
 Rule = Literal["best", "as good", "cheapest", "none"]

@@ -1,20 +1,18 @@
 """`Judge`: AP of sensor sets by the detector on new traffic, with resamples for intervals.
 
-AP and its resamples are reduced over the cases as in `placement_env.cases`. Every resample has its
-worst case. Recall, precision and counts come from the worst case, or are means over cases."""
+Figures come from a `CasesEvaluator`, without the share of intact AP that races add."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from placement_env.analysis import intervals
 from placement_env.analysis.agreement import StageFigure
-from placement_env.analysis.intervals import BLOCK_FRAMES, Draws, Tally
-from placement_env.cases import Cases
-from placement_env.classes import Classes, Combine
+from placement_env.analysis.case_figures import CaseFigures, measure_tallies
+from placement_env.analysis.intervals import Tally, block_draws
+from placement_env.cases import TIE_SHARE, Cases
+from placement_env.classes import Classes
 from placement_env.defaults import USUAL_CASES
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
@@ -26,10 +24,7 @@ from toolkit.runtime.run import Run
 
 # name of each class in sentences
 CLASS_NOUNS = {name: "heavy vehicle" if name == LABELS[HEAVY] else name for name in LABELS}
-# columns: AP, recall, precision, objects, frames; then the AP of each resample
-_Figures = Float64[np.ndarray, "*cases figures"]
-COUNT_COLUMNS = slice(3, 5)  # objects and frames
-RESAMPLE_COLUMNS = slice(5, None)  # the AP of each resample
+DrawnAPs = Float64[np.ndarray, "n resamples"]  # AP of each set in each resample
 
 
 class SetJudgement(NamedTuple):
@@ -107,35 +102,35 @@ class Judge:
         """Cases without failures and levels, at the first error profile; IoU stays."""
         return replace(self.cases, failing=0, levels=1, errors=self.cases.profiles[0])
 
-    @cached_property
-    def to_find(self) -> dict[int, Int64[np.ndarray, " frames"]]:
-        """Number of objects to find in each frame, by class, which is an index into `LABELS`."""
-        counts_by_class = {}
-        for label in self.detected.classes.labels:
-            # `Detected.to_find` marks the objects of a class that count in frame k
-            frame_counts = [self.detected.to_find(k, label).sum() for k in range(self.frames)]
-            counts_by_class[label] = np.array(frame_counts, np.int64)
-        return counts_by_class
-
     @property
     def absent(self) -> tuple[str, ...]:
         """Names of the classes that count but have no object to find in any frame."""
-        return tuple(LABELS[label] for label, counts in self.to_find.items() if not counts.any())
+        all_frames = range(self.frames)
+        return tuple(
+            LABELS[label]
+            for label in self.detected.classes.labels
+            if not self.detected.count_to_find(all_frames, label).any()
+        )
 
     @property
     def evaluator(self) -> CasesEvaluator:
-        """Evaluator for races of sets, over the same cases and drawings of the site.
+        """Evaluator for races of sets, over the same cases and drawings of the site."""
+        return self._evaluator(self.cases, TIE_SHARE)
 
-        It has one evaluator for each error profile, and one for each further drawing."""
-        profile_evaluators = tuple(
-            DetectorEvaluator(detected, self.cases.ious, self.seed) for detected in self.profiles
-        )
-        drawing_evaluators = tuple(drawing.evaluator for drawing in self.drawings)
+    def _evaluator(self, cases: Cases, tie: float = 0.0) -> CasesEvaluator:
+        """Return an evaluator over some cases and all drawings of the site.
+
+        cases: conditions to reduce over; tie: share of the intact AP that is added after
+        failures."""
         return CasesEvaluator(
-            by_profile=profile_evaluators,
-            cases=self.cases,
-            levels=self.levels,
-            drawings=drawing_evaluators,
+            by_profile=tuple(
+                DetectorEvaluator(detected, cases.ious, self.seed)
+                for detected in self.profiles[: len(cases.profiles)]
+            ),
+            cases=cases,
+            levels=self.levels if cases.levels > 1 else (),
+            drawings=tuple(drawing._evaluator(cases, tie) for drawing in self.drawings),
+            tie=tie,
         )
 
     @property
@@ -169,12 +164,12 @@ class Judge:
 
     def judge_drawn(
         self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
-    ) -> tuple[list[Judgement], _Figures]:
+    ) -> tuple[list[Judgement], DrawnAPs]:
         """Judge sets over cases; return one result for each set, and AP in each resample.
 
-        The AP of resamples have the axes set and resample. A resample has the same frames for all
-        sets, so that they can be compared draw by draw. Figures are means over the drawings of the
-        site; a drawing fills in at random what no map knows.
+        A resample has the same frames for all sets, so that they can be compared draw by draw.
+        Figures are means over the drawings of the site; a drawing fills in at random what no map
+        knows.
 
         Args:
             sets: A row of booleans over all candidates for each set.
@@ -182,21 +177,17 @@ class Judge:
             progress: Called with the number of frames done."""
         if not len(sets):
             return [], np.empty((0, 0))
-        # axes: drawing, error profile, set, figure
-        drawing_figures = [
-            judge._measure_profiles(sets, cases, progress) for judge in self.drawing_judges
-        ]
-        profile_figures = _reduce_cases(np.array(drawing_figures), "mean")
-        figures = _reduce_cases(profile_figures, cases.errors_by)  # axes: set, figure
-        # every resample has its worst profile, not the worst profile of all frames
-        figures[..., RESAMPLE_COLUMNS] = cases.over_errors(profile_figures[..., RESAMPLE_COLUMNS])
-        classes = self.detected.classes
-        judgements = [_build_judgement(set_figures, classes) for set_figures in figures]
-        return judgements, figures[..., RESAMPLE_COLUMNS]
+        figures = self._evaluator(cases).evaluate(sets, np.arange(self.frames), progress)
+        judgements = [self._build_judgement(figures[n]) for n in range(len(sets))]
+        return judgements, figures.resamples
+
+    def _build_judgement(self, figures: CaseFigures) -> Judgement:
+        """Return the result of one set from its figures."""
+        return build_judgement(figures, self.frames, self.detected.classes)
 
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
-    ) -> tuple[list[SetJudgement], _Figures]:
+    ) -> tuple[list[SetJudgement], DrawnAPs]:
         """Judge sets intact and in all requested cases.
 
         Also returns the AP of each set in each resample, with the axes set and resample, for the
@@ -228,15 +219,18 @@ class Judge:
         Thin traffic comes first. A level without objects has None; undivided traffic has no levels.
 
         members: indices of the set's candidates."""
+        evaluator = self._evaluator(self.intact).by_profile[0]
         judgements: list[Judgement | None] = []
         for level_frames in self.levels:
-            figures = self._measure(self.outcomes(members), level_frames, self.cases.ious)
-            ap = figures[0]
-            judgement = None
-            if not np.isnan(ap):  # AP is undefined without objects
-                judgement = _build_judgement(figures, self.detected.classes)
-            judgements.append(judgement)
+            figures = CaseFigures(evaluator.measure(self._list_row(members), level_frames)[0])
+            # AP is undefined without objects
+            is_defined = not np.isnan(figures.ap)
+            judgements.append(self._build_judgement(figures) if is_defined else None)
         return judgements
+
+    def _list_row(self, members: tuple[int, ...]) -> Bool[np.ndarray, "1 C"]:
+        # one set as a row over all candidates; members: indices of its candidates
+        return np.isin(np.arange(len(self.detected.renders.sensors)), members)[None]
 
     def by_errors(self, members: tuple[int, ...]) -> dict[str, Judgement]:
         """Judge one set at each error profile, by its name; empty if there is one profile.
@@ -246,12 +240,11 @@ class Judge:
         members: indices of the set's candidates."""
         if len(self.profiles) == 1:
             return {}
-        is_member = np.isin(np.arange(len(self.detected.renders.sensors)), members)
-        # axes: profile, set, figure; this set is the only one
-        profile_figures = self._measure_profiles(is_member[None], self.cases)[:, 0]
+        evaluator = replace(self._evaluator(self.cases), drawings=())
+        figures = evaluator.at_profiles(self._list_row(members), np.arange(self.frames))
+        # index 0: the only set
         return {
-            name: _build_judgement(figures, self.detected.classes)
-            for name, figures in zip(self.cases.names, profile_figures, strict=True)
+            name: self._build_judgement(figures[k][0]) for k, name in enumerate(self.cases.names)
         }
 
     def of_classes(self, classes: Classes) -> "Judge":
@@ -266,10 +259,10 @@ class Judge:
 
         members: indices of the set's candidates."""
         classes = self.detected.classes
-        all_frames = np.arange(self.frames)
         class_aps = []
-        # axes: IoU threshold, class
-        tallies = _tally_outcomes(self, self.outcomes(members), all_frames, self.cases.ious)
+        evaluator = DetectorEvaluator(self.detected, self.cases.ious, self.seed)
+        truths = evaluator.count_by_class(np.arange(self.frames))
+        tallies = evaluator.tally(self.outcomes(members), truths)
         for k, (name, weight) in enumerate(zip(classes.names, classes.weights, strict=True)):
             tallies_of_class = [[class_tallies[k]] for class_tallies in tallies]  # one class
             judgement = judge_tallies(tallies_of_class, Classes((name,)), self.seed)
@@ -296,92 +289,6 @@ class Judge:
             replace(class_ap, weight=0.0) for class_ap in class_aps if class_ap.judged.vehicles
         )
 
-    def _measure_profiles(
-        self, sets: Bool[np.ndarray, "n C"], cases: Cases, progress: Report | None = None
-    ) -> Float64[np.ndarray, "profiles n figures"]:
-        """Return the figures of sets at each error profile, over thresholds, levels, failures.
-
-        The figures are AP, recall, precision, objects and frames, then AP in each resample. Every
-        resample has its worst case; the other figures come from the worst case of all frames, or
-        are means. Means over levels have the objects and frames of all levels with objects."""
-        # rows: the sets, then what each failure leaves; equal rows are detected once
-        rows, owners = cases.expand(sets)
-        unique_rows, row_index = np.unique(rows, axis=0, return_inverse=True)
-        members = [tuple(np.flatnonzero(row).tolist()) for row in unique_rows]
-        levels = self.levels if cases.levels > 1 else (np.arange(self.frames),)
-        profile_figures = []
-        for detected in self.profiles[: len(cases.profiles)]:
-            outcomes = detected.outcomes(members, range(self.frames), progress)
-            member_outcomes = [outcomes[row_members] for row_members in members]
-            profile_figures.append(
-                [self._measure_sets(member_outcomes, frames, cases.ious) for frames in levels]
-            )
-        # axes: profile, level, row, figure
-        figures = np.array(profile_figures)[:, :, row_index.reshape(-1)]
-        reduced = _reduce_cases(np.moveaxis(figures, 1, 0), cases.levels_by)  # profile, row, figure
-        if cases.levels_by == "mean":
-            counts = np.where(np.isnan(figures[..., :1]), 0, figures[..., COUNT_COLUMNS])
-            reduced[..., COUNT_COLUMNS] = counts.sum(axis=1)
-        if cases.failing:
-            set_figures = []
-            for number in range(len(sets)):
-                failure_rows = np.flatnonzero(owners == number)[1:]  # the first is the set itself
-                over_failures = np.moveaxis(reduced[:, failure_rows], 1, 0)  # failures first
-                set_figures.append(_reduce_cases(over_failures, cases.failures))
-            reduced = np.stack(set_figures, axis=1)
-        # `None` is the axis of IoU thresholds, over which the figures are means already
-        drawn_aps = figures[:, :, None, :, RESAMPLE_COLUMNS]
-        reduced[..., RESAMPLE_COLUMNS] = cases.at_profiles(drawn_aps, owners, tie=0.0)
-        return reduced
-
-    def _measure_sets(
-        self,
-        set_outcomes: Sequence[Sequence[Outcome]],
-        frames: Int64[np.ndarray, " _"],
-        ious: Sequence[float],
-    ) -> list[_Figures]:
-        """Return the figures of each set in some frames, from its outcomes in all frames."""
-        return [self._measure(outcomes, frames, ious) for outcomes in set_outcomes]
-
-    def _measure(
-        self, outcomes: Sequence[Outcome], frames: Int64[np.ndarray, " _"], ious: Sequence[float]
-    ) -> _Figures:
-        """Return the figures of one set in some frames, with resamples of their blocks.
-
-        They are AP, recall, precision, objects and frames, then AP in each resample.
-
-        outcomes: in all frames; frames: indices of the frames to use; ious: thresholds to average
-        over."""
-        block_of_frame = frames // BLOCK_FRAMES  # resamples draw whole blocks
-        draws = intervals.draws_of_blocks(block_of_frame, seed=self.seed)
-        tallies = _tally_outcomes(self, outcomes, frames, ious)
-        return _measure_tallies(tallies, self.detected.classes, draws)
-
-
-def _tally_outcomes(
-    judge: Judge,
-    outcomes: Sequence[Outcome],
-    frames: Int64[np.ndarray, " _"],
-    ious: Sequence[float],
-) -> list[list[Tally]]:
-    """Tally the outcomes of one set in some frames; axes of the lists: IoU threshold, class.
-
-    Args:
-        judge: Gives the classes that count and their objects.
-        outcomes: Outcomes of the set in all frames.
-        frames: Indices of the frames to tally.
-        ious: Thresholds, which the judge's detector must be matched at."""
-    frame_outcomes = [outcomes[k] for k in frames.tolist()]
-    tallies = []
-    for iou in ious:
-        iou_index = judge.detected.ious.index(iou)
-        class_tallies = []
-        for label, object_counts in judge.to_find.items():
-            class_outcomes = [outcome.of_class(label) for outcome in frame_outcomes]
-            class_tallies.append(Tally.of(class_outcomes, object_counts[frames], iou_index))
-        tallies.append(class_tallies)
-    return tallies
-
 
 def one_stage(run: Run, name: str, frames: int) -> Callable[[str], Report | None]:
     """Return the argument `stage` of `Judge.judge_cases` that reports all work under one name.
@@ -398,77 +305,24 @@ def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: in
         classes: The same classes, whose AP and recall are combined.
         seed: Seed of the bootstrap."""
     frames = len(tallies[0][0].truths)  # `truths` has the number of objects in each frame
-    draws = intervals.block_draws(frames, seed=seed)
-    return _build_judgement(_measure_tallies(tallies, classes, draws), classes)
+    figures = CaseFigures(measure_tallies(tallies, classes, block_draws(frames, seed=seed)))
+    return build_judgement(figures, frames, classes)
 
 
-def _measure_tallies(
-    tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws
-) -> _Figures:
-    """Return AP, recall, precision, objects, frames, and AP in each resample, in one row.
+def build_judgement(figures: CaseFigures, frames: int, classes: Classes) -> Judgement:
+    """Return the result of one set from its figures, with the interval of its AP.
 
-    They are means over the IoU thresholds. AP and recall are combined over the classes; precision
-    is for the detections of all classes together, NaN without detections or objects.
-
-    tallies: axes IoU threshold, class; draws: frames of each resample."""
-    threshold_figures = []
-    for class_tallies in tallies:
-        class_aps = [tally.ap for tally in class_tallies]
-        class_recalls = [tally.recall for tally in class_tallies]
-        ap, recall = classes.combined(np.array([class_aps, class_recalls]))
-        detections = sum(len(tally.hit) for tally in class_tallies)
-        hits = sum(int(tally.hit.sum()) for tally in class_tallies)
-        objects = sum(int(tally.truths.sum()) for tally in class_tallies)
-        frames = len(class_tallies[0].truths)
-        resamples = [tally.resamples(draws=draws) for tally in class_tallies]
-        drawn_aps = classes.combined(np.stack(resamples, axis=1))
-        precision = hits / detections if detections and objects else np.nan
-        threshold_figures.append(np.array([ap, recall, precision, objects, frames, *drawn_aps]))
-    return _reduce_cases(np.array(threshold_figures), "mean")
-
-
-def _reduce_cases(
-    figures: Float64[np.ndarray, "cases *rest figures"], by: Combine
-) -> Float64[np.ndarray, "*rest figures"]:
-    """Return all figures of the case with the lowest AP, or means of each figure over cases.
-
-    Cases with undefined AP are never the worst, and NaNs are left out of means. Means have the
-    number of objects and frames of the first case.
-
-    figures: the first axis is reduced; the first column of the last axis is AP; by: "worst" or
-    "mean"."""
-    if by == "worst":
-        ap = figures[..., :1]
-        # index of the worst case; `None` keeps the axis of cases, for `take_along_axis`
-        worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None]
-        return np.take_along_axis(figures, worst, axis=0)[0]
-    means = np.ma.masked_invalid(figures).mean(axis=0).filled(np.nan)
-    means[..., COUNT_COLUMNS] = figures[0, ..., COUNT_COLUMNS]
-    return means
-
-
-def _build_judgement(figures: _Figures, classes: Classes) -> Judgement:
-    """Return the result of one row of figures, with the interval of its AP.
-
-    figures: AP, recall, precision, objects and frames, then AP in each resample; classes: classes
-    over which the AP is combined."""
-    ap, recall, precision, objects, frames = figures[: RESAMPLE_COLUMNS.start].tolist()
-    drawn_aps = figures[RESAMPLE_COLUMNS]
-    low, high = intervals.figure_interval(
-        ap,
-        drawn_aps,
-        blocks=intervals.count_blocks(int(frames)),
-        objects=int(objects),
-        confidence=CONFIDENCE,
-    )
+    frames: number of all frames that were evaluated; classes: classes over which AP is combined."""
+    low, high = figures.interval(np.arange(frames), confidence=CONFIDENCE)
+    precision = float(figures.precision)
     return Judgement(
-        ap=ap,
+        ap=float(figures.ap),
         low=low,
         high=high,
-        recall=recall,
+        recall=float(figures.recall),
         precision=None if np.isnan(precision) else precision,  # NaN: no detections or objects
-        vehicles=int(objects),
-        frames=int(frames),
+        vehicles=int(figures.objects),
+        frames=int(figures.frames),
         kind=CLASS_NOUNS[classes.names[0]] if len(classes) == 1 else "object",
     )
 

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from placement_env.candidates.candidates import Candidates
+from placement_env.cases import IoUs
 from placement_env.handover.exchange import SITE
-from placement_env.report.content import PLAN_VERSION
+from placement_env.report.content import PLAN_VERSION, Judgement
 from placement_env.report.planning.plan_cases import (
     PLAN_AGAIN,
     read_cases,
@@ -28,6 +29,7 @@ from placement_env.report.planning.plan_stock import (
 )
 from placement_env.setting import Setting
 from toolkit.detection.schemes import SCHEMES
+from toolkit.objects import LABELS
 from toolkit.runtime.json_object import JsonObject
 from toolkit.runtime.reading import name_errors
 from toolkit.runtime.text_values import read_json
@@ -61,6 +63,34 @@ class StatedFigure:
     objects: int
     errors: str
     predicted: float
+
+
+@dataclass(frozen=True)
+class StatedClass:
+    """Result of a plan's whole set for one class, as `content.ClassAP`.
+
+    Attributes:
+        label: Name of the class.
+        weight: 0 if the class does not count.
+        iou: IoU from which a detection counts; several for their mean.
+        judged: Result on traffic that no search saw, while no sensor fails."""
+
+    label: str
+    weight: float
+    iou: IoUs
+    judged: Judgement
+
+
+@dataclass(frozen=True)
+class StatedResults:
+    """Results that a plan states.
+
+    Attributes:
+        detector: Name of the detector that they are by, as in commands.
+        classes: Result of the whole set for each class."""
+
+    detector: str
+    classes: tuple[StatedClass, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +167,18 @@ def read_plan_folder(where: str | Path) -> PlanFolder:
     with name_errors(path):
         _check_sensors(plan, site)
         return _read(folder, plan, site)
+
+
+def read_stated_results(where: str | Path) -> StatedResults:
+    """Read the results that a plan in a folder states for each class.
+
+    `read_plan_folder` checks the rest of the folder. Raises ValueError for a damaged result."""
+    path = Path(where) / PLAN_FILE
+    content = read_json(path)
+    with name_errors(path):
+        plan = JsonObject(content)
+        classes = tuple(_read_class(row) for row in plan.nodes("class_ap", len(LABELS)))
+        return StatedResults(plan.get("detector", str), classes)
 
 
 def found_nothing(path: Path) -> bool:
@@ -250,6 +292,30 @@ def _read(folder: Path, plan: JsonObject, site: Site) -> PlanFolder:
         detector=question.get("detector", str),
         stated=_read_stated(plan.node("chosen"), cases.names[0]),
     )
+
+
+def _read_class(row: JsonObject) -> StatedClass:
+    """Read the result of one class. row: entry of `class_ap` of a plan.json."""
+    judged = row.node("judged")
+    low = read_optional(judged, "low", judged.number)
+    high = read_optional(judged, "high", judged.number)
+    judgement = Judgement(
+        ap=judged.number("ap", 0, 1),
+        low=math.nan if low is None else low,
+        high=math.nan if high is None else high,
+        recall=judged.number("recall", 0, 1),
+        precision=read_optional(judged, "precision", judged.number),
+        vehicles=judged.whole("vehicles", 0, MAX_OBJECTS),
+        frames=judged.whole("frames", 1, MAX_FRAMES),
+        kind=judged.get("kind", str),
+    )
+    iou: IoUs
+    if isinstance(row.value.get("iou"), list):
+        iou = tuple(row.numbers("iou"))
+    else:
+        iou = row.number("iou", 0, 1)
+    weight = row.number("weight", 0)
+    return StatedClass(row.choice("label", LABELS), weight, iou, judgement)
 
 
 def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:

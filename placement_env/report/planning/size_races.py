@@ -1,7 +1,7 @@
 """Races among the sets of one size, from the largest size down.
 
-Sets of one size race each other until the best of them is known well enough
-(`placement_env.racing.race_until`), until fewer sensors fall far behind. The winner of each size,
+Sets of one size race each other until the best is known well enough (`contest`), until
+fewer sensors fall far behind. The winner of each size,
 and others near the best of all, are judged on all frames."""
 
 import math
@@ -12,15 +12,13 @@ import numpy as np
 
 from placement_env.racing import Contest
 from placement_env.report.planning.judged_options import JudgedOptions
-from placement_env.search.portfolio.evaluators import CasesEvaluator, race_order
-from placement_env.search.portfolio.portfolio import NEAR_TIE_AP, contest
-from toolkit.arrays import Bool, Int64
+from placement_env.search.portfolio.evaluators import race_order
+from placement_env.search.portfolio.reward_race import contest, find_finalists
+from toolkit.arrays import Int64
 from toolkit.runtime.run import Run
 
 MAX_RACED_FRAMES = 60  # frames of a race
-MAX_FINALISTS = 3  # sets of each size that are judged on all frames if they are near the best
 NEAR_AP = 0.03  # below the best of a race, which further frames may make up for
-LIKELY_TIE_AP = 2 * NEAR_TIE_AP  # below a race's winner; mean AP over IoU decides who is judged too
 
 
 class SizeRace(NamedTuple):
@@ -128,33 +126,3 @@ def _race_size(
     races.winners.append(winner)
     races.by_size[int(sets[winner].sum())] = SizeRace(race, winner)
     return race
-
-
-def find_finalists(
-    race: Contest,
-    ranked: Bool[np.ndarray, "n C"],
-    evaluator: CasesEvaluator,
-    order: Int64[np.ndarray, " frames"],
-) -> Int64[np.ndarray, " k"]:
-    """Return the ranks of the winner of a race and its `MAX_FINALISTS` - 1 likeliest rivals.
-
-    Rank 0 is the winner. Sets that nearly tie with it (`LIKELY_TIE_AP`) follow by mean AP over
-    IoU thresholds, highest first, then other sets by rank. The mean AP is on the frames of the
-    race's first round, in which all sets took part.
-
-    Args:
-        race: The finished race.
-        ranked: Its sets, best first.
-        evaluator: Evaluator of the race.
-        order: All frames in the order in which races use them."""
-    # `expected` is sorted like `ranked`, so the first is the winner itself
-    tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
-    mean_aps = np.empty(0)
-    if len(tied):
-        # `race.frames` has the number of frames on which each set raced
-        first_round_frames = order[: race.frames.min()]
-        mean_aps = evaluator.mean_ap(ranked[tied], first_round_frames)
-    tied_by_mean = tied[np.argsort(-mean_aps, kind="stable")]
-    # each rank once, at its first place
-    ranks = list(dict.fromkeys([0, *tied_by_mean.tolist(), *range(len(ranked))]))
-    return np.array(ranks[:MAX_FINALISTS], np.int64)

@@ -20,15 +20,10 @@ from placement_env.racing import Contest
 from placement_env.search.checkpoint import Checkpoint, KeptState
 from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import Effort, Entrants, at_other_ious, keep_entrants
-from placement_env.search.portfolio.evaluators import CasesEvaluator, Schedule, race_order
-from placement_env.search.portfolio.portfolio import (
-    MAX_SET_FRAMES,
-    SEARCH_COUNT,
-    Judging,
-    aps_at_profiles,
-    contest,
-    weigh_costs,
-)
+from placement_env.search.portfolio.evaluators import CasesEvaluator, race_order
+from placement_env.search.portfolio.portfolio import SEARCH_COUNT, Judging, aps_at_profiles
+from placement_env.search.portfolio.reward_race import MAX_SET_FRAMES, contest, weigh_costs
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits, as_rows
 from placement_env.search.result import ProfileAP
 
@@ -173,14 +168,14 @@ def _judge_winners(
     judged = schedule.limit(final).evaluate(
         rows, order, objective.run.stage("frames judged", final.frames)
     )
-    frames = order[: judged.frames]
+    frames = order[: judged.used]
     by_errors = aps_at_profiles(final, rows, frames)
     price = objective.price(rows)
     objects = final.count_objects(frames)
     cost = weigh_costs(objective, rows, judged.kbit)
     points = []
     for number, (winner, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
-        low, high = final.interval(ap, judged.resamples[number], frames)
+        low, high = final.interval(judged[number], frames)
         confidence = math.nan if winner["confidence"] is None else winner["confidence"]
         if not math.isnan(low):
             share = share_beyond_reach(judged.resamples[number] - cost[number])

@@ -2,96 +2,61 @@
 for all sets.
 
 `DetectorEvaluator` detects; `FastEvaluator` lets another fidelity, such as the surrogate, score
-batches of the frames. Both know one error profile and return figures at every IoU threshold;
-`CasesEvaluator` combines them into one figure. Frames of one block of `BLOCK_FRAMES` show the same
-objects, so blocks are drawn whole. `Schedule` divides the time of a portfolio: unused time of a
-stage goes to the next.
+batches of the frames. Both know one error profile and return means over the IoU thresholds;
+`CasesEvaluator` reduces them over the other cases (`placement_env.analysis.case_figures`). A
+block of `BLOCK_FRAMES` frames shows the same objects, so blocks are drawn whole.
 """
 
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_env.analysis.intervals import (
-    BLOCK_FRAMES,
-    Interval,
-    Tally,
-    draws_of_blocks,
-    figure_interval,
+from placement_env.analysis.case_figures import (
+    KBIT_COLUMN,
+    CaseFigures,
+    measure_tallies,
+    reduce_cases,
+    reduce_failures,
+    reduce_levels,
 )
-from placement_env.cases import Cases
+from placement_env.analysis.intervals import BLOCK_FRAMES, Interval, Tally, draws_of_blocks
+from placement_env.cases import TIE_SHARE, Cases
 from placement_env.defaults import USUAL_CASES
-from placement_env.fidelity.detector import IOUS, Detected
+from placement_env.fidelity.detector import IOUS, Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.fidelity.seeing import see
 from placement_env.fidelity.visibility import Visibility, of_frames
 from placement_env.protocol import Estimate, FidelityName
 from placement_env.subsets import Sets
 from toolkit.arrays import Float64, Int64
-from toolkit.runtime.run import Processes
 
-SEARCH_TIME_SHARE = 0.3  # portfolio's time for searches; races and judgement share the rest
-FULL_TRAFFIC_S = 120.0  # time from which all frames are simulated; less time, fewer frames
-MIN_FRAMES = BLOCK_FRAMES  # fewest in a part of traffic
 MAX_BATCHES = 12  # that a fast fidelity scores separately
-RAY_FRAMES = 16  # between two looks at the clock if Ray runs the processes
 Frames = Int64[np.ndarray, " k"]
 Report = Callable[[int], None]
 
 
-class Evaluated(NamedTuple):
-    """Figures of n sets on some frames, at each of several IoU thresholds or over them.
-
-    Attributes:
-        ap: AP of each set.
-        kbit: Data of each set per frame.
-        resamples: Resampled AP of each set.
-        frames: Number of requested frames that were used, from the first, if time ran out; None for
-            all.
-    """
-
-    ap: Float64[np.ndarray, "*ious n"]
-    kbit: Float64[np.ndarray, " n"]
-    resamples: Float64[np.ndarray, "*ious n resamples"]
-    frames: int | None = None
-
-
-class AtProfiles(NamedTuple):
-    """Figures of n sets at each of P error profiles.
-
-    Attributes:
-        ap: AP of each set.
-        kbit: Data of each set per frame.
-        resamples: Resampled AP of each set.
-    """
-
-    ap: Float64[np.ndarray, "P n"]
-    kbit: Float64[np.ndarray, "P n"]
-    resamples: Float64[np.ndarray, "P n resamples"]
-
-
 def build_evaluator(
-    preparation: Preparation, fidelity: FidelityName, *, seed: int = 0
+    preparation: Preparation, fidelity: FidelityName, *, seed: int = 0, tie: float = TIE_SHARE
 ) -> "CasesEvaluator":
     """Evaluator of a preparation's traffic by a fidelity, over the cases of its setting.
 
-    Fidelities other than the detector have one evaluator for all error profiles. seed: for the
-    resamples.
-    """
+    Fidelities other than the detector have one evaluator for all error profiles.
+
+    seed: for the resamples; tie: `CasesEvaluator.tie`."""
     cases = preparation.setting.cases
-    if fidelity != "detector":
-        evaluator = FastEvaluator(preparation, fidelity, seed)
-        return CasesEvaluator(
-            by_profile=(evaluator,) * len(cases.profiles), cases=cases, levels=preparation.levels
+    by_profile: tuple[DetectorEvaluator | FastEvaluator, ...]
+    if fidelity == "detector":
+        by_profile = tuple(
+            DetectorEvaluator(
+                preparation.detected(profile).at(cases.ious[0], cases.ious), cases.ious, seed
+            )
+            for profile in cases.profiles
         )
-    detectors = tuple(
-        DetectorEvaluator(detected=preparation.detected(profile), ious=cases.ious, seed=seed)
-        for profile in cases.profiles
-    )
-    return CasesEvaluator(by_profile=detectors, cases=cases, levels=preparation.levels)
+    else:
+        by_profile = (FastEvaluator(preparation, fidelity, seed),) * len(cases.profiles)
+    return CasesEvaluator(by_profile, cases=cases, levels=preparation.levels, tie=tie)
 
 
 def race_order(frames: int, *, seed: int = 0) -> Int64[np.ndarray, " frames"]:
@@ -120,12 +85,15 @@ class CasesEvaluator:
         cases: Thresholds, failures, levels and error profiles.
         levels: Frames of each level of traffic, empty if it is undivided.
         drawings: Evaluators of the same candidates on other samples of the site; figures are means.
+        tie: Share of the intact set's AP that is added after failures: `TIE_SHARE` for a race, 0
+            for AP that are stated.
     """
 
     by_profile: "tuple[DetectorEvaluator | FastEvaluator, ...]"
     cases: Cases = USUAL_CASES
     levels: tuple[Int64[np.ndarray, " _"], ...] = ()
     drawings: "tuple[CasesEvaluator, ...]" = ()
+    tie: float = TIE_SHARE
 
     @property
     def name(self) -> str:
@@ -141,20 +109,11 @@ class CasesEvaluator:
         """Number of objects to be found in these frames."""
         return self.by_profile[0].count_objects(frames)
 
-    def interval(
-        self, ap: float, resamples: Float64[np.ndarray, " resamples"], frames: Frames
-    ) -> Interval:
+    def interval(self, figures: CaseFigures, frames: Frames) -> Interval:
         """95 % interval of the AP of one set, NaN on too few frames.
 
-        ap: AP on these frames; resamples: AP in each resample of their blocks; frames: frame
-        numbers."""
-        block_count = len(np.unique(frames // BLOCK_FRAMES))
-        # resamples are drawn level by level, from the blocks of one level
-        level_blocks = block_count // max(1, len(self.levels))
-        if isinstance(self.by_profile[0], FastEvaluator):  # draws batches of blocks
-            level_blocks = min(level_blocks, MAX_BATCHES)
-        objects = self.count_objects(frames)
-        return figure_interval(ap, resamples, blocks=level_blocks, objects=objects)
+        figures: figures of one set on these frames; frames: frame numbers."""
+        return figures.interval(frames, max_blocks=self.by_profile[0].max_blocks)
 
     def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
         """Mean AP of each intact set over the thresholds `IOUS`; 0 without a detector.
@@ -169,25 +128,22 @@ class CasesEvaluator:
         aps += [drawing.mean_ap(sets, frames) for drawing in self.drawings]
         return np.asarray(np.mean(aps, axis=0))
 
-    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
-        """Figures of the sets on these frames, reduced over all cases.
+    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> CaseFigures:
+        """Figures of n sets on these frames, reduced over all cases.
 
-        AP and kbit come from the error profile with the lowest AP, or are means over profiles;
-        every resample has its worst profile. progress: called with the number of frames done.
+        They come from the error profile with the lowest AP, or are means over profiles; every
+        resample has its worst profile. progress: called with the number of frames done.
         """
         profiles = self.at_profiles(sets, frames, progress)
-        profile_weights = self.cases.shares(profiles.ap)  # profiles × sets
-        return Evaluated(
-            ap=(profile_weights * profiles.ap).sum(axis=0),
-            kbit=(profile_weights * profiles.kbit).sum(axis=0),
-            resamples=self.cases.over_errors(profiles.resamples),
-        )
+        return CaseFigures(reduce_cases(profiles.values, self.cases.errors_by))
 
-    def at_profiles(self, sets: Sets, frames: Frames, progress: Report | None = None) -> AtProfiles:
-        """AP, kbit and resampled AP of the sets at each error profile.
+    def at_profiles(
+        self, sets: Sets, frames: Frames, progress: Report | None = None
+    ) -> CaseFigures:
+        """Figures of n sets at each error profile, with the axes profile and set.
 
-        AP is reduced over IoU thresholds, levels of traffic and failures; kbit is for intact sets.
-        Both are means over drawings of the site.
+        They are reduced over IoU thresholds, levels of traffic and failures, and are means over
+        drawings of the site; kbit is for intact sets.
 
         frames: frame numbers; progress: called with the number of frames done, as a mean over the
         profiles.
@@ -196,7 +152,7 @@ class CasesEvaluator:
         # levels without any of the frames are left out; undivided traffic is one part
         level_frames = [frames[np.isin(frames, level)] for level in self.levels]
         parts = [part for part in level_frames if len(part)] or [frames]
-        figures_by_profile: list[list[Evaluated]] = []
+        profile_figures = []
         frames_begun = 0
 
         def report(done: int) -> None:
@@ -204,34 +160,16 @@ class CasesEvaluator:
                 progress((frames_begun + done) // len(self.by_profile))
 
         for evaluator in self.by_profile:
-            figures_by_profile.append([])
+            part_figures = []
             for part in parts:
-                figures_by_profile[-1].append(evaluator.at_thresholds(rows, part, report))
+                part_figures.append(evaluator.measure(rows, part, report))
                 frames_begun += len(part)
-        aps = []
-        kbits = []
-        resamples = []
-        share = np.array([len(part) for part in parts]) / len(frames)  # frames of each part
-        for level_figures in figures_by_profile:
-            aps.append([level.ap for level in level_figures])
-            # the first rows are the intact sets; kbit per frame is weighted by frames of a level
-            level_kbit = np.array([level.kbit for level in level_figures])[:, : len(sets)]
-            kbits.append(share @ level_kbit)
-            resamples.append([level.resamples for level in level_figures])
-        figures = AtProfiles(
-            ap=self.cases.at_profiles(np.array(aps), owners),
-            kbit=np.array(kbits),
-            resamples=self.cases.at_profiles(np.array(resamples), owners),
-        )
-        if not self.drawings:
-            return figures
-        samples = [figures]
-        samples += [drawing.at_profiles(sets, frames, progress) for drawing in self.drawings]
-        return AtProfiles(
-            ap=np.mean([sample.ap for sample in samples], axis=0),
-            kbit=np.mean([sample.kbit for sample in samples], axis=0),
-            resamples=np.mean([sample.resamples for sample in samples], axis=0),
-        )
+            row_figures = reduce_levels(np.array(part_figures), self.cases.levels_by)
+            profile_figures.append(reduce_failures(row_figures, owners, self.cases, tie=self.tie))
+        drawing_figures = [np.array(profile_figures)]
+        for drawing in self.drawings:
+            drawing_figures.append(drawing.at_profiles(sets, frames, progress).values)
+        return CaseFigures(reduce_cases(np.array(drawing_figures), "mean"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,16 +177,19 @@ class DetectorEvaluator:
     """Evaluation by detection at one error profile.
 
     Attributes:
-        detected: Detector on the traffic; it may keep detections from call to call.
-        ious: IoU thresholds of the figures.
+        detected: Detector on the traffic, matched at these thresholds; it may keep detections from
+            call to call.
+        ious: IoU thresholds whose mean the figures are.
         seed: Seed of the resamples, the same for all sets.
         name: Name of the fidelity.
+        max_blocks: Largest number of blocks that resamples draw from.
     """
 
     detected: Detected
     ious: tuple[float, ...] = (0.7,)
     seed: int = 0
     name: str = "detector"
+    max_blocks: float = math.inf
 
     @property
     def frames(self) -> int:
@@ -259,39 +200,49 @@ class DetectorEvaluator:
         """Number of objects to be found in these frames."""
         return int(sum(self.detected.scored(k).sum() for k in frames.tolist()))
 
-    def at_thresholds(
+    def measure(
         self, sets: Sets, frames: Frames, progress: Report | None = None
-    ) -> Evaluated:
-        """Figures of the intact sets on these frames, at each IoU threshold.
+    ) -> Float64[np.ndarray, "n figures"]:
+        """Figures of n intact sets on these frames, a row of `CaseFigures.values` for each.
 
         progress: called with the number of frames done.
         """
-        detected = self.detected.at(self.ious[0], self.ious)
-        classes = detected.classes
-        numbers = frames.tolist()
+        detected = self.detected
         subsets = [tuple(np.flatnonzero(row).tolist()) for row in sets]
-        # equal sets, such as what failures leave of several, are detected once
-        outcomes = detected.outcomes(dict.fromkeys(subsets), numbers, progress)
+        # equal sets, such as what failures leave of several, are measured once
+        outcomes = detected.outcomes(dict.fromkeys(subsets), frames.tolist(), progress)
         draws = draws_of_blocks(frames // BLOCK_FRAMES, seed=self.seed)
-        class_truths = []  # objects to find in each frame
-        for label in classes.labels:
-            counts = [detected.to_find(k, label).sum() for k in numbers]
-            class_truths.append(np.array(counts, np.int64))
-        shape = (len(self.ious), len(sets))
-        ap = np.empty(shape)
-        resamples = np.empty((*shape, len(draws)))
-        kbit = np.empty(len(sets))
-        for n, subset in enumerate(subsets):
-            kbit[n] = np.mean([outcome.bits.sum() for outcome in outcomes[subset]]) / 1000
-            for i, iou_index in enumerate(map(detected.ious.index, self.ious)):
-                tallies = []  # one for each class
-                for label, truths in zip(classes.labels, class_truths, strict=True):
-                    class_outcomes = [outcome.of_class(label) for outcome in outcomes[subset]]
-                    tallies.append(Tally.of(class_outcomes, truths, iou_index))
-                ap[i, n] = classes.combined(np.array([[tally.ap for tally in tallies]]))[0]
-                class_aps = np.stack([tally.resamples(draws=draws) for tally in tallies], axis=1)
-                resamples[i, n] = classes.combined(class_aps)
-        return Evaluated(ap=ap, kbit=kbit, resamples=resamples)
+        truths = self.count_by_class(frames)
+        figures = {}
+        for subset, frame_outcomes in outcomes.items():
+            tallies = self.tally(frame_outcomes, truths)
+            kbit = np.mean([outcome.bits.sum() for outcome in frame_outcomes]) / 1000
+            figures[subset] = measure_tallies(tallies, detected.classes, draws, kbit=kbit)
+        return np.array([figures[subset] for subset in subsets])
+
+    def count_by_class(self, frames: Frames) -> list[Int64[np.ndarray, " k"]]:
+        """Number of objects to find in each frame, for each class that counts."""
+        labels = self.detected.classes.labels
+        return [self.detected.count_to_find(frames.tolist(), label) for label in labels]
+
+    def tally(
+        self, outcomes: Sequence[Outcome], truths: Sequence[Int64[np.ndarray, " k"]]
+    ) -> list[list[Tally]]:
+        """Tallies of one set in some frames; axes of the lists: IoU threshold, class.
+
+        outcomes: the set's outcome in each frame; truths: objects of each class, by
+        `count_by_class`."""
+        class_outcomes = []
+        for label in self.detected.classes.labels:
+            class_outcomes.append([outcome.of_class(label) for outcome in outcomes])
+        tallies = []
+        for iou_index in map(self.detected.ious.index, self.ious):
+            class_tallies = [
+                Tally.of(outcomes_of_class, class_truths, iou_index)
+                for outcomes_of_class, class_truths in zip(class_outcomes, truths, strict=True)
+            ]
+            tallies.append(class_tallies)
+        return tallies
 
 
 class FastEvaluator:
@@ -302,6 +253,8 @@ class FastEvaluator:
 
     preparation: traffic and candidates; fidelity: its name; seed: for the resamples.
     """
+
+    max_blocks = MAX_BATCHES  # batches of whole blocks are drawn
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int) -> None:
         self.name: FidelityName = fidelity
@@ -316,16 +269,17 @@ class FastEvaluator:
         any_visibility = self._find_visibility(np.array([0]))
         return int(np.isin(any_visibility.frame, frames).sum())
 
-    def at_thresholds(
+    def measure(
         self, sets: Sets, frames: Frames, progress: Report | None = None
-    ) -> Evaluated:
-        """Figures of the intact sets on these frames, at each IoU threshold.
+    ) -> Float64[np.ndarray, "n figures"]:
+        """Figures of n intact sets on these frames, a row of `CaseFigures.values` for each.
 
-        progress: called once, with the number of all frames.
+        There is no recall and precision. progress: called once, with the number of all frames.
         """
         # candidates of any set; the empty set needs one too, to have the objects
         members = np.flatnonzero(sets.any(axis=0)) if sets.any() else np.array([0])
         estimates = self._estimate(sets, members, frames)
+        is_counted = np.isin(self._find_visibility(members).frame, frames)
         blocks = frames // BLOCK_FRAMES
         distinct = np.unique(blocks)
         # batch of each frame: whole blocks in order, nearly as many in each batch
@@ -343,8 +297,12 @@ class FastEvaluator:
             progress(len(frames))
         # the mean over batches differs from the AP on all frames together
         shift = (batch_ap.mean(axis=2) - ap)[:, :, None]
-        # kbit does not depend on the threshold
-        return Evaluated(ap=ap, kbit=estimates[0].kbit, resamples=resamples - shift)
+        figures = CaseFigures.from_ap(
+            ap, np.nan, resamples - shift, objects=int(is_counted.sum()), frames=len(frames)
+        )
+        mean_figures = reduce_cases(figures.values, "mean")
+        mean_figures[:, KBIT_COLUMN] = estimates[0].kbit  # kbit does not depend on the threshold
+        return mean_figures
 
     def _estimate(
         self, sets: Sets, members: Int64[np.ndarray, " u"], frames: Frames
@@ -376,116 +334,3 @@ class FastEvaluator:
 
 def _stack_ap(estimates: list[Estimate]) -> Float64[np.ndarray, "ious n"]:
     return np.stack([estimate.ap for estimate in estimates])
-
-
-@dataclass(eq=False)
-class TimedEvaluator:
-    """Evaluation frame by frame until time is up, which reports the number of frames done.
-
-    It is called with the same frames in the same order every time, for fewer and fewer sets.
-
-    Attributes:
-        evaluator: Evaluator of sets on given frames.
-        until: End of the time by the monotonic clock (s).
-        at_once: Frames between two looks at the clock.
-        least: Frames done regardless of time.
-        done: Frames done so far.
-    """
-
-    evaluator: CasesEvaluator
-    until: float
-    at_once: int = 1
-    least: int = 1
-    done: int = 0
-
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        return self.evaluator.frames
-
-    def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
-        """Mean AP over the detector's IoU thresholds, regardless of the time."""
-        return self.evaluator.mean_ap(sets, frames)
-
-    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> Evaluated:
-        """Evaluate the sets on as many frames as time allows, at least `least`.
-
-        New frames are evaluated a few at a time, with looks at the clock between; then all of them
-        together. Frames done in earlier calls are not evaluated singly again. `Evaluated.frames` is
-        the number of frames used, None for all. progress: called with the number of frames done.
-        """
-        while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
-            next_frames = frames[self.done : self.done + self.at_once]
-            self.evaluator.evaluate(sets, next_frames)  # for its detections, which are kept
-            self.done += len(next_frames)
-            if progress is not None:
-                progress(self.done)
-        used_count = min(self.done, len(frames))
-        evaluated = self.evaluator.evaluate(sets, frames[:used_count])
-        return evaluated._replace(frames=None if used_count == len(frames) else used_count)
-
-
-Timed = CasesEvaluator | TimedEvaluator
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Time for searches, race and assessment of a portfolio.
-
-    Attributes:
-        seconds: Time for everything (s), None for no limit.
-        at_once: Frames between two looks at the clock.
-        began: Begin by the monotonic clock (s).
-    """
-
-    seconds: float | None = None
-    at_once: int = 1
-    began: float = field(default_factory=time.monotonic)
-
-    @staticmethod
-    def from_processes(seconds: float | None, processes: Processes) -> "Schedule":
-        """Schedule from now on, for frames that are evaluated in these processes.
-
-        Between two looks at the clock there are enough frames to keep all processes busy.
-
-        seconds: time for everything, None for no limit.
-        """
-        if processes.ray:
-            return Schedule(seconds, at_once=RAY_FRAMES)
-        # 2: so that no process waits while another one finishes
-        return Schedule(seconds, at_once=1 if processes.alone else 2 * processes.count)
-
-    @property
-    def left(self) -> float:
-        """Remaining seconds, infinite without a limit."""
-        return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
-
-    def search_seconds(self, searches: int) -> float | None:
-        """Seconds of each search if this number of searches share their part of the time.
-
-        None without a limit.
-        """
-        return None if self.seconds is None else self.seconds * SEARCH_TIME_SHARE / searches
-
-    def frames(self, frames: int) -> int:
-        """Number of frames of one part of traffic that fit into the time, in whole blocks.
-
-        frames: number of frames without a limit, which is returned for `FULL_TRAFFIC_S` seconds or
-        more.
-        """
-        if self.seconds is None or self.seconds >= FULL_TRAFFIC_S:
-            return frames
-        blocks = int(frames * self.seconds / FULL_TRAFFIC_S) // BLOCK_FRAMES
-        return min(frames, max(MIN_FRAMES, blocks * BLOCK_FRAMES))
-
-    def limit(
-        self, evaluator: CasesEvaluator, share: float = 1.0, least: int = MIN_FRAMES
-    ) -> Timed:
-        """Evaluator that stops after a share of the remaining time, but not before `least` frames.
-
-        Without a limit the evaluator comes back unchanged.
-        """
-        if self.seconds is None:
-            return evaluator
-        until = time.monotonic() + share * self.left
-        return TimedEvaluator(evaluator, until=until, at_once=self.at_once, least=least)

@@ -1,10 +1,10 @@
 """Portfolio: several searches whose answers and neighbours race by the detector on fresh traffic.
 
 Traffic has three parts. The searches use the objective's; the entrants race on the second until the
-best is known confidently enough (`placement_env.racing.race_until`); the figures of the answer come
-from the third. So the stated AP carries neither the optimism of the searches nor of the race.
-Picking the best of many by noisy or biased scores overrates it (the winner's curse), by the amount
-that `Contender.curse` gives for each search.
+best is known confidently enough (`contest`); the figures of the answer come from the third. So the
+stated AP carries neither the optimism of the searches nor of the race. Picking the best of many by
+noisy or biased scores overrates it (the winner's curse), by the amount that `Contender.curse` gives
+for each search.
 """
 
 import math
@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from placement_env.analysis.agreement import StageFigure, check_agreement
+from placement_env.analysis.case_figures import CaseFigures
 from placement_env.analysis.intervals import (
     AP_TOLERANCE,
-    BLOCK_FRAMES,
     Interval,
     is_comparable,
     share_beyond_reach,
@@ -24,7 +24,7 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.preparation import Preparation
 from placement_env.objective import Objective
 from placement_env.protocol import FidelityName
-from placement_env.racing import Contest, RaceRules, Resampled, race_until
+from placement_env.racing import Contest
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.checkpoint_folder import NOWHERE
 from placement_env.search.portfolio.entrants import (
@@ -37,27 +37,20 @@ from placement_env.search.portfolio.entrants import (
 )
 from placement_env.search.portfolio.evaluators import (
     CasesEvaluator,
-    Evaluated,
     Frames,
     Report,
-    Schedule,
-    Timed,
     build_evaluator,
     race_order,
 )
+from placement_env.search.portfolio.reward_race import MAX_SET_FRAMES, contest, weigh_costs
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from placement_env.setting import Setting
 from placement_env.subsets import Sets
-from toolkit.arrays import Float64
 
 RACE_FRAMES = 96
 JUDGED_FRAMES = 120
-NEAR_TIE_AP = 0.75 * AP_TOLERANCE  # lead that other IoU thresholds may outweigh
-FIRST_RUNG_FRAMES = 12
-RUNG_GROWTH = 2  # ratio of each rung's frames to the rung before
-MIN_RACE_FRAMES = 24  # on fewer frames the luckiest of many sets wins
-MAX_SET_FRAMES = 480.0  # that a race may score without a time limit, beyond its first rungs
 SEARCH_COUNT = 8  # searches that share their time
 
 
@@ -116,7 +109,7 @@ class Judging:
         final = Preparation(setting, final_run, compares=False)
         return (
             build_evaluator(race, self.by, seed=seed),
-            build_evaluator(final, self.by, seed=seed),
+            build_evaluator(final, self.by, seed=seed, tie=0.0),  # its AP are stated
         )
 
 
@@ -230,90 +223,6 @@ def _build_result(objective: Objective, members: list[int], note: str, limits: L
     )
 
 
-def contest(
-    objective: Objective,
-    sets: Sets,
-    evaluator: Timed,
-    *,
-    confidence: float = 0.95,
-    seed: int = 0,
-    most: float = MAX_SET_FRAMES,
-    frames: int | None = None,
-) -> Contest:
-    """Race sets by their reward, from an evaluator's AP and the objective's prediction.
-
-    Among the sets that end within `NEAR_TIE_AP` of the first, the set with the greatest mean AP
-    over the detector's IoU thresholds wins, then the cheapest. The winner is moved to the front of
-    the ranking, and the confidence is the one in this winner.
-
-    Args:
-        objective: Gives predictions, prices and the weights of costs.
-        sets: Sets that race.
-        evaluator: Evaluator of the sets on more and more frames.
-        confidence: Confidence at which the race ends that no set is better by more than
-            `AP_TOLERANCE`.
-        seed: Seed of the order of the frames.
-        most: Set-frames to be scored, a set on a frame being one.
-        frames: Frames to race on at most, None for all of the evaluator's.
-    """
-
-    def rewards(rows: Sets, frames: Frames) -> Resampled:
-        """Rewards of sets (rows) on the first frames of a race, with resamples; for `race_until`.
-
-        The set with the greatest reward is reported to the objective's watcher."""
-        report = objective.run.stage("frames raced", len(frames))
-        evaluated = evaluator.evaluate(rows, frames, report)
-        used_frames = frames[: evaluated.frames]  # all unless time ran out
-        cost = weigh_costs(objective, rows, evaluated.kbit)
-        reward = evaluated.ap - cost
-        if objective.watch is not None:
-            best = int(reward.argmax())
-            members = tuple(np.flatnonzero(rows[best]).tolist())
-            objective.watch(members, float(reward[best]), len(used_frames))
-        return Resampled(
-            figure=reward,
-            resamples=evaluated.resamples - cost[:, None],
-            frames=evaluated.frames,
-            blocks=float(len(np.unique(used_frames // BLOCK_FRAMES))),
-        )
-
-    order = race_order(evaluator.frames, seed=seed)[:frames]
-    first_rung = min(FIRST_RUNG_FRAMES, evaluator.frames)
-    rules = RaceRules(
-        confidence=confidence,
-        tolerance=AP_TOLERANCE,
-        first=first_rung,
-        eta=RUNG_GROWTH,
-        least=MIN_RACE_FRAMES,
-        most=most,
-    )
-    race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
-    close = np.flatnonzero(
-        (race.frames == race.frames[0]) & (race.expected >= race.expected[0] - NEAR_TIE_AP)
-    )
-    # sets that raced on as many frames as the first and nearly tie with it
-    rows = sets[race.ranking[close]]
-    mean_ap = evaluator.mean_ap(rows, order[: race.frames[0]]) if len(close) > 1 else np.zeros(1)
-    winner_row = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
-    ranking_rows = np.r_[winner_row, np.delete(np.arange(len(race.ranking)), winner_row)]
-    columns = ("ranking", "figures", "frames", "expected")
-    reordered = replace(race, **{name: getattr(race, name)[ranking_rows] for name in columns})
-    return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
-
-
-def weigh_costs(
-    objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"]
-) -> Float64[np.ndarray, " n"]:
-    """Costs of communication and building of each set, in AP.
-
-    objective: gives weights and prices; sets: rows of booleans; kbit: total that each set sends per
-    frame; the weight applies to its mean over the sensors."""
-    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)  # the empty set counts as one sensor
-    return np.asarray(
-        objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets)
-    )
-
-
 def _assess(
     objective: Objective,
     entrants: Entrants,
@@ -343,11 +252,9 @@ def _assess(
     )
     contenders = []
     # fewer figures than rows if time ran out
-    for row, ap, resamples in zip(
-        rows.tolist(), judged.ap.tolist(), judged.resamples, strict=False
-    ):
-        interval = final.interval(ap, resamples, frames)
-        contenders.append(_build_contender(entrants, row, ap, interval))
+    for n, ap in enumerate(judged.ap.tolist()):
+        interval = final.interval(judged[n], frames)
+        contenders.append(_build_contender(entrants, int(rows[n]), ap, interval))
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
     objects = final.count_objects(frames)
@@ -431,16 +338,16 @@ def aps_at_profiles(
     for n in range(len(sets)):
         profile_aps = []
         for k, name in enumerate(final.cases.names):
-            ap = float(figures.ap[k, n])
-            interval = final.interval(ap, figures.resamples[k, n], frames)
-            profile_aps.append(ProfileAP(name, ap, low=interval.low, high=interval.high))
+            set_figures = figures[k][n]
+            low, high = final.interval(set_figures, frames)
+            profile_aps.append(ProfileAP(name, float(set_figures.ap), low=low, high=high))
         by_set.append(tuple(profile_aps))
     return by_set
 
 
 def judge_in_time(
     sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
-) -> tuple[Evaluated, Frames]:
+) -> tuple[CaseFigures, Frames]:
     """Figures of the sets judged in time, and the frames, the same for all sets.
 
     The first set is always judged, and decides on how many frames; each further set is judged only
@@ -453,13 +360,13 @@ def judge_in_time(
         return final.evaluate(sets, all_frames, report), all_frames
     order = race_order(final.frames)
     first_evaluated = schedule.limit(final).evaluate(sets[:1], order, report)
-    frames = order[: first_evaluated.frames]  # None: time sufficed for all
+    frames = order[: first_evaluated.used]  # None: time sufficed for all
     judged_count = 1
     for row in sets[1:]:
         if schedule.left <= 0:
             break
         evaluated = schedule.limit(final).evaluate(row[None], frames)
-        if evaluated.frames is not None:
+        if evaluated.used is not None:
             break
         judged_count += 1
     return final.evaluate(sets[:judged_count], frames), frames

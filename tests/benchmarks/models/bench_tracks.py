@@ -139,11 +139,13 @@ def make_run(site: str, seed: int, errors: str, frames: int, folder: Path) -> Ru
     offline = smooth_tracks(detections, times, area.tolist())
     offline_ms = (process_time() - began) / len(times) * 1e3
 
-    def inside(frames: Sequence) -> list:
-        return [rows[has_centre_inside(rows.boxes, area)] for rows in frames]
-
-    found = (inside(detections), inside(live), inside(offline))
-    return Run(found, inside(truths), live_ms, offline_ms)
+    found = (
+        [rows[has_centre_inside(rows.boxes, area)] for rows in detections],
+        [rows[has_centre_inside(rows.boxes, area)] for rows in live],
+        [rows[has_centre_inside(rows.boxes, area)] for rows in offline],
+    )
+    inside = [objects[has_centre_inside(objects.boxes, area)] for objects in truths]
+    return Run(found, inside, live_ms, offline_ms)
 
 
 def print_class_rows(site: str, errors: str, runs: Sequence[Run]) -> None:
@@ -231,6 +233,7 @@ def measure_faces(runs: Sequence[Run], kind: int, label: int) -> tuple[np.ndarra
             is_match = overlap.max(axis=1) >= MIN_FACE_IOU
             boxes = tracks.boxes[is_match]
             truth = true_boxes[overlap.argmax(axis=1)[is_match]]
+            assert tracks.doubts is not None
             doubts = tracks.doubts[is_match]
             errors, size_errors = find_face_errors(boxes, truth)
             ratios.append(errors / doubts)

@@ -77,9 +77,10 @@ def collect(name: str, place: Place, out: Path, traffics: int, frames: int) -> N
             kept[f"{part}.{n}.frame"] = np.repeat(
                 np.arange(frames), [len(each.scores) for each in outcomes]
             )
-        kept[f"{part}.truths"] = judge.to_find[label]
+        truths = judge.detected.count_to_find(range(frames), label)
+        kept[f"{part}.truths"] = truths
         np.savez_compressed(path, **kept)
-        print(f"{name}: traffic {part}, {int(judge.to_find[label].sum())} vehicles", flush=True)
+        print(f"{name}: traffic {part}, {int(truths.sum())} vehicles", flush=True)
 
 
 def tally(kept: dict[str, Any], part: int, n: int, iou: int, frames: int = 10**6) -> Tally:

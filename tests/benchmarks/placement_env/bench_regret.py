@@ -102,8 +102,8 @@ class Judging:
         return replace(made, setting=replace(made.setting, **settings), run=run)
 
     def evaluators(self) -> tuple[Any, Any]:
-        from placement_env.search.portfolio.evaluators import Schedule
         from placement_env.search.portfolio.portfolio import Judging as PortfolioJudging
+        from placement_env.search.portfolio.schedule import Schedule
 
         judging = PortfolioJudging(race_frames=RACED, final_frames=self.frames)
         return judging.build_evaluators(self.objective, Schedule())

@@ -1,6 +1,7 @@
 """Bytes of foreground messages at both built-in sites.
 
     python tests/benchmarks/toolkit/bench_messages.py [--frames 1000] [--folder out/messages]
+        [--differences]
 
 Of each site two recordings are simulated: 128 frames of the day before, of which the sensors learn
 their empty scenes, and frames 0.1 s apart. Every frame's row is kept in the folder as soon as it is
@@ -27,8 +28,9 @@ from toolkit.calibration.scene_files import load_empty_scenes, save_empty_scenes
 from toolkit.datasets.dataset import CoopDataset
 from toolkit.datasets.recording_views import read_frame
 from toolkit.datasets.simulation import simulate_dataset
-from toolkit.detection.link.foreground import decode_foreground, encode_foreground, standing_out
-from toolkit.detection.link.message import PACKET_BYTES
+from toolkit.detection.link.foreground import decode_foreground, encode_foreground, encode_in_packet
+from toolkit.detection.link.foreground_pixels import standing_out
+from toolkit.detection.link.packets import PACKET_BYTES
 from toolkit.detection.view import Captured
 from toolkit.runtime.run import Run
 
@@ -47,10 +49,11 @@ def main() -> None:
     )
     arguments.add_argument("--frames", type=int, default=50)
     arguments.add_argument("--folder", type=Path, default=Path("out/messages"))
+    arguments.add_argument("--differences", action="store_true")
     arguments.add_argument("--print", action="store_true", dest="printed")
     asked = arguments.parse_args()
     for site in () if asked.printed else SITES:
-        count_bytes(asked.folder, site, asked.frames)
+        count_bytes(asked.folder, site, asked.frames, differences=asked.differences)
     print_bytes(asked.folder)
 
 
@@ -71,9 +74,9 @@ def learnt(folder: Path, site: str) -> tuple[Any, ...]:
     return load_empty_scenes(path)
 
 
-def links() -> dict[str, Any]:
+def links(*, differences: bool) -> dict[str, Any]:
     """What makes the messages of a sensor with an empty scene, and what reads them, by name in
-    rows."""
+    rows. differences: with `examples/differences` too."""
 
     def whole(step: float) -> Any:
         return lambda scene: (
@@ -88,13 +91,22 @@ def links() -> dict[str, Any]:
 
         return made
 
+    def fitting(scene: Any) -> Any:
+        return (
+            lambda image, missing: encode_in_packet(image, scene, missing),
+            lambda message: decode_foreground(message, scene),
+        )
+
     made = {f"foreground {cm} cm": whole(cm / 100) for cm in (2, 4, 8)}
+    made["foreground 2 to 32 cm, as fits"] = fitting
+    if not differences:
+        return made
     made |= {f"differences {cm} cm": less(cm / 100, "previous", 10) for cm in (2, 4, 8)}
     others: tuple[tuple[Any, int], ...] = (("key", 10), ("previous", 50))
     return made | {f"differences 2 cm, {to} {every}": less(0.02, to, every) for to, every in others}
 
 
-def count_bytes(folder: Path, site: str, frames: int) -> None:
+def count_bytes(folder: Path, site: str, frames: int, *, differences: bool) -> None:
     """Rows of bytes per sensor, and of the first frames milliseconds to choose, encode and
     decode."""
     path = folder / f"{site}-{CLOSE:g}-bytes.jsonl"
@@ -109,7 +121,7 @@ def count_bytes(folder: Path, site: str, frames: int) -> None:
     for k in range(begin, frames):
         frame = read_frame(recording, k)
         if k == begin or k % BLOCK == 0:
-            made = links()
+            made = links(differences=differences)
             ends = {
                 name: [make(scenes(n)) for n in range(len(frame.sensors))]
                 for name, make in made.items()

@@ -18,7 +18,7 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def processor(monkeypatch, environment, without_packages):
+def processor(monkeypatch, environment):
     """A processor whose times and instructions are given: float32, torch and OpenVINO."""
 
     def describe(float32=2.0, by_torch=1.0, by_openvino=1.0, *, sets=("avx512_bf16",), has=True):
@@ -28,8 +28,7 @@ def processor(monkeypatch, environment, without_packages):
             ("openvino", torch.bfloat16): by_openvino,
         }
         monkeypatch.setattr(number_formats, "time_layer", lambda *key: seconds[key])
-        if not has:
-            without_packages("openvino")
+        monkeypatch.setattr(number_formats, "find_spec", lambda name: name if has else None)
         for name in ("avx512_bf16", "amx_tile"):
             monkeypatch.setattr(
                 f"torch.cpu._is_{name}_supported", lambda name=name: name in sets, raising=False

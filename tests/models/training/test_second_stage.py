@@ -439,13 +439,13 @@ def test_a_class_that_shadows_another_takes_from_its_scores(detect_by, packed):
     assert from_vehicle < 0.5
 
 
-def test_flawless_detectors_stay_and_networks_get_a_second_stage(detect_by, monkeypatch, packed):
+def test_flawless_detectors_stay_and_networks_get_a_second_stage(detect_by, limits, packed):
     flawless = [scene(VEHICLE, np.full(50, 0.6), np.ones(50, bool))]
     detect_by(fake(flawless))
     assert fit_calibration(VoxelNet(make_config(AREA, "fast")), packed).config.thresholds == (
         MIN_THRESHOLD,
     )
-    monkeypatch.setattr("models.training.second_stage.fit_faces", lambda networks, rows, seed: {})
+    limits(second_stage, FACE_STEPS=1)
     torch.manual_seed(0)
     network = VoxelNet(make_config(AREA, "fast"))
     staged = train_faces(network, packed, ("vehicle",), count=2)

@@ -188,6 +188,13 @@ def test_bills_of_prices_and_links_add_up(sensors):
         5.0,
     )
     assert (first.share, first.fits) == (0.6, True)
+    # 12500 and 37500 bytes: 9 and 27 packets of 1398 bytes; all but the last are full
+    last_us = [40 + 8 * math.ceil((22 + 8 * (126 + rest)) / 48) for rest in (1316, 1152)]
+    assert (first.packets_s, first.airtime_ms_s) == pytest.approx(
+        (180.0, (8 * 2080 + 26 * 2080 + sum(last_us)) / 2 / 100)
+    )
+    assert mounted.describe_radio([first]).startswith("180 packets a second, 37.2 % of the")
+    assert mounted.describe_radio([first] * 3).endswith("802.11p, more than a channel has")
     assert (second.share, second.fits) == (1.2, False)
     assert all(load.fits for load in mounted.link_loads(sensors, limited=False))
     bill = mounted.bill_of_materials((*sensors, sensors[0]))

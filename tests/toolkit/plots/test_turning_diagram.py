@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from toolkit.counting.counts import MovementCount
-from toolkit.plots import turning_diagram
+from toolkit.plots.canvas import write_figure
 from toolkit.plots.turning_diagram import ArmBearing, draw_turning_diagram
 
 ARMS = [ArmBearing("north", 2.0), ArmBearing("east", 95.0), ArmBearing("west", 270.0)]
@@ -18,20 +18,16 @@ MOVEMENTS = [
 
 
 @pytest.fixture
-def texts(tmp_path, monkeypatch):
+def texts(monkeypatch):
     """Texts of the picture that was drawn last."""
     written: list[Figure] = []
-    write = turning_diagram.write_figure
-    monkeypatch.setattr(
-        turning_diagram,
-        "write_figure",
-        lambda figure, out: (written.append(figure), write(figure, out)),
-    )
 
-    def list_texts():
-        return {text.get_text() for text in written[-1].findobj(Text)}
+    def write(figure, out):
+        written.append(figure)
+        write_figure(figure, out)
 
-    return list_texts
+    monkeypatch.setattr("toolkit.plots.turning_diagram.write_figure", write)
+    return lambda: {text.get_text() for text in written[-1].findobj(Text)}
 
 
 @pytest.mark.parametrize("ending", ["png", "svg"])

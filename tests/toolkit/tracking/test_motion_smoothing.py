@@ -18,7 +18,7 @@ def smooth_alone(course):
     spread = np.zeros((4, 4))
     spread[:2, :2] = course.noise[0]
     spread[2:, 2:] = np.eye(2) * FIRST_SPEEDS_M_S[course.label] ** 2
-    states, spreads, predicted = [state], [spread], [None]
+    states, spreads, predicted = [state], [spread], [(state, spread, np.eye(4))]
     for k in range(1, count):
         dt = course.seconds[k] - course.seconds[k - 1]
         step = np.block([[np.eye(2), dt * np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])

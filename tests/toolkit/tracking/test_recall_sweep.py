@@ -103,5 +103,6 @@ def test_each_recall_has_the_nearest_true_positive():
     points = list_recalls(np.linspace(1, 0.01, 80), 80)
     assert len(points) == RECALLS
     assert points[0].recall == 1 / 40
-    assert points[-1] == (1.0, pytest.approx(0.01))
+    assert points[-1].recall == 1
+    assert points[-1].score == pytest.approx(0.01)
     assert len(list_recalls(np.array([0.5]), 100)) == 0

@@ -63,13 +63,18 @@ def test_all_classes_come_in_at_the_border_and_leave_there(traffic, tracks):
 
 
 @needs_sumo
+def test_hardly_anybody_is_refused(traffic):
+    assert traffic.refused <= 0.02 * (len(traffic.travellers) + traffic.refused)
+
+
+@needs_sumo
 def test_motion_is_smooth_and_headed(tracks):
-    steps = []
+    steps: dict[int, list[np.ndarray]] = {}
     for label, _, boxes in tracks.values():
         if len(boxes) < 5:
             continue
         velocity = np.diff(boxes[:, :2], axis=0) / 0.1
-        steps.append(np.hypot(*(np.diff(velocity, axis=0) / 0.1).T))
+        steps.setdefault(label, []).append(np.hypot(*(np.diff(velocity, axis=0) / 0.1).T))
         speed = np.hypot(*velocity.T)
         turn = np.abs(np.angle(np.exp(1j * np.diff(boxes[:, 6]))))
         assert np.quantile(turn, 0.99) < np.deg2rad(25)
@@ -77,7 +82,8 @@ def test_motion_is_smooth_and_headed(tracks):
             course = np.arctan2(velocity[:, 1], velocity[:, 0])
             away = np.abs(np.angle(np.exp(1j * (course - boxes[1:, 6]))))
             assert np.quantile(np.where(speed > 2, away, 0.0), 0.99) < np.deg2rad(35)
-    assert (np.concatenate(steps) > 15).mean() < 1e-3
+    for accelerations in steps.values():
+        assert (np.concatenate(accelerations) > 15).mean() < 1e-3
 
 
 @needs_sumo

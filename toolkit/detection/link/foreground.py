@@ -1,36 +1,31 @@
 """`Foreground`: sensors send only what stands out from their empty scene.
 
 The centre knows the empty scenes, draws them into all other pixels, and all points go through the
-detector together, as in early fusion. A pixel in the crop stands out if its measurement is farther
-than some spreads from both medians of the scene. A pixel is missing if the centre would draw a
-point of the empty scene but the sensor measures no point in the crop: nothing returned, or an
-object is close to the sensor. Single returns drop out in every image, and are better drawn than
-sent. Missing pixels are therefore sent only if, within 5 x 5 pixels, at least half of the pixels
-that should show the scene are missing too, and at least three or all; and everywhere if all pixels
-are missing."""
+detector together, as in early fusion. `toolkit.detection.link.foreground_pixels` defines the pixels
+that are sent. A message is to fit one packet of the radio: if it does not in the finest step,
+`encode_in_packet` takes the next coarser one in which it fits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps, Int64
+from toolkit.arrays import Float32, ImageMask, ImageRanges, ImageSteps
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
 from toolkit.detection.link import message as wire
+from toolkit.detection.link.foreground_pixels import draw_scene, standing_out
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
+from toolkit.detection.link.packets import PACKET_BYTES
 from toolkit.detection.link.range_images import RangeImages, from_steps, sent_header, to_steps
 from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import Counts, DetectsOnce
-from toolkit.detection.view import Captured, Cloud, Fused, Lift, Sent, View
-from toolkit.frame import unproject
-from toolkit.points import Crop
-from toolkit.sensors.sensor import Sensor, is_return
+from toolkit.detection.view import Cloud, Fused, Sent, View
+from toolkit.sensors.sensor import is_return
 
-NEIGHBOUR_PX = 2  # to either side that are searched for other missing pixels
-MIN_MISSING_NEIGHBOURS = 3  # counting the pixel itself, unless all are missing
+MAX_STEP_M = 0.32  # coarsest step of a message that does not fit one packet otherwise
+STEPS_PER_DOUBLING = 2  # from one tried step to the next, the step grows by this root of 2
 
 
 class SendsForeground(DetectsOnce):
@@ -96,16 +91,19 @@ class SendsForeground(DetectsOnce):
 class Foreground(SendsForeground):
     """Early fusion whose sensors send only what differs from a background known to the centre.
 
-    step: step of measurements (m), in whole millimetres; sigmas: number of spreads (standard
+    step: finest step of measurements (m), in whole millimetres; sigmas: number of spreads (standard
     deviations) of the empty scene, above 0, within which a measurement shows it; name: name in
-    tables. Raises ValueError for other values."""
+    tables; max_step: coarsest step (m) of messages that do not fit one packet, in whole
+    millimetres; `step` or less for one step in all messages. Raises ValueError for other values."""
 
     step: float = 0.02
     sigmas: float = SCENE_SIGMAS
     name: str = "foreground"
+    max_step: float = MAX_STEP_M
 
     def __post_init__(self) -> None:
         wire.step_in_mm(self.step)
+        wire.step_in_mm(self.max_step)
         if not 0 < self.sigmas < np.inf:
             raise ValueError(
                 f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000"
@@ -119,7 +117,7 @@ class Foreground(SendsForeground):
         sensor: index of the sensor in the view; image: measurements (m) to send, 0 elsewhere;
         missing: mask of pixels in which the centre must not draw the empty scene."""
         scene = view.scene(sensor)
-        message = encode_foreground(image, scene, missing, step=self.step)
+        message = encode_in_packet(image, scene, missing, step=self.step, max_step=self.max_step)
         return message, decode_foreground(message, scene)
 
 
@@ -152,6 +150,45 @@ def encode_foreground(
     return write_scene_message(
         wire.MessageKind.FOREGROUND, image, scene, step=step, content=content, missing=missing
     )
+
+
+def encode_in_packet(
+    image: RangeImage,
+    scene: EmptyScene,
+    missing: ImageMask | None = None,
+    *,
+    step: float = 0.02,
+    max_step: float = MAX_STEP_M,
+) -> bytes:
+    """Encode a foreground in the finest step in which the message fits one packet of the radio.
+
+    image, scene, missing: as in `encode_foreground`; step: finest step of measurements (m);
+    max_step: coarsest step (m), taken if the message fits in no step. The step is in the message.
+    Raises ValueError as `encode_foreground`."""
+    message = b""
+    for candidate_step in list_steps(step, max_step):
+        message = encode_foreground(image, scene, missing, step=candidate_step)
+        if len(message) <= PACKET_BYTES:
+            break
+    return message
+
+
+def list_steps(step: float, max_step: float) -> list[float]:
+    """Return the steps (m) that a message may have, from the finest to the coarsest.
+
+    step: finest step; max_step: coarsest step, ignored if it is not above the finest. Each is in
+    whole millimetres, as are those between.
+
+    >>> list_steps(0.02, 0.05), list_steps(0.08, 0.02)
+    ([0.02, 0.028, 0.04, 0.05], [0.08])
+    """
+    finest_mm = wire.step_in_mm(step)
+    coarsest_mm = wire.step_in_mm(max_step)
+    steps_mm = [finest_mm]
+    while steps_mm[-1] < coarsest_mm:
+        next_mm = round(finest_mm * 2 ** (len(steps_mm) / STEPS_PER_DOUBLING))
+        steps_mm.append(min(max(next_mm, steps_mm[-1] + 1), coarsest_mm))
+    return [step_mm / 1000 for step_mm in steps_mm]
 
 
 def decode_foreground(message: bytes, scene: EmptyScene) -> Restored:
@@ -248,101 +285,3 @@ def check_scene(header: wire.MessageHeader, kind: wire.MessageKind, scene: Empty
 def scene_number(scene: EmptyScene) -> int:
     """Number of an empty scene in messages, from the first 32 bits of its SHA-256."""
     return int(scene.digest[:8], 16)
-
-
-class DrawnScene(NamedTuple):
-    """Points of an empty scene in the crop, with their pixels.
-
-    points: x, y, z (m), lifted like measured points; pixels: flat index (row by row) of each point,
-    ascending."""
-
-    points: Float32[np.ndarray, "n 3"]
-    pixels: Int64[np.ndarray, " n"]
-
-
-class StandsOut(NamedTuple):
-    """Pixels of an image that differ from the sensor's empty scene.
-
-    pixels: flat indices (row by row, ascending) of the pixels to send; missing: mask of the pixels
-    in which the centre must not draw the empty scene."""
-
-    pixels: Int64[np.ndarray, " n"]
-    missing: ImageMask
-
-
-def standing_out(captured: Captured, scene: EmptyScene, sigmas: float = SCENE_SIGMAS) -> StandsOut:
-    """Return the pixels of an image that differ from its empty scene, as flat indices.
-
-    The centre fills all other pixels from the scene. So it must also be told which ones the scene
-    would show although nothing was measured there: these are `missing`, kept only if their
-    neighbours are missing too.
-
-    captured: image, with the crop that selects its points; scene: the sensor's image without
-    objects; sigmas: a measurement within this many standard deviations of the scene shows it."""
-    measurement = captured.measurement
-    shows_scene = scene.shows(measurement, sigmas)
-    # captured.pixels are flat indices of the points in the crop, so masks are raveled (as views)
-    sent_pixels = np.sort(captured.pixels[~shows_scene.ravel()[captured.pixels]])
-    is_drawn = np.zeros(measurement.shape, bool)
-    is_drawn.ravel()[draw_scene(captured, scene).pixels] = True
-    is_measured = np.zeros(measurement.shape, bool)
-    is_measured.ravel()[captured.pixels] = True
-    # the centre would draw the scene's point, but none was measured in the crop
-    has_return = is_return(measurement, scene.model.max_range)
-    is_gone = is_drawn & ~is_measured & (~shows_scene | ~has_return)
-    # `shows_scene` is also True for no return if the scene has none now and then: such pixels are
-    # no evidence of an object
-    is_expected = is_drawn & ~(is_gone & shows_scene)
-    return StandsOut(pixels=sent_pixels, missing=keep_neighbours(is_gone, is_expected))
-
-
-def draw_scene(captured: Captured, scene: EmptyScene) -> DrawnScene:
-    """Points that the centre draws for a sensor that sends nothing: its empty scene, cropped.
-
-    captured: image that defines the sensor's pose, the crop and the lift. Results are cached."""
-    crop = Crop.from_place(captured.area, captured.height)
-    return _crop_scene(scene, captured.sensor, crop, lift=captured.lift)
-
-
-@lru_cache(maxsize=64)
-def _crop_scene(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None) -> DrawnScene:
-    """Return the points of a sensor's empty scene that are in a crop, with their pixels.
-
-    lift: applied to the points (m) before the crop, None to leave them. The result is cached, so
-    its arrays are shared and must never be changed."""
-    # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
-    xyz, valid = unproject(sensor, scene.first)
-    points = np.ascontiguousarray(xyz[:, valid].T)
-    lifted_points = points if lift is None else lift(points)
-    is_kept = crop.holds(lifted_points)
-    return DrawnScene(points=lifted_points[is_kept], pixels=np.flatnonzero(valid)[is_kept])
-
-
-def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:
-    """Return the mask of the gone pixels that have enough gone neighbours within 5 x 5 pixels.
-
-    is_gone: pixels in which the sensor lacks a point of the empty scene; is_expected: pixels that
-    should show a point of the scene. Enough are at least half of the expected pixels around, and at
-    least `MIN_MISSING_NEIGHBOURS` or all. All gone pixels are kept if every expected one is gone,
-    and no pixel if every expected one shows a point."""
-    is_missing = is_gone & is_expected
-    if not is_missing.any():
-        return np.zeros_like(is_gone)
-    if is_missing.sum() == is_expected.sum():
-        return is_gone
-    missing_count = _count_around(is_missing)
-    expected_count = _count_around(is_expected)
-    is_enough = (missing_count >= MIN_MISSING_NEIGHBOURS) | (missing_count == expected_count)
-    return is_gone & (missing_count > 0) & (2 * missing_count >= expected_count) & is_enough
-
-
-def _count_around(mask: ImageMask) -> ImageSteps:
-    """Number of mask pixels in the 5 x 5 square around each pixel, itself included.
-
-    Pixels beyond the image's edges count as unmarked."""
-    # Integral image (cumulative sums along both axes, with a row and a column of 0 in front): the
-    # sum over a square is the difference of its values at the square's four corners.
-    side = 2 * NEIGHBOUR_PX + 1
-    padded = np.pad(mask, NEIGHBOUR_PX).astype(np.int64)
-    sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

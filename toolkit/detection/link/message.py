@@ -1,24 +1,12 @@
 """Messages from a sensor to the fusion centre, as in docs/reference/message-format.md.
 
 A reader takes nothing on trust: it raises ValueError for a message that is cut off, damaged, or of
-another version, sensor or scene.
-
-Capacities of links are nominal and shared by all senders, so that a share well below 1 is needed.
-802.11p: the default rate in a channel of 10 MHz (IEEE 802.11-2020, clause 17). LTE-V2X: a transport
-block of 7992 bits each ms, that is 50 resource blocks of 10 MHz, QPSK (3GPP TS 36.213, table
-7.1.7.2.1-1, index 9). Ethernet: a cable (100BASE-TX). A packet of up to 1400 bytes fits an Ethernet
-frame with the headers of IP and UDP."""
+another version, sensor or scene."""
 
 import struct
 import zlib
-from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 from enum import IntEnum
-
-import numpy as np
-
-from toolkit.arrays import Int64
-from toolkit.runtime.text_tables import align_columns
 
 MAGIC = b"cv"
 MESSAGE_VERSION = 2
@@ -35,8 +23,6 @@ _FIELD_BITS = {
     "columns": 16,
     "scene": 32,
 }
-PACKET_BYTES = 1400  # largest part of a message in one packet
-CAPACITIES_MBIT_PER_S = {"802.11p": 6.0, "LTE-V2X": 8.0, "Ethernet": 100.0}
 
 
 class MessageKind(IntEnum):
@@ -171,76 +157,3 @@ def check_header(header: MessageHeader, kind: MessageKind, **expected: int) -> N
             raise ValueError(
                 f"expected a message whose {name} is {value}, got {got}: it belongs to another"
             )
-
-
-@dataclass(frozen=True)
-class LinkLoad:
-    """Load of some sensors on a shared link.
-
-    Attributes:
-        rate: messages per second of each sensor (Hz).
-        mbit_per_s: mean load of all sensors together (Mbit/s).
-        packets: mean number of packets (`PACKET_BYTES`) per message.
-        one_packet: share (0 to 1) of messages that fit one packet.
-        shares: load divided by the link's capacity, by name in `CAPACITIES_MBIT_PER_S`; above 1 for
-            an overloaded link.
-    """
-
-    rate: float
-    mbit_per_s: float
-    packets: float
-    one_packet: float
-    shares: dict[str, float]
-
-
-@dataclass(frozen=True)
-class SetLoad:
-    """Load of one scheme and sensor set on a shared link.
-
-    scheme: name of the scheme; sensors: indices of the sensors."""
-
-    scheme: str
-    sensors: tuple[int, ...]
-    load: LinkLoad
-
-    def as_dict(self) -> dict[str, object]:
-        """Return scheme, sensors and the fields of the load as one flat dict for JSON."""
-        return {"scheme": self.scheme, "sensors": self.sensors, **vars(self.load)}
-
-
-def link_load(bits: Int64[np.ndarray, "frames sensors"], rate: float) -> LinkLoad:
-    """Load of sensors that each send a message in every frame.
-
-    bits: bits of each message; rate: frames per second (Hz). Raises ValueError for a rate that is
-    not above 0 and finite, and without messages."""
-    if not 0 < rate < np.inf:
-        raise ValueError(f"rate must be above 0 Hz, got {rate:g}: such as 10")
-    if not bits.size:
-        raise ValueError(
-            f"there must be a message on a link, got {bits.shape[0]} frames of {bits.shape[1]} "
-            "sensors"
-        )
-    # rounded up; a message without bits needs no packet
-    packets = -(-bits // (8 * PACKET_BYTES))
-    mbit = float(bits.sum(axis=1).mean()) * rate / 1e6  # in a second, from all sensors
-    return LinkLoad(
-        rate=float(rate),
-        mbit_per_s=mbit,
-        packets=float(packets.mean()),
-        one_packet=float((packets <= 1).mean()),
-        shares={name: mbit / capacity for name, capacity in CAPACITIES_MBIT_PER_S.items()},
-    )
-
-
-def format_loads(loads: Iterable[SetLoad]) -> str:
-    """Format the load of each scheme and sensor set as a table, one line each."""
-    table = [
-        ["scheme", "sensors", "Mbit/s", "packets/message", "in one packet", *CAPACITIES_MBIT_PER_S]
-    ]
-    for set_load in loads:
-        load = set_load.load
-        names = [set_load.scheme, ",".join(map(str, set_load.sensors)) or "none"]
-        shares = [f"{100 * load.shares[link]:.2f} %" for link in CAPACITIES_MBIT_PER_S]
-        figures = [f"{load.mbit_per_s:.3f}", f"{load.packets:.2f}", f"{load.one_packet:.3f}"]
-        table.append([*names, *figures, *shares])
-    return align_columns(table, texts=2)  # the first two columns are texts, the rest numbers

@@ -29,8 +29,8 @@ def street(tmp_path_factory):
 @pytest.fixture(scope="module")
 def truth(street):
     """Names, times, and the true objects as tracks, of each frame."""
-    with open_recording(street) as recording:
-        frames = [recording[k] for k in range(len(recording))]
+    recording = open_recording(street)
+    frames = [recording[k] for k in range(len(recording))]
     tracks = []
     for frame in frames:
         objects = frame.objects

@@ -93,7 +93,7 @@ def test_schemes_come_in_their_codecs():
     assert names([Hybrid()]) == [("hybrid", each) for each in ("paper", *steps)]
     assert names([Foreground()]) == [("foreground", each) for each in steps]
     assert [each.scheme for each in make_systems([Foreground()], "bytes")] == [
-        Foreground(x) for x in STEPS_M
+        Foreground(x, max_step=x) for x in STEPS_M
     ]
     assert [each.codec for each in make_systems([Early()], "bytes")[1:]] == [
         RangeImages(x) for x in STEPS_M

@@ -132,7 +132,11 @@ def example_plan(site, ground):
         worth=worth,
         failures=failures,
         links=tuple(
-            PoleLoad(s.pole, 3.12, 4.02, 20.0 if i else 3.0, 0.195 if i else 1.3, bool(i), 3.9)
+            PoleLoad(
+                *(s.pole, 3.12, 4.02, 20.0 if i else 3.0, 0.195 if i else 1.3, bool(i), 3.9),
+                packets_s=10.0,
+                airtime_ms_s=12.5,
+            )
             for i, s in enumerate(sensors)
         ),
         materials=(

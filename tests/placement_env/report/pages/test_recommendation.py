@@ -53,9 +53,9 @@ def test_the_decision_comes_first_in_the_words_of_an_operator(example):
     assert wide.conclusion == f"B{answer}"
     assert said["Asked for"] == example.plan.verdict.sentence
     assert said["One failure"] == "At worst, if d3 fails, 325 of 412 are still found."
-    assert (
-        said["LINKS"]
-        == "Too narrow at post00; post00 needs 3.90 of 3.00 Mbit/s at 10 frames a second."
+    assert said["LINKS"] == (
+        "Too narrow at post00; post00 needs 3.90 of 3.00 Mbit/s at 10 frames a second. By radio, "
+        "all sensors send 40 packets a second, 5.0 % of the airtime of 802.11p."
     )
     assert said["How sure"].startswith("AP 0.962, 95% interval 0.932–0.992, from 60 frames")
     assert "d3 first" in said["Next"]

@@ -40,7 +40,7 @@ def test_a_set_is_judged_as_the_detector_scores_it(street):
 def test_cars_that_are_exact_are_found_at_any_iou(street):
     (at,) = street.judge.judge(np.array([[1, 0, 0, 0]], bool), Cases(iou=0.9))
     assert at.ap == 0.5
-    assert street.judge.to_find[0].tolist() == [4] * 8
+    assert street.detected.count_to_find(range(8), 0).tolist() == [4] * 8
 
 
 def test_frames_are_detected_once_and_told(street):

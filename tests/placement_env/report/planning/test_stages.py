@@ -58,8 +58,9 @@ from placement_env.report.planning.moments import pick_moments
 from placement_env.report.planning.plan_writing import write_plan
 from placement_env.report.planning.planning import plan
 from placement_env.report.planning.prepared_judge import PreparedJudge, prepare_judge
+from placement_env.search.portfolio import reward_race
 from placement_env.search.portfolio.entrants import Entrants
-from placement_env.search.portfolio.portfolio import NEAR_TIE_AP
+from placement_env.search.portfolio.reward_race import NEAR_TIE_AP
 from placement_env.setting import Weights
 from toolkit.objects import LABELS, Detections, Objects
 from toolkit.runtime.run import Run
@@ -725,7 +726,7 @@ def test_races_have_the_confidence_and_the_seed_and_sets_just_near_the_best_are_
 def test_other_iou_thresholds_say_which_likely_ties_are_judged():
     """Of six sets in the order of their race, the last is too far behind; means are those of the
     shared frames."""
-    expected = 1.0 - size_races.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
+    expected = 1.0 - reward_race.LIKELY_TIE_AP * np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.01])
     ran = Contest(np.arange(6), expected, np.array([24, 24, 12, 12, 12, 12]), 0.8, 24, expected)
     asked = []
 
@@ -734,11 +735,11 @@ def test_other_iou_thresholds_say_which_likely_ties_are_judged():
         return np.array([0.5, 0.6, 0.4, 0.7])
 
     evaluator: Any = SimpleNamespace(mean_ap=mean_ap)
-    found = size_races.find_finalists(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
+    found = reward_race.find_finalists(ran, np.eye(6, dtype=bool), evaluator, np.arange(60))
     assert found.tolist() == [0, 4, 2]
     assert asked == [([1, 2, 3, 4], list(range(12)))]
     alone = replace(ran, expected=expected - np.array([0.0, 1, 1, 1, 1, 1]))
-    assert size_races.find_finalists(
+    assert reward_race.find_finalists(
         alone, np.eye(6, dtype=bool), evaluator, np.arange(60)
     ).tolist() == [0, 1, 2]
 

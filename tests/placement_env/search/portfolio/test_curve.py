@@ -6,19 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement_env.analysis.case_figures import CaseFigures
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.search.checkpoint import Checkpoint
 from placement_env.search.portfolio import curve
 from placement_env.search.portfolio.curve import budget_curve, list_amounts
 from placement_env.search.portfolio.entrants import Effort
-from placement_env.search.portfolio.evaluators import (
-    CasesEvaluator,
-    DetectorEvaluator,
-    Schedule,
-    race_order,
-)
-from placement_env.search.portfolio.portfolio import MAX_SET_FRAMES, Judging
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
+from placement_env.search.portfolio.portfolio import Judging
+from placement_env.search.portfolio.reward_race import MAX_SET_FRAMES
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.setting import Setting
 
 
@@ -57,7 +55,7 @@ def test_a_number_that_finds_less_does_not_pay(street):
         def evaluate(self, sets, frames, progress=None):
             found = super().evaluate(sets, frames, progress)
             share = np.where(sets.sum(axis=1) == 3, 0.5, 1.0)
-            return found._replace(ap=found.ap * share, resamples=found.resamples * share[:, None])
+            return CaseFigures(found.values * share[:, None])
 
     worse = Worse((DetectorEvaluator(street.detected),))
     points = budget_curve(street.objective, 3, judging=Judging(evaluators=(worse, worse)))
@@ -66,9 +64,8 @@ def test_a_number_that_finds_less_does_not_pay(street):
 
 def test_points_have_ap_by_profile_and_nothing_has_no_curve(street):
     class Less(DetectorEvaluator):
-        def at_thresholds(self, sets, frames, progress=None):
-            found = super().at_thresholds(sets, frames, progress)
-            return found._replace(ap=found.ap - 0.25, resamples=found.resamples - 0.25)
+        def measure(self, sets, frames, progress=None):
+            return super().measure(sets, frames, progress) - 0.25
 
     exact = DetectorEvaluator(street.detected)
     both = CasesEvaluator((exact, Less(street.detected)), Cases(errors=("paper", "poor")))
@@ -260,7 +257,8 @@ class Levelled(CasesEvaluator):
     def evaluate(self, sets, frames, progress=None):
         found = super().evaluate(sets, frames, progress)
         ap = np.minimum(np.where(sets.sum(axis=1) == 3, max(self.least, 0.0), found.ap), self.most)
-        return found._replace(ap=ap, resamples=found.resamples - found.ap[:, None] + ap[:, None])
+        resamples = found.resamples - found.ap[:, None] + ap[:, None]
+        return CaseFigures.from_ap(ap, found.kbit, resamples, objects=32, frames=len(frames))
 
 
 def levelled(street, **figures):

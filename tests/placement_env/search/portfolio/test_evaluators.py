@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement_env.analysis.case_figures import CaseFigures
 from placement_env.analysis.intervals import draws_of_blocks, figure_interval
 from placement_env.candidates.candidates import paper_candidates
 from placement_env.cases import Cases
@@ -123,10 +124,11 @@ def test_classes_thresholds_and_failures_are_combined(street):
     detected = Detected(street.detected.renders, Knowing(), "early", classes=both)
     found = CasesEvaluator((DetectorEvaluator(detected),)).evaluate(SETS, EVERY)
     assert found.ap.tolist() == [0.0, 0.0, 0.0]  # nobody detects the walker
-    evaluators = (DetectorEvaluator(street.detected, (0.7, 1.0)),)
+    matched = street.detected.at(0.7, (0.7, 1.0))
+    evaluators = (DetectorEvaluator(matched, (0.7, 1.0)),)
     found = CasesEvaluator(evaluators, Cases(iou=(0.7, 1.0))).evaluate(SETS, EVERY)
     each = [
-        CasesEvaluator((DetectorEvaluator(street.detected, (iou,)),)).evaluate(SETS, EVERY)
+        CasesEvaluator((DetectorEvaluator(matched, (iou,)),)).evaluate(SETS, EVERY)
         for iou in (0.7, 1.0)
     ]
     assert found.ap == pytest.approx((each[0].ap + each[1].ap) / 2)
@@ -206,10 +208,10 @@ def test_each_error_profile_by_itself(hazy, combine):
     assert found.kbit == pytest.approx(
         rough.kbit if combine == "worst" else (exact.kbit + rough.kbit) / 2
     )
-    ap, kbit, resamples = over.at_profiles(SETS[:2], EVERY)
-    assert ap.tolist() == [exact.ap.tolist(), rough.ap.tolist()]
-    assert kbit[1].tolist() == rough.kbit.tolist()
-    assert resamples[1] == pytest.approx(rough.resamples)
+    profiles = over.at_profiles(SETS[:2], EVERY)
+    assert profiles.ap.tolist() == [exact.ap.tolist(), rough.ap.tolist()]
+    assert profiles[1].kbit.tolist() == rough.kbit.tolist()
+    assert profiles[1].resamples == pytest.approx(rough.resamples)
 
 
 def test_frames_are_counted_once_for_all_profiles(hazy):
@@ -256,7 +258,7 @@ def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(
     usual = build_evaluator(prepared(), "coverage").evaluate(sets, np.arange(5))
     assert np.array_equal(
         usual.resamples,
-        build_evaluator(prepared(), "coverage", seed=0).evaluate(sets, EVERY[:5])[2],
+        build_evaluator(prepared(), "coverage", seed=0).evaluate(sets, EVERY[:5]).resamples,
     )
     done = []
     nothing = evaluator.evaluate(np.zeros((1, 4), bool), np.arange(5), done.append)
@@ -267,25 +269,13 @@ def test_batches_are_drawn_by_the_seed_and_shifted_to_the_whole(
 
 
 def test_intervals_know_the_blocks_behind_their_draws(street, prepared, blocks_of_four):
-    """Of eighty frames in twenty blocks, each of two levels has ten, and a fast fidelity scores
-    twelve batches."""
+    """A fast fidelity draws from twelve batches at most."""
     draws, frames = np.random.default_rng(0).normal(0.6, 0.1, 1000), np.arange(80)
+    figures = CaseFigures.from_ap(np.array(0.6), 0.0, draws, objects=320, frames=80)
     whole = CasesEvaluator((DetectorEvaluator(street.detected),))
-
-    def interval(evaluator):
-        return evaluator.interval(0.6, draws, frames)
-
-    count = int(street.detected.scored(0).sum()) * 80
-    assert interval(whole) == figure_interval(0.6, draws, blocks=20, objects=count)
-    assert interval(replace(whole, levels=(frames[:40], frames[40:]))) == figure_interval(
-        0.6, draws, blocks=10, objects=count
-    )
-    assert np.isnan(
-        replace(whole, levels=(frames[:40], frames[40:])).interval(0.6, draws, frames[:76])
-    ).all()
+    assert whole.interval(figures, frames) == figure_interval(0.6, draws, blocks=20)
     fast = build_evaluator(prepared(), "coverage")
-    assert interval(fast) == figure_interval(0.6, draws, blocks=12)
-    assert fast.interval(0.6, draws, frames[:44]) == figure_interval(0.6, draws, blocks=11)
+    assert fast.interval(figures, frames) == figure_interval(0.6, draws, blocks=12)
     assert fast.mean_ap(SETS[:, :4], frames).tolist() == [0.0, 0.0, 0.0]
 
 

@@ -8,21 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement_env.analysis.case_figures import CaseFigures
 from placement_env.analysis.intervals import AP_TOLERANCE, MIN_SURE_FRAMES, figure_interval
 from placement_env.cases import Cases
 from placement_env.objective import Objective
 from placement_env.protocol import Estimate
 from placement_env.racing import Contest, RaceRules
-from placement_env.search.portfolio import portfolio
+from placement_env.search.portfolio import portfolio, reward_race
 from placement_env.search.portfolio.entrants import Effort, Entrants
-from placement_env.search.portfolio.evaluators import (
-    CasesEvaluator,
-    DetectorEvaluator,
-    Evaluated,
-    Schedule,
-    race_order,
-)
+from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, race_order
 from placement_env.search.portfolio.portfolio import Judging
+from placement_env.search.portfolio.schedule import Schedule
 from placement_env.setting import Setting, Weights
 from toolkit.runtime.run import Run
 
@@ -32,7 +28,7 @@ VALUE = np.array([0.10, 0.30, 0.25, 0.20])  # of each sensor of the street, in t
 class Truth:
     """AP of a set: the sum of its sensors' values, in frames with noise."""
 
-    name, by_profile, cases = "detector", ("itself",), Cases()
+    name, by_profile, cases, max_blocks = "detector", ("itself",), Cases(), np.inf
 
     def __init__(self, frames=48, shift=0.0, noise=0.01, seconds=0.0):
         self.frames, self.shift, self.noise, self.asked = frames, shift, noise, []
@@ -50,19 +46,22 @@ class Truth:
         draws = np.random.default_rng(4).standard_normal(500) * self.noise / np.sqrt(len(frames))
         if progress is not None:
             progress(len(frames))
-        return Evaluated(
-            ap, 100.0 * sets.sum(axis=1), ap[:, None] + np.outer(np.arange(len(sets)), draws)
+        return CaseFigures.from_ap(
+            ap,
+            100.0 * sets.sum(axis=1),
+            ap[:, None] + np.outer(np.arange(len(sets)), draws),
+            objects=self.count_objects(frames),
+            frames=len(frames),
         )
 
-    def interval(self, ap, resamples, frames):
-        return figure_interval(ap, resamples, blocks=len(frames) / 4)
+    def interval(self, figures, frames):
+        return figure_interval(float(figures.ap), figures.resamples, blocks=len(frames) / 4)
 
     def mean_ap(self, sets, frames):
         return sets @ VALUE
 
-    def at_thresholds(self, sets, frames, progress=None):
-        found = self.evaluate(sets, frames, progress)
-        return Evaluated(found.ap[None], found.kbit, found.resamples[None])
+    def measure(self, sets, frames, progress=None):
+        return self.evaluate(sets, frames, progress).values
 
 
 class Deceived:
@@ -148,7 +147,9 @@ class Rough(Truth):
     def evaluate(self, sets, frames, progress=None):
         found = super().evaluate(sets, frames, progress)
         less = 0.2 * sets[:, 2]
-        return found._replace(ap=found.ap - less, resamples=found.resamples - less[:, None])
+        return CaseFigures.from_ap(
+            found.ap - less, found.kbit, found.resamples - less[:, None], frames=len(frames)
+        )
 
 
 def test_profiles_are_judged_and_what_does_not_fit_refused(deceived):
@@ -194,7 +195,7 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
             weights=Weights(price=0.01),
         )
     )
-    ran = portfolio.contest(poor, np.eye(4, dtype=bool), Truth())
+    ran = reward_race.contest(poor, np.eye(4, dtype=bool), Truth())
     prices = poor.price(np.eye(4, dtype=bool))
     assert ran.ranking[0] == (VALUE - 0.01 * prices).argmax()
     assert ran.figures[0] == pytest.approx((VALUE - 0.01 * prices).max())
@@ -207,7 +208,9 @@ def test_what_sets_cost_counts_and_nothing_may_pay(street):
         )
     )
     sets = np.array([[0, 1, 1, 0], [0, 0, 0, 0]], bool)
-    assert portfolio.weigh_costs(linked, sets, np.array([400.0, 0.0])) == pytest.approx([0.2, 0.0])
+    assert reward_race.weigh_costs(linked, sets, np.array([400.0, 0.0])) == pytest.approx(
+        [0.2, 0.0]
+    )
     costly = Objective(
         Setting(
             candidates=street.candidates,
@@ -267,20 +270,20 @@ def end_races(monkeypatch):
             asked.append(SimpleNamespace(rewards=rewards, order=order))
             return next(remaining)
 
-        monkeypatch.setattr(portfolio, "race_until", race_until)
+        monkeypatch.setattr(reward_race, "race_until", race_until)
         return asked
 
     return set_results
 
 
 def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, spy):
-    races = spy(portfolio, "race_until")
+    races = spy(reward_race, "race_until")
     weights = Weights(comm=0.001, price=0.01)
     both = Objective(
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
     )
     sets, frames = np.array([[0, 1, 1, 0], [1, 0, 0, 0]], bool), np.array([9, 3, 0, 11, 8])
-    portfolio.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
+    reward_race.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
     ((rewards, _, order, rules), named) = races.pop()
     assert order.tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
     assert rules == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
@@ -290,7 +293,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, spy):
     assert found.figure == pytest.approx([0.55 - cost[0], 0.1 - cost[1]])
     assert found.resamples.mean(axis=1) == pytest.approx(found.figure, abs=1e-3)
     assert (found.frames, found.blocks) == (None, 2.0)
-    portfolio.contest(both, sets, Truth(frames=7))
+    reward_race.contest(both, sets, Truth(frames=7))
     ((_, _, order, rules), _) = races.pop()
     assert rules.first == 7
     assert order.tolist() == race_order(7, seed=0).tolist()
@@ -314,12 +317,15 @@ def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatc
         (2000010, 20),
     ]  # half, in whole blocks
     assert [compares for (_, _, compares), *_ in made] == [True, False]  # the race alone
-    assert [(own, *rest) for (own, *_), *rest in made] == [(setting, "coverage", {"seed": 7})] * 2
+    assert [(own, *rest) for (own, *_), *rest in made] == [
+        (setting, "coverage", {"seed": 7}),
+        (setting, "coverage", {"seed": 7, "tie": 0.0}),  # what is stated is AP alone
+    ]
     made.clear()
     judging.build_evaluators(objective, Schedule())
     assert [(run.frames, named) for (_, run, _), _, named in made] == [
         (33, {"seed": 0}),
-        (44, {"seed": 0}),
+        (44, {"seed": 0, "tie": 0.0}),
     ]
     assert (Judging().race_frames, Judging().final_frames) == (96, 120)
 
@@ -370,14 +376,14 @@ def test_near_the_first_the_mean_over_thresholds_decides_and_then_the_price(stre
     truth = Truth(frames=20)
     vars(truth)["mean_ap"] = mean_ap
     objective = Objective(Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late"))
-    ran = portfolio.contest(objective, np.eye(4, dtype=bool), truth)
+    ran = reward_race.contest(objective, np.eye(4, dtype=bool), truth)
     assert asked == [([0, 1], 8)]
     assert ran.ranking.tolist() == [1, 0, 2, 3]
     assert ran.expected.tolist() == ran.figures.tolist() == [0.895, 0.9, 0.892, 0.9]
     means.update({0: 0.7, 1: 0.7})
     dear = objective.price(np.eye(4, dtype=bool)) + np.array([1.0, 0, 0, 0])
     vars(objective)["price"] = lambda rows: dear[rows.argmax(axis=1)]
-    assert portfolio.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [
+    assert reward_race.contest(objective, np.eye(4, dtype=bool), truth).ranking.tolist() == [
         1,
         0,
         2,
@@ -415,7 +421,7 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, spy):
         portfolio.search(
             deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds
         )
-    assert [call.named["most"] for call in contests] == [portfolio.MAX_SET_FRAMES, np.inf]
+    assert [call.named["most"] for call in contests] == [reward_race.MAX_SET_FRAMES, np.inf]
     # races take half of the time, each judgement what is left
     shares = [call.named for call in limits]
     assert shares == [{"share": 0.5, "least": 1}] * 2 + [{}] * (len(shares) - 2)
@@ -441,9 +447,9 @@ def test_the_parts_of_traffic_differ_and_the_same_again_is_the_same(tmp_path):
     assert first.assessment.ap == pytest.approx(fresh.score(first.best.subset).ap)
 
 
-@pytest.mark.parametrize(("seconds", "most"), [(None, portfolio.MAX_SET_FRAMES), (60.0, np.inf)])
+@pytest.mark.parametrize(("seconds", "most"), [(None, reward_race.MAX_SET_FRAMES), (60.0, np.inf)])
 def test_the_race_has_the_rules_that_are_asked(seconds, most, deceived, spy):
-    races = spy(portfolio, "race_until")
+    races = spy(reward_race, "race_until")
     judging = Judging(evaluators=(Truth(), Truth()), confidence=0.6)
     portfolio.search(deceived, 2, seed=5, seconds=seconds, judging=judging)
     (((_, _, order, rules), _),) = races
@@ -516,12 +522,12 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, e
 
     class Cut(Truth):
         def evaluate(self, sets, frames, progress=None):
-            return super().evaluate(sets, frames, progress)._replace(frames=3)
+            return replace(super().evaluate(sets, frames, progress), used=3)
 
     weighed = replace(street.objective.setting, fidelity=Deceived(), weights=Weights(price=0.01))
     objective = Objective(weighed)
     sets = np.array([[1, 0, 0, 0], [0, 1, 1, 0], [0, 0, 1, 0]], bool)
-    portfolio.contest(objective, sets, Cut(frames=20), seed=3, frames=5)
+    reward_race.contest(objective, sets, Cut(frames=20), seed=3, frames=5)
     (race,) = races
     assert race.order.tolist() == race_order(20, seed=3)[:5].tolist()
     race.rewards(sets, race.order)
@@ -537,7 +543,7 @@ def test_whoever_watches_is_told_the_leader_of_the_race_with_its_costs(street, e
 def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
     deceived, end_races
 ):
-    figures, asked = [0.0, -portfolio.NEAR_TIE_AP], []
+    figures, asked = [0.0, -reward_race.NEAR_TIE_AP], []
 
     def mean_ap(sets, frames):
         asked.append(sets.argmax(axis=1).tolist())
@@ -554,9 +560,9 @@ def test_sets_that_lie_just_as_near_as_may_be_are_compared_and_one_alone_is_not(
     truth = Truth(frames=20)
     vars(truth)["mean_ap"] = mean_ap
     rows = np.eye(4, dtype=bool)[:2]
-    assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
+    assert reward_race.contest(deceived, rows, truth).ranking.tolist() == [1, 0]
     assert asked == [[0, 1]]
-    assert portfolio.contest(deceived, rows, truth).ranking.tolist() == [0, 1]
+    assert reward_race.contest(deceived, rows, truth).ranking.tolist() == [0, 1]
     assert asked == [[0, 1]]  # detections take time
 
 
@@ -576,12 +582,9 @@ class Clock:
     def limit(self, evaluator):
         def evaluate(sets, frames, report=None):
             self.judged.append((sets.argmax(axis=1).tolist(), len(frames)))
-            return Evaluated(
-                np.zeros(len(sets)),
-                np.zeros(len(sets)),
-                np.zeros((len(sets), 1)),
-                next(self.counts),
-            )
+            nothing = np.zeros((len(sets), 1))
+            figures = CaseFigures.from_ap(nothing[:, 0], 0.0, nothing)
+            return replace(figures, used=next(self.counts))
 
         return SimpleNamespace(evaluate=evaluate)
 

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from placement_env.search.portfolio.evaluators import Evaluated, Schedule, TimedEvaluator
+from placement_env.analysis.case_figures import CaseFigures
+from placement_env.search.portfolio.schedule import Schedule, TimedEvaluator
 from toolkit.runtime.run import Run
 
 SETS = np.eye(3, dtype=bool)
@@ -30,7 +31,7 @@ class Slow:
         self.known |= new
         self.asked.append(frames.tolist())
         ap = sets.argmax(axis=1) + len(frames) / 100
-        return Evaluated(ap, np.zeros(len(sets)), np.repeat(ap[:, None], 4, axis=1))
+        return CaseFigures.from_ap(ap, 0.0, np.repeat(ap[:, None], 4, axis=1))
 
 
 def test_an_evaluator_goes_on_until_time_is_up():
@@ -39,23 +40,23 @@ def test_an_evaluator_goes_on_until_time_is_up():
     assert timed.frames == 40
     done = []
     found = timed.evaluate(SETS, np.arange(40)[::-1], done.append)
-    assert found.frames is not None
-    assert 1 <= found.frames <= 8
-    assert done == list(range(1, found.frames + 1))
-    assert found.ap == pytest.approx(np.arange(3) + found.frames / 100)
-    assert slow.known == set(range(40 - found.frames, 40))
+    assert found.used is not None
+    assert 1 <= found.used <= 8
+    assert done == list(range(1, found.used + 1))
+    assert found.ap == pytest.approx(np.arange(3) + found.used / 100)
+    assert slow.known == set(range(40 - found.used, 40))
     again = timed.evaluate(SETS[:1], np.arange(40)[::-1])  # time is up, what was done stays
-    assert again.frames == found.frames
-    assert len(slow.known) == found.frames
+    assert again.used == found.used
+    assert len(slow.known) == found.used
 
 
 def test_without_time_one_part_is_done():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() - 1, at_once=4)
-    assert timed.evaluate(SETS, np.arange(10)).frames == 4
+    assert timed.evaluate(SETS, np.arange(10)).used == 4
     assert slow.asked == [[0, 1, 2, 3], [0, 1, 2, 3]]
     assert (
-        TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).frames
+        TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).used
         == 7
     )
 
@@ -63,10 +64,10 @@ def test_without_time_one_part_is_done():
 def test_frames_are_evaluated_a_few_at_once():
     slow = Slow()
     timed = TimedEvaluator(slow, time.monotonic() + 60, at_once=3)
-    assert timed.evaluate(SETS, np.arange(4)).frames is None
-    assert timed.evaluate(SETS, np.arange(8)).frames is None
+    assert timed.evaluate(SETS, np.arange(4)).used is None
+    assert timed.evaluate(SETS, np.arange(8)).used is None
     assert slow.asked == [[0, 1, 2], [3], [0, 1, 2, 3], [4, 5, 6], [7], list(range(8))]
-    assert timed.evaluate(SETS, np.arange(4)).frames is None
+    assert timed.evaluate(SETS, np.arange(4)).used is None
     assert slow.asked[-1] == [0, 1, 2, 3]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
-from toolkit.detection.link import foreground, image_coding
+from toolkit.detection.link import foreground, foreground_pixels, image_coding
 from toolkit.detection.link.message import read_message
 from toolkit.detection.messages import RangeImage
 from toolkit.detection.paper_schemes import Early
@@ -204,7 +204,10 @@ def test_schemes_need_scenes_cropped_as_points_are():
     with pytest.raises(ValueError, match="knows no empty scenes"):
         foreground.Foreground().fuse(frame_view(seen, detector, AREA), [0])
     assert isinstance(foreground.Foreground(), Scheme)
-    assert foreground.Foreground().digest == "Foreground(step=0.02, sigmas=4.0, name='foreground')"
+    assert (
+        foreground.Foreground().digest
+        == "Foreground(step=0.02, sigmas=4.0, name='foreground', max_step=0.32)"
+    )
     with pytest.raises(ValueError, match="step must be"):
         foreground.Foreground(step=-1.0)
     for sigmas in (0.0, np.inf):
@@ -294,7 +297,9 @@ LIDAR = Sensor(
 def out_of(image, sensor=CAMERA, scene=None):
     captured = Captured(Frame((sensor,), (image,), Objects.empty()), 0, (-30.0, -30.0, 30.0, 30.0))
     scene = EmptyScene.from_render(sensor, wide_ground(sensor)) if scene is None else scene
-    return foreground.standing_out(captured, scene), foreground.draw_scene(captured, scene).pixels
+    return foreground_pixels.standing_out(captured, scene), foreground_pixels.draw_scene(
+        captured, scene
+    ).pixels
 
 
 def test_empty_scenes_and_open_rays_send_and_miss_nothing():
@@ -352,17 +357,17 @@ def test_missing_pixels_need_company(expected, gone, kept):
     there, missing = masks
     there[15:, :] = True  # not all of them are missing
     middle = 5 + min(2, (int(gone[0]) - 1) // 2), 5
-    assert foreground.keep_neighbours(missing, there)[middle] == kept
+    assert foreground_pixels.keep_neighbours(missing, there)[middle] == kept
     beside = missing.copy()
     beside[middle[0], 4] = beside[0, 0] = (
         True  # drop-outs that the scene does not expect: in company, and alone
     )
-    assert foreground.keep_neighbours(beside, there)[[middle[0], 0], [4, 0]].tolist() == [
+    assert foreground_pixels.keep_neighbours(beside, there)[[middle[0], 0], [4, 0]].tolist() == [
         kept,
         False,
     ]
     # all are missing
-    np.testing.assert_array_equal(foreground.keep_neighbours(beside, missing), beside)
+    np.testing.assert_array_equal(foreground_pixels.keep_neighbours(beside, missing), beside)
 
 
 def test_missing_pixels_are_those_that_a_slow_count_finds():
@@ -372,7 +377,7 @@ def test_missing_pixels_are_those_that_a_slow_count_finds():
     for share in (0.2, 0.5, 0.8):
         expected = rng.random((12, 15)) < 0.7
         gone = rng.random((12, 15)) < share
-        kept = foreground.keep_neighbours(gone, expected)
+        kept = foreground_pixels.keep_neighbours(gone, expected)
         for row, column in np.ndindex(gone.shape):
             about = slice(max(row - 2, 0), row + 3), slice(max(column - 2, 0), column + 3)
             missing, there = int((gone & expected)[about].sum()), int(expected[about].sum())
@@ -381,6 +386,8 @@ def test_missing_pixels_are_those_that_a_slow_count_finds():
         assert 0 < kept.sum() < gone.size
     lone = np.zeros((12, 15), bool)
     lone[3, 4] = lone[3, 5] = True
-    assert not foreground.keep_neighbours(lone, np.ones((12, 15), bool)).any()  # two of twenty-five
-    assert foreground.keep_neighbours(lone, lone).sum() == 2  # all that there are
-    assert not foreground.keep_neighbours(lone, np.zeros((12, 15), bool)).any()
+    assert not foreground_pixels.keep_neighbours(
+        lone, np.ones((12, 15), bool)
+    ).any()  # two of twenty-five
+    assert foreground_pixels.keep_neighbours(lone, lone).sum() == 2  # all that there are
+    assert not foreground_pixels.keep_neighbours(lone, np.zeros((12, 15), bool)).any()

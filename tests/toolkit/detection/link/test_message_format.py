@@ -1,15 +1,21 @@
-"""Messages read by a second reader, written from docs/reference/message-format.md alone, and forged
-ones."""
+"""Messages read by `page_reader`, and forged ones."""
 
 import struct
 import zlib
 from collections import Counter
-from itertools import accumulate
 
 import numpy as np
 import pytest
 
 from examples.differences import messages as difference_messages
+from tests.toolkit.detection.link.page_reader import (
+    read_boxes,
+    read_mask,
+    read_packed,
+    read_values,
+    read_variable,
+    unfold,
+)
 from toolkit.boxes import check_boxes
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.detection.link import foreground, image_coding, range_images
@@ -26,63 +32,6 @@ SHAPE = ROWS, COLUMNS = SENSOR.model.shape
 SCENE = EmptyScene.from_render(SENSOR, np.full(SHAPE, 30, np.float32))
 
 
-def read_variable(data, at):
-    number = place = 0
-    while data[at] > 127:
-        number, place, at = number | (data[at] & 127) << place, place + 7, at + 1
-    return number | data[at] << place, at + 1
-
-
-def read_packed(data, at):
-    count, at = read_variable(data, at)
-    length, at = read_variable(data, at)
-    symbols, at = zlib.decompress(data[at : at + length], -15), at + length
-    assert len(symbols) == count
-    bits, used, numbers = "".join(f"{byte:08b}" for byte in data[at:]), 0, []
-    for symbol in symbols:
-        lower = 2 + (symbol - 8) // 2 if symbol > 7 else 0
-        numbers.append(
-            int(f"1{symbol % 2}{bits[used : used + lower]}", 2) if symbol > 7 else symbol
-        )
-        used += lower
-    return numbers, at + -(-used // 8)
-
-
-def unfold(number):
-    return -(number + 1) // 2 if number % 2 else number // 2
-
-
-def read_mask(data, at):
-    way = data[at]
-    distances, at = read_packed(data, at + 1)
-    changes, mask = set(accumulate(distances, initial=-1)), set()
-    for pixel in range(ROWS * COLUMNS):
-        column, up = pixel % COLUMNS, pixel - COLUMNS
-        before = [pixel - 1] if way == 0 else [up, *([pixel - 1, up - 1] if column else [])]
-        if sum(each in mask for each in before) % 2 != (pixel in changes):
-            mask.add(pixel)
-    return mask, at
-
-
-def read_values(data, at, mask, known):
-    residuals, at = read_packed(data, at)
-    assert len(residuals) == len(mask)
-    known, values, last = dict(known), {}, 0
-    for pixel, residual in zip(sorted(mask), residuals, strict=True):
-        column, above = pixel % COLUMNS, pixel - COLUMNS
-        left, upper_left = (known.get(each) if column else None for each in (pixel - 1, above - 1))
-        up, upper_right = known.get(above), known.get(above + 1) if column < COLUMNS - 1 else None
-        there = [each for each in (left, up) if each is not None]
-        if len(there) == 2 and upper_left is not None:
-            guess = sorted([left, up, left + up - upper_left])[1]
-        elif there:
-            guess = sum(there) // len(there)
-        else:
-            guess = next((each for each in (upper_right, upper_left) if each is not None), last)
-        last = known[pixel] = values[pixel] = guess + unfold(residual)
-    return values, at
-
-
 def read_images(messages):
     """Steps of the sent pixels, and the missing ones, of every message."""
     for message in messages:
@@ -93,8 +42,8 @@ def read_images(messages):
             message[30:-4],
         )
         if kind == 2:
-            sent, at = read_mask(data, 0)
-            values, at = read_values(data, at, sent, {})
+            sent, at = read_mask(data, 0, ROWS, COLUMNS)
+            values, at = read_values(data, at, sent, {}, COLUMNS)
             reference, last = {pixel: (16 * value, 1) for pixel, value in values.items()}, number
         else:
             back, goes_on, checksum = struct.unpack("<BBI", data[:6])
@@ -107,7 +56,7 @@ def read_images(messages):
             bits = "".join(f"{byte:08b}" for byte in data[6 : 6 + -(-len(squares) // 8)])
             still = {each for each, bit in zip(squares, bits, strict=False) if bit == "1"}
             expected = {pixel for pixel in reference if square[pixel] in still}
-            otherwise, at = read_mask(data, 6 + -(-len(squares) // 8))
+            otherwise, at = read_mask(data, 6 + -(-len(squares) // 8), ROWS, COLUMNS)
             sent = otherwise ^ expected
             residuals, at = read_packed(data, at)
             values = {}
@@ -117,7 +66,7 @@ def read_images(messages):
                 values[pixel] = whole + (
                     unfold(residual) if fine >= 16 * whole else -unfold(residual)
                 )
-            others, at = read_values(data, at, sent - expected, values)
+            others, at = read_values(data, at, sent - expected, values, COLUMNS)
             values |= others
             if goes_on:
                 after, most = {}, max(1, (80 + step // 2) // step)
@@ -129,7 +78,7 @@ def read_images(messages):
                     else:
                         after[pixel] = 16 * value, 1
                 reference, last = after, number
-        missing, at = read_mask(data, at) if at < len(data) else (set(), at)
+        missing, at = read_mask(data, at, ROWS, COLUMNS) if at < len(data) else (set(), at)
         assert at == len(data)
         yield values, missing
 
@@ -210,23 +159,11 @@ def test_boxes_read_as_the_page_says():
         0,
         0,
     )
-    heads, at, columns = (
-        [struct.unpack_from("<Bi", message, 32 + 5 * k) for k in range(9)],
-        32 + 45,
-        [],
-    )
-    for width, least in heads:
-        size = -(-3 * width // 8)
-        bits = "".join(f"{byte:08b}" for byte in message[at : at + size])
-        columns.append([least + int(f"0{bits[k * width : (k + 1) * width]}", 2) for k in range(3)])
-        at += size
-    assert at == len(message) - 4
-    np.testing.assert_allclose(np.transpose(columns[:6]) / 50, BOXES.boxes[:, :6], atol=0.01)
-    np.testing.assert_allclose(
-        np.array(columns[6]) / 2, np.rad2deg(BOXES.boxes[:, 6]) % 360, atol=0.25
-    )
-    np.testing.assert_allclose(1 - (np.array(columns[7]) / 511) ** 2, BOXES.scores, atol=2e-3)
-    assert columns[8] == [0, 2, 3]
+    columns = np.transpose(read_boxes(message))
+    np.testing.assert_allclose(columns[:6].T / 50, BOXES.boxes[:, :6], atol=0.01)
+    np.testing.assert_allclose(columns[6] / 2, np.rad2deg(BOXES.boxes[:, 6]) % 360, atol=0.25)
+    np.testing.assert_allclose(1 - (columns[7] / 511) ** 2, BOXES.scores, atol=2e-3)
+    assert columns[8].tolist() == [0, 2, 3]
     alike = CODEC.encode_boxes(BOXES[[1, 1, 1]], Origin(SENSOR)).content
     assert CODEC.decode_boxes(Message(alike, 0), SENSOR).boxes[:, 0].tolist() == [3.0] * 3
 

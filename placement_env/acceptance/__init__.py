@@ -1,0 +1,1 @@
+"""Comparison of a built street with its plan."""

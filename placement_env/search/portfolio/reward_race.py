@@ -1,0 +1,139 @@
+"""Race of sensor sets by their reward: AP by an evaluator, less the costs of each set.
+
+Searches and plans race their sets here; `placement_env.racing.race_until` drops the sets. Sets that
+nearly tie are compared by their mean AP over the detector's IoU thresholds.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES
+from placement_env.objective import Objective
+from placement_env.racing import Contest, RaceRules, Resampled, race_until
+from placement_env.search.portfolio.evaluators import CasesEvaluator, Frames, race_order
+from placement_env.search.portfolio.schedule import Timed
+from placement_env.subsets import Sets
+from toolkit.arrays import Bool, Float64, Int64
+
+NEAR_TIE_AP = 0.75 * AP_TOLERANCE  # lead that other IoU thresholds may outweigh
+LIKELY_TIE_AP = 2 * NEAR_TIE_AP  # below a race's winner; mean AP over IoU decides who is judged too
+MAX_FINALISTS = 3  # sets of each size that are judged on all frames if they are near the best
+FIRST_RUNG_FRAMES = 12
+RUNG_GROWTH = 2  # ratio of each rung's frames to the rung before
+MIN_RACE_FRAMES = 24  # on fewer frames the luckiest of many sets wins
+MAX_SET_FRAMES = 480.0  # that a race may score without a time limit, beyond its first rungs
+
+
+def contest(
+    objective: Objective,
+    sets: Sets,
+    evaluator: Timed,
+    *,
+    confidence: float = 0.95,
+    seed: int = 0,
+    most: float = MAX_SET_FRAMES,
+    frames: int | None = None,
+) -> Contest:
+    """Race sets by their reward, from an evaluator's AP and the objective's prediction.
+
+    Among the sets that end within `NEAR_TIE_AP` of the first, the set with the greatest mean AP
+    over the detector's IoU thresholds wins, then the cheapest. The winner is moved to the front of
+    the ranking, and the confidence is the one in this winner.
+
+    Args:
+        objective: Gives predictions, prices and the weights of costs.
+        sets: Sets that race.
+        evaluator: Evaluator of the sets on more and more frames.
+        confidence: Confidence at which the race ends that no set is better by more than
+            `AP_TOLERANCE`.
+        seed: Seed of the order of the frames.
+        most: Set-frames to be scored, a set on a frame being one.
+        frames: Frames to race on at most, None for all of the evaluator's.
+    """
+
+    def rewards(rows: Sets, frames: Frames) -> Resampled:
+        """Rewards of sets (rows) on the first frames of a race, with resamples; for `race_until`.
+
+        The set with the greatest reward is reported to the objective's watcher."""
+        report = objective.run.stage("frames raced", len(frames))
+        evaluated = evaluator.evaluate(rows, frames, report)
+        used_frames = frames[: evaluated.used]  # all unless time ran out
+        cost = weigh_costs(objective, rows, evaluated.kbit)
+        reward = evaluated.ap - cost
+        if objective.watch is not None:
+            best = int(reward.argmax())
+            members = tuple(np.flatnonzero(rows[best]).tolist())
+            objective.watch(members, float(reward[best]), len(used_frames))
+        return Resampled(
+            figure=reward,
+            resamples=evaluated.resamples - cost[:, None],
+            frames=evaluated.used,
+            blocks=float(len(np.unique(used_frames // BLOCK_FRAMES))),
+        )
+
+    order = race_order(evaluator.frames, seed=seed)[:frames]
+    first_rung = min(FIRST_RUNG_FRAMES, evaluator.frames)
+    rules = RaceRules(
+        confidence=confidence,
+        tolerance=AP_TOLERANCE,
+        first=first_rung,
+        eta=RUNG_GROWTH,
+        least=MIN_RACE_FRAMES,
+        most=most,
+    )
+    race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
+    close = np.flatnonzero(
+        (race.frames == race.frames[0]) & (race.expected >= race.expected[0] - NEAR_TIE_AP)
+    )
+    # sets that raced on as many frames as the first and nearly tie with it
+    rows = sets[race.ranking[close]]
+    mean_ap = evaluator.mean_ap(rows, order[: race.frames[0]]) if len(close) > 1 else np.zeros(1)
+    winner_row = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
+    ranking_rows = np.r_[winner_row, np.delete(np.arange(len(race.ranking)), winner_row)]
+    columns = ("ranking", "figures", "frames", "expected")
+    reordered = replace(race, **{name: getattr(race, name)[ranking_rows] for name in columns})
+    return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
+
+
+def weigh_costs(
+    objective: Objective, sets: Sets, kbit: Float64[np.ndarray, " n"]
+) -> Float64[np.ndarray, " n"]:
+    """Costs of communication and building of each set, in AP.
+
+    objective: gives weights and prices; sets: rows of booleans; kbit: total that each set sends per
+    frame; the weight applies to its mean over the sensors."""
+    per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)  # the empty set counts as one sensor
+    return np.asarray(
+        objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets)
+    )
+
+
+def find_finalists(
+    race: Contest,
+    ranked: Bool[np.ndarray, "n C"],
+    evaluator: CasesEvaluator,
+    order: Int64[np.ndarray, " frames"],
+) -> Int64[np.ndarray, " k"]:
+    """Return the ranks of the winner of a race and its `MAX_FINALISTS` - 1 likeliest rivals.
+
+    Rank 0 is the winner. Sets that nearly tie with it (`LIKELY_TIE_AP`) follow by mean AP over
+    IoU thresholds, highest first, then other sets by rank. The mean AP is on the frames of the
+    race's first round, in which all sets took part.
+
+    Args:
+        race: The finished race.
+        ranked: Its sets, best first.
+        evaluator: Evaluator of the race.
+        order: All frames in the order in which races use them."""
+    # `expected` is sorted like `ranked`, so the first is the winner itself
+    tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
+    mean_aps = np.empty(0)
+    if len(tied):
+        # `race.frames` has the number of frames on which each set raced
+        first_round_frames = order[: race.frames.min()]
+        mean_aps = evaluator.mean_ap(ranked[tied], first_round_frames)
+    tied_by_mean = tied[np.argsort(-mean_aps, kind="stable")]
+    # each rank once, at its first place
+    ranks = list(dict.fromkeys([0, *tied_by_mean.tolist(), *range(len(ranked))]))
+    return np.array(ranks[:MAX_FINALISTS], np.int64)

@@ -1,0 +1,134 @@
+"""`Schedule`: time of a portfolio, and `TimedEvaluator`, which stops when its time is up.
+
+Unused time of a stage goes to the next.
+"""
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from placement_env.analysis.case_figures import CaseFigures
+from placement_env.analysis.intervals import BLOCK_FRAMES
+from placement_env.search.portfolio.evaluators import CasesEvaluator, Frames, Report
+from placement_env.subsets import Sets
+from toolkit.arrays import Float64
+from toolkit.runtime.run import Processes
+
+SEARCH_TIME_SHARE = 0.3  # portfolio's time for searches; races and judgement share the rest
+FULL_TRAFFIC_S = 120.0  # time from which all frames are simulated; less time, fewer frames
+MIN_FRAMES = BLOCK_FRAMES  # fewest in a part of traffic
+RAY_FRAMES = 16  # between two looks at the clock if Ray runs the processes
+
+
+@dataclass(eq=False)
+class TimedEvaluator:
+    """Evaluation frame by frame until time is up, which reports the number of frames done.
+
+    It is called with the same frames in the same order every time, for fewer and fewer sets.
+
+    Attributes:
+        evaluator: Evaluator of sets on given frames.
+        until: End of the time by the monotonic clock (s).
+        at_once: Frames between two looks at the clock.
+        least: Frames done regardless of time.
+        done: Frames done so far.
+    """
+
+    evaluator: CasesEvaluator
+    until: float
+    at_once: int = 1
+    least: int = 1
+    done: int = 0
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.evaluator.frames
+
+    def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
+        """Mean AP over the detector's IoU thresholds, regardless of the time."""
+        return self.evaluator.mean_ap(sets, frames)
+
+    def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> CaseFigures:
+        """Evaluate the sets on as many frames as time allows, at least `least`.
+
+        New frames are evaluated a few at a time, with looks at the clock between; then all of them
+        together. Frames done in earlier calls are not evaluated singly again. `CaseFigures.used` is
+        the number of frames used, None for all. progress: called with the number of frames done.
+        """
+        while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
+            next_frames = frames[self.done : self.done + self.at_once]
+            self.evaluator.evaluate(sets, next_frames)  # for its detections, which are kept
+            self.done += len(next_frames)
+            if progress is not None:
+                progress(self.done)
+        used_count = min(self.done, len(frames))
+        figures = self.evaluator.evaluate(sets, frames[:used_count])
+        return replace(figures, used=None if used_count == len(frames) else used_count)
+
+
+Timed = CasesEvaluator | TimedEvaluator
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Time for searches, race and assessment of a portfolio.
+
+    Attributes:
+        seconds: Time for everything (s), None for no limit.
+        at_once: Frames between two looks at the clock.
+        began: Begin by the monotonic clock (s).
+    """
+
+    seconds: float | None = None
+    at_once: int = 1
+    began: float = field(default_factory=time.monotonic)
+
+    @staticmethod
+    def from_processes(seconds: float | None, processes: Processes) -> "Schedule":
+        """Schedule from now on, for frames that are evaluated in these processes.
+
+        Between two looks at the clock there are enough frames to keep all processes busy.
+
+        seconds: time for everything, None for no limit.
+        """
+        if processes.ray:
+            return Schedule(seconds, at_once=RAY_FRAMES)
+        # 2: so that no process waits while another one finishes
+        return Schedule(seconds, at_once=1 if processes.alone else 2 * processes.count)
+
+    @property
+    def left(self) -> float:
+        """Remaining seconds, infinite without a limit."""
+        return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
+
+    def search_seconds(self, searches: int) -> float | None:
+        """Seconds of each search if this number of searches share their part of the time.
+
+        None without a limit.
+        """
+        return None if self.seconds is None else self.seconds * SEARCH_TIME_SHARE / searches
+
+    def frames(self, frames: int) -> int:
+        """Number of frames of one part of traffic that fit into the time, in whole blocks.
+
+        frames: number of frames without a limit, which is returned for `FULL_TRAFFIC_S` seconds or
+        more.
+        """
+        if self.seconds is None or self.seconds >= FULL_TRAFFIC_S:
+            return frames
+        blocks = int(frames * self.seconds / FULL_TRAFFIC_S) // BLOCK_FRAMES
+        return min(frames, max(MIN_FRAMES, blocks * BLOCK_FRAMES))
+
+    def limit(
+        self, evaluator: CasesEvaluator, share: float = 1.0, least: int = MIN_FRAMES
+    ) -> Timed:
+        """Evaluator that stops after a share of the remaining time, but not before `least` frames.
+
+        Without a limit the evaluator comes back unchanged.
+        """
+        if self.seconds is None:
+            return evaluator
+        until = time.monotonic() + share * self.left
+        return TimedEvaluator(evaluator, until=until, at_once=self.at_once, least=least)
