@@ -48,7 +48,7 @@ def join_fragments(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 
 
 def _measure_break(before: Trajectory, after: Trajectory) -> float:
-    """How far two fragments are from being one, 1 at most if they may be, else infinite."""
+    """Distance of two fragments from one way, 1 at most if they may be one, else infinite."""
     if (before.label in (VEHICLE, HEAVY)) != (after.label in (VEHICLE, HEAVY)):
         return float("inf")
     gap = float(after.times[0] - before.times[-1])
