@@ -10,7 +10,7 @@ from toolkit.objects import HEAVY, VEHICLE
 
 MAX_MOVING_GAP_S = 4.0  # between fragments that move
 MAX_STANDING_GAP_S = 30.0
-MAX_BREAK_OFFSET_M = 1.0  # from the place that is expected, more for each second of the gap
+MAX_BREAK_M = 1.0  # from the place that is expected, more for each second of the gap
 MAX_DRIFT_M_S = 1.0
 COURSE_ROWS = 8  # at the ends of a fragment, over which its velocity is a mean
 
@@ -48,7 +48,7 @@ def join_fragments(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 
 
 def _measure_break(before: Trajectory, after: Trajectory) -> float:
-    """Distance of two fragments from being one: up to 1 if they may be, else infinite."""
+    """Distance of two fragments from one way, 1 at most if they may be one, else infinite."""
     if (before.label in (VEHICLE, HEAVY)) != (after.label in (VEHICLE, HEAVY)):
         return float("inf")
     gap = float(after.times[0] - before.times[-1])
@@ -60,7 +60,7 @@ def _measure_break(before: Trajectory, after: Trajectory) -> float:
     # halfway by each velocity, as if the speed changed evenly
     expected = before.boxes[-1, :2] + gap * (end_velocity + begin_velocity) / 2
     offset = _length(after.boxes[0, :2] - expected)
-    reach = MAX_BREAK_OFFSET_M if is_standing else MAX_BREAK_OFFSET_M + MAX_DRIFT_M_S * gap
+    reach = MAX_BREAK_M if is_standing else MAX_BREAK_M + MAX_DRIFT_M_S * gap
     return offset / reach if offset <= reach else float("inf")
 
 
