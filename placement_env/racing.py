@@ -250,13 +250,11 @@ def race_until(
     race ends with these; order: indices of all frames, in the order in which they are used;
     predicted: prior figure of each row of `sets`, None without; sets are then ranked by the
     combination that `placement_env.analysis.shrinkage.shrink` makes of both. Equal rows are scored
-    once.
-
-    A set is dropped if it beats the best in fewer than (1 - confidence) / n of the resamples. The
-    remaining doubt is the share of resamples in which a set still in the race beats the winner by
-    more than the tolerance, plus, for each rung, the share in which a set dropped after it does. If
-    time ran out it is at least 2^-blocks, the chance that the same of two equal sets is the better
-    one in every block. Raises ValueError without a set or frame.
+    once. A set is dropped if it beats the best in fewer than (1 - confidence) / n of the
+    resamples. The remaining doubt is the share of resamples in which a set still in the race beats
+    the winner by more than the tolerance, plus, for each rung, the share in which a set dropped
+    after it does. If time ran out it is at least 2^-blocks, the chance that the same of two equal
+    sets is the better one in every block. Raises ValueError without a set or frame.
     """
     frames = len(order)
     _check_entrants(sets, frames)
@@ -294,19 +292,44 @@ def race_until(
             break
         dropped.append(_Dropped(running[~is_running], ranked.measured[~is_running], used_frames))
         running = running[is_running]
-    dropped.reverse()  # sets that stayed longest come first
-    ranking = np.concatenate([group.rows for group in dropped])
-    counts = np.array([group.frames for group in dropped], np.int64)
+    ranked_sets = _rank_dropped(dropped)
     return Contest(
-        ranking=ranking,
-        figures=np.concatenate([group.figures for group in dropped]),
-        frames=np.repeat(counts, [len(group.rows) for group in dropped]),
+        ranking=ranked_sets.rows,
+        figures=ranked_sets.figures,
+        frames=ranked_sets.frames,
         confidence=max(0.0, confidence),
         spent=spent,
-        expected=expected[ranking],
+        expected=expected[ranked_sets.rows],
         rungs=tuple(rungs),
         tolerance=rules.tolerance,
         by_chance=by_chance,
+    )
+
+
+class _RankedSets(NamedTuple):
+    """All sets of a race, best first.
+
+    Attributes:
+        rows: Row of each set in the array that raced.
+        figures: Measured figure of each set.
+        frames: Number of frames from which each figure is.
+    """
+
+    rows: Int64[np.ndarray, " n"]
+    figures: Float64[np.ndarray, " n"]
+    frames: Int64[np.ndarray, " n"]
+
+
+def _rank_dropped(dropped: Sequence[_Dropped]) -> _RankedSets:
+    """Rank all sets: those that stayed longest come first.
+
+    dropped: sets that left together, those that left first at the beginning."""
+    groups = dropped[::-1]
+    counts = np.array([group.frames for group in groups], np.int64)
+    return _RankedSets(
+        rows=np.concatenate([group.rows for group in groups]),
+        figures=np.concatenate([group.figures for group in groups]),
+        frames=np.repeat(counts, [len(group.rows) for group in groups]),
     )
 
 

@@ -226,9 +226,7 @@ class Meter:
         objective = self.objective(candidates, seen)
         all_working = is_working[None]
         members = np.flatnonzero(is_working)
-        # row k: the working sensors without the k-th of them
-        remaining = np.repeat(all_working, len(members), axis=0)
-        remaining[np.arange(len(members)), members] = False
+        remaining = _without_each(is_working, members)
         scores = objective.scores(np.concatenate([all_working, remaining]))  # [0]: nothing fails
         worst_index = int(scores.ap[1:].argmin()) if len(members) else -1
         surrogate = cast(Surrogate, objective.scored_by)
@@ -433,3 +431,12 @@ def list_problems(objective: Objective) -> tuple[str, ...]:
     if not objective.affordable(np.array([price]))[0]:
         problems.append(f"it costs {price:g}, more than {objective.most_price:g}")
     return tuple(problems)
+
+
+def _without_each(
+    is_working: Bool[np.ndarray, " C"], members: Int64[np.ndarray, " m"]
+) -> Bool[np.ndarray, "m C"]:
+    """Masks of the working sensors without one: row k without sensor `members[k]`."""
+    remaining = np.repeat(is_working[None], len(members), axis=0)
+    remaining[np.arange(len(members)), members] = False
+    return remaining

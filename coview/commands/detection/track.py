@@ -76,11 +76,7 @@ def track_command(
     spec = DetectorSpec.from_name(detector)
     path = tracking.detections
     is_text = recording.suffix.lower() == TEXT
-    if is_text or path is not None:
-        if detector != USUAL_DETECTOR:
-            raise ValueError("--detector does not go with detections of a text: leave it out")
-    else:
-        check_detector(spec)
+    _check_detector_use(spec, has_detections=is_text or path is not None)
     texts = [] if path is None else [path]
     inputs = [recording, *opening.files, *texts]
     files = writing.check(out, inputs) if writing.to else {}
@@ -122,6 +118,14 @@ def track_command(
     )
     print_result(figures | {"out": str(out)}, summary, as_json=writing.json)
     return OK
+
+
+def _check_detector_use(spec: DetectorSpec, *, has_detections: bool) -> None:
+    """Raise ValueError for an unknown detector, or for one next to detections of a text."""
+    if not has_detections:
+        check_detector(spec)
+    elif spec.name != USUAL_DETECTOR:
+        raise ValueError("--detector does not go with detections of a text: leave it out")
 
 
 def _export(

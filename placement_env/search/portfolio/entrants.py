@@ -291,9 +291,7 @@ def list_searches(
     search by swap, by name.
     """
     share = min(1.0, FULL_EFFORT_SIZES / len(effort.sizes))
-    max_sets = effort.evaluations
-    if max_sets is None:
-        max_sets = int(SWAP_EVALUATIONS * share)
+    max_sets = _limit_sets(effort, share)
     swapping = partial(
         swap.search,
         seed=seed,
@@ -312,11 +310,8 @@ def list_searches(
         search = partial(swapping, iou_objective, size, evaluations=few_sets)
         yield name, partial(search, checkpoint=iou_checkpoint)
     if (by_points := points_objective(objective)) is not None:
-        search = partial(greedy.search, by_points, size)
-        yield (
-            "greedy by points",
-            partial(search, seconds=effort.seconds, evaluations=effort.evaluations),
-        )
+        search = partial(greedy.search, by_points, size, seconds=effort.seconds)
+        yield "greedy by points", partial(search, evaluations=effort.evaluations)
     solver_s = DEFAULT_SOLVING_S if effort.seconds is None else effort.seconds
     if objective.visibility is not None and find_spec("ortools"):
         solve = partial(cpsat.search, objective, size, seed=seed, seconds=solver_s)
@@ -346,6 +341,11 @@ def list_searches(
             solve = partial(cheapest.search, seed=seed, seconds=solver_s, demand=demand)
             solve = partial(solve, effort=CHEAPEST_EFFORT_S * share)
             yield f"cheapest for AP {aimed_ap:g}", partial(solve, objective, size)
+
+
+def _limit_sets(effort: Effort, share: float) -> int:
+    """Largest number of sets that a swap search scores. share: of the usual effort for a size."""
+    return int(SWAP_EVALUATIONS * share) if effort.evaluations is None else effort.evaluations
 
 
 def _exact_and_greedy(objective: Objective, size: int, effort: Effort) -> Iterator[NamedSearch]:

@@ -48,6 +48,7 @@ from placement_env.search.progress import Limits
 from placement_env.search.result import Assessment, Certificate, Contender, ProfileAP, Result
 from placement_env.setting import Setting
 from placement_env.subsets import Sets
+from toolkit.arrays import Int64
 
 RACE_FRAMES = 96
 JUDGED_FRAMES = 120
@@ -243,10 +244,7 @@ def _assess(
         judging: Confidence that was asked for, and whether contenders are judged."""
     winner = int(race.ranking[0])
     final, schedule = judge
-    rows = np.array([winner])
-    if judging.contenders:
-        answer_rows = [row for row, names in enumerate(entrants.searches) if names]
-        rows = np.array([winner, *(row for row in answer_rows if row != winner)])
+    rows = _list_judged_rows(entrants, winner, judging)
     judged, frames = judge_in_time(
         entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
     )
@@ -288,10 +286,20 @@ def _assess(
         contenders=tuple(contender for contender in contenders if contender.searches)
         if judging.contenders
         else (),
-        expected=float(race.expected[0] + weigh_costs(objective, winner_row, judged.kbit[:1])[0]),
+        expected=float(race.expected[0]) + cost,
         by_errors=by_errors,
         errors_by=final.cases.errors_by if by_errors else "",
     )
+
+
+def _list_judged_rows(entrants: Entrants, winner: int, judging: Judging) -> Int64[np.ndarray, " n"]:
+    """Rows of the sets to judge, the winner first: the winner, and contenders if asked for.
+
+    winner: row of the winner among the entrants."""
+    if not judging.contenders:
+        return np.array([winner], np.int64)
+    answer_rows = [row for row, names in enumerate(entrants.searches) if names]
+    return np.array([winner, *(row for row in answer_rows if row != winner)], np.int64)
 
 
 def _build_contender(entrants: Entrants, row: int, ap: float, interval: Interval) -> Contender:
