@@ -49,10 +49,10 @@ def write_pair(folder, seed):
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("label", ["vehicle", "pedestrian"])
-def test_what_counts_is_what_motrics_counts(tmp_path, monkeypatch, seed, label):
+def test_what_counts_is_what_motrics_counts(tmp_path, limits, seed, label):
     motrics = pytest.importorskip("motrics")
     # motrics compares people by overlap too
-    monkeypatch.setattr("toolkit.tracking.frame_overlap.PEDESTRIAN", -1)
+    limits("toolkit.tracking.frame_overlap", PEDESTRIAN=-1)
     truth, tracks = write_pair(tmp_path, seed)
     frames = pair_with_labels(truth, tracks).frames
     (found,) = evaluate_tracks(frames, [label]).tracks

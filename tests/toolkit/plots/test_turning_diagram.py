@@ -1,11 +1,9 @@
 """Turning-movement diagrams: written, reproducible, with every count and arm in them."""
 
 import pytest
-from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from toolkit.counting.counts import MovementCount
-from toolkit.plots.canvas import write_figure
 from toolkit.plots.turning_diagram import ArmBearing, draw_turning_diagram
 
 ARMS = [ArmBearing("north", 2.0), ArmBearing("east", 95.0), ArmBearing("west", 270.0)]
@@ -18,16 +16,10 @@ MOVEMENTS = [
 
 
 @pytest.fixture
-def texts(monkeypatch):
+def texts(spy):
     """Texts of the picture that was drawn last."""
-    written: list[Figure] = []
-
-    def write(figure, out):
-        written.append(figure)
-        write_figure(figure, out)
-
-    monkeypatch.setattr("toolkit.plots.turning_diagram.write_figure", write)
-    return lambda: {text.get_text() for text in written[-1].findobj(Text)}
+    calls = spy("toolkit.plots.turning_diagram", "write_figure")
+    return lambda: {text.get_text() for text in calls[-1].args[0].findobj(Text)}
 
 
 @pytest.mark.parametrize("ending", ["png", "svg"])

@@ -52,8 +52,8 @@ def make_course(rng):
 
 
 @pytest.mark.parametrize("rows", [40, 100_000])
-def test_together_is_as_one_by_one(monkeypatch, rows):
-    monkeypatch.setattr(motion_smoothing, "MAX_GROUP_ROWS", rows)  # groups of few, or all
+def test_together_is_as_one_by_one(limits, rows):
+    limits(motion_smoothing, MAX_GROUP_ROWS=rows)  # groups of few, or all
     rng = np.random.default_rng(3)
     courses = [make_course(rng) for _ in range(25)]
     for course, motion in zip(courses, smooth_motions(courses), strict=True):

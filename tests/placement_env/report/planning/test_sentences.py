@@ -257,13 +257,12 @@ def test_schemes_at_the_plans_iou_and_single_failures_are_said(ask):
     ]
 
 
-def test_numbers_in_assumptions_are_the_ones_in_use(ask, monkeypatch):
+def test_numbers_in_assumptions_are_the_ones_in_use(ask, limits):
     said = assume(ask(SITE, errors=("typical",)))
     assert "over blocks of 8 frames, two lives of an object" in said
     assert "links are compared with them at 10 frames a second" in said
     assert "drawn anew for every 4 frames" in said
-    for name, number in (("BLOCK_FRAMES", 12), ("FRAME_RATE_HZ", 2.5), ("LIFE", 6)):
-        monkeypatch.setattr(sentences, name, number)
+    limits(sentences, BLOCK_FRAMES=12, FRAME_RATE_HZ=2.5, LIFE=6)
     changed = assume(ask(SITE, errors=("typical",)))
     for words in ("blocks of 12 frames", "at 2.5 frames a second", "for every 6 frames"):
         assert words in changed
