@@ -123,7 +123,7 @@ def test_panoramas_are_kept_on_disk_and_shared(traffic, view, tmp_path, fail):
         np.testing.assert_array_equal(one.points, first.points)
         np.testing.assert_array_equal(one.sent, first.sent)
     others = replace(traffic, snapshots=traffic.snapshots[::-1])
-    with pytest.raises(AssertionError, match="of was called"):
+    with pytest.raises(AssertionError, match="find_next was called"):
         TrafficView(others, cache=cache).see(some)
 
 
