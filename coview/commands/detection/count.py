@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tyro.conf import Positional
@@ -20,6 +20,7 @@ from coview.commands.detection.street_tables import align_rows, write_rows
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.recordings import Opening
 from toolkit.calibration.place import Place
+from toolkit.display import describe_count
 from toolkit.plots.canvas import check_picture
 
 if TYPE_CHECKING:
@@ -179,14 +180,13 @@ def _draw(street: Street, out: Path) -> None:
         ArmBearing(arm.name, bearing_deg(street.site, float(np.arctan2(*arm.direction[::-1]))))
         for arm in arms
     ]
-    minutes = counts.seconds / 60
     source = "true road users" if street.measured is None else "tracks"
     draw_turning_diagram(
         counts.movements,
         bearings,
         out,
         title=f"Turning movements at {street.site.name}",
-        subtitle=f"{minutes:.0f} minutes, {source}",
+        subtitle=f"{describe_count(round(counts.seconds / 60), 'minute')}, {source}",
     )
 
 
@@ -208,15 +208,22 @@ def _describe(result: _Row) -> str:
     return "\n".join(lines)
 
 
-def _describe_total(row: _Row) -> str:
-    """Line of a group of classes."""
-    text = f"{row['count']} {row['group']}, {row['speed_km_h']:.1f} km/h"
-    if "true_count" not in row:
-        return text
-    interval: tuple[float, float] = row["found_interval"]  # type: ignore[assignment]
-    bounds = f"{interval[0]:.1%} to {interval[1]:.1%}"
-    return (
-        f"{text}; true {row['true_count']}, {row['true_speed_km_h']:.1f} km/h; "
-        f"{row['found_share']:.1%} of the true ones found ({bounds}), "
-        f"{row['right_share']:.1%} of the counted ones right"
-    )
+def _describe_total(row: dict[str, Any]) -> str:
+    """Line of a group of classes; figures without road users are left out."""
+    group = str(row["group"]).removesuffix("s")
+    parts = [_describe_number(describe_count(row["count"], group), row["speed_km_h"])]
+    if "true_count" in row:
+        parts.append(_describe_number(f"true {row['true_count']}", row["true_speed_km_h"]))
+        if row["true_count"]:
+            low, high = row["found_interval"]  # at 95 %
+            parts.append(
+                f"{row['found_share']:.1%} of the true ones found ({low:.1%} to {high:.1%})"
+            )
+        if row["count"]:
+            parts.append(f"{row['right_share']:.1%} of the counted ones right")
+    return "; ".join(parts)
+
+
+def _describe_number(count: str, speed_km_h: float) -> str:
+    """Text of a count with its mean speed (km/h), NaN if there is none."""
+    return count if np.isnan(speed_km_h) else f"{count}, {speed_km_h:.1f} km/h"
