@@ -8,7 +8,7 @@ import pytest
 from placement_env.cases import Cases
 from placement_env.fidelity.detector import Detected
 from placement_env.report.content import Judgement, PlanOption
-from placement_env.report.planning import size_races
+from placement_env.report.planning import choosing, size_races
 from placement_env.report.planning.choice import choose, find_front_options
 from placement_env.report.planning.choosing import choose_set
 from placement_env.report.planning.judging import Judge
@@ -129,6 +129,12 @@ def test_the_cheapest_that_reaches_the_ap_is_chosen_or_none(street, six):
     assert [o.judged is not None for o in cheap.options] == [False] * 4 + [True, False]
     dear = choose_set(street.objective, six, street.judge, min_ap=0.9)
     assert (dear.chosen, dear.rule) == (5, "none")
+
+
+def test_a_first_look_counts_the_blocks_that_its_frames_are_in(street, six, spy):
+    calls = spy(choosing, "shrink")
+    choose_set(street.objective, six, street.judge, min_ap=0.75)
+    assert [call.args[3] for call in calls] == [2]  # blocks of eight frames
 
 
 def test_a_set_that_links_do_not_carry_on_the_judging_frames_is_not_chosen(street, monkeypatch):

@@ -13,6 +13,7 @@ import pytest
 from placement_env import LivePlanner
 from placement_env.cases import Cases
 from placement_env.report.content import PLAN_VERSION
+from placement_env.report.planning import plan_stock
 from placement_env.report.planning.plan_folder import (
     found_nothing,
     is_plan_folder,
@@ -250,6 +251,18 @@ def test_a_stock_of_too_many_poses_is_refused_with_their_number(folder):
     poses = len(stock["poles"]) * len(stock["heights_m"]) * 360 * 41 * len(stock["models"])
     assert len(stock["models"]) == 2
     with pytest.raises(ValueError, match=f"at most 400000 poses, got {poses}: leave out poles"):
+        read_plan_folder(folder)
+
+
+def test_more_keep_out_areas_than_the_limit_are_refused(folder, limits):
+    path = folder / "plan.json"
+    content = json.loads(path.read_text())
+    areas = content["stock"]["keep_out_wkt"]
+    limits(plan_stock, MAX_KEEP_OUT_AREAS=len(areas))
+    read_plan_folder(folder)
+    areas.append(areas[0])
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=f"hold at most {len(areas) - 1} areas"):
         read_plan_folder(folder)
 
 
