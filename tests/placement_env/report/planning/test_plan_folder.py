@@ -6,18 +6,20 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from placement_env import LivePlanner
 from placement_env.cases import Cases
-from placement_env.report.content import PLAN_VERSION
+from placement_env.report.content import PLAN_VERSION, Judgement
 from placement_env.report.planning import plan_stock
 from placement_env.report.planning.plan_folder import (
     found_nothing,
     is_plan_folder,
     read_plan_folder,
+    read_stated_results,
 )
 from placement_env.report.planning.question import Question, Stock
 from placement_env.setting import Setting
@@ -292,3 +294,59 @@ def test_a_plan_that_found_nothing_may_be_replaced(text, nothing, tmp_path):
     (tmp_path / "plan.json").write_text(text)
     assert found_nothing(tmp_path / "plan.json") is nothing
     assert not found_nothing(tmp_path / "none.json")
+
+
+JUDGED_VEHICLES: dict[str, Any] = {
+    "ap": 0.91,
+    "low": 0.88,
+    "high": 0.94,
+    "recall": 0.93,
+    "precision": 0.97,
+    "vehicles": 312,
+    "frames": 120,
+    "kind": "vehicle",
+}
+STATED_VEHICLES = {"label": "vehicle", "weight": 1.0, "iou": 0.7, "judged": JUDGED_VEHICLES}
+
+
+@pytest.fixture
+def stated(tmp_path):
+    """Write the results of classes as a plan states them, and read them again."""
+
+    def write(*rows):
+        (tmp_path / "plan.json").write_text(json.dumps({"detector": "general", "class_ap": rows}))
+        return read_stated_results(tmp_path)
+
+    return write
+
+
+def test_results_of_classes_are_read_as_they_are_stated(stated):
+    results = stated(STATED_VEHICLES)
+    assert results.detector == "general"
+    (vehicles,) = results.classes
+    assert (vehicles.label, vehicles.weight, vehicles.iou) == ("vehicle", 1.0, 0.7)
+    assert vehicles.judged == Judgement(**JUDGED_VEHICLES)
+
+
+def test_results_without_an_interval_have_none(stated):
+    judged = JUDGED_VEHICLES | {"low": None, "high": None, "precision": None}
+    (vehicles,) = stated(STATED_VEHICLES | {"judged": judged, "iou": [0.7, 0.8]}).classes
+    assert vehicles.iou == (0.7, 0.8)
+    assert math.isnan(vehicles.judged.low)
+    assert math.isnan(vehicles.judged.high)
+    assert vehicles.judged.precision is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"ap": 1.2}, "ap must be from 0 to 1"),
+        ({"recall": -0.1}, "recall must be from 0 to 1"),
+        ({"vehicles": 1.5}, "vehicles must be a whole number"),
+        ({"frames": 0}, "frames must be a whole number from 1"),
+    ],
+)
+def test_a_damaged_result_of_a_class_is_refused_by_name(stated, change, said):
+    judged = JUDGED_VEHICLES | change
+    with pytest.raises(ValueError, match=said):
+        stated(STATED_VEHICLES | {"judged": judged})
