@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 from placement_env.acceptance.class_checks import ClassCheck, compare_classes, find_blocks
 from placement_env.acceptance.consistency import Consistency, check_consistency
 from placement_env.acceptance.sensor_checks import SensorCheck, check_sensors
@@ -15,10 +13,9 @@ from toolkit.display import describe_count
 from toolkit.doctor.findings import Finding
 from toolkit.frame import Frames
 from toolkit.sites.site import Site
-from toolkit.tracking.tracker import Tracker
+from toolkit.tracking.frame_times import find_time_problem
+from toolkit.tracking.tracker import track_live
 from toolkit.tracking.tracks import Tracks
-
-MAX_TRACKED_INTERVAL_S = 1.0  # median time between frames; farther apart, nobody is followed
 
 
 @dataclass(frozen=True)
@@ -177,8 +174,7 @@ def accept_street(
 
 def track_boxes(frames: Sequence[FrameBoxes], site: Site) -> list[Tracks] | None:
     """Follow the detections through the frames; None if frames are too far apart or unordered."""
-    steps = np.diff([frame.time for frame in frames])
-    if not len(steps) or not (steps > 0).all() or np.median(steps) > MAX_TRACKED_INTERVAL_S:
+    times = [frame.time for frame in frames]
+    if len(times) < 2 or find_time_problem(times) is not None:
         return None
-    tracker = Tracker(site.area.tolist())
-    return [tracker.update(frame.detections, frame.time) for frame in frames]
+    return track_live([frame.detections for frame in frames], times, site.area.tolist())

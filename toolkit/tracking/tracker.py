@@ -221,6 +221,21 @@ class Tracker:
         return stays
 
 
+def track_live(
+    frames: Sequence[Detections], times: Sequence[float], area: Sequence[float] | None = None
+) -> list[Tracks]:
+    """Return the tracks in each frame of a recording, as they are known after that frame.
+
+    Args:
+        frames: Detections in each frame, world frame.
+        times: Time of each frame (s), ascending.
+        area: As in `Tracker`.
+
+    Raises the errors of `Tracker.update`."""
+    tracker = Tracker(area)
+    return [tracker.update(rows, time) for rows, time in zip(frames, times, strict=True)]
+
+
 def _is_standing(tracks: _State) -> Bool[np.ndarray, " m"]:
     # mask of tracks that hardly move
     return np.hypot(tracks.motion[:, 2], tracks.motion[:, 3]) < STANDING_M_S

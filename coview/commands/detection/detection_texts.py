@@ -39,10 +39,8 @@ def read_text_alone(path: Path, rate_hz: float | None, frames: int | None) -> De
         count = min(count, frames)
     in_order = DetectionsInOrder()
     for number in range(count):
-        in_order.names.append(f"{number:06d}")
-        in_order.times.append(number / rate_hz)
-        in_order.detections.append(detections_by_frame.get(number, Detections.empty()))
-        in_order.truths.append(Objects.empty())
+        detections = detections_by_frame.get(number, Detections.empty())
+        in_order.add(f"{number:06d}", number / rate_hz, detections, Objects.empty())
     check_times(in_order.times)
     return in_order
 
@@ -82,10 +80,9 @@ class DetectionText:
         for k in range(len(samples)):
             frame = samples[k]
             numbers.append(frame.index)
-            in_order.names.append(frame.name)
-            in_order.times.append(find_frame_time(k, frame.time, self.rate_hz))
-            in_order.detections.append(detections_by_frame.get(frame.index, Detections.empty()))
-            in_order.truths.append(frame.objects)
+            time = find_frame_time(k, frame.time, self.rate_hz)
+            detections = detections_by_frame.get(frame.index, Detections.empty())
+            in_order.add(frame.name, time, detections, frame.objects)
         self._check_numbers(
             numbers, sorted(detections_by_frame), is_part=len(samples) < len(opened)
         )

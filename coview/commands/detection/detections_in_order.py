@@ -10,12 +10,10 @@ from coview.commands.detection.placed_detectors import Detectors, detect_in_turn
 from coview.progress_bar import progress_bar
 
 if TYPE_CHECKING:
-    from toolkit.detection.detect import FrameDetections
     from toolkit.frame import Recording
     from toolkit.objects import Detections, Objects
     from toolkit.tracking.tracks import Tracks
 
-MAX_INTERVAL_S = 1.0  # median time between frames; farther apart, road users are not recognised
 _FIRST_FRAMES = 3
 
 
@@ -36,30 +34,28 @@ class DetectionsInOrder:
     truths: "list[Objects]" = field(default_factory=list)
     area: list[float] | None = None
 
-    def add(self, result: "FrameDetections", rate_hz: float | None = None) -> None:
-        """Add a frame. rate_hz: frames in a second, None for the recording's times."""
-        from toolkit.sites.site import Site
+    def add(self, name: str, time: float, detections: "Detections", truth: "Objects") -> None:
+        """Add a frame.
 
-        time = find_frame_time(len(self.names), result.frame.time, rate_hz)
-        self.names.append(result.frame.name)
+        Args:
+            name: Name of the frame.
+            time: Its time (s).
+            detections: Detections, world frame.
+            truth: True objects, empty without truth."""
+        self.names.append(name)
         self.times.append(time)
-        self.detections.append(result.detections)
-        self.truths.append(result.frame.objects)
-        if isinstance(result.stand.area, Site):
-            self.area = result.stand.area.area.tolist()
+        self.detections.append(detections)
+        self.truths.append(truth)
 
     def track(self, *, offline: bool) -> "list[Tracks]":
         """Return the tracks in each frame.
 
         offline: True to know each moment from all frames, False from those before it only."""
         from toolkit.tracking.smoothing import smooth_tracks
-        from toolkit.tracking.tracker import Tracker
+        from toolkit.tracking.tracker import track_live
 
-        if offline:
-            return smooth_tracks(self.detections, self.times, self.area)
-        tracker = Tracker(self.area)
-        moments = zip(self.detections, self.times, strict=True)
-        return [tracker.update(detections, time) for detections, time in moments]
+        follow = smooth_tracks if offline else track_live
+        return follow(self.detections, self.times, self.area)
 
 
 def detect_in_order(
@@ -84,6 +80,7 @@ def detect_in_order(
     Raises ValueError for frames without times, out of order, or too far apart."""
     from toolkit.datasets.recording_views import Part, ReadRecording, Reads
     from toolkit.detection.standing import learn_standing_scene
+    from toolkit.sites.site import Site
 
     in_order = DetectionsInOrder()
     samples = Part(ReadRecording(recording, Reads(errors)), frames)
@@ -95,7 +92,11 @@ def detect_in_order(
     placed = detectors.choose([samples], [scene])
     with progress_bar("frame", len(samples), hidden=hidden) as bar:
         for result in detect_in_turn([(samples, placed[0], scene)], bar.to):
-            in_order.add(result, rate_hz)
+            frame = result.frame
+            time = find_frame_time(len(in_order.names), frame.time, rate_hz)
+            in_order.add(frame.name, time, result.detections, frame.objects)
+            if isinstance(result.stand.area, Site):
+                in_order.area = result.stand.area.area.tolist()
     check_times(in_order.times)
     return in_order
 
@@ -118,15 +119,7 @@ def find_frame_time(number: int, time: float, rate_hz: float | None) -> float:
 
 def check_times(times: Sequence[float]) -> None:
     """Raise ValueError for frames without times, out of order, or too far apart."""
-    steps = np.diff(times)
-    if len(steps) and not (steps > 0).all():
-        number = int(np.argmin(steps > 0)) + 1
-        raise ValueError(
-            "tracks need frames in the order of time, each with its own, got "
-            f"{times[number]:g} s after {times[number - 1]:g} s at frame {number}"
-        )
-    if len(steps) and np.median(steps) > MAX_INTERVAL_S:
-        raise ValueError(
-            f"tracks need frames at most {MAX_INTERVAL_S:g} s apart, got {np.median(steps):g} s: "
-            "record more often, or simulate with --every 0.1"
-        )
+    from toolkit.tracking.frame_times import find_time_problem
+
+    if (problem := find_time_problem(times)) is not None:
+        raise ValueError(problem)

@@ -29,7 +29,7 @@ from toolkit.points import frame_points, has_centre_inside
 from toolkit.runtime.run import Simulation
 from toolkit.tracking.scores import score_tracks
 from toolkit.tracking.smoothing import smooth_tracks
-from toolkit.tracking.tracker import Tracker
+from toolkit.tracking.tracker import track_live
 from toolkit.tracking.tracks import Tracks
 
 # IoU thresholds of each class
@@ -132,8 +132,7 @@ def make_run(site: str, seed: int, errors: str, frames: int, folder: Path) -> Ru
         truths.append(frame.objects)
         detections.append(detect(np.concatenate(frame_points(frame, area=recording.site))))
     began = process_time()
-    tracker = Tracker(area.tolist())
-    live = [tracker.update(rows, time) for rows, time in zip(detections, times, strict=True)]
+    live = track_live(detections, times, area.tolist())
     live_ms = (process_time() - began) / len(times) * 1e3
     began = process_time()
     offline = smooth_tracks(detections, times, area.tolist())
