@@ -17,7 +17,6 @@ compared draw by draw.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +26,7 @@ from placement_env.checks import check_whole
 from placement_env.fidelity.detector import IGNORED, Outcome
 from toolkit.arrays import Float64, Int64, Mask, Shaped
 from toolkit.detection.metrics import average_precision, precision_recall
+from toolkit.share_intervals import wilson_interval
 from toolkit.traffic.spawner import LIFE
 
 BLOCK_FRAMES = 2 * LIFE
@@ -194,11 +194,7 @@ def share_interval(share: float, count: float, confidence: float) -> Interval:
         share: Observed share, 0 to 1.
         count: Number of objects, not always whole.
         confidence: Level of the interval."""
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
-    middle = share + z**2 / (2 * count)
-    spread = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
-    scale = 1 + z**2 / count
-    return Interval(low=(middle - spread) / scale, high=min(1.0, (middle + spread) / scale))
+    return Interval(*wilson_interval(share, count, confidence))
 
 
 def describe_interval(low: float, high: float, digits: int = 3) -> str:

@@ -208,6 +208,16 @@ class TripMatches(NamedTuple):
     counted: int
     true: int
 
+    @property
+    def found_share(self) -> float:
+        """Share of the true trips that are counted, NaN without any."""
+        return self.right / self.true if self.true else float("nan")
+
+    @property
+    def right_share(self) -> float:
+        """Share of the counted trips that are true, NaN without any."""
+        return self.right / self.counted if self.counted else float("nan")
+
 
 def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> TripMatches:
     """Match whole trips of some classes with true ones, by entry and exit.
@@ -234,22 +244,6 @@ def _list_spans(
     """Begin and end (s) of the trips of one movement. gates: names of entry and exit."""
     spans = [[trip.begin, trip.end] for trip in trips if (trip.entry, trip.exit) == gates]
     return np.array(spans, np.float64).reshape(-1, 2)
-
-
-def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Interval of a share at 95 % (Wilson, JASA 22, 1927); 0 to 1 without trials.
-
-    >>> [round(bound, 3) for bound in wilson_interval(9, 10)]
-    [0.596, 0.982]
-    """
-    if not trials:
-        return 0.0, 1.0
-    z = 1.959964
-    share = successes / trials
-    middle = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    spread = z * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
-    half = float(spread / (1 + z**2 / trials))
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def _order_of_movement(key: tuple[str, str, str]) -> tuple[int, str, str]:

@@ -15,7 +15,12 @@ from coview.commands.detection.street import (
     list_inputs,
     open_street,
 )
-from coview.commands.detection.street_tables import align_rows, write_rows
+from coview.commands.detection.street_tables import (
+    StreetRow,
+    align_rows,
+    describe_stretch,
+    write_rows,
+)
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.recordings import Opening
 from toolkit.calibration.place import Place
@@ -25,7 +30,6 @@ if TYPE_CHECKING:
 
 PET_TOLERANCE_S = 0.3  # by which a conflict's PET may be longer than asked for, to match
 MAX_LISTED_CONFLICTS = 20  # lines of text
-_Row = dict[str, object]
 _COLUMNS = (
     *("time", "first_label", "second_label", "first", "second"),
     *("pet_s", "ttc_s", "angle_deg", "x", "y"),
@@ -83,13 +87,12 @@ def conflicts_command(
     if stretch is not None:
         result["stretch"] = _search(stretch, severity.max_pet)
     if severity.out is not None:
-        rows: list[_Row] = result["conflicts"]  # type: ignore[assignment]
-        write_rows(severity.out, _COLUMNS, rows)
+        write_rows(severity.out, _COLUMNS, result["conflicts"])
     print_result(result, _describe(result), as_json=writing.json)
     return OK
 
 
-def _search(street: Street, max_pet: float) -> _Row:
+def _search(street: Street, max_pet: float) -> StreetRow:
     """Conflicts of a street as a JSON object, with shares if both tracks and truth are known."""
     from toolkit.counting.conflicts import find_conflicts, match_conflicts
 
@@ -102,7 +105,7 @@ def _search(street: Street, max_pet: float) -> _Row:
     )
     listed = true if measured is None else measured
     assert listed is not None
-    result: _Row = {
+    result: StreetRow = {
         "site": street.site.name,
         "seconds": street.times[-1] - street.times[0] if len(street.times) else 0.0,
         "searched": "truth" if measured is None else "tracks",
@@ -122,16 +125,16 @@ def _search(street: Street, max_pet: float) -> _Row:
     return result
 
 
-def _list_row(conflict: "Conflict") -> _Row:
+def _list_row(conflict: "Conflict") -> StreetRow:
     """Row of a conflict, by the names of `_COLUMNS`."""
     values = conflict._asdict()
     values["first_label"], values["second_label"] = conflict.labels
     return {name: values[name] for name in _COLUMNS}
 
 
-def _describe(result: _Row) -> str:
+def _describe(result: StreetRow) -> str:
     """Text of conflicts: number, shares, and the shortest ones."""
-    rows: list[_Row] = result["conflicts"]  # type: ignore[assignment]
+    rows = result["conflicts"]
     text = (
         f"{result['site']}: {len(rows)} conflicts with a PET of at most {result['max_pet_s']:g} s "
         f"in {result['seconds']:.0f} s, searched by {result['searched']}"
@@ -143,11 +146,7 @@ def _describe(result: _Row) -> str:
             f"{result['false_share']:.1%} of the found ones false; error of PET at 95 %: "
             f"{result['pet_error_95_s']:.2f} s"
         )
-    shortest = sorted(rows, key=lambda row: float(str(row["pet_s"])))[:MAX_LISTED_CONFLICTS]
+    shortest = sorted(rows, key=lambda row: float(row["pet_s"]))[:MAX_LISTED_CONFLICTS]
     if shortest:
         lines.append(align_rows(_COLUMNS, shortest, texts=3))
-    stretch: _Row | None = result.get("stretch")  # type: ignore[assignment]
-    if stretch is not None:
-        lines.append("errors of the sensors, in a stretch with rays:")
-        lines.append(_describe(stretch))
-    return "\n".join(lines)
+    return "\n".join(lines + describe_stretch(result, _describe))

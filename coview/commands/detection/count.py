@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from tyro.conf import Positional
@@ -16,7 +16,12 @@ from coview.commands.detection.street import (
     list_inputs,
     open_street,
 )
-from coview.commands.detection.street_tables import align_rows, write_rows
+from coview.commands.detection.street_tables import (
+    StreetRow,
+    align_rows,
+    describe_stretch,
+    write_rows,
+)
 from coview.outputs import OK, Writing, check_file, print_result
 from coview.recordings import Opening
 from toolkit.calibration.place import Place
@@ -26,9 +31,6 @@ from toolkit.plots.canvas import check_picture
 if TYPE_CHECKING:
     from toolkit.counting.arms import Arm
     from toolkit.counting.counts import CountError, StreetCounts
-    from toolkit.counting.trajectories import Trajectory
-
-_Row = dict[str, object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,10 +76,11 @@ def count_command(
     street, stretch = open_street(
         source, measuring, demand, opening, place=place, hidden=writing.json
     )
-    result = _count(street)
+    counted = _CountedStreet.from_street(street)
+    result = counted.as_dict()
     if stretch is not None:
-        result["stretch"] = _count(stretch)
-    rows: list[_Row] = result["movements"]  # type: ignore[assignment]
+        result["stretch"] = _CountedStreet.from_street(stretch).as_dict()
+    rows = result["movements"]
     if files.out is not None:
         from toolkit.counting.counts import MovementCount
 
@@ -87,69 +90,108 @@ def count_command(
             rows,
         )
     if files.diagram is not None:
-        _draw(street, files.diagram)
+        counted.draw(files.diagram)
     print_result(result, _describe(result), as_json=writing.json)
     return OK
 
 
-def _count(street: Street) -> _Row:
-    """Counts of a street as a JSON object, with their errors if both tracks and truth are known."""
-    from toolkit.counting.arms import find_arms
-    from toolkit.counting.counts import compare_counts
+class _CountedStreet(NamedTuple):
+    """Counts of a street.
 
-    arms = find_arms(street.site)
-    true = _count_trajectories(street, street.true, arms)
-    measured = _count_trajectories(street, street.measured, arms)
-    counts = measured or true
-    assert counts is not None
-    if measured is not None and true is not None:
-        movements = [_list_error(error) for error in compare_counts(measured, true)]
-    else:
-        movements = [asdict(movement) for movement in counts.movements]
-    queues = {queue.entry: queue._asdict() for queue in counts.queues}
-    if measured is not None and true is not None:
-        for queue in true.queues:
-            row = queues.setdefault(queue.entry, {"entry": queue.entry, "mean": 0.0, "longest": 0})
-            row |= {"true_mean": queue.mean, "true_longest": queue.longest}
-    return {
-        "site": street.site.name,
-        "seconds": counts.seconds,
-        "counted": "truth" if measured is None else "tracks",
-        "totals": _list_totals(measured, true),
-        "movements": movements,
-        "queues": [queues[entry] for entry in sorted(queues)],
-        "partial": counts.partial,
-    }
+    Attributes:
+        street: the street.
+        arms: its arms.
+        measured: counts of the tracks, None for simulated traffic without rays.
+        true: true counts, None for a recording without truth."""
+
+    street: Street
+    arms: "Sequence[Arm]"
+    measured: "StreetCounts | None"
+    true: "StreetCounts | None"
+
+    @classmethod
+    def from_street(cls, street: Street) -> "_CountedStreet":
+        """Count the road users of a street."""
+        from toolkit.counting.arms import find_arms
+        from toolkit.counting.counts import count_street
+
+        arms = find_arms(street.site)
+        counts = [
+            None
+            if road_users is None
+            else count_street(road_users, street.site, arms, street.times)
+            for road_users in (street.measured, street.true)
+        ]
+        return cls(street, arms, *counts)
+
+    @property
+    def counts(self) -> "StreetCounts":
+        """Counts of the tracks, or the true ones without tracks."""
+        counts = self.measured or self.true
+        assert counts is not None
+        return counts
+
+    def as_dict(self) -> StreetRow:
+        """Counts as a JSON object, with their errors if both tracks and truth are known."""
+        from toolkit.counting.counts import compare_counts
+
+        movements = [asdict(movement) for movement in self.counts.movements]
+        queues = {queue.entry: queue._asdict() for queue in self.counts.queues}
+        if self.measured is not None and self.true is not None:
+            errors = compare_counts(self.measured, self.true)
+            movements = [_list_error(error) for error in errors]
+            for queue in self.true.queues:
+                empty = {"entry": queue.entry, "mean": 0.0, "longest": 0}
+                row = queues.setdefault(queue.entry, empty)
+                row |= {"true_mean": queue.mean, "true_longest": queue.longest}
+        return {
+            "site": self.street.site.name,
+            "seconds": self.counts.seconds,
+            "counted": "truth" if self.measured is None else "tracks",
+            "totals": _list_totals(self),
+            "movements": movements,
+            "queues": [queues[entry] for entry in sorted(queues)],
+            "partial": self.counts.partial,
+        }
+
+    def draw(self, out: Path) -> None:
+        """Draw the turning movements of what was counted."""
+        from toolkit.plots.turning_diagram import ArmBearing, draw_turning_diagram
+        from toolkit.sites.georeference import bearing_deg
+
+        site = self.street.site
+        bearings = [
+            ArmBearing(arm.name, bearing_deg(site, float(np.arctan2(*arm.direction[::-1]))))
+            for arm in self.arms
+        ]
+        source = "true road users" if self.measured is None else "tracks"
+        draw_turning_diagram(
+            self.counts.movements,
+            bearings,
+            out,
+            title=f"Turning movements at {site.name}",
+            subtitle=f"{describe_count(round(self.counts.seconds / 60), 'minute')}, {source}",
+        )
 
 
-def _count_trajectories(
-    street: Street, trajectories: "list[Trajectory] | None", arms: "Sequence[Arm]"
-) -> "StreetCounts | None":
-    """Counts of trajectories; None without any."""
-    from toolkit.counting.counts import count_street
-
-    if trajectories is None:
-        return None
-    return count_street(trajectories, street.site, arms, street.times)
-
-
-def _list_error(error: "CountError") -> _Row:
+def _list_error(error: "CountError") -> StreetRow:
     """Row of a movement with its error."""
     return asdict(error) | {"error": error.count - error.true_count}
 
 
-def _list_totals(measured: "StreetCounts | None", true: "StreetCounts | None") -> list[_Row]:
-    """Totals by group of classes, with their errors if both are known."""
-    from toolkit.counting.counts import GROUPS, match_trips, wilson_interval
+def _list_totals(counted: _CountedStreet) -> list[StreetRow]:
+    """Totals by group of classes, with their errors if both tracks and truth are known."""
+    from toolkit.counting.counts import GROUPS, match_trips
+    from toolkit.share_intervals import wilson_interval
 
+    measured = counted.measured
+    true = counted.true
     rows = []
     for group, labels in GROUPS.items():
-        counts = measured or true
-        assert counts is not None
-        row: _Row = {
+        row: StreetRow = {
             "group": group,
-            "count": counts.total(*labels),
-            "speed_km_h": counts.mean_speed(*labels),
+            "count": counted.counts.total(*labels),
+            "speed_km_h": counted.counts.mean_speed(*labels),
         }
         if measured is not None and true is not None:
             matches = match_trips(measured, true, *labels)
@@ -157,58 +199,27 @@ def _list_totals(measured: "StreetCounts | None", true: "StreetCounts | None") -
                 "true_count": true.total(*labels),
                 "error": measured.total(*labels) - true.total(*labels),
                 "true_speed_km_h": true.mean_speed(*labels),
-                "found_share": matches.right / matches.true if matches.true else float("nan"),
-                "found_interval": wilson_interval(matches.right, matches.true),
-                "right_share": matches.right / matches.counted if matches.counted else np.nan,
-                "right_interval": wilson_interval(matches.right, matches.counted),
+                "found_share": matches.found_share,
+                "found_interval": wilson_interval(matches.found_share, matches.true),
+                "right_share": matches.right_share,
+                "right_interval": wilson_interval(matches.right_share, matches.counted),
             }
         rows.append(row)
     return rows
 
 
-def _draw(street: Street, out: Path) -> None:
-    """Draw the turning movements of what was counted."""
-    from toolkit.counting.arms import find_arms
-    from toolkit.plots.turning_diagram import ArmBearing, draw_turning_diagram
-    from toolkit.sites.georeference import bearing_deg
-
-    arms = find_arms(street.site)
-    trajectories = street.true if street.measured is None else street.measured
-    counts = _count_trajectories(street, trajectories, arms)
-    assert counts is not None
-    bearings = [
-        ArmBearing(arm.name, bearing_deg(street.site, float(np.arctan2(*arm.direction[::-1]))))
-        for arm in arms
-    ]
-    source = "true road users" if street.measured is None else "tracks"
-    draw_turning_diagram(
-        counts.movements,
-        bearings,
-        out,
-        title=f"Turning movements at {street.site.name}",
-        subtitle=f"{describe_count(round(counts.seconds / 60), 'minute')}, {source}",
-    )
-
-
-def _describe(result: _Row) -> str:
+def _describe(result: StreetRow) -> str:
     """Text of counts: totals, then movements."""
-    totals: list[_Row] = result["totals"]  # type: ignore[assignment]
-    movements: list[_Row] = result["movements"]  # type: ignore[assignment]
-    seconds = result["seconds"]
-    lines = [f"{result['site']}: {seconds:.0f} s, counted by {result['counted']}"]
-    for row in totals:
+    lines = [f"{result['site']}: {result['seconds']:.0f} s, counted by {result['counted']}"]
+    for row in result["totals"]:
         lines.append(_describe_total(row))
+    movements = result["movements"]
     if movements:
-        names = list(movements[0])
-        lines.append(align_rows(names, movements, texts=3))
-    stretch: _Row | None = result.get("stretch")  # type: ignore[assignment]
-    if stretch is not None:
-        lines.append("errors of the sensors, in a stretch with rays:")
-        lines.append(_describe(stretch))
-    return "\n".join(lines)
+        lines.append(align_rows(list(movements[0]), movements, texts=3))
+    return "\n".join(lines + describe_stretch(result, _describe))
 
 
-def _describe_total(row: dict[str, Any]) -> str:
+def _describe_total(row: StreetRow) -> str:
     """Line of a group of classes; figures without road users are left out."""
     group = str(row["group"]).removesuffix("s")
     parts = [_describe_number(describe_count(row["count"], group), row["speed_km_h"])]

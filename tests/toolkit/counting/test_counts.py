@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
 
 from toolkit.counting.arms import find_arms, find_crossing
-from toolkit.counting.counts import compare_counts, count_street, match_trips, wilson_interval
+from toolkit.counting.counts import compare_counts, count_street, match_trips
 from toolkit.counting.trajectories import collect_trajectories, split_trajectories
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Objects
 from toolkit.sites.files import load_site
@@ -108,13 +107,6 @@ def test_errors_are_counts_minus_true_counts():
     counts = count_street(join(much_later), SITE, ARMS, TIMES.tolist())
     assert match_trips(counts, truth, "vehicle", "heavy") == (0, 1, 2)
     assert match_trips(counts, truth, "cyclist") == (0, 0, 0)
-
-
-@pytest.mark.parametrize(("successes", "trials"), [(0, 5), (9, 10), (40, 41), (7, 7)])
-def test_wilson_s_interval_is_scipy_s(successes, trials):
-    expected = binomtest(successes, trials).proportion_ci(method="wilson")
-    assert wilson_interval(successes, trials) == pytest.approx(tuple(expected), abs=1e-6)
-    assert wilson_interval(0, 0) == (0.0, 1.0)
 
 
 def test_trajectories_of_objects_and_of_tracks_that_are_sure():
