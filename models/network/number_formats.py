@@ -7,14 +7,21 @@ processors, by torch on some of them and by OpenVINO on others.
 import copy
 import os
 import time
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from typing import Literal
 
 import torch
 from torch import nn
 
-from models.network.openvino_proposal import MapShape, OpenVinoProposal, compile_graph, graph_layer
+from models.network.openvino_proposal import (
+    MapShape,
+    NumberFormat,
+    OpenVinoProposal,
+    compile_graph,
+    graph_layer,
+)
 from models.network.sparse import SparseVoxelNet
 
 NUMBERS_VARIABLE = "COVIEW_NUMBERS"  # environment; "float32" forbids every other format
@@ -73,22 +80,24 @@ def _time_libraries(device: torch.device) -> Library | None:
 @torch.inference_mode()
 def time_layer(library: Library, dtype: torch.dtype) -> float:
     """Seconds that a convolution of the network's size takes in a library."""
-    channels = _LAYER_SHAPE.channels
-    layer = nn.Conv2d(channels, channels, 3, padding=1)
-    if library == "openvino":
-        request = compile_graph(
-            graph_layer(layer, _LAYER_SHAPE), "bf16" if dtype == torch.bfloat16 else "f32"
-        )
-        run = request.infer
-    else:
-        layer = layer.to(dtype)
-        # channels last in memory, as in the network
-        x = torch.ones(1, *_LAYER_SHAPE[1:], channels, dtype=dtype).movedim(3, 1)
-
-        def run() -> object:
-            return layer(x)
-
-    run()  # the first run prepares the convolution
+    run = _prepare_layer(library, dtype)
     began = time.perf_counter()
     run()
     return time.perf_counter() - began
+
+
+@lru_cache
+def _prepare_layer(library: Library, dtype: torch.dtype) -> Callable[[], object]:
+    """Function that computes a convolution of the network's size, and did so once."""
+    channels = _LAYER_SHAPE.channels
+    layer = nn.Conv2d(channels, channels, 3, padding=1)
+    run: Callable[[], object]
+    if library == "openvino":
+        precision: NumberFormat = "bf16" if dtype == torch.bfloat16 else "f32"
+        run = compile_graph(graph_layer(layer, _LAYER_SHAPE), precision).infer
+    else:
+        # channels last in memory, as in the network
+        x = torch.ones(1, *_LAYER_SHAPE[1:], channels, dtype=dtype).movedim(3, 1)
+        run = partial(layer.to(dtype), x)
+    run()  # the first run prepares the convolution
+    return run
