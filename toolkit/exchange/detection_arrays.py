@@ -61,23 +61,25 @@ class DetectionArrayWriter:
         detections = [self._detection(header, instant, row, ids[row]) for row in range(len(ids))]
         message = self._store.types[ARRAY](header=header, detections=detections)
         self._writer.write(self._connection, time_ns, self._store.serialize_cdr(message, ARRAY))
-        known = [velocity for velocity in instant.known_velocities() if velocity is not None]
-        add_problem(self.problems, NO_VELOCITY, len(known))
+        velocities = [velocity for velocity in instant.known_velocities() if velocity is not None]
+        add_problem(self.problems, NO_VELOCITY, len(velocities))
 
     def close(self) -> None:
         """Complete the bag."""
         self._writer.close()
 
-    def _detection(self, header: Any, instant: Instant, row: int, number: int) -> Any:
-        """Return the Detection3D of a row."""
+    def _detection(self, header: Any, instant: Instant, row: int, track_id: int) -> Any:
+        """Return a row of an instant as message Detection3D.
+
+        header: message Header of the instant; track_id: id of the row's road user."""
         types = self._store.types
-        box = instant.boxes[row].tolist()
-        half = box[6] / 2
-        turn = types["geometry_msgs/msg/Quaternion"](
-            x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half))
+        box = instant.boxes[row].tolist()  # x y z length width height yaw
+        half_yaw = box[6] / 2
+        orientation = types["geometry_msgs/msg/Quaternion"](
+            x=0.0, y=0.0, z=float(np.sin(half_yaw)), w=float(np.cos(half_yaw))
         )
         centre = types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](*box[:3]), orientation=turn
+            position=types["geometry_msgs/msg/Point"](*box[:3]), orientation=orientation
         )
         bounds = types["vision_msgs/msg/BoundingBox3D"](
             center=centre, size=types["geometry_msgs/msg/Vector3"](*box[3:6])
@@ -85,19 +87,20 @@ class DetectionArrayWriter:
         hypothesis = types["vision_msgs/msg/ObjectHypothesis"](
             class_id=LABELS[instant.labels[row]], score=float(instant.scores[row])
         )
-        placed = types["geometry_msgs/msg/PoseWithCovariance"](
+        # zeros, as the covariance is unknown
+        centre_with_covariance = types["geometry_msgs/msg/PoseWithCovariance"](
             pose=centre, covariance=np.zeros(_COVARIANCE_NUMBERS)
         )
         result = types["vision_msgs/msg/ObjectHypothesisWithPose"](
-            hypothesis=hypothesis, pose=placed
+            hypothesis=hypothesis, pose=centre_with_covariance
         )
         return types["vision_msgs/msg/Detection3D"](
-            header=header, results=[result], bbox=bounds, id=str(number)
+            header=header, results=[result], bbox=bounds, id=str(track_id)
         )
 
     def _header(self, time_ns: int) -> Any:
-        """Return the header of an instant."""
+        """Return the message Header of an instant at `time_ns` since 1970."""
         types = self._store.types
-        seconds, rest = divmod(time_ns, 10**9)
-        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)
+        seconds, nanoseconds_left = divmod(time_ns, 10**9)
+        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds_left)
         return types["std_msgs/msg/Header"](stamp=time, frame_id=_FRAME)

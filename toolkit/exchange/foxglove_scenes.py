@@ -43,9 +43,9 @@ class FoxgloveWriter:
         self._file = path.open("wb")
         self._writer = McapWriter(self._file)
         self._writer.start(profile="", library="coview")
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._last_ids: set[int] = set()
+        self._schemas: dict[str, int] = {}  # MCAP's number of each schema, by message name
+        self._channels: dict[str, int] = {}  # MCAP's number of each channel, by topic
+        self._last_ids: set[int] = set()  # road users of the instant written last
 
     def write(self, instant: Instant) -> None:
         """Write the boxes and clouds of an instant."""
@@ -54,9 +54,9 @@ class FoxgloveWriter:
             stamp_ns = time_ns if cloud.stamp_s is None else nanoseconds(cloud.stamp_s)
             self._send(f"{POINTS_TOPIC}/{cloud.name}", cloud_message(cloud, stamp_ns), time_ns)
         ids = set(instant.list_ids())
-        gone = sorted(self._last_ids - ids)
+        gone_ids = sorted(self._last_ids - ids)
         self._last_ids = ids
-        self._send(OBJECTS_TOPIC, scene_message(instant, gone, time_ns), time_ns)
+        self._send(OBJECTS_TOPIC, scene_message(instant, gone_ids, time_ns), time_ns)
 
     def close(self) -> None:
         """Write the index and complete the file."""
@@ -64,15 +64,15 @@ class FoxgloveWriter:
         self._file.close()
 
     def _send(self, topic: str, message: _Message, time_ns: int) -> None:
-        """Log a message, and register its topic the first time."""
+        """Log a message at `time_ns`; register its topic and its schema the first time."""
         if topic not in self._channels:
-            name = message.DESCRIPTOR.full_name
-            if name not in self._schemas:
-                self._schemas[name] = self._writer.register_schema(
-                    name, "protobuf", describe_message(message)
+            schema_name = message.DESCRIPTOR.full_name
+            if schema_name not in self._schemas:
+                self._schemas[schema_name] = self._writer.register_schema(
+                    schema_name, "protobuf", describe_message(message)
                 )
             self._channels[topic] = self._writer.register_channel(
-                topic, "protobuf", self._schemas[name]
+                topic, "protobuf", self._schemas[schema_name]
             )
         self._writer.add_message(
             self._channels[topic],
@@ -82,42 +82,42 @@ class FoxgloveWriter:
         )
 
 
-def scene_message(instant: Instant, gone: list[int], time_ns: int) -> _Message:
-    """Return a SceneUpdate of an instant's boxes.
+def scene_message(instant: Instant, gone_ids: list[int], time_ns: int) -> _Message:
+    """Return an instant's boxes, each with a text above it, as message SceneUpdate.
 
-    gone: ids of the instant before that this one lacks."""
+    gone_ids: ids of the previous instant that this one lacks; time_ns: time of the instant."""
     from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
     from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
     update = SceneUpdate()
-    for number in gone:
-        deletion = update.deletions.add(id=str(number), type=SceneEntityDeletion.MATCHING_ID)
+    for track_id in gone_ids:
+        deletion = update.deletions.add(id=str(track_id), type=SceneEntityDeletion.MATCHING_ID)
         _set_time(deletion.timestamp, time_ns)
     velocities = instant.known_velocities()
-    for row, number in enumerate(instant.list_ids()):
+    for row, track_id in enumerate(instant.list_ids()):
         label = LABELS[instant.labels[row]]
         score = float(instant.scores[row])
-        entity = update.entities.add(id=str(number), frame_id=ROOT_FRAME)
+        entity = update.entities.add(id=str(track_id), frame_id=ROOT_FRAME)
         _set_time(entity.timestamp, time_ns)
-        box = instant.boxes[row]
+        box = instant.boxes[row]  # x y z length width height yaw
         entity.cubes.add(
             pose=_pose_message(pose(*box[:3], yaw=box[6])),
             size=_vector(box[3:6]),
             color=_colour(CLASS[label], _OPACITY_SHARE),
         )
-        facts = {"label": label, "score": f"{score:.6g}"}
-        caption = f"{label} {number} {score:.2f}"
+        metadata = {"label": label, "score": f"{score:.6g}"}
+        caption = f"{label} {track_id} {score:.2f}"
         velocity = velocities[row]
         if velocity is not None:
-            speed = float(np.linalg.norm(velocity))
-            facts["speed"] = f"{speed:.6g}"
-            facts["velocity"] = " ".join(f"{value:.6g}" for value in velocity)
-            caption += f" {3.6 * speed:.0f} km/h"
-        for key, value in facts.items():
+            speed_m_s = float(np.linalg.norm(velocity))
+            metadata["speed"] = f"{speed_m_s:.6g}"
+            metadata["velocity"] = " ".join(f"{value:.6g}" for value in velocity)
+            caption += f" {3.6 * speed_m_s:.0f} km/h"
+        for key, value in metadata.items():
             entity.metadata.add(key=key, value=value)
-        above = box[2] + box[5] / 2 + _TEXT_HEIGHT_M
+        text_z = box[2] + box[5] / 2 + _TEXT_HEIGHT_M
         entity.texts.add(
-            pose=_pose_message(pose(box[0], box[1], above)),
+            pose=_pose_message(pose(box[0], box[1], text_z)),
             text=caption,
             billboard=True,
             font_size=_TEXT_HEIGHT_M,
@@ -127,7 +127,9 @@ def scene_message(instant: Instant, gone: list[int], time_ns: int) -> _Message:
 
 
 def cloud_message(cloud: SensorCloud, stamp_ns: int) -> _Message:
-    """Return a PointCloud of one sensor: x y z, and intensity if the sensor gives it."""
+    """Return message PointCloud of one sensor: x y z, and intensity if the sensor gives it.
+
+    stamp_ns: time of the cloud."""
     from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
@@ -136,7 +138,7 @@ def cloud_message(cloud: SensorCloud, stamp_ns: int) -> _Message:
     if cloud.intensity is not None:
         columns.append(cloud.intensity[:, None])
         names.append("intensity")
-    table = np.column_stack(columns).astype("<f4")
+    table = np.column_stack(columns).astype("<f4")  # 4 bytes a number
     message = PointCloud(frame_id=ROOT_FRAME, point_stride=4 * len(names), data=table.tobytes())
     _set_time(message.timestamp, stamp_ns)
     message.pose.CopyFrom(_pose_message(cloud.world_SE3_sensor))
@@ -149,27 +151,27 @@ def describe_message(message: _Message) -> bytes:
     """Return the schema of a message: its file and all that it needs, as a FileDescriptorSet."""
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-    described = FileDescriptorSet()
-    waiting = [message.DESCRIPTOR.file]
-    names: set[str] = set()
-    while waiting:
-        file = waiting.pop()
+    file_set = FileDescriptorSet()
+    queue = [message.DESCRIPTOR.file]
+    names: set[str] = set()  # files that the set holds
+    while queue:
+        file = queue.pop()
         if file.name in names:
             continue
         names.add(file.name)
-        file.CopyToProto(described.file.add())
-        waiting.extend(file.dependencies)
-    return described.SerializeToString()
+        file.CopyToProto(file_set.file.add())
+        queue.extend(file.dependencies)
+    return file_set.SerializeToString()
 
 
 def _set_time(stamp: _Message, time_ns: int) -> None:
-    """Set a Timestamp."""
+    """Set message Timestamp, in place, to nanoseconds since 1970."""
     stamp.seconds = time_ns // _NS_PER_S
     stamp.nanos = time_ns % _NS_PER_S
 
 
 def _pose_message(world_SE3_body: Pose) -> _Message:
-    """Return a Pose, whose quaternion would be zero if it stayed unset."""
+    """Return message Pose; its quaternion would be zero if it stayed unset."""
     from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
     from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 
@@ -180,7 +182,7 @@ def _pose_message(world_SE3_body: Pose) -> _Message:
 
 
 def _vector(numbers: Float64[np.ndarray, "3"]) -> _Message:
-    """Return a Vector3."""
+    """Return three numbers as message Vector3."""
     from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
     x, y, z = numbers.tolist()
@@ -188,8 +190,8 @@ def _vector(numbers: Float64[np.ndarray, "3"]) -> _Message:
 
 
 def _colour(code: str, opacity_share: float) -> _Message:
-    """Return a Color from #rrggbb."""
+    """Return message Color; code: #rrggbb."""
     from foxglove_schemas_protobuf.Color_pb2 import Color
 
-    channels = [int(code[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    return Color(r=channels[0], g=channels[1], b=channels[2], a=opacity_share)
+    red_green_blue = [int(code[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    return Color(r=red_green_blue[0], g=red_green_blue[1], b=red_green_blue[2], a=opacity_share)

@@ -57,34 +57,38 @@ class GeoOrigin:
         Raises the errors of `toolkit.sites.georeference.longitude_latitude`."""
         if site is None:
             return None
+        # the world's origin, and a point along its x axis
         places = longitude_latitude(site, np.array([[0.0, 0.0], [_BASELINE_M, 0.0]]))
         if places is None:
             return None
         longitude, latitude = places[0].tolist()
-        level = GeoOrigin(latitude, longitude)
-        along_x = level._metres_towards(places[1])
-        return GeoOrigin(latitude, longitude, float(np.arctan2(along_x[1], along_x[0])))
+        unturned_origin = GeoOrigin(latitude, longitude)
+        x_axis = unturned_origin._metres_towards(places[1])  # east, north, up (m)
+        return GeoOrigin(latitude, longitude, float(np.arctan2(x_axis[1], x_axis[0])))
 
     def degrees(self, points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 2"]:
         """Return longitude and latitude (degrees) of points of the world frame (m)."""
         east_north_up = transform(pose(yaw=self.turn), np.asarray(points, np.float64))
-        fixed = east_north_up @ self._axes() + _earth_centred(self.latitude_deg, self.longitude_deg)
-        x, y, z = fixed.T
+        origin = _earth_centred(self.latitude_deg, self.longitude_deg)
+        x, y, z = (east_north_up @ self._axes() + origin).T  # earth-centred (m)
         longitude = np.arctan2(y, x)
-        across = np.hypot(x, y)
-        latitude = np.arctan2(z, across * (1 - WGS84_ECCENTRICITY_SQUARED))
+        axis_distance = np.hypot(x, y)
+        # fixed point of the geodetic latitude: the normal meets earth's axis below the equator
+        latitude = np.arctan2(z, axis_distance * (1 - WGS84_ECCENTRICITY_SQUARED))
         for _ in range(_STEPS):
             sine = np.sin(latitude)
-            lift = WGS84_ECCENTRICITY_SQUARED * _normal_radius(sine) * sine
-            latitude = np.arctan2(z + lift, across)
+            depth_below_equator = WGS84_ECCENTRICITY_SQUARED * _normal_radius(sine) * sine
+            latitude = np.arctan2(z + depth_below_equator, axis_distance)
         return np.rad2deg(np.column_stack([longitude, latitude]))
 
     def bearings_deg(self, yaws: Float[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        """Return compass bearings (degrees in 0..360, clockwise from true north) of yaws."""
+        """Return compass bearings (degrees in 0..360, clockwise from true north) of yaws.
+
+        yaws: rad, counter-clockwise from the world's x."""
         return (90.0 - np.rad2deg(np.asarray(yaws, np.float64) + self.turn)) % 360.0
 
     def _axes(self) -> Float64[np.ndarray, "3 3"]:
-        """Rows east, north and up in earth-centred coordinates."""
+        """Unit vectors east, north and up at the origin, a row each, in earth-centred axes."""
         latitude = np.deg2rad(self.latitude_deg)
         longitude = np.deg2rad(self.longitude_deg)
         sine = np.sin(latitude)
@@ -95,11 +99,14 @@ class GeoOrigin:
         return np.array([east, north, up])
 
     def _metres_towards(self, place: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "3"]:
-        """Metres east, north and up from the origin to a longitude and latitude (degrees)."""
-        apart = _earth_centred(place[1], place[0]) - _earth_centred(
+        """Metres east, north and up from the origin to a place.
+
+        place: its longitude and latitude (degrees)."""
+        longitude_deg, latitude_deg = place
+        offset = _earth_centred(latitude_deg, longitude_deg) - _earth_centred(
             self.latitude_deg, self.longitude_deg
         )
-        return self._axes() @ apart
+        return self._axes() @ offset
 
 
 def _normal_radius(sine: Any) -> Any:

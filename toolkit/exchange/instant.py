@@ -62,8 +62,8 @@ class Instant:
             )
         if not np.isfinite(detections.scores).all():
             raise ValueError(
-                f"scores must be finite, got {_list_wrong(detections.scores)}: leave such objects "
-                "out"
+                f"scores must be finite, got {_first_not_finite(detections.scores)}: leave such "
+                "objects out"
             )
         set_fields(
             self,
@@ -118,7 +118,10 @@ class Instant:
 
 
 def _check_ids(ids: ArrayLike, count: int) -> np.ndarray:
-    """Return track numbers as int64. Raises ValueError for wrong ones."""
+    """Return track numbers as int64.
+
+    count: number of boxes. Raises ValueError for ids that are no whole numbers from 0, one a box,
+    or that repeat."""
     numbers = np.asarray(ids)
     if numbers.size == 0:
         numbers = numbers.astype(np.int64)
@@ -129,17 +132,19 @@ def _check_ids(ids: ArrayLike, count: int) -> np.ndarray:
         )
     if count and numbers.min() < 0:
         raise ValueError(f"ids must not be negative, got {int(numbers.min())}: count from 0")
-    values, repetitions = np.unique(numbers, return_counts=True)
+    different_ids, repetitions = np.unique(numbers, return_counts=True)
     if (repetitions > 1).any():
+        repeated_id = int(different_ids[repetitions > 1][0])
         raise ValueError(
-            f"ids of one instant must differ, got {int(values[repetitions > 1][0])} twice: number "
-            "the objects apart"
+            f"ids of one instant must differ, got {repeated_id} twice: number the objects apart"
         )
     return numbers.astype(np.int64)
 
 
 def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
-    """Return velocities as float64. Raises ValueError for wrong ones."""
+    """Return velocities (m/s) as float64 (count, 3), NaN if unknown.
+
+    count: number of boxes. Raises ValueError for another shape and impossible speeds."""
     rows = np.asarray(velocities, np.float64)
     if rows.size == 0:
         rows = rows.reshape(-1, 3)
@@ -147,7 +152,7 @@ def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
         raise ValueError(
             f"velocities must be 3 numbers for each of the {count} boxes, got shape {rows.shape}"
         )
-    if (np.abs(rows) > MAX_OBJECT_SPEED_M_S).any():
+    if (np.abs(rows) > MAX_OBJECT_SPEED_M_S).any():  # False for NaN
         fastest = float(np.nanmax(np.abs(rows)))
         raise ValueError(
             f"velocities must be at most {MAX_OBJECT_SPEED_M_S:g} m/s, got {fastest:g}: give NaN "
@@ -156,6 +161,6 @@ def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
     return rows
 
 
-def _list_wrong(values: np.ndarray) -> list[float]:
-    """List the first values that are not finite."""
+def _first_not_finite(values: np.ndarray) -> list[float]:
+    """List up to three values that are not finite, for an error's text."""
     return [float(value) for value in values[~np.isfinite(values)][:3]]

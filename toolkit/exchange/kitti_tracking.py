@@ -28,20 +28,24 @@ class KittiTrackingWriter:
         self._frame = 0
 
     def write(self, instant: Instant) -> None:
-        """Write a row for each object."""
-        width, height = IMAGE_PX
+        """Write a row for each object: `frame id type truncated occluded alpha`, image rectangle
+        `left top right bottom`, sizes `h w l`, floor centre `x y z` in the camera, `ry score`."""
+        image_width, image_height = IMAGE_PX
+        rectangle = f"0.00 0.00 {image_width - 1:.2f} {image_height - 1:.2f}"
         rows = zip(
             instant.list_ids(), instant.labels, instant.scores, instant.boxes.tolist(), strict=True
         )
-        for number, label, score, box in rows:
+        for track_id, label, score, box in rows:
             x, y, z = box[:3]
-            sizes = f"{box[5]:.6f} {box[4]:.6f} {box[3]:.6f}"
-            floor = f"{-y:.6f} {box[5] / 2 - z:.6f} {x:.6f}"
+            length, width = box[3:5]
+            height, yaw = box[5:]
+            sizes = f"{height:.6f} {width:.6f} {length:.6f}"
+            # a camera at the world's origin that faces along x: its x is right, y down, z forward
+            floor = f"{-y:.6f} {height / 2 - z:.6f} {x:.6f}"
             name = COMMON_NAMES[LABELS[label]]
-            image = f"0.00 0.00 {width - 1:.2f} {height - 1:.2f}"
             self._file.write(
-                f"{self._frame} {number} {name} 0 0 -10 {image} {sizes} {floor} "
-                f"{camera_turn(box[6]):.6f} {score:.6f}\n"
+                f"{self._frame} {track_id} {name} 0 0 -10 {rectangle} {sizes} {floor} "
+                f"{camera_turn(yaw):.6f} {score:.6f}\n"
             )
         self._frame += 1
 

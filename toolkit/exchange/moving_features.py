@@ -51,26 +51,28 @@ class _Mover:
     values: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in _UNITS})
     speeds: list[tuple[str, float]] = field(default_factory=list)
 
-    def describe(self, number: int) -> dict[str, Any]:
-        """Return the feature."""
+    def describe(self, track_id: int) -> dict[str, Any]:
+        """Return the road user's feature, of the class that it had most often."""
         interpolation = "Linear" if len(self.datetimes) > 1 else "Discrete"
-        properties: list[dict[str, Any]] = [{"datetimes": self.datetimes}]
+        box_properties: dict[str, Any] = {"datetimes": self.datetimes}
         for name, unit in _UNITS.items():
             kind = "Step" if name == "bearing" else interpolation  # 359 to 1 is no turn of 358
-            properties[0][name] = _measure(unit, self.values[name], kind)
+            box_properties[name] = _measure(unit, self.values[name], kind)
+        properties = [box_properties]
         if self.speeds:
-            measured = [speed for _, speed in self.speeds]
-            interpolation_of_speed = "Linear" if len(measured) > 1 else "Discrete"
+            speeds_m_s = [speed for _, speed in self.speeds]
+            interpolation_of_speed = "Linear" if len(speeds_m_s) > 1 else "Discrete"
             properties.append(
                 {
                     "datetimes": [moment for moment, _ in self.speeds],
-                    "speed": _measure("MTS", measured, interpolation_of_speed),
+                    "speed": _measure("MTS", speeds_m_s, interpolation_of_speed),
                 }
             )
+        ((label, _),) = self.labels.most_common(1)
         return {
             "type": "Feature",
-            "id": str(number),
-            "properties": {"id": number, "label": LABELS[self.labels.most_common(1)[0][0]]},
+            "id": str(track_id),
+            "properties": {"id": track_id, "label": LABELS[label]},
             "temporalGeometry": {
                 "type": "MovingPoint",
                 "datetimes": self.datetimes,
@@ -94,7 +96,9 @@ class MovingFeaturesWriter:
         """Add the objects of an instant to their features."""
         moment = format_moment(instant.time_s)
         boxes = instant.boxes
-        degrees = np.round(self._origin.degrees(boxes[:, :3]), _DEGREE_DECIMALS).tolist()
+        longitudes_latitudes = np.round(
+            self._origin.degrees(boxes[:, :3]), _DEGREE_DECIMALS
+        ).tolist()
         columns = {
             "z": boxes[:, 2],
             "length": boxes[:, 3],
@@ -106,13 +110,14 @@ class MovingFeaturesWriter:
         rounded = {
             name: np.round(column, _METRE_DECIMALS).tolist() for name, column in columns.items()
         }
+        # a bearing just below 360 is rounded to it
         rounded["bearing"] = [bearing % 360.0 for bearing in rounded["bearing"]]
         velocities = instant.known_velocities()
-        for row, number in enumerate(instant.list_ids()):
-            mover = self._movers.setdefault(number, _Mover())
+        for row, track_id in enumerate(instant.list_ids()):
+            mover = self._movers.setdefault(track_id, _Mover())
             mover.labels[int(instant.labels[row])] += 1
             mover.datetimes.append(moment)
-            mover.coordinates.append(degrees[row])
+            mover.coordinates.append(longitudes_latitudes[row])
             for name, values in mover.values.items():
                 values.append(rounded[name][row])
             velocity = velocities[row]
@@ -130,8 +135,8 @@ class MovingFeaturesWriter:
         with self._path.open("w", encoding="utf-8", newline="\n") as file:
             file.write(json.dumps(head).removesuffix("}") + ', "features": [')
             separator = "\n"
-            for number, mover in self._movers.items():
-                file.write(separator + json.dumps(mover.describe(number), allow_nan=False))
+            for track_id, mover in self._movers.items():
+                file.write(separator + json.dumps(mover.describe(track_id), allow_nan=False))
                 separator = ",\n"
             file.write("\n]}\n")
 
@@ -148,5 +153,7 @@ def format_moment(time_s: float) -> str:
 
 
 def _measure(unit: str, values: list[float], interpolation: str) -> dict[str, Any]:
-    """Return a temporal property of numbers."""
+    """Return a temporal property of numbers.
+
+    unit: code of UN/CEFACT; interpolation: Linear, Step or Discrete."""
     return {"type": "Measure", "form": unit, "values": values, "interpolation": interpolation}

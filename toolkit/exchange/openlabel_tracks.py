@@ -32,18 +32,19 @@ class _Track:
     labels: Counter[int] = field(default_factory=Counter)
 
     def add(self, frame: int, label: int) -> None:
-        """Count a frame."""
-        if self.intervals and self.intervals[-1][1] == frame - 1:
+        """Count a frame, given by its number, in which the object has class number `label`."""
+        if self.intervals and self.intervals[-1][1] == frame - 1:  # the last stretch goes on
             self.intervals[-1][1] = frame
         else:
             self.intervals.append([frame, frame])
         self.labels[label] += 1
 
-    def describe(self, number: int) -> dict[str, Any]:
-        """Return the object's entry."""
-        kind = OPENLABEL_NAMES[LABELS[self.labels.most_common(1)[0][0]]]
+    def describe(self, track_id: int) -> dict[str, Any]:
+        """Return the object's entry, with the class that it had most often."""
+        ((label, _),) = self.labels.most_common(1)
+        kind = OPENLABEL_NAMES[LABELS[label]]
         return {
-            "name": f"{kind}_{number}",
+            "name": f"{kind}_{track_id}",
             "type": kind,
             "frame_intervals": _list_intervals(self.intervals),
         }
@@ -55,24 +56,22 @@ class OpenLabelWriter:
     def __init__(self, path: Path) -> None:
         self.problems: Problems = {}
         self._file = path.open("w", encoding="utf-8", newline="\n")
-        self._frame = 0
+        self._frame = 0  # number of the next frame
         self._tracks: dict[int, _Track] = {}
         systems = {WORLD: {"type": "scene_cs", "parent": "", "children": []}}
         head = {"metadata": {"schema_version": "1.0.0"}, "coordinate_systems": systems}
+        # the braces stay open until `close`
         text = json.dumps({"openlabel": head}).removesuffix("}}")
         self._file.write(f'{text}, "frames": {{')
 
     def write(self, instant: Instant) -> None:
-        """Write a frame."""
+        """Write an instant as the next frame."""
         objects = {}
-        ids = instant.list_ids()
         velocities = instant.known_velocities()
-        for row, number in enumerate(ids):
-            box = instant.boxes[row]
+        for row, track_id in enumerate(instant.list_ids()):
+            cuboid = cuboid_values(instant.boxes[row])
             data: dict[str, Any] = {
-                "cuboid": [
-                    {"name": "shape3D", "coordinate_system": WORLD, "val": cuboid_values(box)}
-                ],
+                "cuboid": [{"name": "shape3D", "coordinate_system": WORLD, "val": cuboid}],
                 "num": [{"name": "score", "val": float(instant.scores[row])}],
             }
             velocity = velocities[row]
@@ -80,11 +79,12 @@ class OpenLabelWriter:
                 data["vec"] = [
                     {"name": "velocity", "coordinate_system": WORLD, "val": list(velocity)}
                 ]
-            objects[str(number)] = {"object_data": data}
-            self._tracks.setdefault(number, _Track()).add(self._frame, int(instant.labels[row]))
-        known = np.isfinite(instant.time_s)
-        # some readers take whole numbers and text only
-        properties = {"timestamp": f"{instant.time_s:.6f}"} if known else {}
+            objects[str(track_id)] = {"object_data": data}
+            track = self._tracks.setdefault(track_id, _Track())
+            track.add(self._frame, int(instant.labels[row]))
+        has_time = np.isfinite(instant.time_s)
+        # text, as some readers take no number but a whole one
+        properties = {"timestamp": f"{instant.time_s:.6f}"} if has_time else {}
         frame = {"frame_properties": properties, "objects": objects}
         separator = ",\n" if self._frame else "\n"
         self._file.write(f'{separator}"{self._frame}": {json.dumps(frame, allow_nan=False)}')
@@ -92,15 +92,17 @@ class OpenLabelWriter:
 
     def close(self) -> None:
         """Write the objects and complete the file."""
-        described = {str(number): track.describe(number) for number, track in self._tracks.items()}
+        objects = {
+            str(track_id): track.describe(track_id) for track_id, track in self._tracks.items()
+        }
         intervals = _list_intervals([[0, self._frame - 1]] if self._frame else [])
-        objects = json.dumps(described)
         self._file.write(
-            f'\n}},\n"objects": {objects},\n"frame_intervals": {json.dumps(intervals)}}}}}\n'
+            f'\n}},\n"objects": {json.dumps(objects)},\n'
+            f'"frame_intervals": {json.dumps(intervals)}}}}}\n'
         )
         self._file.close()
 
 
 def _list_intervals(intervals: list[list[int]]) -> list[dict[str, int]]:
-    """Return first and last frames as OpenLABEL names them."""
+    """Return pairs of a first and a last frame as OpenLABEL names them."""
     return [{"frame_start": first, "frame_end": last} for first, last in intervals]

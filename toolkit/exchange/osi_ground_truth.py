@@ -59,24 +59,27 @@ class OsiWriter:
         self._writer.__exit__(None, None, None)
 
     def _moving_objects(self, instant: Instant) -> list[Any]:
-        """Return the MovingObject of each row."""
+        """Return each row of an instant as message MovingObject."""
         velocities = instant.known_velocities()
         objects = []
-        for row, number in enumerate(instant.list_ids()):
+        for row, track_id in enumerate(instant.list_ids()):
             label = LABELS[instant.labels[row]]
-            base = self._base(instant.boxes[row], velocities[row])
-            objects.append(self._moving_object(number, label, base, float(instant.scores[row])))
+            base = self._base_moving(instant.boxes[row], velocities[row])
+            score = float(instant.scores[row])
+            objects.append(self._moving_object(track_id, label=label, base=base, score=score))
         return objects
 
-    def _moving_object(self, number: int, label: str, base: Any, score: float) -> Any:
-        """Return a MovingObject."""
+    def _moving_object(self, track_id: int, *, label: str, base: Any, score: float) -> Any:
+        """Return a road user as message MovingObject, its score as a reference.
+
+        label: a name of `LABELS`; base: message BaseMoving of its box."""
         osi = self._osi
         kinds = osi.MovingObject.Type
         reference = osi.ExternalReference(
             reference=_SOURCE, type=SCORE_KEY, identifier=[f"{SCORE_KEY}={score:.6g}"]
         )
         moving = osi.MovingObject(
-            id=osi.Identifier(value=number),
+            id=osi.Identifier(value=track_id),
             base=base,
             type=kinds.VEHICLE if label in _VEHICLE_TYPES else kinds.PEDESTRIAN,
             source_reference=[reference],
@@ -88,15 +91,16 @@ class OsiWriter:
             )
         return moving
 
-    def _base(self, box: np.ndarray, velocity: tuple[float, float, float] | None) -> Any:
-        """Return the BaseMoving of a box."""
+    def _base_moving(self, box: np.ndarray, velocity: tuple[float, float, float] | None) -> Any:
+        """Return message BaseMoving of a box (x y z length width height yaw).
+
+        velocity: m/s in the world frame, None if unknown."""
         osi = self._osi
         x, y, z = box[:3].tolist()
-        yaw = float(np.arctan2(np.sin(box[6]), np.cos(box[6])))
+        length, width = box[3:5].tolist()
+        yaw = float(np.arctan2(np.sin(box[6]), np.cos(box[6])))  # in -pi..pi
         base = osi.BaseMoving(
-            dimension=osi.Dimension3d(
-                length=float(box[3]), width=float(box[4]), height=float(box[5])
-            ),
+            dimension=osi.Dimension3d(length=length, width=width, height=float(box[5])),
             position=osi.Vector3d(x=x, y=y, z=z),
             orientation=osi.Orientation3d(roll=0.0, pitch=0.0, yaw=yaw),
         )

@@ -43,9 +43,9 @@ class PieceWriter:
         self._folders = dict(folders)
         self._piece_s = piece_s
         self._origin = origin
-        self._stack = ExitStack()
-        self._write: Callable[[Instant], None] | None = None
-        self._end_s = 0.0
+        self._stack = ExitStack()  # closes the open files
+        self._write: Callable[[Instant], None] | None = None  # None without open files
+        self._end_s = 0.0  # time from which new files are needed
 
     @property
     def takes_clouds(self) -> bool:
@@ -56,7 +56,7 @@ class PieceWriter:
         """Write an instant, in new files if those before hold `piece_s`."""
         if self._write is None or instant.time_s >= self._end_s:
             self.close()
-            files = {name: next_piece(folder, name) for name, folder in self._folders.items()}
+            files = {name: next_piece_path(folder, name) for name, folder in self._folders.items()}
             self._write = self._stack.enter_context(open_writers(files, origin=self._origin))
             self._end_s = instant.time_s + self._piece_s
         self._write(instant)
@@ -67,12 +67,14 @@ class PieceWriter:
         self._stack.close()
 
 
-def next_piece(folder: Path, standard: str) -> Path:
-    """Return the file after the last one of a folder, counted from 000000.
+def next_piece_path(folder: Path, standard_name: str) -> Path:
+    """Return the path of the file after the last one of a folder, counted from 000000.
 
-    Files that a killed process left unfinished keep their numbers, too."""
+    Files that a killed process left unfinished keep their numbers, too. standard_name: name of a
+    format in `STANDARDS`, which gives the file's ending."""
     names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     matches = [_NUMBER.match(name) for name in names]
     numbers = [int(match[1]) for match in matches if match is not None]
     number = max(numbers, default=-1) + 1
-    return folder / f"{number:0{_DIGITS}d}{find_standard(standard).ending}"
+    ending = find_standard(standard_name).ending
+    return folder / f"{number:0{_DIGITS}d}{ending}"

@@ -19,7 +19,7 @@ class Standard:
         writer: module and class of its writer, which is made from a path, and a `GeoOrigin` if it
             needs a place.
         ending: ending of its file, "" if it writes a folder.
-        packages: packages that writing needs, by the name of their modules.
+        packages: pairs of a module that writing imports and the package that has it.
         needs_time: True if every instant must have a time.
         needs_place: True if the world frame's place on earth must be known.
         takes_clouds: True if it holds clouds too.
@@ -35,19 +35,25 @@ class Standard:
 
     def check_packages(self) -> None:
         """Raise ImportError for a missing package."""
-        missing = [package for module, package in self.packages if find_spec(module) is None]
-        if missing:
+        missing_packages = [
+            package for module, package in self.packages if find_spec(module) is None
+        ]
+        if missing_packages:
             raise ImportError(
-                f"writing {self.name} needs {', '.join(missing)}: pip install coview[exchange]"
+                f"writing {self.name} needs {', '.join(missing_packages)}: pip install "
+                "coview[exchange]"
             )
 
     def make(self, path: Path, origin: GeoOrigin | None) -> Writer:
-        """Make the writer of a file. Raises ValueError for an unknown place on earth."""
+        """Make the writer of a file.
+
+        origin: the world frame's place on earth, None if unknown. Raises ValueError for an unknown
+        place if the format needs it."""
         if self.needs_place and origin is None:
             raise ValueError(
                 f"{self.name} needs the recording's place on earth: give the latitude and "
                 "longitude of its origin"
             )
-        module, kind = self.writer.split(":")
-        make: Callable[..., Writer] = getattr(import_module(module), kind)
-        return make(path, origin) if self.needs_place else make(path)
+        module, class_name = self.writer.split(":")
+        writer_class: Callable[..., Writer] = getattr(import_module(module), class_name)
+        return writer_class(path, origin) if self.needs_place else writer_class(path)

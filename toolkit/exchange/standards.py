@@ -31,16 +31,21 @@ STANDARDS = {
             "mcap",
             f"{_ROOM}.foxglove_scenes:FoxgloveWriter",
             ".mcap",
-            (("mcap", "mcap"), ("foxglove_schemas_protobuf", "foxglove-schemas-protobuf")),
+            packages=(("mcap", "mcap"), ("foxglove_schemas_protobuf", "foxglove-schemas-protobuf")),
             takes_clouds=True,
         ),
         Standard(
             "detection3d",
             f"{_ROOM}.detection_arrays:DetectionArrayWriter",
             "",
-            (("rosbags", "rosbags"),),
+            packages=(("rosbags", "rosbags"),),
         ),
-        Standard("osi", f"{_ROOM}.osi_ground_truth:OsiWriter", ".mcap", (("betterosi",) * 2,)),
+        Standard(
+            "osi",
+            f"{_ROOM}.osi_ground_truth:OsiWriter",
+            ".mcap",
+            packages=(("betterosi", "betterosi"),),
+        ),
     )
 }
 
@@ -102,10 +107,12 @@ def open_writers(
             writers[name] = stack.enter_context(open_writer(name, path, origin=origin))
 
         def write(instant: Instant) -> None:
+            """Write an instant in each format."""
             for writer in writers.values():
                 writer.write(instant)
 
         yield write
         for name, writer in writers.items():
             for kind, count in writer.problems.items():
+                # the place of the caller's `with`, behind contextlib
                 warnings.warn(f"{name}: {count} {kind}", stacklevel=3)

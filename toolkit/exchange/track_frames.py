@@ -54,7 +54,10 @@ def make_tracks(
     ages: Float64[np.ndarray, " n"] | None = None,
     unseen: Float64[np.ndarray, " n"] | None = None,
 ) -> Tracks:
-    """Make tracks of a checked instant, with velocities of NaN if they are unknown."""
+    """Make tracks of a checked instant that has ids, with velocities of NaN if unknown.
+
+    ages: seconds since the first detection of each track; unseen: seconds since the last one; both
+    0 if None."""
     count = len(instant)
     velocities = instant.velocities
     if velocities is None:

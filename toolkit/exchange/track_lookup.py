@@ -41,38 +41,40 @@ class TrackLookup:
     def __init__(self, file: TrackFile) -> None:
         self.file = file
         self._times = np.array([frame.time for frame in file.frames])
-        self._places: dict[str | int, int] = {}
         self._has_names = all(frame.name for frame in file.frames)
-        for number, frame in enumerate(file.frames):
-            self._places[frame.name if self._has_names else frame.number] = number
-        self._used: set[int] = set()
+        # index in `file.frames` by name, or by number if the frames have no names
+        self._index_by_key: dict[str | int, int] = {}
+        for index, frame in enumerate(file.frames):
+            self._index_by_key[frame.name if self._has_names else frame.number] = index
+        self._found_indices: set[int] = set()  # of the frames that `find` returned
 
     def find(self, key: FrameKey) -> Tracks | None:
         """Return the tracks of a frame, None if the file does not list it."""
         index = self.find_index(key)
         if index is None:
             return None
-        self._used.add(index)
+        self._found_indices.add(index)
         return self.file.frames[index].tracks
 
     def find_index(self, key: FrameKey) -> int | None:
-        """Return the index in the file of a frame of the recording, None if it is not there."""
+        """Return the index in `file.frames` of a frame of the recording, None if it lacks it."""
         if self._is_timed(key):
-            if not len(self._times):
+            time_gaps = np.abs(self._times - key.time)
+            if not len(time_gaps):
                 return None
-            nearest = int(np.abs(self._times - key.time).argmin())
-            return nearest if abs(self._times[nearest] - key.time) <= MAX_TIME_GAP_S else None
-        return self._places.get(key.name if self._has_names else key.number)
+            nearest = int(time_gaps.argmin())
+            return nearest if time_gaps[nearest] <= MAX_TIME_GAP_S else None
+        return self._index_by_key.get(key.name if self._has_names else key.number)
 
     def list_used(self) -> list[TrackFrame]:
         """List the frames of the file that were found, in its order."""
-        return [self.file.frames[index] for index in sorted(self._used)]
+        return [self.file.frames[index] for index in sorted(self._found_indices)]
 
     def list_unused(self, last: FrameKey | None = None) -> list[TrackFrame]:
         """List the frames of the file that were never found.
 
-        last: last frame of a part of the recording, after which frames are passed over; None if the
-        recording ends there."""
+        last: last frame of a part of the recording, after which frames of the file are passed over;
+        None if the whole recording was looked up."""
         unused = []
         for index, frame in enumerate(self.file.frames):
             is_later = False
@@ -80,7 +82,7 @@ class TrackLookup:
                 is_later = frame.time > last.time
             elif last is not None:
                 is_later = frame.number > last.number
-            if index not in self._used and not is_later:
+            if index not in self._found_indices and not is_later:
                 unused.append(frame)
         return unused
 

@@ -29,7 +29,7 @@ from toolkit.tracking.track_files import TRACK_COLUMNS, TRACKS_VERSION
 
 ENDINGS_READ = (".json", ".csv", ".txt")
 _BOX_KEYS = ("x", "y", "z", "length", "width", "height", "yaw_deg")
-_FURTHER_KEYS = ("score", "vx", "vy", "vz", "age_s", "unseen_s")
+_OPTIONAL_KEYS = ("score", "vx", "vy", "vz", "age_s", "unseen_s")
 
 
 def read_track_file(path: Path, world_SE3_camera: Pose = BODY_SE3_CAMERA) -> TrackFile:
@@ -67,7 +67,7 @@ def _parse_json(path: Path, content: Unchecked) -> TrackFile:
         rows = as_list(entry(record, "tracks"), f"tracks of frame {name}")
         frames.append(_make_frame(number, name, time, rows))
     check_rising(frames)
-    return TrackFile(path, tuple(frames), True, True, {})
+    return TrackFile(path, tuple(frames), is_complete=True, has_times=True, problems={})
 
 
 def _parse_csv(path: Path, text: str) -> TrackFile:
@@ -76,7 +76,7 @@ def _parse_csv(path: Path, text: str) -> TrackFile:
     missing = [name for name in TRACK_COLUMNS if name not in (table.fieldnames or ())]
     if missing:
         raise ValueError(f"it has no column {', '.join(missing)}")
-    rows_by_frame: dict[tuple[str, float], list[Unchecked]] = {}
+    rows_by_frame: dict[tuple[str, float], list[Unchecked]] = {}  # by the frame's name and time
     for row in table:
         time = as_number(row["time"], "time")
         rows_by_frame.setdefault((str(row["frame"]), time), []).append(row)
@@ -84,29 +84,41 @@ def _parse_csv(path: Path, text: str) -> TrackFile:
     for number, ((name, time), rows) in enumerate(rows_by_frame.items()):
         frames.append(_make_frame(number, name, time, rows))
     check_rising(frames)
-    return TrackFile(path, tuple(frames), False, True, {})
+    return TrackFile(path, tuple(frames), is_complete=False, has_times=True, problems={})
 
 
 def _make_frame(number: int, name: str, time: float, rows: Sequence[Unchecked]) -> TrackFrame:
-    """Make a frame of rows with the names of `TRACK_COLUMNS`. Raises ValueError that names it."""
+    """Make a frame of rows with the names of `TRACK_COLUMNS`.
+
+    number: place of the frame in the file; name: its name in the file; time: its time (s). Scores
+    that a row lacks are 1, other values that it may lack NaN or 0. Raises ValueError that names the
+    frame."""
     try:
-        boxes = []
+        box_rows = []
         labels = []
         ids = []
-        further = []
+        optional_rows = []
         for row in rows:
-            boxes.append([as_number(entry(row, key), key) for key in _BOX_KEYS])
+            box_rows.append([as_number(entry(row, key), key) for key in _BOX_KEYS])
             labels.append(label_index(str(entry(row, "label"))))
             ids.append(int(as_number(entry(row, "id"), "id")))
-            further.append([as_number(row.get(key, np.nan), key) for key in _FURTHER_KEYS])
-        values = np.array(further, np.float64).reshape(-1, len(_FURTHER_KEYS))
-        table = np.array(boxes, np.float64).reshape(-1, 7)
-        table[:, 6] = np.deg2rad(table[:, 6])
-        numbers = np.array(ids, np.int64)
-        scores = np.where(np.isnan(values[:, 0]), 1.0, values[:, 0])
-        instant = Instant(time, table, np.array(labels, np.int64), scores, numbers, values[:, 1:4])
+            optional_rows.append([as_number(row.get(key, np.nan), key) for key in _OPTIONAL_KEYS])
+        # columns: score, velocity x y z (m/s), age and time unseen (s)
+        optional_values = np.array(optional_rows, np.float64).reshape(-1, len(_OPTIONAL_KEYS))
+        scores = optional_values[:, 0]
+        boxes = np.array(box_rows, np.float64).reshape(-1, 7)
+        boxes[:, 6] = np.deg2rad(boxes[:, 6])  # yaw
+        instant = Instant(
+            time,
+            boxes=boxes,
+            labels=np.array(labels, np.int64),
+            scores=np.where(np.isnan(scores), 1.0, scores),
+            ids=np.array(ids, np.int64),
+            velocities=optional_values[:, 1:4],
+        )
     except ValueError as error:
         raise ValueError(f"frame {name!r}: {error}") from None
-    seconds = np.nan_to_num(values[:, 4:])
-    tracks = make_tracks(instant, ages=seconds[:, 0], unseen=seconds[:, 1])
-    return TrackFrame(number, name, time, tracks, np.full((len(tracks), 4), np.nan))
+    ages, unseen = np.nan_to_num(optional_values[:, 4:]).T
+    tracks = make_tracks(instant, ages=ages, unseen=unseen)
+    rectangles = np.full((len(tracks), 4), np.nan)  # these files know no images
+    return TrackFrame(number, name=name, time=time, tracks=tracks, rectangles=rectangles)

@@ -19,6 +19,7 @@ from toolkit.exchange.track_frames import TrackFile, TrackFrame, make_tracks
 from toolkit.geometry import BODY_SE3_CAMERA
 from toolkit.objects import Detections
 
+RECTANGLE = slice(3, 7)  # columns left, top, right, bottom of `LabelRows.values`
 UNKNOWN_RECTANGLE_PX = (0.0, 0.0, IMAGE_PX[0] - 1.0, IMAGE_PX[1] - 1.0)  # as coview writes it
 
 
@@ -31,11 +32,21 @@ def read_track_text(path: Path, world_SE3_camera: Pose) -> TrackFile:
     with name_damage(path, "file of tracks"):
         for number, rows in _place_text(read_track_rows(path), world_SE3_camera, problems):
             try:
-                instant = Instant(np.nan, rows.boxes, rows.labels, rows.scores, rows.ids)
+                instant = Instant(
+                    np.nan, boxes=rows.boxes, labels=rows.labels, scores=rows.scores, ids=rows.ids
+                )
             except ValueError as error:
                 raise ValueError(f"frame {number}: {error}") from None
-            frames.append(TrackFrame(number, "", np.nan, make_tracks(instant), rows.rectangles))
-    return TrackFile(path, tuple(frames), False, False, problems)
+            frames.append(
+                TrackFrame(
+                    number=number,
+                    name="",
+                    time=np.nan,
+                    tracks=make_tracks(instant),
+                    rectangles=rows.rectangles,
+                )
+            )
+    return TrackFile(path, tuple(frames), is_complete=False, has_times=False, problems=problems)
 
 
 def read_detection_text(
@@ -47,16 +58,15 @@ def read_detection_text(
     have 1. world_SE3_camera: as in `read_track_file`. Raises ValueError that names the file."""
     detections = {}
     with name_damage(path, "file of detections"):
-        frames = _place_text(read_track_rows(path), world_SE3_camera, {})
-        all_scores = [np.zeros(0), *(rows.scores for _, rows in frames)]
-        scores = np.concatenate(all_scores)
-        are_logits = bool(((scores < 0) | (scores > 1)).any())
+        frames = _place_text(read_track_rows(path), world_SE3_camera, problems={})
+        all_scores = np.concatenate([np.zeros(0), *(rows.scores for _, rows in frames)])
+        are_logits = bool(((all_scores < 0) | (all_scores > 1)).any())
         for number, rows in frames:
-            checked = Instant(np.nan, rows.boxes, rows.labels, rows.scores)
-            confidence = checked.scores
+            instant = Instant(np.nan, rows.boxes, labels=rows.labels, scores=rows.scores)
+            scores = instant.scores
             if are_logits:
-                confidence = 1 / (1 + np.exp(-np.clip(confidence, -500, 500)))
-            detections[number] = Detections(checked.boxes, confidence, checked.labels)
+                scores = 1 / (1 + np.exp(-np.clip(scores, -500, 500)))  # exp stays finite
+            detections[number] = Detections(instant.boxes, scores, instant.labels)
     return detections
 
 
@@ -65,11 +75,11 @@ class TextRows(NamedTuple):
 
     Attributes:
         boxes: Boxes in the world frame.
-        labels: Their classes.
+        labels: Their classes, as numbers of `LABELS`.
         scores: Their scores, 1 without one.
-        ids: Their tracks.
+        ids: Their track numbers.
         rectangles: As in `TrackFrame`.
-        rows: Their rows in the text's frame."""
+        rows: Index of each object among the text's rows of its frame."""
 
     boxes: Float64[np.ndarray, "n 7"]
     labels: Int64[np.ndarray, " n"]
@@ -84,18 +94,20 @@ def _place_text(
 ) -> list[tuple[int, TextRows]]:
     """Number and objects of each frame of a text, in ascending order.
 
-    problems: numbers of rows of other kinds are added to it."""
-    rectangles = [np.zeros((0, 4)), *(rows.values[:, 3:7] for rows in rows_by_frame.values())]
+    rows_by_frame: rows of the text by the number of their frame; world_SE3_camera: pose of the
+    camera of the boxes; problems: numbers of rows of other kinds are added to it."""
+    rectangles = [np.zeros((0, 4)), *(rows.values[:, RECTANGLE] for rows in rows_by_frame.values())]
     are_unknown = np.isclose(np.concatenate(rectangles), UNKNOWN_RECTANGLE_PX, atol=0.01).all()
+    # coview writes unknown rectangles, for a camera at the world's origin that faces along x
     pose = BODY_SE3_CAMERA if are_unknown else world_SE3_camera
     frames = []
     for number in sorted(rows_by_frame):
         if number < 0:
             raise ValueError(f"frames must be numbered from 0, got {number}")
-        rows = place_rows(rows_by_frame[number], pose, problems)
+        objects = place_rows(rows_by_frame[number], pose, problems)
         if are_unknown:
-            rows = rows._replace(rectangles=np.full_like(rows.rectangles, np.nan))
-        frames.append((number, rows))
+            objects = objects._replace(rectangles=np.full_like(objects.rectangles, np.nan))
+        frames.append((number, objects))
     return frames
 
 
@@ -104,25 +116,25 @@ def place_rows(rows: LabelRows, world_SE3_camera: Pose, problems: Problems) -> T
 
     DontCare is passed over; other kinds of KITTI's are counted in `problems`, which is changed.
     Raises ValueError for kinds that nobody knows."""
-    labels = []
+    row_labels = []
     for kind in rows.kinds:
         name = kind.lower()
         if name not in CATEGORIES and name not in ("misc", DONT_CARE.lower()):
             check_classes([kind])
         add_problem(problems, OTHER_KINDS, int(name == "misc"))
-        labels.append(CATEGORIES.get(name, -1))
-    numbers = np.array(labels, np.int64)
-    known_rows = np.flatnonzero(numbers >= 0)
+        row_labels.append(CATEGORIES.get(name, -1))
+    labels = np.array(row_labels, np.int64)  # -1 for rows that are left out
+    known_rows = np.flatnonzero(labels >= 0)
     values = rows.values[known_rows]
     scores = np.ones(len(known_rows))
     if rows.scores is not None:
         scores = np.nan_to_num(rows.scores[known_rows], nan=1.0)
-    ids = np.array(rows.ids or [], np.int64).reshape(-1)
+    ids = np.array(rows.ids or [], np.int64).reshape(-1)  # none in a text of detections
     return TextRows(
         boxes=parse_camera_boxes(values, world_SE3_camera),
-        labels=numbers[known_rows],
+        labels=labels[known_rows],
         scores=scores,
         ids=ids[known_rows] if len(ids) else np.arange(len(known_rows)),
-        rectangles=values[:, 3:7],
+        rectangles=values[:, RECTANGLE],
         rows=known_rows,
     )

@@ -38,8 +38,8 @@ class OrderedWriter:
         self._writer = writer
         self._name = name
         self._needs_time = needs_time
-        self._last_s = -np.inf
-        self._next_id = 0
+        self._last_s = -np.inf  # time of the instant written last
+        self._next_id = 0  # for the next detection without an id
 
     @property
     def problems(self) -> Mapping[str, int]:
@@ -64,9 +64,9 @@ class OrderedWriter:
             )
         self._last_s = self._last_s if np.isnan(time_s) else time_s
         if instant.ids is None:
-            numbers = np.arange(self._next_id, self._next_id + len(instant))
+            ids = np.arange(self._next_id, self._next_id + len(instant))
             self._next_id += len(instant)
-            instant = replace(instant, ids=numbers)
+            instant = replace(instant, ids=ids)
         self._writer.write(instant)
 
     def close(self) -> None:
