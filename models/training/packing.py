@@ -124,7 +124,7 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     return list(zip(packed.rigs, changes_by_rig, strict=True))
 
 
-def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
+def encode_packed_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) -> bytes:
     """Content of the packed file of a random site.
 
     drawn: the site, its frames, and each sensor's image (m) of the site without traffic.
@@ -138,7 +138,7 @@ def drawn_file(drawn: tuple[Site, tuple[Frame, ...], tuple[np.ndarray, ...]]) ->
         return path.read_bytes()
 
 
-def join_packed(paths: Iterable[Path], unfinished: Path) -> int:
+def join_packed_files(paths: Iterable[Path], unfinished: Path) -> int:
     """Write several packed files as one, and return the number of frames.
 
     unfinished: file to write. Raises ValueError without any frame.

@@ -52,12 +52,13 @@ def survey_command(
         total = frame_count(recording, frames)
         if not total:
             raise ValueError("there is no frame to survey: check the path and the layout")
+        # indices of the sensors of each set
         selections = [select_sensors(recording[0].sensors, sensor_set(names)) for names in sensors]
         with progress_bar("frame", total, hidden=json) as bar:
-            counted = survey(
+            result = survey(
                 recording, classes=classes, reads=Reads(errors, seed, total), progress=bar.to
             )
-    print_result(counted.as_dict(selections), counted.text(selections), as_json=json)
+    print_result(result.as_dict(selections), result.text(selections), as_json=json)
     return OK
 
 
@@ -179,21 +180,21 @@ def calibrate_command(
         total = frame_count(recording, reading.frames)
         has_clouds = total and not recording[0].has_images
         if out is not None:
-            check = check_empty_folder if has_clouds else check_file
-            check(out, inputs=inputs, overwrite=writing.overwrite)
+            check_out = check_empty_folder if has_clouds else check_file  # clouds: a plain folder
+            check_out(out, inputs=inputs, overwrite=writing.overwrite)
         pose_inputs = [*inputs, out] if out else inputs
         check_file(poses, inputs=pose_inputs, overwrite=writing.overwrite)
-        read = ReadRecording(recording, Reads(reading.errors, reading.seed))
+        measured = ReadRecording(recording, Reads(reading.errors, reading.seed))
         surface = None
         if reference is not None:
             surface = read_surface(reference, frames=fit.reference_frames)
-        held = sensor_set(",".join(fit.held)) if fit.held else None
+        held = (sensor_set(",".join(fit.held)) if fit.held else None) or []
         detector = None
         if fit.detector is not None:
             detector = open_detector(DetectorSpec.from_name(fit.detector), recording)
         with progress_bar("sensor", hidden=writing.json) as bar:
             found_poses = find_poses(
-                read, surface, held=held or [], detector=detector, frames=total, progress=bar.to
+                measured, surface, held=held, detector=detector, frames=total, progress=bar.to
             )
         if out is not None:
             write_corrected(Part(recording, total) if has_clouds else recording, found_poses, out)

@@ -81,26 +81,27 @@ def convert_command(
             f"layout {to} is a folder, which cannot be called {out.name}: name a folder, or pass "
             "--to hdf5"
         )
-    write = target.write
-    problems = dict[str, int]()
+    write_frames = target.write
+    problems = dict[str, int]()  # number of values that were left out, by kind
     with opening.open(recording) as opened:
         inputs = [recording, *opening.files]
         settings = (recording, to, contents, opening)
-        claimed: AbstractContextManager[object] = nullcontext()
+        file_claim: AbstractContextManager[object] = nullcontext()
         if target.file:
-            check = partial(check_file, out, inputs=inputs)
-            claimed = claim(out, settings, check, overwrite=writing.overwrite)
+            check_out = partial(check_file, out, inputs=inputs)
+            file_claim = claim(out, settings, check_out, overwrite=writing.overwrite)
         else:
             check_empty_folder(out, inputs=inputs, overwrite=writing.overwrite)
         errors = contents.errors
-        read = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
-        read_frames = Part(read, contents.frames)
-        with claimed, progress_bar("frame", len(read_frames), hidden=writing.json) as bar:
-            frames = filter_classes(read_frames, contents.classes)
-            written = write(count_passing(frames, problems, bar.to), out)
+        measured = opened if errors is None else ReadRecording(opened, Reads(errors, contents.seed))
+        part = Part(measured, contents.frames)
+        with file_claim, progress_bar("frame", len(part), hidden=writing.json) as bar:
+            frames = filter_classes(part, contents.classes)
+            written_count = write_frames(count_passing(frames, problems, bar.to), out)
     problem_counts = "".join(f"; {number} {kind}" for kind, number in problems.items())
-    summary = {"out": str(out), "samples": written, "problems": problems}
-    print_result(summary, f"{out}: {written} frames as {to}{problem_counts}", as_json=writing.json)
+    summary = {"out": str(out), "samples": written_count, "problems": problems}
+    text = f"{out}: {written_count} frames as {to}{problem_counts}"
+    print_result(summary, text, as_json=writing.json)
     return OK
 
 
@@ -151,8 +152,8 @@ def fuse_command(
         lines = [
             f"{row.sweep}  {row.category:<24} {row.points:>6} {row.recorded:>6}" for row in rows
         ]
-        agreeing = sum(row.points == row.recorded for row in rows)
-        lines.append(f"{agreeing} of {len(rows)} cuboids agree")
+        agreeing_count = sum(row.points == row.recorded for row in rows)
+        lines.append(f"{agreeing_count} of {len(rows)} cuboids agree")
         values = {"rows": [row._asdict() for row in rows]}
         print_result(values, "\n".join(lines), as_json=writing.json)
         return OK
@@ -172,9 +173,9 @@ def fuse_command(
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         save(cloud, out)
-    points = len(cloud.point.positions)
-    summary = {"files": len(clouds), "points": points, "out": out and str(out)}
-    text = f"{points} points of {len(clouds)} files"
+    point_count = len(cloud.point.positions)
+    summary = {"files": len(clouds), "points": point_count, "out": out and str(out)}
+    text = f"{point_count} points of {len(clouds)} files"
     if out:
         text += f", written to {out}"
     print_result(summary, text, as_json=writing.json)
@@ -224,44 +225,50 @@ def pack_command(
         out: Packed file to write.
         packed: Packed files whose frames are appended, to train on simulated and recorded frames
             together."""
-    random_sites = sites.random_sites
-    check_least("--random-sites", random_sites, 0)
-    if not (datasets or packed or random_sites):
+    recording_count = sites.random_sites
+    check_least("--random-sites", recording_count, 0)
+    if not (datasets or packed or recording_count):
         raise ValueError("give recordings, --packed files to join, or --random-sites N")
-    if random_sites and (datasets or packed):
+    if recording_count and (datasets or packed):
         raise ValueError("give recordings and --packed files, or --random-sites N, not both")
-    if sites.at and not random_sites:
+    if sites.at and not recording_count:
         raise ValueError("--at needs --random-sites N: give the number of recordings to make there")
-    check = partial(check_file, out, inputs=[*datasets, *packed, *sites.at, *opening.files])
-    if random_sites:
+    check_out = partial(check_file, out, inputs=[*datasets, *packed, *sites.at, *opening.files])
+    if recording_count:
         was_interrupted = Path(f"{out}.parts").is_dir()  # a run that was killed while it cleaned up
-        check(overwrite=writing.overwrite or was_interrupted)
-        total = _pack_random_sites(sites, out, run, writing)
+        check_out(overwrite=writing.overwrite or was_interrupted)
+        frame_total = _pack_random_sites(sites, out, run, writing)
     else:
         for path in datasets:
             check_links(path)
         settings = (datasets, packed, opening, place, run)
-        with claim(out, settings, check, overwrite=writing.overwrite), ExitStack() as stack:
+        with claim(out, settings, check_out, overwrite=writing.overwrite), ExitStack() as stack:
             recordings = [stack.enter_context(opening.open(path)) for path in datasets]
-            total = _pack_recordings(recordings, packed, out, place, run.frames, writing)
+            frame_total = _pack_recordings(
+                recordings, packed, out, place=place, max_frames=run.frames, writing=writing
+            )
     megabytes = out.stat().st_size / 1e6
-    summary = {"file": str(out), "frames": total, "mb": megabytes}
-    print_result(summary, f"{out}: {total} frames, {megabytes:.0f} MB", as_json=writing.json)
+    summary = {"file": str(out), "frames": frame_total, "mb": megabytes}
+    print_result(summary, f"{out}: {frame_total} frames, {megabytes:.0f} MB", as_json=writing.json)
     return OK
 
 
 def _pack_random_sites(sites: RandomSites, out: Path, run: Simulation, writing: Writing) -> int:
-    """Record random junctions, or the given sites in turn, and return the number of frames."""
-    from models.training.packing import drawn_file, join_packed
+    """Simulate recordings of random junctions, or of the given sites in turn, into one packed file.
+
+    Each recording is packed in the process that made it; the packed files are then joined. Returns
+    the number of frames."""
+    from models.training.packing import encode_packed_file, join_packed_files
     from toolkit.datasets.simulation import random_recordings_file
 
-    with progress_bar("site", sites.random_sites, hidden=writing.json) as bar:
+    recording_count = sites.random_sites
+    with progress_bar("site", recording_count, hidden=writing.json) as bar:
         return random_recordings_file(
-            sites.random_sites,
+            recording_count,
             out,
             run=replace(run, progress=bar.stage),
-            encode=drawn_file,
-            join=join_packed,
+            encode=encode_packed_file,
+            join=join_packed_files,
             fleet=fleet_named(sites.fleet),
             sites=sites.at,
             overwrite=writing.overwrite,
@@ -270,26 +277,29 @@ def _pack_random_sites(sites: RandomSites, out: Path, run: Simulation, writing: 
 
 def _pack_recordings(
     recordings: "Sequence[Recording]",
-    packed: Sequence[Path],
+    packed_files: Sequence[Path],
     out: Path,
+    *,
     place: Place,
-    count: int | None,
+    max_frames: int | None,
     writing: Writing,
 ) -> int:
     """Pack recordings and the frames of packed files, and return the number of frames.
 
-    count: number of first frames of each recording, None for all."""
+    place: area and ground of recordings of unknown sites; max_frames: number of first frames of
+    each recording, None for all."""
     from models.training.packing import dataset_recording, pack, read_recordings, sample_recordings
 
-    total = sum(frame_count(recording, count) for recording in recordings)
+    total = sum(frame_count(recording, max_frames) for recording in recordings)
     with progress_bar("frame", total, hidden=writing.json) as bar:
+        # one iterable of packed recordings for each recording and file, in their order
         streams = list[Iterable["PackedRecording"]]()
         for recording in recordings:
-            if place.at(recording.site):
+            if place.at(recording.site):  # the ground and area of a known site are used
                 dataset = cast("CoopDataset", recording)
-                streams.append([dataset_recording(dataset, count)])
+                streams.append([dataset_recording(dataset, max_frames)])
             else:
-                frames = level_frames(Part(recording, count), place)
+                frames = level_frames(Part(recording, max_frames), place)
                 streams.append(sample_recordings(frames))
-        streams += map(read_recordings, packed)
+        streams += map(read_recordings, packed_files)
         return pack(chain.from_iterable(streams), out, progress=bar.to)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from toolkit.exchange.track_lookup import TrackLookup
     from toolkit.frame import Frame, Recording
 
-LISTED = 5  # most doubtful tracks that are printed
+LISTED_TRACKS = 5  # number of the most doubtful tracks that are printed
 
 
 def label_command(
@@ -61,49 +61,52 @@ def label_command(
     target = find_layout(to)
     if target.file:
         raise ValueError(f"--to {to} is no folder that annotators open: give sustech or openlabel")
-    write = _write_labels if is_file else target.write
-    worst = out.with_name(f"{out.stem if is_file else out.name}-doubtful.csv")
+    write_frames = _write_labels if is_file else target.write
+    doubts_file = out.with_name(f"{out.stem if is_file else out.name}-doubtful.csv")
     inputs = [recording, tracks, *opening.files]
-    check = check_file if is_file else check_empty_folder
-    check(out, inputs=inputs, overwrite=writing.overwrite)
-    check_file(worst, inputs=inputs, overwrite=writing.overwrite)
+    check_out = check_file if is_file else check_empty_folder
+    check_out(out, inputs=inputs, overwrite=writing.overwrite)
+    check_file(doubts_file, inputs=inputs, overwrite=writing.overwrite)
     with opening.open(recording) as opened:
         sequence = find_sequence(recording, opening)
         lookup = TrackLookup(read_tracks(tracks, sequence))
         samples = Part(number_frames(opened, sequence), frames)
         with progress_bar("frame", len(samples), hidden=writing.json) as bar:
             is_part = len(samples) < len(opened)
-            written = write(_label_frames(samples, lookup, bar.to, is_part=is_part), out)
-    doubts = rank_doubts(lookup.list_used())
-    write_text(worst, format_doubts(doubts))
+            labelled_frames = _label_frames(samples, lookup, bar.to, is_part=is_part)
+            written_count = write_frames(labelled_frames, out)
+    doubtful_tracks = rank_doubts(lookup.list_used())  # all tracks, the most doubtful first
+    write_text(doubts_file, format_doubts(doubtful_tracks))
+    worst_tracks = doubtful_tracks[:LISTED_TRACKS]
     figures = {
         "out": str(out),
-        "frames": written,
-        "tracks": len(doubts),
-        "doubtful": str(worst),
-        "worst": [track._asdict() for track in doubts[:LISTED]],
+        "frames": written_count,
+        "tracks": len(doubtful_tracks),
+        "doubtful": str(doubts_file),
+        "worst": [track._asdict() for track in worst_tracks],
     }
-    text = f"{out}: {written} frames, {len(doubts)} road users\n{_describe(doubts[:LISTED])}"
-    print_result(figures, f"{text}all in {worst}", as_json=writing.json)
+    text = f"{out}: {written_count} frames, {len(doubtful_tracks)} road users\n"
+    text += _describe_doubts(worst_tracks)
+    print_result(figures, f"{text}all in {doubts_file}", as_json=writing.json)
     return OK
 
 
 def _label_frames(
     samples: "Recording", lookup: "TrackLookup", progress: Callable[[int], None], *, is_part: bool
 ) -> "Iterator[Frame]":
-    """Yield frames whose objects are the tracks of a file.
+    """Yield frames whose objects are the tracks of a file, none in a frame that it does not list.
 
     progress: called with the number of frames done; is_part: True if the recording goes on after
-    these frames. Raises ValueError, by name, for a frame that a complete file lacks, and for frames
-    of the file that the recording does not have."""
+    these frames. Raises ValueError, by name, for a frame that a file of all frames lacks, and for
+    frames of the file that the recording does not have."""
     from toolkit.exchange.track_lookup import FrameKey
     from toolkit.frame import OtherObjects
     from toolkit.objects import Objects
 
-    key = FrameKey(-1, "", float("nan"))
-    for done in range(len(samples)):
-        frame = samples[done]
-        key = FrameKey(frame.index, frame.name, frame.time)
+    key = FrameKey(-1, "", float("nan"))  # the last frame's after the loop
+    for row in range(len(samples)):
+        frame = samples[row]
+        key = FrameKey(number=frame.index, name=frame.name, time=frame.time)
         tracks = lookup.find(key)
         if tracks is None and lookup.file.is_complete:
             raise ValueError(
@@ -113,7 +116,8 @@ def _label_frames(
         objects = Objects.empty()
         if tracks is not None:
             objects = Objects(tracks.boxes, tracks.labels, tracks.ids)
-        progress(done + 1)
+        progress(row + 1)
+        # nothing of the recording's labels stays
         yield replace(frame, objects=objects, categories=(), counts=None, others=OtherObjects())
     lookup.check_all_used(len(samples), key if is_part else None)
 
@@ -127,10 +131,10 @@ def _write_labels(frames: "Iterator[Frame]", out: Path) -> int:
     return len(entries)
 
 
-def _describe(doubts: "Sequence[DoubtfulTrack]") -> str:
-    """Lines for some tracks and the doubts about them."""
+def _describe_doubts(tracks: "Sequence[DoubtfulTrack]") -> str:
+    """Lines for some tracks and the doubts about them, a line each with its end."""
     lines = []
-    for track in doubts:
+    for track in tracks:
         reasons = ", ".join(track.reasons) or "nothing in particular"
         span = f"frames {track.first} to {track.last}"
         lines.append(

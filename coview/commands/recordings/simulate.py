@@ -79,7 +79,7 @@ def simulate_command(
     check_ending(out, (".hdf5", ".h5"), "a recording")
     with progress_bar("frame", frames, hidden=writing.json) as bar:
         run = replace(run, progress=bar.stage)
-        new = simulate_dataset(
+        new_frames = simulate_dataset(
             loaded_site,
             out,
             run=run,
@@ -93,12 +93,12 @@ def simulate_command(
         "file": str(out),
         "site": loaded_site.name,
         "frames": frames,
-        "frames_made_now": new,
+        "frames_made_now": new_frames,
         "seconds": seconds,
     }
     text = (
-        f"{out}: {frames} frames at {loaded_site.name}, {new} of them made now, "
-        f"{new / seconds:.1f} a second"
+        f"{out}: {frames} frames at {loaded_site.name}, {new_frames} of them made now, "
+        f"{new_frames / seconds:.1f} a second"
     )
     print_result({**summary, "meshes": list(fleet.notes)}, text, as_json=writing.json)
     return OK

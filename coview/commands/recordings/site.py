@@ -80,19 +80,24 @@ class ImportMap:
             )
         if self.lefthand and self.righthand:
             raise ValueError("traffic keeps one side: give --lefthand or --righthand")
-        side = self.lefthand if self.lefthand or self.righthand else None
-        maps = [path for path in (self.opendrive, self.osm) if path is not None]
+        # None for the side of the map or its country
+        lefthand = self.lefthand if self.lefthand or self.righthand else None
+        (map_file,) = [path for path in (self.opendrive, self.osm) if path is not None]
         check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
-        seed = None if self.furnish == "none" else self.seed
         piece = MapPiece(
-            maps[0], self.centre, self.size, radians(self.find_heading()), seed, self.furnish
+            map_file,
+            centre=self.centre,
+            size=self.size,
+            heading=radians(self.find_heading()),
+            seed=None if self.furnish == "none" else self.seed,
+            density=self.furnish,
         )
-        check_file(self.out, inputs=maps, overwrite=self.overwrite, kind=SITE_KIND)
+        check_file(self.out, inputs=[map_file], overwrite=self.overwrite, kind=SITE_KIND)
         check_ending(self.out, SITE_ENDINGS, "a site's file")
         with progress_bar("import of the map"):
-            imported = import_osm(piece, lefthand=side) if self.osm else import_opendrive(piece)
+            site = import_osm(piece, lefthand=lefthand) if self.osm else import_opendrive(piece)
         if self.sensors is None:
-            code = _save(imported, self.out)
+            code = _save(site, self.out)
             say(
                 f"it has no sensors yet: coview plan {self.out} says which to build, --sensors N "
                 "places some to try"
@@ -105,9 +110,9 @@ class ImportMap:
         from placement_env.search.first_sensors import with_first_sensors
 
         with progress_bar("first sensors"):
-            placed = with_first_sensors(imported, self.sensors)
-        code = _save(placed.site, self.out)
-        say(placed)
+            equipped = with_first_sensors(site, self.sensors)
+        code = _save(equipped.site, self.out)
+        say(equipped)
         return code
 
     def find_heading(self) -> float:
@@ -118,7 +123,7 @@ class ImportMap:
             raise ValueError(
                 "--bearing and --heading-deg are two directions of one axis: give only one"
             )
-        if self.bearing is not None:
+        if self.bearing is not None:  # clockwise from north
             return 90.0 - check_bearing(self.bearing, "--bearing")
         return 0.0 if self.heading_deg is None else check_turn(self.heading_deg, "--heading-deg")
 
@@ -223,6 +228,7 @@ def site_command(
 
 
 def _save(site: "Site", out: Path) -> int:
+    """Save a site, print its summary and the path, and return the exit code."""
     from toolkit.sites.files import save_site
 
     save_site(site, out)

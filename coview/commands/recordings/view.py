@@ -59,23 +59,29 @@ class ViewOptions:
     """Area of the detector, as in coview detect, and of a picture."""
 
     @cached_property
-    def spec(self) -> DetectorSpec | None:
+    def detector_spec(self) -> DetectorSpec | None:
         """Parsed name of the detector, None without one."""
         return None if self.detector is None else DetectorSpec.from_name(self.detector)
 
-    def draw(self, is_unknown: bool, sequence: Path | None = None) -> Drawing:
-        """Return the drawing of a recording.
+    def make_drawing(self, *, is_site_unknown: bool, sequence: Path | None = None) -> Drawing:
+        """Return the options for drawing frames, with the detector or the tracks loaded.
 
-        is_unknown: whether its site is unknown; sequence: KITTI's sequence whose camera a text of
-        tracks is in, None for any other recording."""
-        default_level: Level = "map" if is_unknown else "none"
+        sequence: KITTI's sequence whose camera a text of tracks is in, None for any other
+        recording."""
+        default_level: Level = "map" if is_site_unknown else "none"
         place = Place(self.level or default_level, area=self.area)
-        network = None if self.spec is None else open_detector(self.spec, place)
-        sensors = None if self.sensors is None else sensor_set(self.sensors)
+        spec = self.detector_spec
         overlay = None
         if self.tracks is not None:
             overlay = TrackOverlay(TrackLookup(read_tracks(self.tracks, sequence)))
-        return Drawing(network, place, self.score, self.classes, sensors, overlay)
+        return Drawing(
+            detector=None if spec is None else open_detector(spec, place),
+            place=place,
+            least_score=self.score,
+            classes=self.classes,
+            sensors=None if self.sensors is None else sensor_set(self.sensors),
+            tracks=overlay,
+        )
 
 
 def view_command(
@@ -112,51 +118,67 @@ def view_command(
         port: Port of the address in the browser; the next free one if it is taken."""
     _check_options(shown, out, still)
     with opening.open(recording) as opened:
-        frames = shown.frames if out is None else shown.frames or PAGE_FRAMES
+        max_frames = shown.frames if out is None else shown.frames or PAGE_FRAMES
         sequence = None if shown.tracks is None else find_sequence(recording, opening)
         numbered = opened if shown.tracks is None else number_frames(opened, sequence)
-        samples = Part(numbered, frames, shown.every)
-        drawing = shown.draw(opened.site is None, sequence)
+        samples = Part(numbered, frames=max_frames, every=shown.every)
+        drawing = shown.make_drawing(is_site_unknown=opened.site is None, sequence=sequence)
         if still is not None and shown.frame >= len(samples):
             raise ValueError(
                 f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0"
             )
         if len(samples):
-            select_sensors(samples[0].sensors, drawing.sensors)
-        tracks = [] if shown.tracks is None else [shown.tracks]
-        inputs = [recording, *opening.files, *tracks]
+            select_sensors(samples[0].sensors, drawing.sensors)  # refuses unknown ones
+        track_files = [] if shown.tracks is None else [shown.tracks]
+        inputs = [recording, *opening.files, *track_files]
         check_file(still or out, inputs=inputs, overwrite=writing.overwrite)
         if still is not None:
-            _draw_still(samples[shown.frame], drawing, shown, recording.name, still, writing.json)
+            _draw_still(
+                samples[shown.frame],
+                drawing,
+                still,
+                title=recording.name,
+                options=shown,
+                as_json=writing.json,
+            )
         elif out is not None:
-            title = recording.name or str(recording)
-            _write_page(samples, drawing, title, out, len(opened), writing.json)
+            _write_page(
+                samples,
+                drawing,
+                out,
+                title=recording.name or str(recording),
+                recorded_frames=len(opened),
+                as_json=writing.json,
+            )
         else:
             view_live(samples, drawing, port=port, ready=partial(_print_url, writing.json))
     return OK
 
 
 def _check_options(options: ViewOptions, out: Path | None, still: Path | None) -> None:
-    """Raise ValueError for impossible options, ImportError without viser."""
-    check_least("--frames", options.frames, 1, "leave it out for all")
+    """Raise ValueError for impossible options, ImportError without viser.
+
+    out: page to write; still: picture to write; None for neither."""
+    check_least("--frames", options.frames, 1, "leave it out for all")  # None passes
     check_least("--every", options.every, 1)
     check_least("--frame", options.frame, 0)
     if still is not None and out is not None:
         raise ValueError("--out writes a page, --still a picture: give only one")
     if still is not None:
         check_picture(still)
-    if options.spec is not None and options.tracks is not None:
+    spec = options.detector_spec
+    if spec is not None and options.tracks is not None:
         raise ValueError("--detector and --tracks both give boxes: leave one out")
-    if options.spec is not None:
-        check_detector(options.spec)
+    if spec is not None:
+        check_detector(spec)
     if still is None:
         check_viser()
 
 
 def _draw_still(
-    sample: Frame, drawing: Drawing, options: ViewOptions, title: str, still: Path, as_json: bool
+    sample: Frame, drawing: Drawing, still: Path, *, title: str, options: ViewOptions, as_json: bool
 ) -> None:
-    """Write a picture of one frame, and print what it shows."""
+    """Write a picture of one frame, `still`, and print what it shows."""
     drawn_frame = drawing.draw(sample, drawing.origin(sample))
     # half sizes of the picture's area (m)
     half = None if options.area is None else drawing.place.half
@@ -173,9 +195,11 @@ def _draw_still(
 
 
 def _write_page(
-    samples: Part, drawing: Drawing, title: str, out: Path, total: int, as_json: bool
+    samples: Part, drawing: Drawing, out: Path, *, title: str, recorded_frames: int, as_json: bool
 ) -> None:
-    """Write a page of all samples, and print their number. total: frames of the recording."""
+    """Write a page of all samples, and print their number.
+
+    recorded_frames: number of frames of the whole recording."""
     with progress_bar("frame", len(samples), hidden=as_json) as bar:
         drawn_frames = drawing.draw_all(samples, progress=bar.to)
         page = write_page(drawn_frames, title, out)
@@ -184,11 +208,12 @@ def _write_page(
         "frames": len(page.frames),
         "points": page.points,
         "drawn": page.drawn,
-        "of_frames": total,
+        "of_frames": recorded_frames,
         "said": list(page.names),
     }
     text = (
-        f"{out}: {len(page.frames)} of {total} frames, {page.drawn} of {page.points} points drawn"
+        f"{out}: {len(page.frames)} of {recorded_frames} frames, {page.drawn} of {page.points} "
+        "points drawn"
     )
     print_result(figures, text, as_json=as_json)
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from models.training.packed import STEPS_PER_METRE, PackedFrames
-from models.training.packing import join_packed, pack, recording
+from models.training.packing import join_packed_files, pack, recording
 from models.training.samples import apply_errors
 from toolkit.boxes import count_points
 from toolkit.geometry import level_rows
@@ -82,7 +82,7 @@ def test_on_a_slope_points_and_objects_come_as_on_level_ground(frames, tmp_path)
     slope = (0.01, -0.02)
     site = Site("steep", np.array(AREA), relief=Relief(0.0, 0, slope))
     pack([recording(frames, AREA, slope=slope)], tmp_path / "steep.packed")
-    join_packed([tmp_path / "steep.packed"], tmp_path / "again.packed")
+    join_packed_files([tmp_path / "steep.packed"], tmp_path / "again.packed")
     for name in ("steep", "again"):
         packed = PackedFrames(tmp_path / f"{name}.packed")
         assert packed.rig(0).slope == slope

@@ -10,8 +10,8 @@ import pytest
 
 from models.training.packed import PackedFrames
 from models.training.packing import (
-    drawn_file,
-    join_packed,
+    encode_packed_file,
+    join_packed_files,
     pack,
     read_recordings,
     recording,
@@ -60,10 +60,10 @@ def test_packed_files_repeat_joined_or_at_once(frames, tmp_path):
     both = [(frames, AREA), (fewer, (-5, -5, 5, 5))]
     for name, chosen in (("at_once", both), ("a", both[:1]), ("b", both[1:])):
         pack([recording(each, area) for each, area in chosen], tmp_path / name)
-    assert join_packed([tmp_path / "a", tmp_path / "b"], tmp_path / "joined") == 8
+    assert join_packed_files([tmp_path / "a", tmp_path / "b"], tmp_path / "joined") == 8
     assert (tmp_path / "joined").read_bytes() == (tmp_path / "at_once").read_bytes()
     with pytest.raises(ValueError, match="no frames"):
-        join_packed([], tmp_path / "none")
+        join_packed_files([], tmp_path / "none")
 
 
 def test_two_packs_at_once_both_work_and_drawn_junctions_are_recordings(frames, tmp_path):
@@ -80,7 +80,7 @@ def test_two_packs_at_once_both_work_and_drawn_junctions_are_recordings(frames, 
     site = Site("drawn", np.array(AREA))
     empty = tuple(np.zeros_like(each) + 9 for each in frames[0].measurements)
     pack([recording(frames[:2], AREA, 4.0, empty=empty)], tmp_path / "x")
-    assert drawn_file((site, tuple(frames[:2]), empty)) == (tmp_path / "x").read_bytes()
+    assert encode_packed_file((site, tuple(frames[:2]), empty)) == (tmp_path / "x").read_bytes()
 
 
 def test_a_packed_file_written_again_is_the_same(frames, packed_file, tmp_path):
