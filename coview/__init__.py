@@ -163,5 +163,5 @@ def live(
         return LiveSession(LivePlanner(site, frames, seed), port=port)
     plan = read_plan_folder(str(site))
     detector = load_own_detector(plan.own_detector, plan.setting.place, Run())
-    asked = plan.ask(replace(plan.setting, detector=detector))
-    return LiveSession(LivePlanner(asked, frames, seed), port=port)
+    question = plan.ask(replace(plan.setting, detector=detector))
+    return LiveSession(LivePlanner(question, frames, seed), port=port)

@@ -64,7 +64,13 @@ class DetectorSpec:
         elif _BFLOAT16 in suffixes:
             numbers = "bfloat16"
         phases = re.search(r"phases(\d+)", suffixes)
-        return DetectorSpec(name, base, background, int(phases[1]) if phases else 1, numbers)
+        return DetectorSpec(
+            name,
+            base=base,
+            background=background,
+            phases=int(phases[1]) if phases else 1,
+            numbers=numbers,
+        )
 
     @property
     def is_imported(self) -> bool:

@@ -89,7 +89,7 @@ class CloudDetector:
         return [self(join_clouds(clouds, union)) for union in unions]
 
     def _warn_unless_level(self, points: "np.ndarray") -> None:
-        # warn if the ground of a cloud is not at z = 0; points: rows of x, y, z (m)
+        """Warn if the ground of a cloud is not at z = 0. points: rows of x, y, z (m)."""
         from toolkit.calibration.level_warning import level_warning
 
         warning = level_warning(points)
@@ -97,7 +97,7 @@ class CloudDetector:
             problem = warning.removesuffix(": level the points first")
             warnings.warn(
                 f'not levelled: {problem}: load_detector(..., level="map") levels clouds',
-                stacklevel=3,
+                stacklevel=3,  # the place at which the detector was called
             )
 
 
@@ -255,12 +255,12 @@ def _check_long(recording: "Recording") -> None:
     """Raise ValueError for a recording too short to distinguish waiting vehicles from the scene.
 
     A recording without times (0 s) needs only enough frames."""
-    number = len(recording)
-    seconds = recording[len(recording) - 1].time - recording[0].time
-    if number < MIN_LEARNING_FRAMES or 0 < seconds < MIN_LEARNING_S:
+    frames = len(recording)
+    seconds = recording[frames - 1].time - recording[0].time
+    if frames < MIN_LEARNING_FRAMES or 0 < seconds < MIN_LEARNING_S:
         duration = f" in {seconds:.0f} s" if seconds > 0 else ""
         raise ValueError(
-            f"{number} frames{duration} do not distinguish what waits from what belongs to the "
+            f"{frames} frames{duration} do not distinguish what waits from what belongs to the "
             f"site: give at least {MIN_LEARNING_FRAMES} frames over {MIN_LEARNING_S:.0f} s, or "
             "leave +background out"
         )

@@ -28,9 +28,10 @@ class Exchange(Writing):
     a place on earth."""
 
     def check(self, out: Path, inputs: Iterable[Path]) -> dict[str, Path]:
-        """Check options and files before long work; return the file of each format.
+        """Check options and files before long work; return the file of each format by its name.
 
-        Raises ValueError and OSError for files that cannot be written, ImportError for a missing
+        out: the file for one format, their folder for several; inputs: files that are read. Raises
+        ValueError and OSError for files that cannot be written, ImportError for a missing
         package."""
         from toolkit.exchange.standards import find_standard
 
@@ -43,29 +44,31 @@ class Exchange(Writing):
             path = out if len(self.to) == 1 else out / f"{name}{standard.ending}"
             if standard.ending:
                 check_ending(path, (standard.ending,), f"a file of {name}")
-            check = check_file if standard.ending else check_empty_folder
-            check(path, inputs=inputs, overwrite=self.overwrite)
+            # a format without an ending writes a folder
+            check_out = check_file if standard.ending else check_empty_folder
+            check_out(path, inputs=inputs, overwrite=self.overwrite)
             files[name] = path
         return files
 
     def place(self, site: "Site | None") -> "GeoOrigin | None":
         """Return the place on earth of a recording, None if no format needs it.
 
-        Raises ValueError if it is needed and unknown."""
+        site: the recording's, None if unknown. Raises ValueError if the place is needed and
+        unknown, and for --origin if it is not needed."""
         from toolkit.exchange.geo_origin import GeoOrigin
         from toolkit.exchange.standards import find_standard
 
-        needing = [name for name in self.to if find_standard(name).needs_place]
-        if self.origin is not None and not needing:
+        formats_in_degrees = [name for name in self.to if find_standard(name).needs_place]
+        if self.origin is not None and not formats_in_degrees:
             raise ValueError("--origin is for --to mf-json: leave it out")
-        if not needing:
+        if not formats_in_degrees:
             return None
         if self.origin is not None:
             return GeoOrigin(*self.origin)
         place = GeoOrigin.from_site(site)
         if place is None:
             raise ValueError(
-                f"--to {needing[0]} needs the place on earth of the recording, which does not "
-                "state it: pass --origin LATITUDE LONGITUDE"
+                f"--to {formats_in_degrees[0]} needs the place on earth of the recording, which "
+                "does not state it: pass --origin LATITUDE LONGITUDE"
             )
         return place

@@ -40,8 +40,8 @@ class LongTasks:
         """Add the controls of the tab Ask.
 
         find_name: function that returns the name of the chosen sensor."""
-        ask = gui.add_button_group("Best to", ("add", "move", "remove"))
-        ask.on_click(lambda _: self.suggest(ask.value, find_name()))
+        kinds = gui.add_button_group("Best to", ("add", "move", "remove"))
+        kinds.on_click(lambda _: self.suggest(kinds.value, find_name()))
         gui.add_button("Accept the best").on_click(lambda _: self._jobs.change(self.accept_best))
         gui.add_button("Search from here").on_click(
             lambda _: self._jobs.later("searching", self.search)
@@ -96,16 +96,20 @@ class LongTasks:
 
     def measure(self) -> None:
         """Measure the variant with the detector, and show AP and the predicted AP in the note."""
-        predicted = self._planner.finish()
-        measured = self._planner.measure()
-        number = f"N = {describe_count(measured.objects, 'road user')}"
-        figures = f"measured {describe_ap(measured)}, predicted {format_ap(predicted)}, {number}"
+        prediction = self._planner.finish()  # the figures without coarse views
+        measurement = self._planner.measure()
+        figures = (
+            f"measured {describe_ap(measurement)}, predicted {format_ap(prediction)}, "
+            f"N = {describe_count(measurement.objects, 'road user')}"
+        )
         self._head.keep_measured(figures)
         self._head.say(f"by the detector: {figures}")
 
-    def write(self, write: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path) -> None:
+    def write(
+        self, write_files: Callable[[LivePlanner, Path], Iterable[Path]], folder: Path
+    ) -> None:
         """Write files of the variant into a folder, and name them in the note.
 
-        write: function that writes them and returns their paths."""
-        names = ", ".join(path.name for path in write(self._planner, folder))
+        write_files: function that writes them and returns their paths."""
+        names = ", ".join(path.name for path in write_files(self._planner, folder))
         self._head.say(f"written to {folder}: {names}")

@@ -15,6 +15,9 @@ WIDE_ASPECT = 1.3  # width of a window by its height from which this distance is
 # from a sensor to the camera that looks through it, and to the point that this looks at
 HOUSING_M = 1.2
 LOOK_M = 12.0
+# a camera that differs less from its last aim was not moved by anybody
+MIN_ASPECT_CHANGE = 0.01
+MIN_MOVE_M = 0.1
 MIN_LOOK_FOV_RAD = 0.7
 MAX_LOOK_FOV_RAD = 1.4
 # px of width below which the panel is a sheet over this share of the scene
@@ -64,11 +67,12 @@ class LiveCameras:
         self.aim(client, self.slant, is_phone=camera.image_width < MAX_PHONE_WIDTH_PX)
 
         def fit(_: Handle) -> None:
-            # aim again if the window has changed, or the panel was docked, and nobody has moved
-            # the camera (m)
+            """Aim again if the window's shape has changed and nobody has moved the camera.
+
+            The panel changes the shape, too, when it is docked."""
             last = self.aims[client.client_id]
-            has_changed = abs(camera.aspect - last.aspect) > 0.01
-            if has_changed and np.allclose(camera.position, last.position, atol=0.1):
+            has_changed = abs(camera.aspect - last.aspect) > MIN_ASPECT_CHANGE
+            if has_changed and np.allclose(camera.position, last.position, atol=MIN_MOVE_M):
                 self.aim(client, last.way)
 
         camera.on_update(fit)
@@ -85,6 +89,7 @@ class LiveCameras:
         client: browser, None if it has gone."""
         if client is not None:
             client.camera.fov = scene.VERTICAL_FOV
+            # a little aslant: with no way straight down the screen has an upward direction
             self.aim(client, np.array([0.0, -0.02, 1.0]) * np.linalg.norm(self.slant))
 
     def look_through(self, client: Handle, sensor: Sensor) -> None:
@@ -93,7 +98,7 @@ class LiveCameras:
         client: browser, None if it has gone."""
         if client is None:
             return
-        ahead = sensor.world_SE3_body[:3, 0]  # unit vector
+        ahead = sensor.world_SE3_body[:3, 0]  # unit vector in which the sensor looks
         with client.atomic():
             client.camera.fov = min(
                 max(sensor.model.vertical_fov, MIN_LOOK_FOV_RAD), MAX_LOOK_FOV_RAD
@@ -117,7 +122,10 @@ class LiveCameras:
         if is_phone:
             shift_m = SHEET_SHARE * np.tan(scene.VERTICAL_FOV / 2) * np.linalg.norm(away)
         look_at = self.middle - shift_m * upwards / np.linalg.norm(upwards)
-        self.aims[client.client_id] = CameraAim(way, camera.aspect, is_phone, look_at + away)
+        position = look_at + away
+        self.aims[client.client_id] = CameraAim(
+            way, aspect=camera.aspect, is_phone=is_phone, position=position
+        )
         with client.atomic():
-            camera.position = look_at + away
+            camera.position = position
             camera.look_at = look_at

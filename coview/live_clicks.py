@@ -54,34 +54,36 @@ class GroundClicks:
         gui.add_button("Remove all areas").on_click(
             lambda _: self._jobs.change(self._planner.set_keep_out, ())
         )
-        flat = "PNG or JPEG; it lies flat, at the height of the ground under its middle"
         upload = gui.add_upload_button(
-            "Lay a picture under it", mime_type="image/png, image/jpeg", hint=flat
+            "Lay a picture under it",
+            mime_type="image/png, image/jpeg",
+            hint="PNG or JPEG; it lies flat, at the height of the ground under its middle",
         )
         upload.on_upload(
             lambda _: self._jobs.do(
                 lambda: self.take_picture(upload.value.name, upload.value.content)
             )
         )
-        points = gui.add_text(
+        points_field = gui.add_text(
             "Two points", "", hint="x y x y of where they belong, or their distance (m)"
         )
         gui.add_button("Place the picture by two points").on_click(
             lambda _: self.pick(
-                "two points of the picture", lambda spot: self.place_picture(spot, points.value)
+                "two points of the picture",
+                lambda spot: self.place_picture(spot, points_field.value),
             )
         )
         gui.add_button("Take the picture away").on_click(
             lambda _: self._jobs.do(lambda: self._lay(None))
         )
 
-    def pick(self, what: str, then: Callable[[Spot], None]) -> None:
+    def pick(self, what: str, use_spot: Callable[[Spot], None]) -> None:
         """Await clicks on the ground, in place of any that were awaited.
 
-        what: words for the points to click on, for the note; then: function that is called with
-        each point of the ground (x, y, z in m)."""
+        what: words for the points to click on, for the note; use_spot: function that is called
+        with each point of the ground (x, y, z in m)."""
         self.spots = []
-        self._awaited = then
+        self._awaited = use_spot
         self._head.say(f"click on the ground: {what}")
         self._jobs.do(self._head.show_note)
 
@@ -92,12 +94,12 @@ class GroundClicks:
         of the ground at which the browser's camera looks. event: viser's click, with the ray."""
         eye = np.array(event.ray_origin)
         ray = np.array(event.ray_direction)
-        then = self._awaited
-        if then is not None and ray[2] < -1e-6:
+        use_spot = self._awaited
+        if use_spot is not None and ray[2] < -1e-6:
             look_at_xy = np.array(event.client.camera.look_at)[:2]
             ground_z = float(self._planner.yard.site.ground(look_at_xy))
             spot = eye + ray * (ground_z - eye[2]) / ray[2]
-            self._jobs.do(lambda: then(spot))
+            self._jobs.do(lambda: use_spot(spot))
 
     def add_sensor(self, spot: Spot, model: str) -> None:
         """Add a sensor at a spot (m), which looks at the middle of the area.
@@ -119,9 +121,9 @@ class GroundClicks:
         self._areas.draw(self.spots)
 
     def close_area(self) -> "LiveAnswer":
-        """Keep poles out of the area that was drawn too, and return the new figures."""
+        """Keep sensors out of the clicked area too, and return the new figures."""
         corners = tuple((float(x), float(y)) for x, y, _ in self.spots)
-        self._forget()
+        self._forget_clicks()
         return self._planner.set_keep_out((*self._planner.variant.keep_out, corners))
 
     def take_picture(self, name: str, content: bytes) -> None:
@@ -140,25 +142,25 @@ class GroundClicks:
         self.spots.append(spot)
         picture = self._planner.picture
         if picture is None or len(self.spots) < 2:
-            missing = "there is no picture: lay one first"
-            self._head.say(missing if picture is None else "click on the other one")
+            no_picture = "there is no picture: lay one first"
+            self._head.say(no_picture if picture is None else "click on the other one")
             self._head.show_note()
             return
-        spots = [clicked[:2].tolist() for clicked in self.spots]
-        self._forget()
+        clicked_xy = [clicked_spot[:2].tolist() for clicked_spot in self.spots]
+        self._forget_clicks()
         try:
             numbers = [float(number) for number in text.replace(",", " ").split()]
         except ValueError:
             numbers = []  # `place` refuses these with what it needs
-        self._lay(picture.place(spots, numbers))
+        self._lay(picture.place(clicked_xy, numbers))
 
     def _lay(self, picture: GroundPicture | None) -> None:
-        # lay a picture under the scene, or remove it, and draw it
+        """Lay a picture under the scene and draw it. picture: None to remove the present one."""
         self._planner.lay(picture)
         self._head.say("")
         self._redraw()
 
-    def _forget(self) -> None:
-        # await no more clicks
+    def _forget_clicks(self) -> None:
+        """Await no more clicks."""
         self.spots = []
         self._awaited = None

@@ -2,7 +2,6 @@
 housing."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +9,6 @@ from coview.live_cameras import Spot
 from coview.live_context import LiveContext
 from coview.live_drawings import SensorDrawings
 from toolkit.viewing.scene import Handle
-
-if TYPE_CHECKING:
-    pass
 
 CATCH_M = 3.0  # distance from the pointer within which a pole catches a sensor that is carried
 
@@ -39,15 +35,15 @@ class SensorDrags:
         sensor; housing, handle: meshes in viser's scene."""
 
         async def turn(event: Handle) -> None:
-            self._follow(event, lambda spot, last: self.turn(name, spot, last=last), handle)
+            self._follow(event, handle, lambda spot, last: self.turn(name, spot, last=last))
 
         async def carry(event: Handle) -> None:
-            self._follow(event, lambda spot, last: self.carry(name, spot, last=last), housing)
+            self._follow(event, housing, lambda spot, last: self.carry(name, spot, last=last))
 
         async def lift(event: Handle) -> None:
-            up = float(event.end_position[2])
+            z = float(event.end_position[2])
             last = event.phase == "end"
-            self._jobs.drag(lambda: self.lift(name, up, last=last), last=last)
+            self._jobs.drag(lambda: self.lift(name, z, last=last), last=last)
 
         handle.on_drag("left")(turn)
         housing.on_drag("left")(carry)
@@ -55,19 +51,19 @@ class SensorDrags:
         for mesh in (housing, handle):
             mesh.on_click(lambda _: self._choose(name))
 
-    def _follow(self, event: Handle, then: Callable[[Spot, bool], None], node: Handle) -> None:
+    def _follow(self, event: Handle, mesh: Handle, move: Callable[[Spot, bool], None]) -> None:
         """Follow a drag if the ray from the camera to the pointer goes down.
 
-        event: viser's drag; then: function that is called with the point (m) at which the ray meets
-        the height of the dragged mesh, and True at the end of the drag; node: the mesh."""
+        event: viser's drag; mesh: what is dragged; move: function that is called with the point (m)
+        at which the ray meets the height of the mesh, and True at the end of the drag."""
         eye = np.array(event.client.camera.position)
         pointer = np.array(event.end_position)
-        mesh_z = float(node.position[2])
+        mesh_z = float(mesh.position[2])
         ray = pointer - eye
         last = event.phase == "end"
         if ray[2] < -1e-6:
             spot = eye + ray * (mesh_z - eye[2]) / ray[2]
-            self._jobs.drag(lambda: then(spot, last), last=last)
+            self._jobs.drag(lambda: move(spot, last), last=last)
 
     def turn(self, name: str, spot: Spot, *, last: bool) -> None:
         """Turn and tilt a sensor towards a spot (m). last: True at the end of the drag."""
@@ -77,7 +73,7 @@ class SensorDrags:
         heading = float(np.arctan2(y, x))
         tilt = float(np.arctan2(-z, np.hypot(x, y)))
         self._show(self._planner.move(name, heading=heading, tilt=tilt, dragging=True))
-        self._end(name, last)
+        self._finish_drag(name, last)
 
     def carry(self, name: str, spot: Spot, *, last: bool) -> None:
         """Carry a sensor to the pole within `CATCH_M` of a spot (m).
@@ -96,18 +92,18 @@ class SensorDrags:
             self._show(self._planner.move(name, position=position, dragging=True))
         else:
             self._drawings.put_housing(name, spot)
-        self._end(name, last)
+        self._finish_drag(name, last)
 
-    def lift(self, name: str, up: float, *, last: bool) -> None:
-        """Raise or lower a sensor. up: its new z (m); last: True at the end of the drag."""
+    def lift(self, name: str, z: float, *, last: bool) -> None:
+        """Raise or lower a sensor. z: its new z (m); last: True at the end of the drag."""
         variant = self._planner.variant
         mount = self._planner.yard.find_mount(variant, variant.find(name).mount)
-        height = up - float(mount.position[2])
+        height = z - float(mount.position[2])  # above the foot of the pole
         self._show(self._planner.move(name, height=height, dragging=True))
-        self._end(name, last)
+        self._finish_drag(name, last)
 
-    def _end(self, name: str, last: bool) -> None:
-        # at the end of a drag: the next is a separate step, and the sensor is drawn in its new pose
+    def _finish_drag(self, name: str, last: bool) -> None:
+        """Close the step of undo and draw the sensor in its new pose, if the drag ends (`last`)."""
         if last:
             self._planner.end_drag()
             self._choose(name)

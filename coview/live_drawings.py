@@ -82,7 +82,7 @@ class SensorDrawings:
 
         The next `draw` puts it back. A sensor that is not drawn is ignored."""
         if name in self._nodes:
-            housing = self._nodes[name][0]  # handle, view and label follow it
+            housing, *_ = self._nodes[name]
             housing.position = spot
             self._drawn_states.pop(name, None)
 
@@ -116,7 +116,9 @@ class SensorDrawings:
     def _add_sensor(
         self, name: str, sensor: Sensor, colour: tuple[int, int, int], attach: Attach
     ) -> list[Handle]:
-        # add the drawing of a sensor to the scene; returns housing, handle, view and label
+        """Add the drawing of a sensor to the scene; return its housing, handle, view and label.
+
+        colour: red, green, blue, 0 to 255; attach: lets housing and handle be dragged."""
         site = self._planner.yard.site
         # names of nodes are random, independent of the sensors' names
         node = f"/planned/{secrets.token_hex(4)}"
@@ -133,7 +135,9 @@ class SensorDrawings:
     def _update_sensor(
         self, live_sensor: LiveSensor, sensor: Sensor, colour: tuple[int, int, int]
     ) -> None:
-        # move and colour the drawing of a sensor as it is now; sensor: built from live_sensor
+        """Move and colour the drawing of a sensor as it is now.
+
+        sensor: built from `live_sensor`; colour: red, green, blue, 0 to 255."""
         site = self._planner.yard.site
         housing, handle, view, label = self._nodes[live_sensor.name]
         target = find_target(site, sensor)
@@ -187,7 +191,7 @@ class Ghosts:
             self._nodes += self._add_ghost(k, suggestion)
 
     def _add_ghost(self, k: int, suggestion: Suggestion) -> list[Handle]:
-        # draw the k-th suggestion with the AP that it leads to; returns housing, view and label
+        """Draw the k-th suggestion with the AP that it leads to; return housing, view and label."""
         yard = self._planner.yard
         sensor = yard.build_sensor(self._planner.variant, suggestion.sensor)
         node = f"/ghosts/{k}"
@@ -268,10 +272,10 @@ class TrafficDrawing:
         """Draw the road users of a frame as an answer finds them, if they have changed.
 
         answer: its probabilities decide between found and missed; None draws nothing."""
-        unseen = self._planner.unseen
-        if answer is None or len(answer.probability) != len(unseen.boxes):
+        road_users = self._planner.unseen  # in all frames
+        if answer is None or len(answer.probability) != len(road_users.boxes):
             return  # the answer has fewer frames than the planner; one of all frames follows
-        rows = np.flatnonzero(unseen.frame == frame)  # this frame's road users
+        rows = np.flatnonzero(road_users.frame == frame)  # this frame's road users
         is_found = answer.probability[rows] >= MIN_FOUND_SHARE
         is_hidden = answer.hidden[rows]
         state = rows.tolist(), is_found.tolist(), is_hidden.tolist()
@@ -281,14 +285,15 @@ class TrafficDrawing:
         for node in self._nodes:
             node.remove()
         api = self._api
-        found = unseen.boxes[rows[is_found]]
-        missed = unseen.boxes[rows[~is_found]]
-        hidden = arrows(unseen.boxes[rows[is_hidden]])  # these are found or missed, too
+        found_boxes = road_users.boxes[rows[is_found]]
+        missed_boxes = road_users.boxes[rows[~is_found]]
+        # arrows above hidden road users, which are found or missed, too
+        arrow_lines = arrows(road_users.boxes[rows[is_hidden]])
         nodes = (
-            add_boxes(api, "/traffic/found", found, FOUND_STYLE, visible=True),
-            add_boxes(api, "/traffic/missed", missed, MISSED_STYLE, visible=True),
+            add_boxes(api, "/traffic/found", found_boxes, FOUND_STYLE, visible=True),
+            add_boxes(api, "/traffic/missed", missed_boxes, MISSED_STYLE, visible=True),
             scene_parts.add_lines(
-                api, "/traffic/unseen", hidden, INK, width=TRAFFIC_WIDTH_PX, visible=True
+                api, "/traffic/unseen", arrow_lines, INK, width=TRAFFIC_WIDTH_PX, visible=True
             ),
         )
         self._nodes = [node for node in nodes if node is not None]

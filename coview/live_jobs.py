@@ -156,7 +156,9 @@ class LiveJobs:
         return False
 
     def _work(self, find_idle_job: Callable[[], Job | None]) -> None:
-        # do jobs until the page closes; idle jobs do not count as use of the page
+        """Do jobs until the page closes; idle jobs do not count as use of the page.
+
+        find_idle_job: function that returns a job for the time while nothing is asked, or None."""
         while not self.closed:
             job = self._next_job()
             if job is not None:
@@ -185,7 +187,7 @@ class LiveJobs:
             return job
 
     def _work_long(self) -> None:
-        # do long jobs until the page closes
+        """Do long jobs until the page closes."""
         while not self.closed:
             with self._wake:
                 if not self._long:
@@ -225,13 +227,13 @@ class Refining:
                 self._jobs.touch()  # a pause before it is tried again
 
     def _refine_views(self) -> None:
-        # make one missing view after another until the page closes, while nobody uses it
+        """Make one missing view after another until the page closes, while nobody uses it."""
         views_are_missing = True  # using the page may make some missing again
-        tidied_at = time.monotonic()
+        tidied_at_s = time.monotonic()
         while not self._jobs.closed:
             answer = self._find_answer()
-            if self._jobs.touched > tidied_at + TIDY_S:
-                tidied_at = time.monotonic()
+            if self._jobs.touched > tidied_at_s + TIDY_S:
+                tidied_at_s = time.monotonic()
                 return_freed_memory()
             quiet_s = QUIET_S if answer is not None and answer.coarse else CALM_S
             if answer is None or not views_are_missing or not self._jobs.is_quiet(quiet_s):

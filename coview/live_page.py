@@ -71,7 +71,7 @@ class LivePage:
         self.folder = folder
         self._answer: LiveAnswer | None = None  # figures that are shown
         self._begun = False  # True once controls and scene are there
-        self._played = 0.0  # time (s) when a frame of traffic was played last
+        self._last_played_s = 0.0  # time (s) when a frame of traffic was played last
         site = planner.yard.site
         self.cameras = LiveCameras(site.area)
         middle = self.cameras.middle
@@ -140,9 +140,9 @@ class LivePage:
         if not self._begun:
             is_ready = self.cameras.aims and self._answer is not None
             return self._begin if is_ready and self.jobs.is_quiet(PAINT_S) else None
-        if not self.panel.view.is_playing or time.monotonic() - self._played <= PLAY_S:
+        if not self.panel.view.is_playing or time.monotonic() - self._last_played_s <= PLAY_S:
             return None
-        self._played = time.monotonic()
+        self._last_played_s = time.monotonic()
         return self.panel.view.show_next_frame
 
     def _begin(self) -> None:
@@ -169,7 +169,7 @@ class LivePage:
         return self._answer if self._begun else None
 
     def _show_refined(self) -> None:
-        # show the figures that are no longer coarse, in all frames once their views are made
+        """Show the figures that are no longer coarse, in all frames once their views are made."""
         if self._answer is not None:
             self._answer = self.planner.answer(self._answer.what)
             if self.panel.view.offer_all_frames():
@@ -177,7 +177,7 @@ class LivePage:
             self.draw()
 
     def _greet(self, client: Handle) -> None:
-        # follow a browser that has come: its camera is aimed, and first figures get time to show
+        """Aim the camera of a browser that has come, and give it time to show first figures."""
         self.jobs.touch()
         self.cameras.greet(client)
         if self.cameras.aims[client.client_id].is_phone:

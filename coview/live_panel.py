@@ -96,11 +96,11 @@ class SensorTab:
         )
         self._lock: Handle = gui.add_checkbox("Locked", False)
         self._fail: Handle = gui.add_checkbox("Failed", False)
-        act = gui.add_button_group("This one", ("Duplicate", "Remove"))
-        through = gui.add_button(
+        changes = gui.add_button_group("This one", ("Duplicate", "Remove"))
+        look_button = gui.add_button(
             "Look through it", hint="from where it hangs; Overview on the tab View leads back"
         )
-        through.on_click(lambda event: jobs.do(lambda: self._look_through(event.client)))
+        look_button.on_click(lambda event: jobs.do(lambda: self._look_through(event.client)))
         self.model: Handle = gui.add_dropdown("New model", tuple(planner.yard.models))
         self.pole: Handle = gui.add_dropdown("On pole", tuple(planner.yard.mounts))
         gui.add_button("Add a sensor").on_click(lambda _: jobs.change(self.add))
@@ -113,9 +113,9 @@ class SensorTab:
         self._fail.on_update(
             lambda _: guard.typed(lambda: jobs.change(planner.fail, self.name, self._fail.value))
         )
-        act.on_click(
+        changes.on_click(
             lambda _: jobs.change(
-                planner.duplicate if act.value == "Duplicate" else planner.remove, self.name
+                planner.duplicate if changes.value == "Duplicate" else planner.remove, self.name
             )
         )
 
@@ -149,7 +149,7 @@ class SensorTab:
             self._fail.value = sensor.failed
 
     def _move_typed(self) -> None:
-        # move the chosen sensor as the fields are now, in the page's thread
+        """Move the chosen sensor as the fields are now, in the page's thread."""
         self._jobs.change(
             self.move_as_typed, self.name, self.bearing.value, self.tilt.value, self.height.value
         )
@@ -184,7 +184,7 @@ class SensorTab:
         return self._planner.add(pole.name, heading=heading, model=self.model.value)
 
     def _look_through(self, client: Handle) -> None:
-        # show the view of the chosen sensor in one browser
+        """Show the view of the chosen sensor in one browser. client: the browser."""
         variant = self._planner.variant
         sensor = self._planner.yard.build_sensor(variant, variant.find(self.name))
         self._cameras.look_through(client, sensor)
@@ -195,38 +195,43 @@ class ScoreTab:
 
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
         self._planner = planner
-        first = planner.first  # setting at the start
-        now = planner.asked  # setting that is asked for now
+        first_setting = planner.first  # at the start of the page
+        setting = planner.asked  # at present
         self._details = gui.add_html("")
 
         def add_choice(label: str, options: Iterable[str], at_first: str, value: str) -> Handle:
-            # dropdown that lists the value at the start first; the present value is chosen
-            each_once = tuple(dict.fromkeys((at_first, *options, value)))
-            return gui.add_dropdown(label, each_once, initial_value=value)
+            """Add a dropdown that lists the value at the start first, and chooses the present."""
+            different_options = tuple(dict.fromkeys((at_first, *options, value)))
+            return gui.add_dropdown(label, different_options, initial_value=value)
 
         self._classes = add_choice(
-            "Classes", CLASSES, at_first=_name_classes(first), value=_name_classes(now)
+            "Classes", CLASSES, at_first=_name_classes(first_setting), value=_name_classes(setting)
         )
         self._iou = add_choice(
             "IoU",
             ("0.5", "0.7", "0.8"),
-            at_first=f"{first.cases.ious[0]:g}",
-            value=f"{now.cases.ious[0]:g}",
+            at_first=f"{first_setting.cases.ious[0]:g}",
+            value=f"{setting.cases.ious[0]:g}",
         )
         self._scheme = add_choice(
-            "Scheme", PAPER_SCHEMES, at_first=first.fusion.name, value=now.fusion.name
+            "Scheme", PAPER_SCHEMES, at_first=first_setting.fusion.name, value=setting.fusion.name
         )
         self._errors = add_choice(
-            "Errors if measured", PROFILES, at_first=first.cases.names[0], value=now.cases.names[0]
+            "Errors if measured",
+            PROFILES,
+            at_first=first_setting.cases.names[0],
+            value=setting.cases.names[0],
         )
-        budget = 0.0 if np.isinf(now.most_price) else now.most_price
+        budget = 0.0 if np.isinf(setting.most_price) else setting.most_price
         self._limit = gui.add_number("Budget (0: none)", budget, min=0)
         for field in (self._classes, self._iou, self._scheme, self._errors, self._limit):
             field.on_update(lambda _: jobs.change(self._ask))
 
     def _ask(self) -> "LiveAnswer":
-        # score by the setting in the fields; a choice of the start means what was given then, which
-        # may be more than its name, such as a scheme with options
+        """Score by the setting in the fields, and return the new figures.
+
+        A choice of the start means what was given then, which may be more than its name, such as a
+        scheme with options."""
         first = self._planner.first
         cases = replace(
             self._planner.asked.cases, iou=float(self._iou.value), errors=(self._errors.value,)
@@ -400,11 +405,11 @@ class LivePanel:
 
 
 def _add_command(gui: "GuiApi", label: str, key: Any, then: Callable[[], None]) -> None:
-    # add a command with a hotkey: Ctrl or Cmd and this key
+    """Add a command with a hotkey: Ctrl or Cmd and `key`. then: function that it calls."""
     gui.add_command(label, hotkey=key, modifier="cmd/ctrl").on_trigger(lambda _: then())
 
 
 def _name_classes(setting: "Setting") -> str:
-    # text of the choice for a setting's classes
+    """Text of the choice for a setting's classes, "as given" for other classes."""
     names = setting.counted.names
     return next((name for name, classes in CLASSES.items() if classes == names), "as given")

@@ -62,15 +62,18 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
         node = f"/signs/poles/{k}"
         labels[pole.name] = add_name(api, node, pole.name, top, scale=0.7)
     _add_pole_marks(api, poles)
-    length = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
-    size = np.array([ARROW_M, ARROW_M + 2 * HEAD_M])
-    middle = find_free_spot(site, size, site.area[2:])
-    _add_north(api, site, middle)
-    arrow = shapely.box(*(middle - size / 2), *(middle + size / 2))
-    _add_scale(
-        api, site, length, find_free_spot(site, np.array([length, HEAD_M]), site.area[:2], [arrow])
-    )
-    low, high = site.area[:2] - MARGIN_M, site.area[2:] + MARGIN_M
+    # the area's corners: xmin ymin, and xmax ymax (m)
+    low_corner = site.area[:2]
+    high_corner = site.area[2:]
+    arrow_size = np.array([ARROW_M, ARROW_M + 2 * HEAD_M])
+    arrow_middle = find_free_spot(site, arrow_size, high_corner)
+    _add_north(api, site, arrow_middle)
+    arrow_ground = shapely.box(*(arrow_middle - arrow_size / 2), *(arrow_middle + arrow_size / 2))
+    length_m = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
+    scale_size = np.array([length_m, HEAD_M])
+    scale_middle = find_free_spot(site, scale_size, low_corner, [arrow_ground])
+    _add_scale(api, site, length_m, scale_middle)
+    low, high = low_corner - MARGIN_M, high_corner + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
         position = lift_points(site, np.array([[street.x, street.y]]), LIFT_M)[0]
         node = f"/signs/streets/{k}"
@@ -85,7 +88,7 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
         api,
         "/signs/lanes",
         site,
-        np.concatenate([np.empty((0, 2, 2)), *arrows]),
+        np.concatenate([np.empty((0, 2, 2)), *arrows]),  # there may be no arrow
         LANE_INK,
         width=1.5,
     )
@@ -107,7 +110,7 @@ def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
 
 
 def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) -> None:
-    # draw an arrow to the north around a point (x, y in m), and an N beyond its tip
+    """Draw an arrow to the north around a point (x, y in m), and an N beyond its tip."""
     direction = north(site)  # unit vector (x, y)
     north_x, north_y = direction
     angle = float(np.arctan2(north_y, north_x))
@@ -131,10 +134,15 @@ def find_free_spot(
     As far as possible, solids do not cover it in the first view, nor do poles, their names and
     other signs, and no lane is below it. size: width and length of the place (m); corner: x and y
     (m); signs: outlines of signs to keep clear of."""
-    low, high = site.area[:2] + size / 2, site.area[2:] - size / 2
-    axes = [np.linspace(a, max(a, b), TRIED_PLACES) for a, b in zip(low, high, strict=True)]
+    # middles of places within the area (n, 2); an area smaller than the sign has one place only
+    lowest, highest = site.area[:2] + size / 2, site.area[2:] - size / 2
+    axes = [
+        np.linspace(low, max(low, high), TRIED_PLACES)
+        for low, high in zip(lowest, highest, strict=True)
+    ]
     spots = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     places = shapely.box(*(spots - size / 2).T, *(spots + size / 2).T)
+    # ground that solids, and poles with room for their names, cover or hide
     solids = [_hidden_ground(solid.footprint, solid.top - solid.base) for solid in site.solids]
     circles = [
         shapely.Point(mount.position[:2]).buffer(POLE_ROOM_M, quad_segs=2) for mount in site.mounts
@@ -145,26 +153,27 @@ def find_free_spot(
         for ring, mount in zip(rings, site.mounts, strict=True)
     ]
     lanes = [shapely.Polygon(lane) for lane in site.lanes]
-    away = np.linalg.norm(spots - corner, axis=1)  # distance (m) of each place, plus detours
-    for covers, detour in (
+    detours_m = np.linalg.norm(spots - corner, axis=1)  # distance of each place, plus detours
+    for covers, detour_m in (
         (solids, SOLID_DETOUR_M),
         ([*names, *signs], NAME_DETOUR_M),
         (lanes, LANE_DETOUR_M),
     ):
-        away += detour * (_count_covers(places, covers) > 0)
+        detours_m += detour_m * (_count_covers(places, covers) > 0)
     houses = [ground for ground in solids if ground.area > LARGE_M2]
-    away += CROWD_DETOUR_M * _count_covers(places, solids) + HOUSE_DETOUR_M * _share_covered(
+    detours_m += CROWD_DETOUR_M * _count_covers(places, solids) + HOUSE_DETOUR_M * _share_covered(
         places, houses
     )
-    return np.asarray(spots[away.argmin()])
+    return np.asarray(spots[detours_m.argmin()])
 
 
 def _count_covers(
     places: np.ndarray, covers: Sequence[shapely.Geometry]
 ) -> Int64[np.ndarray, " n"]:
     """Number of geometries that touch each place. places: array of n polygons."""
-    touched, _ = shapely.STRtree(covers).query(places, predicate="intersects")
-    return np.bincount(touched, minlength=len(places))
+    # indices of the place and the geometry of each pair that touches
+    place, _ = shapely.STRtree(covers).query(places, predicate="intersects")
+    return np.bincount(place, minlength=len(places))
 
 
 def _share_covered(
@@ -195,7 +204,9 @@ def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapel
 def _add_scale(
     api: "SceneApi", site: Site, length: float, middle: Float64[np.ndarray, "2"]
 ) -> None:
-    # draw a scale of a length (m) around a point, along the site's x axis, with the length as text
+    """Draw a scale along the site's x axis, with its length as text.
+
+    length: length of the scale (m); middle: its middle (x, y in m)."""
     half_length = np.array([length / 2, 0.0])
     half_tick = np.array([0.0, 0.8])  # m
     start = middle - half_length
@@ -236,7 +247,10 @@ def _add_lines(
     *,
     width: float,
 ) -> None:
-    # draw lines just above the ground; their axes: line, start and end, x and y (m); width in px
+    """Draw lines just above the ground.
+
+    name: path of their node in the scene; lines: axes line, start and end, x and y (m); width in
+    px."""
     lifted_lines = lift_points(site, lines.reshape(-1, 2), LIFT_M).reshape(-1, 2, 3)
     scene_parts.add_lines(api, name, lifted_lines, colour, width=width, visible=True)
 

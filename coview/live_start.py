@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from placement_env.live.planner import LivePlanner
     from placement_env.live.project import ProjectFile
 
-MAPS = (".osm", ".xodr")
-SITES = (".json", ".geojson")
-MOST_BYTES = 60_000_000  # limit of an upload
-LONGEST = 60  # characters of a file's name that are kept
-SIZE = (80.0, 60.0)  # width and length (m) of the piece of a map, as offered
+OPENED_MAP_ENDINGS = (".osm", ".xodr")
+OPENED_SITE_ENDINGS = (".json", ".geojson")
+MAX_UPLOAD_BYTES = 60_000_000
+MAX_STEM_LETTERS = 60  # letters of a file's name that are kept, without its ending
+OFFERED_SIZE_M = (80.0, 60.0)  # width and length of the piece of a map, as the page offers it
 LIVE_PORT = 8090  # usual port, unless it is taken
 
 
@@ -59,7 +59,7 @@ class StartPage:
             "Centre", "", hint="longitude latitude, or x y (m) in OpenDRIVE; the map's own middle"
         )
         self._size = gui.add_vector2(
-            "Size (m)", SIZE, min=(1.0, 1.0), max=(1000.0, 1000.0), step=1.0
+            "Size (m)", OFFERED_SIZE_M, min=(1.0, 1.0), max=(1000.0, 1000.0), step=1.0
         )
         gui.add_button("Open").on_click(
             lambda _: self._open(lambda: Path(self._where.value.strip()))
@@ -73,7 +73,7 @@ class StartPage:
         self._note_html = gui.add_html("")
 
     def _open(self, find: Callable[[], Path]) -> None:
-        # open the map or site whose path `find` returns, and show errors
+        """Open the map or site whose path `find` returns, and show errors."""
         if not self._busy.acquire(blocking=False):
             return  # another one is being opened
         try:
@@ -91,7 +91,7 @@ class StartPage:
 
         path: path of a map or site, or a site's name. The map's piece is chosen by the fields of
         the page: centre and size."""
-        if path.suffix.lower() not in MAPS:
+        if path.suffix.lower() not in OPENED_MAP_ENDINGS:
             return str(path)
         numbers = self._centre.value.replace(",", " ").split()
         try:
@@ -112,15 +112,17 @@ class StartPage:
 def keep_upload(name: str, content: bytes, folder: Path) -> Path:
     """Write an upload to a folder, under a safe name, and return its path.
 
-    Raises ValueError for another kind of file, and one of more than `MOST_BYTES`."""
+    name: name of the uploaded file; content: its bytes. Raises ValueError for another kind of file,
+    and one of more than `MAX_UPLOAD_BYTES`."""
     ending = Path(name).suffix.lower()
-    if ending not in (*MAPS, *SITES) or len(content) > MOST_BYTES:
+    endings = (*OPENED_MAP_ENDINGS, *OPENED_SITE_ENDINGS)
+    if ending not in endings or len(content) > MAX_UPLOAD_BYTES:
         raise ValueError(
-            f"an upload must end with {', '.join((*MAPS, *SITES))} and hold at most "
-            f"{MOST_BYTES // 10**6} MB, got {name!r:.70} of {len(content) / 1e6:.1f} MB"
+            f"an upload must end with {', '.join(endings)} and hold at most "
+            f"{MAX_UPLOAD_BYTES // 10**6} MB, got {name!r:.70} of {len(content) / 1e6:.1f} MB"
         )
     # letters, digits, _ and - stay; all else, such as spaces and .., becomes -
-    safe_stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(name).stem)[:LONGEST] or "map"
+    safe_stem = re.sub(r"[^A-Za-z0-9_-]+", "-", Path(name).stem)[:MAX_STEM_LETTERS] or "map"
     path = folder / f"{safe_stem}{ending}"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, content)
@@ -175,12 +177,12 @@ class LiveSession:
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
         token = secrets.token_urlsafe(16)  # only who knows the URL opens the page
-        self._open = ExitStack()  # what `close` ends
+        self._open_parts = ExitStack()  # server, page and project file, which `close` ends
         self._folder = folder
-        self._server = self._open.enter_context(viser_server(port, token))
+        self._server = self._open_parts.enter_context(viser_server(port, token))
         self.url = f"http://127.0.0.1:{self._server.get_port()}/{token}/"
         if callable(planner):  # it makes the planner of a site that the first page asks for
-            self._begin = planner
+            self._make_planner = planner
             StartPage(self._server, folder, lambda site: self._show(*planner(site)))
         else:
             self._show(planner, project)
@@ -194,7 +196,7 @@ class LiveSession:
         note = self._server.gui.add_html(note_html(f"opening {site}", ""))
         gc.disable()  # collecting would only cost time: all that is loaded stays
         try:
-            self._show(*self._begin(site))
+            self._show(*self._make_planner(site))
         except (ValueError, OSError, ImportError) as error:
             note.content = note_html("", str(error))
             raise
@@ -202,16 +204,16 @@ class LiveSession:
             gc.enable()
 
     def _show(self, planner: "LivePlanner", project: "ProjectFile | None") -> None:
-        # show the page of a planner; `close` will end it and release its project file
+        """Show the page of a planner; `close` will end it and release its project file."""
         from coview.live_page import LivePage
 
         self.planner = planner
         self._server.gui.reset()
         if project is not None:
-            self._open.callback(project.close)
+            self._open_parts.callback(project.close)
         gc.freeze()  # collections during a drag skip all that exists by now
         self.page = LivePage(self._server, planner, project, self._folder)
-        self._open.callback(self.page.close)
+        self._open_parts.callback(self.page.close)
 
     def wait(self) -> None:
         """Serve until Ctrl-C, or SIGTERM within `interrupted_by_sigterm`."""
@@ -220,7 +222,7 @@ class LiveSession:
 
     def close(self) -> None:
         """End the page, release the project file, and end the server."""
-        self._open.close()
+        self._open_parts.close()
 
     def _repr_html_(self) -> str:
         return (

@@ -67,8 +67,8 @@ def figures_html(answer: "LiveAnswer") -> str:
 
     They are the change since the answer before (if any), the AP, problems, costs, and the share
     found by class (if there are several) and by approach."""
-    limited = np.isfinite(answer.budget)
-    last_amount = answer.budget if limited else answer.price  # the unit comes after it
+    has_budget = np.isfinite(answer.budget)
+    last_amount = answer.budget if has_budget else answer.price  # the unit comes after it
     unit = escape(answer.currency) or ("pole" if last_amount == 1 else "poles")
     worst = "no sensor is left"
     if answer.worst_sensor:
@@ -78,9 +78,10 @@ def figures_html(answer: "LiveAnswer") -> str:
             f"{format_share(answer.worst, answer.objects)}{interval} without "
             f"{escape(answer.worst_sensor)}"
         )
-    budget = f" of {answer.budget:,.10g}" if limited else ""
+    budget = f" of {answer.budget:,.10g}" if has_budget else ""
     sensors = describe_count(answer.sensors, "sensor")
-    facts = (
+    # name and HTML of the figure in each row
+    figures = (
         ("Worst failure leaves AP", f'<span class="live-worst">{worst}</span>'),
         ("Data", f'<span class="live-kbit">{answer.kbit:,.0f}</span> kbit per frame'),
         (
@@ -93,17 +94,15 @@ def figures_html(answer: "LiveAnswer") -> str:
     )
     rows = "".join(
         f'<tr><td style="{_SMALL}">{name}</td><td align="right">{text}</td></tr>'
-        for name, text in facts
+        for name, text in figures
     )
     problems = "".join(
         f'<div style="color:{OUTCOME["missed"].colour}">&#9888; {escape(problem)}</div>'
         for problem in answer.problems
     )
-    several = (
-        _bars_html("Found, by class (95 % interval)", answer.classes)
-        if len(answer.classes) > 1
-        else ""
-    )
+    class_bars = ""
+    if len(answer.classes) > 1:
+        class_bars = _bars_html("Found, by class (95 % interval)", answer.classes)
     error = f"{answer.spread:.3f}" if np.isfinite(answer.spread) else "unknown"
     return (
         f'<div style="{_BOX}"><span class="live-ap" style="font-size:28px;font-weight:700">'
@@ -113,13 +112,13 @@ def figures_html(answer: "LiveAnswer") -> str:
         f"{_describe_counts(answer)}; "
         f"standard error of the prediction: {error}. AP, average precision, is 1 where every road "
         f"user is found and nothing else is.</div>{_change_html(answer)}{problems}"
-        f'<table style="width:100%">{rows}</table>{several}'
+        f'<table style="width:100%">{rows}</table>{class_bars}'
         f"{_bars_html('Found, by approach (95 % interval)', answer.approaches)}</div>"
     )
 
 
 def _change_html(answer: "LiveAnswer") -> str:
-    # HTML of the change of AP since the answer before, "" without one
+    """HTML of the change of AP since the answer before, "" without one."""
     if not answer.change:
         return ""
     colour = OUTCOME["hit"].colour if answer.change > 0 else OUTCOME["missed"].colour
@@ -146,7 +145,7 @@ def details_html(answer: "LiveAnswer") -> str:
 
 
 def _describe_counts(answer: "LiveAnswer") -> str:
-    # words for the numbers of road users and frames behind an answer
+    """Words for the numbers of road users and frames behind an answer."""
     return (
         f"N = {describe_count(answer.objects, 'road user')}, "
         f"{describe_count(answer.frames, 'frame')}"
@@ -154,7 +153,7 @@ def _describe_counts(answer: "LiveAnswer") -> str:
 
 
 def _describe_fullest_link(answer: "LiveAnswer") -> str:
-    # HTML of the link that is used to the greatest share of its capacity
+    """HTML of the link that is used to the greatest share of its capacity."""
     if not answer.links:
         return "none"
     link = max(answer.links, key=lambda load: load.share)
@@ -162,7 +161,9 @@ def _describe_fullest_link(answer: "LiveAnswer") -> str:
 
 
 def _bars_html(title: str, rows: "Iterable[FoundShare]") -> str:
-    # HTML of a titled list of groups, each with a bar as long as the share of its road users found
+    """HTML of a titled list of groups of road users, each with a bar for its share found.
+
+    rows: groups, such as classes or approaches."""
     lines = []
     for row in rows:
         has_objects = not np.isnan(row.recall)
@@ -254,7 +255,7 @@ def draw_small_maps(
 
 
 def _svg_path(corners: Iterable[Iterable[float]]) -> str:
-    # closed path in SVG around corners (x, y in m); SVG's y axis goes down
+    """Closed path in SVG around corners (x, y in m); SVG's y axis goes down."""
     return f"M{' '.join(f'{x:.1f},{-y:.1f}' for x, y in corners)}Z"
 
 
@@ -279,10 +280,8 @@ def variants_html(
             )
             for ap, low, high in aps
         ]
-        figures = "".join(
-            f'<td align="right">{c}</td>'
-            for c in (*cells, f"{answer.kbit:,.0f}", f"{answer.price:,.10g}")
-        )
+        cells += [f"{answer.kbit:,.0f}", f"{answer.price:,.10g}"]
+        figures = "".join(f'<td align="right">{cell}</td>' for cell in cells)
         rows.append(
             '<tr class="live-variant" '
             f'style="font-weight:{weight}"><td>{escape(name)}{maps[name]}</td>{figures}</tr>'
@@ -335,8 +334,10 @@ def describe_suggestions(kind: str, suggestions: "Sequence[Suggestion]") -> str:
     return f"{title}: {text} (of {suggestions[0].considered} placements so far)"
 
 
-def _format_interval(low: float, high: float, objects: int, *, signed: bool = False) -> str:
-    # text of an interval, with the decimals that the number of road users supports
+def _format_interval(low: float, high: float, object_count: int, *, signed: bool = False) -> str:
+    """Text of an interval, with the decimals that the number of road users supports.
+
+    signed: True to print + before ends above 0."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return "no interval from few frames"
-    return " to ".join(format_share(end, objects, signed=signed) for end in (low, high))
+    return " to ".join(format_share(end, object_count, signed=signed) for end in (low, high))

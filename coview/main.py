@@ -28,7 +28,7 @@ def run(arguments: Sequence[str]) -> int:
     options = [argument for argument in arguments if argument != "--debug"]
     try:
         if options[:1] in ([], ["-h"], ["--help"], ["--version"]):
-            return _answer(options[:1])
+            return _print_overview(options[:1])
         refuse_hidden_packages()
     except ValueError as error:  # before any other module of coview is imported
         print(f"coview: {error}", file=sys.stderr)
@@ -42,7 +42,7 @@ def run(arguments: Sequence[str]) -> int:
 
     keep_freed_memory()
     try:
-        code = _call(options)
+        code = _run_command(options)
         sys.stdout.flush()  # a closed pipe shows here, not when Python ends
     except (Exception, KeyboardInterrupt) as error:
         code = report(error, debug=debug)
@@ -56,8 +56,10 @@ def _open_streams() -> None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
-def _answer(options: Sequence[str]) -> int:
-    # print the version, or the overview (on stderr without any option), and return the exit code
+def _print_overview(options: Sequence[str]) -> int:
+    """Print the overview, on stderr without any option, or the version; return the exit code.
+
+    options: nothing, or one of -h, --help and --version."""
     if options == ["--version"]:
         from coview import __version__
 
@@ -77,8 +79,10 @@ def format_overview() -> str:
     return USAGE.format("\n".join([*lines, ""]))
 
 
-def _call(arguments: Sequence[str]) -> int:
-    # parse a command line, run its command, and return the exit code
+def _run_command(arguments: Sequence[str]) -> int:
+    """Parse a command line, run its command, and return the exit code.
+
+    Raises ValueError, in one line, for what the parser refuses."""
     import io
     import warnings
     from contextlib import redirect_stderr
@@ -96,9 +100,9 @@ def _call(arguments: Sequence[str]) -> int:
         raise ValueError(f"unknown command {arguments[0]!r}{remedy}")
     warnings.showwarning = lambda message, *_, **__: say(f"coview: note: {message}", error=True)
 
-    def delay(load: Callable[..., int]) -> Callable[..., Callable[[], int]]:
-        """Parse the arguments of a command without running it yet."""
-        return wraps(load)(lambda *args, **options: partial(load, *args, **options))
+    def delay(run_one: Callable[..., int]) -> Callable[..., Callable[[], int]]:
+        """Return a command's function that only keeps its arguments, with the same help."""
+        return wraps(run_one)(lambda *args, **options: partial(run_one, *args, **options))
 
     tyro_output = io.StringIO()
     names = [name for name in arguments[:1] if name in COMMANDS]
@@ -106,7 +110,7 @@ def _call(arguments: Sequence[str]) -> int:
         names = [name for name in COMMANDS if name not in STUDIES]  # a wheel has no studies
     try:
         with redirect_stderr(tyro_output), record_refusals() as events:
-            call = tyro.extras.subcommand_cli_from_dict(
+            run_parsed = tyro.extras.subcommand_cli_from_dict(
                 {name: delay(command(name)) for name in names},
                 prog="coview",
                 args=arguments,
@@ -125,7 +129,7 @@ def _call(arguments: Sequence[str]) -> int:
         if tyro_output.getvalue():
             say(tyro_output.getvalue().rstrip("\n"), error=True)
         return stopped.code if isinstance(stopped.code, int) else 0
-    return call()
+    return run_parsed()
 
 
 def _find_refusal(stopped: SystemExit) -> ValueError | None:

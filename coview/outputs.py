@@ -154,7 +154,10 @@ def claim(
     """Check `out` by `check(overwrite=...)`, and lock it until the block ends.
 
     A killed run leaves a note of its settings. A run with the same settings may replace what that
-    run wrote without `overwrite`. Yields True if the block may overwrite."""
+    run wrote without `overwrite`. Yields True if the block may overwrite.
+
+    settings: all that the output depends on, compared by its repr; check: raises OSError or
+    ValueError if `out` may not be written."""
     check(overwrite=True)
     target = out.resolve()
     # the note is next to `out`, or in it if the folder around it cannot be written
@@ -213,7 +216,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _classify(error: BaseException) -> tuple[int, str]:
-    # exit code and text of an error
+    """Exit code and text of an error."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "stopped, nothing is left half written; start the same command again"
     if isinstance(error, WorkLost):

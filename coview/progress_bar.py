@@ -154,6 +154,7 @@ def progress_bar(
         has_ended = Event()
 
         def print_lines() -> None:
+            """Print a line every `EVERY_S` seconds until the block ends."""
             while not has_ended.wait(EVERY_S):
                 say(f"coview: {bar.describe()}", error=True)
 

@@ -63,13 +63,13 @@ def describe_refusal(event: Any, text: str, words: Sequence[str]) -> str | None:
         "MissingSubcommand": _describe_missing_command,
     }
     try:
-        return descriptions[type(event).__name__](event, _plain(text), command)
+        return descriptions[type(event).__name__](event, _in_one_line(text), command)
     except (KeyError, AttributeError, TypeError, IndexError):
         return None
 
 
-def _plain(text: str) -> str:
-    # text of the parser in one line, without its frames
+def _in_one_line(text: str) -> str:
+    """Text of the parser in one line, without its frames."""
     lines = (line.strip("│╭╮╰╯─ ") for line in text.splitlines())
     return " ".join(line for line in lines if line)
 
@@ -79,7 +79,7 @@ def _plain(text: str) -> str:
 
 
 def _describe_unknown(event: Any, text: str, command: str) -> str:
-    # error for options, or a subcommand, that the command does not have
+    """Error for options, or a subcommand, that the command does not have."""
     options = [token for token in event.tokens if token.startswith("-")]
     if not options:
         available = re.search(r"Available subcommands: (.+?)(?: For full|$)", text)
@@ -96,21 +96,22 @@ def _describe_unknown(event: Any, text: str, command: str) -> str:
 
 
 def _describe_choice(event: Any, _: str, command: str) -> str:
-    # error for a value that is not among the choices of an option
+    """Error for a value that is not among the choices of an option."""
     choices = [choice for choice in event.choices if choice != "None"]
     if set(choices) <= set(LABELS):  # an option of classes, whose check has a better error
         try:
             check_classes([event.value])
         except ValueError as error:
-            return f"{_name(event.argument)}: {error}"
+            return f"{_option_name(event.argument)}: {error}"
     remedy = describe_near(event.value, choices)
     listed = ", ".join(choices)
-    return f"{_name(event.argument)} must be one of {listed}, got {event.value!r}{remedy}"
+    return f"{_option_name(event.argument)} must be one of {listed}, got {event.value!r}{remedy}"
 
 
 def _describe_values(event: Any, text: str, command: str) -> str:
-    # error for words from which an option's value cannot be made; tyro's texts quote these words,
-    # as in: instantiated from ['1', 'two']
+    """Error for words from which an option's value cannot be made.
+
+    tyro's texts quote these words, as in: instantiated from ['1', 'two']."""
     if event.argument is None:
         return str(event.message)
     message = " ".join(str(event.message).split())
@@ -118,25 +119,29 @@ def _describe_values(event: Any, text: str, command: str) -> str:
     quoted_words = re.findall(r"'([^']*)'", match[1] if match else str(event.message))
     typed_words = " ".join(quoted_words)
     received = f", got {typed_words}" if typed_words else ""
-    return f"{_name(event.argument)} takes {_kind(event.argument)}{received}{_help(event.argument)}"
+    rule = f"{_option_name(event.argument)} takes {_value_words(event.argument)}"
+    return f"{rule}{received}{_help_sentence(event.argument)}"
 
 
 def _describe_too_few(event: Any, _: str, command: str) -> str:
-    # error for an option with too few values, or with a value that it does not take
+    """Error for an option with too few values, or with a value that it does not take."""
     if event.reason != "too_few_values":
-        return f"{_name(event.argument)} takes no value, got {event.offending_value!r}"
-    return f"{_name(event.argument)} needs {_kind(event.argument)}{_help(event.argument)}"
+        return f"{_option_name(event.argument)} takes no value, got {event.offending_value!r}"
+    rule = f"{_option_name(event.argument)} needs {_value_words(event.argument)}"
+    return f"{rule}{_help_sentence(event.argument)}"
 
 
 def _describe_missing(event: Any, _: str, command: str) -> str:
-    # error for options and arguments that the command needs
+    """Error for options and arguments that the command needs."""
     arguments = [missing.arg for missing in event.missing_arguments]
-    needs = "; ".join(f"{_name(argument)}{_help(argument)}" for argument in arguments)
+    needs = "; ".join(
+        f"{_option_name(argument)}{_help_sentence(argument)}" for argument in arguments
+    )
     return f"{command} needs {needs}"
 
 
 def _describe_missing_command(event: Any, _: str, command: str) -> str:
-    # error for a command that needs a subcommand, such as coview site
+    """Error for a command that needs a subcommand, such as coview site."""
     names = [name.split(":")[-1] for name in event.subcommand_spec.parser_from_name]
     text = f"{command} needs one of {', '.join(names)}"
     if event.found_token is None:
@@ -145,16 +150,17 @@ def _describe_missing_command(event: Any, _: str, command: str) -> str:
 
 
 def _help_line(command: str) -> str:
+    """Command line that prints a command's help."""
     return "coview --help" if command == "coview" else f"coview {command} --help"
 
 
-def _name(argument: Any) -> str:
-    # name of an argument as it is typed, without the name of its group
+def _option_name(argument: Any) -> str:
+    """Name of an argument as it is typed, without the name of its group."""
     return str(argument.display_name()).rpartition(".")[2]
 
 
-def _help(argument: Any) -> str:
-    # first sentence of an argument's help after a colon, "" without help
+def _help_sentence(argument: Any) -> str:
+    """First sentence of an argument's help after a colon, "" without help."""
     helptext = argument.field.helptext
     text = helptext() if callable(helptext) else helptext
     # a sentence ends with a full stop or a semicolon
@@ -166,7 +172,7 @@ def _help(argument: Any) -> str:
     return f": {line}" if line else ""
 
 
-def _kind(argument: Any) -> str:
+def _value_words(argument: Any) -> str:
     """Words for the values that an option takes, such as "2 numbers".
 
     The parser writes them as the option's metavar: `{None}|{FLOAT FLOAT}` for two numbers or none,

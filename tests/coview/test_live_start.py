@@ -194,7 +194,8 @@ def test_an_upload_is_kept_and_opened(server, tmp_path, imported):
 
 
 @pytest.mark.parametrize(
-    ("size", "fits"), [(live_start.MOST_BYTES, True), (live_start.MOST_BYTES + 1, False)]
+    ("size", "fits"),
+    [(live_start.MAX_UPLOAD_BYTES, True), (live_start.MAX_UPLOAD_BYTES + 1, False)],
 )
 def test_an_upload_has_a_limit(tmp_path, size, fits):
     if fits:
