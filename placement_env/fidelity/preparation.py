@@ -147,7 +147,7 @@ class Preparation:
         # hit models of all classes by IoU threshold, filled by `at_thresholds` and shared by copies
         return {}
 
-    def at(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
+    def with_candidates(self, candidates: Candidates, visibility: Visibility) -> "Preparation":
         """Preparation for other candidates in the same traffic.
 
         The network and the hit models stay too, whatever the candidates.
@@ -194,7 +194,7 @@ class Preparation:
         visibility: Points of the new candidates on the objects of the same traffic."""
         if self._empty_surrogate is not None:
             return self._empty_surrogate.over(visibility)  # quick copy
-        return self.at(candidates, visibility).fidelity()
+        return self.with_candidates(candidates, visibility).fidelity()
 
     @cached_property
     def _empty_surrogate(self) -> Surrogate | None:
@@ -228,7 +228,9 @@ class Preparation:
             by_level: tuple[tuple[Fidelity, ...], ...] = (fidelities,)
             if cases.levels > 1:
                 preparations = [
-                    self.at(self.setting.pool, of_frames(self.visibility, level_frames))
+                    self.with_candidates(
+                        self.setting.pool, of_frames(self.visibility, level_frames)
+                    )
                     for level_frames in self.levels
                 ]
                 by_level = tuple(

@@ -107,40 +107,40 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
                     mounted_site(base_site, candidates, point.subset), unfinished / _site_file(n)
                 )
         return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
-    # sensors that the search moved to other poses, in place of the candidates
-    moved = () if answer.result is None else answer.result.sensors
-    site = mounted_site(base_site, candidates, members, moved)
-    kbit = kbit_per_frame(objective, members, moved)
-    sensors = format_sensors(base_site, candidates, members, moved, kbit=kbit)
+    # sensors that the search moved to other poses, in place of the candidates; empty if they stay
+    moved_sensors = () if answer.result is None else answer.result.sensors
+    site = mounted_site(base_site, candidates, members, moved_sensors)
+    kbit = kbit_per_frame(objective, members, moved_sensors)
+    schedule = format_sensors(base_site, candidates, members, moved_sensors, kbit=kbit)
     ground = visible_ground(site, site.sensors)
-    unused = unused_mounts(candidates, members, moved)
+    free_mounts = unused_mounts(candidates, members, moved_sensors)
     with writing_together(Path(folder)) as unfinished:
-        write_exchange(unfinished, site, sensors, ground, unused=unused)
+        write_exchange(unfinished, site, schedule, ground, unused=free_mounts)
         draw_site(site, unfinished / ANSWER_PICTURE)
         write_text(unfinished / ANSWER_JSON, summary + "\n")
     return f"written to {folder}: {', '.join(ANSWER_FILES)}"
 
 
 def kbit_per_frame(
-    objective: Objective, members: Sequence[int], moved: Sequence[Sensor] = ()
+    objective: Objective, members: Sequence[int], moved_sensors: Sequence[Sensor] = ()
 ) -> Float64[np.ndarray, "sensors frames"]:
     """Data (kbit) that each sensor of a set sends in each frame of the objective's traffic.
 
     If the scheme sends boxes, a sensor is assumed to send one for each object that it sees with
     `LEAST` points. Raises ValueError for an objective without a site.
 
-    members: indices of the candidates; moved: the set's sensors if a search moved them to other
-    poses, empty if they stay.
+    members: indices of the candidates; moved_sensors: the set's sensors if a search moved them to
+    other poses, empty if they stay.
     """
     preparation = objective.preparation
     if preparation is None:
         raise ValueError(
             "kbit of each frame are known of an objective made from a site: Objective(site)"
         )
-    if moved:
+    if moved_sensors:
         visibility = see(
             preparation.traffic,
-            as_candidates(moved, objective.candidates),
+            as_candidates(moved_sensors, objective.candidates),
             labels=preparation.setting.counted.labels,
         )
     else:
@@ -185,12 +185,12 @@ def curve_csv(objective: Objective, points: Sequence[CurvePoint], currency: str 
 
 
 def _figure_cell(figure: float) -> str:
-    # NaN, such as an interval on too few frames, is an empty cell
+    """Text of a figure; empty for NaN, such as an interval on too few frames."""
     return "" if math.isnan(figure) else f"{figure:.6f}"
 
 
 def _site_file(n: int) -> str:
-    # name of the file of the site with the n-th set of a curve, n from 0
+    """Name of the file of the site with the n-th set of a curve, n from 0."""
     return f"site_{n + 1}.json"
 
 
@@ -211,6 +211,7 @@ def draw_curve(
         figure = canvas.blank_figure(canvas.CHART_INCHES, CURVE_HEIGHT_INCHES)
         subtitle = f"AP by the {judge} on traffic of its own; lines: 95% intervals"
         canvas.draw_heading(figure, "What a budget buys", subtitle)
+        # left, bottom, width and height, as shares of the picture
         axes = figure.add_axes(
             (0.09, 0.22, 0.88, 1 - CURVE_HEAD_INCHES / CURVE_HEIGHT_INCHES - 0.22)
         )

@@ -102,22 +102,20 @@ def report_curve(
             lines=(f"no sensors: {describe_empty(objective)}",),
             met=False,
         )
-    budgets = (
-        "of each number of sensors"
-        if math.isinf(objective.most_price)
-        else "for each amount of money"
-    )
+    budget_text = "for each amount of money"
+    if math.isinf(objective.most_price):
+        budget_text = "of each number of sensors"
     lines = [
         (
-            f"best set {budgets}, judged by the {order.judge} on traffic that had no part in the "
-            "choice:"
+            f"best set {budget_text}, judged by the {order.judge} on traffic that had no part in "
+            "the choice:"
         )
     ]
     for point, names in zip(points, point_names, strict=True):
         price = describe_money(point.price, order.currency)
         pays = "" if point.pays else ", no more than a cheaper one"
-        judged = describe_estimate(point, order.judge, point.objects)
-        lines.append(f"  {point.sensors} for {price}: {judged}{pays}: {', '.join(names)}")
+        estimate = describe_estimate(point, order.judge, point.objects)
+        lines.append(f"  {point.sensors} for {price}: {estimate}{pays}: {', '.join(names)}")
         if point.by_errors:
             profiles = describe_profiles(point.by_errors, point.objects)
             lines.append(f"    at each error profile: {profiles}")

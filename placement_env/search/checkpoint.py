@@ -50,7 +50,7 @@ class Checkpoint:
 
     @cached_property
     def _key(self) -> bytes:
-        # signs states of this stage: what they depend on, and the folder's secret
+        """Key that signs states of this stage: what they depend on, and the folder's secret."""
         return make_key(self._depends_on.hex(), self._part) + read_secret(
             self._path.with_name(f"secret{STATE_SUFFIX}")
         )
@@ -91,9 +91,9 @@ class Checkpoint:
         write_bytes(self._path, encode_arrays(self._key, (head, *arrays.values())))
         self._saved_at = time.monotonic()
 
-    def offer(self, state: Callable[[], KeptState]) -> None:
-        """Save what `state` returns, unless one was saved in the last `every` seconds.
+    def offer(self, make_state: Callable[[], KeptState]) -> None:
+        """Save the state that a function returns, unless one was saved in the last seconds.
 
-        `state` is called only if it is saved."""
+        make_state: called only if the last state was saved `every` seconds ago or earlier."""
         if self.folder is not None and time.monotonic() - self._saved_at >= self.every:
-            self.save(state())
+            self.save(make_state())

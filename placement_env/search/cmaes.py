@@ -151,13 +151,14 @@ def improve(
         "randn": lambda *shape: rng.standard_normal(shape),
         "verbose": -9,
     }
-    size = 4 + int(3 * np.log(len(climb.vector)))  # usual population for this many dimensions
+    # vectors in a step; the usual number for this many dimensions
+    population = 4 + int(3 * np.log(len(climb.vector)))
     while climb.continues:
-        options = {**coding.options(), **generator_options, "popsize": size}
+        options = {**coding.options(), **generator_options, "popsize": population}
         strategy = cma.CMAEvolutionStrategy(climb.vector, INITIAL_SPREAD, options)
         while not strategy.stop() and climb.continues:
             climb.step(strategy)
-        size *= 2
+        population *= 2
     score = replace(climb.score, subset=tuple(range(len(climb.sensors))))
     certificate = Certificate(
         "none", score.reward, note="CMA-ES proves nothing; the answer is no worse than its start"
@@ -310,8 +311,9 @@ def build_pose_scorer(
     quiet_run = replace(preparation.run, cache=None, progress=None)
 
     def score_poses(sets: Sequence[Poses]) -> list[Score | None]:
-        # score of each set, None for a set that may not be built; the sensors of all sets become
-        # the candidates of one objective, set after set
+        """Score of each set, None for a set that may not be built.
+
+        The sensors of all sets become the candidates of one objective, set after set."""
         sensors = [sensor for poses in sets for sensor in poses]
         candidates = as_candidates(sensors, preparation.setting.pool)
         if live is not None:

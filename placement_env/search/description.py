@@ -22,18 +22,18 @@ MIN_LEVEL_OBJECTS = 100  # a level of traffic with fewer objects gets a warning
 
 
 def describe_sensors(
-    names: Sequence[str], moved: Sequence[Sensor] = (), site: Site | None = None
+    names: Sequence[str], moved_sensors: Sequence[Sensor] = (), site: Site | None = None
 ) -> list[str]:
     """Lines with the names of sensors, and any new positions (m) and directions (degrees).
 
     Directions are compass bearings at a site, otherwise headings from +x.
 
-    names: names of the candidates; moved: the same sensors in new poses, empty if they stay; site:
-    None for sensors without one.
+    names: names of the candidates; moved_sensors: the same sensors in new poses, empty if they
+    stay; site: None for sensors without one.
     """
-    if not moved:
+    if not moved_sensors:
         return list(names)
-    headings, tilts = aims(moved)
+    headings, tilts = aims(moved_sensors)  # rad
     if site is None:
         directions = [
             f"heading {degrees:.1f} (from +x)" for degrees in np.rad2deg(headings).tolist()
@@ -45,7 +45,7 @@ def describe_sensors(
             for heading in headings.tolist()
         ]
     text = "{} moved to x {:.2f} y {:.2f} z {:.2f} m, {} tilt {:.1f} degrees"
-    rows = zip(names, moved, directions, np.rad2deg(tilts).tolist(), strict=True)
+    rows = zip(names, moved_sensors, directions, np.rad2deg(tilts).tolist(), strict=True)
     return [
         text.format(name, *sensor.position, direction, tilt_deg)
         for name, sensor, direction, tilt_deg in rows
@@ -77,16 +77,16 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
 
 
 def describe_estimate(
-    figure: Assessment | CurvePoint | Contender | ProfileAP, fidelity: str, objects: int
+    figure: Assessment | CurvePoint | Contender | ProfileAP, fidelity: str, object_count: int
 ) -> str:
     """AP or coverage of a set with its interval, in as many decimals as the objects support.
 
-    figure: has `ap`, `low` and `high`; fidelity: name of the fidelity that measured them; objects:
-    number of objects that they were measured on.
+    figure: has `ap`, `low` and `high`; fidelity: name of the fidelity that measured them;
+    object_count: number of objects that they were measured on.
     """
-    interval = describe_interval(figure.low, figure.high, figure_digits(objects))
+    interval = describe_interval(figure.low, figure.high, figure_digits(object_count))
     name = "coverage" if fidelity == "coverage" else "AP"
-    return f"{name} {format_share(figure.ap, objects)} ({interval})"
+    return f"{name} {format_share(figure.ap, object_count)} ({interval})"
 
 
 def describe_score(score: Score) -> str:
@@ -105,8 +105,8 @@ def describe_score(score: Score) -> str:
 
 def describe_assessment(assessment: Assessment) -> list[str]:
     """Lines on the assessment of the answer, and of each search's answer if it was assessed."""
-    fresh = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
-    objects = assessment.objects
+    caveat = "" if assessment.by == "detector" else ", not a detector: it may err alike everywhere"
+    object_count = assessment.objects
     rivals = f"{assessment.entrants} compared sets is better by more than {assessment.tolerance:g}"
     sureness = f"  {describe_sureness(assessment.confidence)} sure that none of the {rivals}"
     if math.isnan(assessment.confidence):
@@ -116,32 +116,35 @@ def describe_assessment(assessment: Assessment) -> list[str]:
     lines = [
         (
             f"judged by the {assessment.by} on {assessment.frames} frames that had no part in the "
-            f"choice{fresh}:"
+            f"choice{caveat}:"
         ),
-        f"  {describe_estimate(assessment, assessment.by, objects)} on {objects} objects, "
-        f"{assessment.kbit:.1f} kbit a frame; estimated "
-        f"{format_share(assessment.predicted, objects)} by the search, "
-        f"{format_share(assessment.expected, objects)} after the race",
+        f"  {describe_estimate(assessment, assessment.by, object_count)} on {object_count} "
+        f"objects, {assessment.kbit:.1f} kbit a frame; estimated "
+        f"{format_share(assessment.predicted, object_count)} by the search, "
+        f"{format_share(assessment.expected, object_count)} after the race",
         sureness,
     ]
     if assessment.by_errors:
         lines.append(
             f"  the {assessment.errors_by} over error profiles: "
-            f"{describe_profiles(assessment.by_errors, objects)}"
+            f"{describe_profiles(assessment.by_errors, object_count)}"
         )
     for contender in assessment.contenders:
         searches = " and ".join(contender.searches)
-        estimate = describe_estimate(contender, assessment.by, objects)
-        predicted = format_share(contender.predicted, objects)
-        excess = format_share(contender.curse, objects, signed=True)
+        estimate = describe_estimate(contender, assessment.by, object_count)
+        predicted = format_share(contender.predicted, object_count)
+        excess = format_share(contender.curse, object_count, signed=True)
         lines.append(f"  {searches}: {estimate}, predicted {predicted}, {excess} too much")
     return lines
 
 
-def describe_profiles(by_errors: Sequence[ProfileAP], objects: int) -> str:
-    """AP at each error profile separately, in words. objects: number of objects in the frames."""
+def describe_profiles(by_errors: Sequence[ProfileAP], object_count: int) -> str:
+    """AP at each error profile separately, in words.
+
+    object_count: number of objects in the frames."""
     return ", ".join(
-        f"{profile.name} {describe_estimate(profile, 'detector', objects)}" for profile in by_errors
+        f"{profile.name} {describe_estimate(profile, 'detector', object_count)}"
+        for profile in by_errors
     )
 
 

@@ -114,7 +114,8 @@ def explain_kept(
     min_price = 0.0  # one sensor on each such pole
     reasons = list[str]()
 
-    def cost(amount: float) -> str:
+    def compare_costs(amount: float) -> str:
+        """Words for the amount that is needed, and for the amount that may be spent."""
         available = describe_money(objective.most_price, currency)
         return f"{describe_money(amount, currency)} or more, and {available} may be spent"
 
@@ -134,7 +135,7 @@ def explain_kept(
                 f"{max_kbit:g} are allowed"
             )
         elif not objective.affordable(candidates.prices[poses]).any():
-            cause = f"a sensor there costs {cost(float(candidates.prices[poses].min()))}"
+            cause = f"a sensor there costs {compare_costs(float(candidates.prices[poses].min()))}"
         elif not is_allowed[poses].any():
             cause = "links, money and drawings of the site leave no pose"
         else:
@@ -143,7 +144,7 @@ def explain_kept(
         reasons.append(f"Pole {name} must carry a sensor, but cannot: {cause}.")
     if not reasons and not objective.affordable(np.array([min_price]))[0]:
         names = join_names([candidates.mounts[mount].name for mount in objective.kept])
-        reasons.append(f"Sensors on {names}, as asked, cost together {cost(min_price)}.")
+        reasons.append(f"Sensors on {names}, as asked, cost together {compare_costs(min_price)}.")
     return tuple(reasons)
 
 

@@ -146,16 +146,16 @@ def describe_first_frames(search_frames: int) -> str:
 
 
 def describe_narrowing(
-    pool: Candidates, searched: Int64[np.ndarray, " n"], search_frames: int
+    pool: Candidates, searched_poses: Int64[np.ndarray, " n"], search_frames: int
 ) -> str:
     """Sentence on how many poses of a large pool are searched.
 
-    searched: indices of these poses; search_frames: number of frames of the search."""
+    searched_poses: their indices; search_frames: number of frames of the search."""
     frames_text = describe_first_frames(search_frames)
     pole_text = describe_count(len(np.unique(pool.mount)), "pole")
     pose_text = describe_count(len(pool), "pose")
-    searched_pole_text = describe_count(len(np.unique(pool.mount[searched])), "pole")
+    searched_pole_text = describe_count(len(np.unique(pool.mount[searched_poses])), "pole")
     return (
-        f"{pole_text} with {pose_text} are too many to search: the {len(searched):,} poses on "
-        f"{searched_pole_text} go on that see most in the {frames_text}."
+        f"{pole_text} with {pose_text} are too many to search: the {len(searched_poses):,} poses "
+        f"on {searched_pole_text} go on that see most in the {frames_text}."
     )

@@ -105,8 +105,8 @@ def grow(
     rise = 0.0
     last_gains = np.full(progress.size, np.inf)  # gain of each candidate when last scored
     while len(members) < progress.budget:
-        options = np.flatnonzero(progress.objective.next_allowed(members))
-        rewards = progress.rewards(add_each(members, options, progress.size))
+        options = np.flatnonzero(progress.objective.next_allowed(members))  # may join the set
+        rewards = progress.rewards(add_each(members, options, progress.size))  # with each option
         is_scored = np.isfinite(rewards)  # False beyond the limits
         if not is_scored.any():
             break
@@ -139,7 +139,7 @@ def search_by_races(
     progress = Progress(objective, budget, seconds, evaluations)
     members: list[int] = []
     while len(members) < budget and not progress.spent:
-        options = np.flatnonzero(objective.next_allowed(members))
+        options = np.flatnonzero(objective.next_allowed(members))  # candidates that may join
         if not len(options):
             break
         sets = add_each(members, options, progress.size)

@@ -153,8 +153,9 @@ class Progress:
             columns[:, rows] = self.objective.scores(subsets[rows])[:FLOAT_FIELDS]
             duration_s = max(time.monotonic() - began, 1e-9)  # one set may take 0.1 ms, or a minute
             next_s = min(PACE_S, max(0.0, self.limits.seconds - self.limits.elapsed))
-            affordable = next_s * block / duration_s
-            self._block = int(np.clip(affordable, 1, min(MAX_BLOCK, 4 * self._block)))
+            affordable_sets = next_s * block / duration_s
+            # at most fourfold growth, as the pace of a small block is uncertain
+            self._block = int(np.clip(affordable_sets, 1, min(MAX_BLOCK, 4 * self._block)))
             self._update_incumbent(subsets[rows], figures.reward[rows])
             self.limits.count += block
             done += block

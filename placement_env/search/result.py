@@ -319,7 +319,7 @@ def _build_result(content: _Row) -> Result:
             reward=np.array(history["reward"], np.float64),
         ),
         "certificate": Certificate(
-            **certificate | {"bound": _number(certificate["bound"], math.inf)}
+            **certificate | {"bound": _fill_null(certificate["bound"], math.inf)}
         ),
         "front": tuple(map(load_score, content["front"])),
         "by_size": tuple(map(load_score, content["by_size"])),
@@ -348,20 +348,20 @@ def _build_assessment(row: _Row) -> Assessment:
     contender_rows = row["contenders"]
     profile_rows = row.get("by_errors", ())
     for figures in (row, *contender_rows, *profile_rows):
-        figures |= {name: _number(figures[name], math.nan) for name in ("low", "high")}
+        figures |= {name: _fill_null(figures[name], math.nan) for name in ("low", "high")}
     for contender in contender_rows:
         contender |= {name: tuple(contender[name]) for name in ("searches", "subset")}
     values = {
-        "expected": _number(row.get("expected"), math.nan),
-        "confidence": _number(row["confidence"], math.nan),
+        "expected": _fill_null(row.get("expected"), math.nan),
+        "confidence": _fill_null(row["confidence"], math.nan),
         "contenders": tuple(Contender(**contender) for contender in contender_rows),
         "by_errors": tuple(ProfileAP(**profile) for profile in profile_rows),
     }
     assessment = Assessment(**row | values)
     shares = [assessment.ap, assessment.low, assessment.high]
     judged_sets: list[Contender | ProfileAP] = [*assessment.contenders, *assessment.by_errors]
-    for judged in judged_sets:
-        shares += [judged.ap, judged.low, judged.high]
+    for judged_set in judged_sets:
+        shares += [judged_set.ap, judged_set.low, judged_set.high]
     amounts = (assessment.kbit, assessment.objects, assessment.frames)
     _check_figures(shares=[*shares, assessment.confidence], amounts=amounts)
     return assessment
@@ -371,7 +371,7 @@ def load_score(row: _Row) -> Score:
     """Score from the JSON values of a file, by field name.
 
     Raises ValueError for figures out of range, TypeError for a member that is no whole number."""
-    by_class = {name: _number(ap, math.nan) for name, ap in row["class_ap"].items()}
+    by_class = {name: _fill_null(ap, math.nan) for name, ap in row["class_ap"].items()}
     subset = tuple(map(operator.index, row["subset"]))  # `index` refuses floats
     score = Score(**row | {"subset": subset, "class_ap": by_class})
     _check_figures(
@@ -393,7 +393,7 @@ def _check_figures(shares: Iterable[float], amounts: Iterable[float]) -> None:
             raise ValueError(f"kbit, prices, counts and times must be at least 0, got {amount}")
 
 
-def _number(value: float | None, absent: float) -> float:
+def _fill_null(value: float | None, absent: float) -> float:
     """Number from a file; null means not finite, since JSON has no non-finite numbers.
 
     absent: the number that null was, infinity or NaN."""

@@ -208,10 +208,10 @@ def _verify(
     summary = {**asdict(score), "sensors": names, "provenance": verifier.provenance}
     if by_errors:
         summary["by_errors"] = by_errors
-    mounted = names if result.sensors else describe_mounted(objective, score.subset)
+    sensor_lines = names if result.sensors else describe_mounted(objective, score.subset)
     change = "moved" if result.sensors else f"best of {set_count} sets"
     lines = [f"by the {fidelity}, {change}:"]
-    lines += [f"  {line}" for line in mounted]
+    lines += [f"  {line}" for line in sensor_lines]
     lines.append(describe_score(score))
     lines += describe_by_errors(by_errors)
     return _Verification(members=score.subset, summary=summary, lines=lines)

@@ -79,10 +79,11 @@ def search(
     if starts is None:
         starts = DEFAULT_STARTS if seconds is None and evaluations is None else sys.maxsize
     first_number = 0
-    proven = False
+    proven = False  # True if no change of one sensor improves the best set
     climb = None
 
     def state() -> KeptState:
+        """Values for a checkpoint, from which the search resumes in the middle of a climb."""
         values = {"progress": progress.state(), "rng": rng.bit_generator.state, "proven": proven}
         return values | ({} if climb is None else {"climb": vars(climb)})
 
@@ -97,8 +98,8 @@ def search(
             if progress.spent and start_number:
                 break
             climb = _begin_climb(progress, start_number, rng=rng, start=start)
-        finished = _climb_to_optimum(progress, climb, rng, lambda: checkpoint.offer(state))
-        proven = finished if progress.reward > climb.before else proven
+        is_optimum = _climb_to_optimum(progress, climb, rng, lambda: checkpoint.offer(state))
+        proven = is_optimum if progress.reward > climb.before else proven
         climb = None
     certificate = progress.unknown("stopped before all changes of one sensor were tried")
     if proven:
@@ -152,15 +153,17 @@ def _choose_first_set(progress: Progress, start: Iterable[int | str] | None) -> 
         last_set = grow(progress).members
         return np.flatnonzero(progress.best).tolist() or last_set
     objective = progress.objective
-    fitting = list[int]()
-    given = np.flatnonzero(objective.row(start))
-    is_required = np.isin(objective.candidates.mount[given], objective.kept)
-    for candidate in given[is_required].tolist() + given[~is_required].tolist():
-        if len(fitting) < progress.budget and objective.next_allowed(fitting)[candidate]:
-            fitting.append(candidate)
-    if objective.keeps(objective.row(fitting)[None])[0]:
-        return fitting
-    return grow(progress, start=fitting).members
+    members = list[int]()
+    candidates = np.flatnonzero(objective.row(start))
+    is_required = np.isin(objective.candidates.mount[candidates], objective.kept)
+    for candidate in candidates[is_required].tolist() + candidates[~is_required].tolist():
+        # `next_allowed`: mask of the candidates that may join these members
+        if len(members) < progress.budget and objective.next_allowed(members)[candidate]:
+            members.append(candidate)
+    # `keeps`: each pole that must carry a sensor has one
+    if objective.keeps(objective.row(members)[None])[0]:
+        return members
+    return grow(progress, start=members).members
 
 
 def _climb_to_optimum(
@@ -178,8 +181,8 @@ def _climb_to_optimum(
         save_state()
         position = climb.waiting.pop(0)
         members = [c for i, c in enumerate(places) if i != position and c != EMPTY_PLACE]
-        options = np.flatnonzero(progress.objective.allowed(members))
-        members_row = as_rows([members], progress.size)
+        options = np.flatnonzero(progress.objective.allowed(members))  # may fill the place
+        members_row = as_rows([members], progress.size)  # the set with this place empty
         subsets = np.vstack([members_row, add_each(members, options, progress.size)])
         # False if a pole that must carry a sensor is empty
         keeps_required = progress.objective.keeps(subsets)
@@ -207,14 +210,14 @@ def draw_set(objective: Objective, budget: int, rng: np.random.Generator) -> lis
 
     budget: largest number of sensors."""
     candidates = objective.candidates
-    allowed = np.flatnonzero(objective.allowed([]))
-    mount = candidates.mount[allowed]
+    allowed_candidates = np.flatnonzero(objective.allowed([]))  # indices
+    mount = candidates.mount[allowed_candidates]
     members: list[int] = []
     mounts = rng.permutation(np.unique(mount))
     required_first = np.argsort(~np.isin(mounts, objective.kept), kind="stable")
     for next_mount in mounts[required_first].tolist():
-        options = allowed[mount == next_mount]
-        options = options[objective.next_allowed(members)[options]]
+        poses = allowed_candidates[mount == next_mount]
+        options = poses[objective.next_allowed(members)[poses]]  # that may join these members
         if len(members) < budget and options.size:
             members.append(int(rng.choice(options)))
     while candidates.several and len(members) < budget and rng.random() < EXTRA_SENSOR_CHANCE:

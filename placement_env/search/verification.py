@@ -60,11 +60,11 @@ def verified(
         sets = sets[accurate.race(sets, keep=best).winners]
     fast_rewards = fast.scores(sets).reward
     best_rows = find_best(fast_rewards, best)  # indices, the best first
-    rewards = accurate.scores(sets[best_rows]).reward
-    ranking = find_best(rewards, len(best_rows))
+    accurate_rewards = accurate.scores(sets[best_rows]).reward
+    ranking = find_best(accurate_rewards, len(best_rows))
     ranked_rows = best_rows[ranking]
     return AccurateRanking(
-        sets=sets[ranked_rows], fast=fast_rewards[ranked_rows], accurate=rewards[ranking]
+        sets=sets[ranked_rows], fast=fast_rewards[ranked_rows], accurate=accurate_rewards[ranking]
     )
 
 
@@ -102,19 +102,20 @@ def score_result(accurate: Objective, result: Result) -> Score:
 
 
 def ap_at_profiles(
-    objective: Objective, subset: Sequence[int], moved: Sequence[Sensor] = ()
+    objective: Objective, subset: Sequence[int], moved_sensors: Sequence[Sensor] = ()
 ) -> dict[str, float]:
     """AP of a set at each of several error profiles, by name; empty for one profile.
 
     Empty too for the empty set and for fidelities without error profiles. A profile at which moved
     sensors may not be built is left out.
 
-    subset: indices of the candidates; moved: its sensors in other poses, empty if they stay."""
+    subset: indices of the candidates; moved_sensors: its sensors in other poses, empty if they
+    stay."""
     scored_by = objective.scored_by
     preparation = objective.preparation
     if not isinstance(scored_by, CasesFidelity) or len(scored_by.cases.names) == 1 or not subset:
         return {}
-    if not moved or preparation is None:
+    if not moved_sensors or preparation is None:
         return {
             name: float(estimate.ap[0])
             for name, estimate in scored_by.at_each(objective.row(subset)[None]).items()
@@ -127,20 +128,21 @@ def ap_at_profiles(
         profile_preparation = replace(
             preparation, setting=replace(preparation.setting, cases=cases)
         ).with_traffic(preparation.traffic, detector=preparation.detector)
-        (score,) = build_pose_scorer(profile_preparation, objective.weights)([tuple(moved)])
+        score_poses = build_pose_scorer(profile_preparation, objective.weights)
+        (score,) = score_poses([tuple(moved_sensors)])
         if score is not None:
             aps[name] = score.ap
     return aps
 
 
-def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
+def neighbours(subset: Int64[np.ndarray, " k"], candidate_count: int) -> Sets:
     """Rows of a set and of each variant with one member replaced by a candidate outside of it.
 
     The set is the first row. Variants are not checked for feasibility.
 
-    subset: indices of the set's candidates; candidates: number of all candidates, the length of a
-    row."""
-    row = as_rows([subset.tolist()], candidates)
+    subset: indices of the set's candidates; candidate_count: number of all candidates, the length
+    of a row."""
+    row = as_rows([subset.tolist()], candidate_count)
     outside = np.flatnonzero(~row[0])
     sets = np.repeat(row, 1 + len(subset) * len(outside), axis=0)
     variant_rows = np.arange(1, len(sets))  # one for each pair of a member and an outside candidate
@@ -150,28 +152,28 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidates: int) -> Sets:
 
 
 def improve_among_equals(
-    progress: Progress, members: Sequence[int], count: Callable[[Sets], Shaped[np.ndarray, " n"]]
+    progress: Progress, members: Sequence[int], measure: Callable[[Sets], Shaped[np.ndarray, " n"]]
 ) -> list[int]:
-    """Best set by the objective among sets that changes of one sensor reach without a lower count.
+    """Best set by the objective among sets that changes of one sensor reach at the same measure.
 
     Coverage has many optima, and a solver answers with any: one set of coverage 1.000 has AP 0.918,
     its neighbour 0.98. Steps go to the best neighbour until none has a higher reward. The limits of
     the search hold.
 
     progress: scores sets within the limits of the search; members: set to begin with, as indices of
-    candidates; count: function that returns the figure of each set that must not fall, such as the
-    number of its covered objects.
+    candidates; measure: function that returns the figure of each set that must not fall, such as
+    the number of its covered objects.
     """
     best = sorted(int(c) for c in members)
     if not best:
         return best
     row = as_rows([best], progress.size)
-    (min_count,) = count(row)
+    (min_figure,) = measure(row)
     (reward,) = progress.rewards(row).tolist()
     while not progress.spent:
         sets = neighbours(np.array(best), progress.size)[1:]  # without the set itself
         sets = sets[progress.objective.feasible(sets)]
-        sets = sets[count(sets) >= min_count]
+        sets = sets[measure(sets) >= min_figure]
         rewards = progress.rewards(sets)
         if not len(sets) or not rewards.max() > reward:
             break

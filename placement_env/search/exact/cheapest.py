@@ -114,7 +114,9 @@ class Demand:
             shares = Cases(levels=self.levels).split(object_counts)
         return [frames for frames in shares if object_counts[frames].any()]
 
-    def reach(self, fidelities: Sequence[Fidelity], sets: Sets) -> Float64[np.ndarray, " n"]:
+    def find_lowest_ap(
+        self, fidelities: Sequence[Fidelity], sets: Sets
+    ) -> Float64[np.ndarray, " n"]:
         """Lowest AP of each set over failures and shares of the traffic.
 
         It is 0 if a failure leaves no sensor.
@@ -128,8 +130,8 @@ class Demand:
         cases = Cases(failing=self.failing)
         # the sets, and each set without one of its sensors; `owners`: index of the set of each row
         rows, owners = cases.expand(sets)
-        lowest_ap = np.min([fidelity(rows).ap for fidelity in fidelities], axis=0)
-        return cases.over_failures(lowest_ap, owners, tie=0.0)
+        row_ap = np.min([fidelity(rows).ap for fidelity in fidelities], axis=0)
+        return cases.over_failures(row_ap, owners, tie=0.0)
 
 
 class DemandFidelity:
@@ -151,7 +153,7 @@ class DemandFidelity:
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Lowest AP of each set; `TIE_SHARE` of the intact set's AP is added to separate equals."""
         intact = self._whole_fidelity(subsets)
-        lowest_ap = self._demand.reach(self._share_fidelities, subsets)
+        lowest_ap = self._demand.find_lowest_ap(self._share_fidelities, subsets)
         return intact._replace(ap=lowest_ap + TIE_SHARE * intact.ap)
 
 
@@ -247,10 +249,12 @@ def _search_coverage(
 def _search_surrogate(
     progress: Progress, surrogate: Surrogate, prices: Prices, demand: Demand, limits: SolverLimits
 ) -> Result:
-    # cheapest set that reaches an AP by a surrogate: bound by steps above the curve, then a set by
-    # steps in its middle or by swaps, then pruned. `shares`: surrogate in each share of the traffic
+    """Cheapest set that reaches an AP by a surrogate.
+
+    The bound on the price comes from steps above the surrogate's curve, the set from steps in its
+    middle or from swaps; it is then pruned."""
     objective = progress.objective
-    shares = [surrogate]
+    shares = [surrogate]  # the surrogate in each share of the traffic
     has_conditions = demand != Demand(demand.at_least)
     if max(demand.parts, demand.levels) > 1:
         if objective.visibility is None:
@@ -262,8 +266,8 @@ def _search_surrogate(
         shares = [surrogate.in_frames(frames) for frames in demand.shares(objective, seen)]
 
     def score_ap(sets: Sets) -> Float64[np.ndarray, " n"]:
-        # AP of each set; the lowest over failures and shares if the demand has conditions
-        return demand.reach(shares, sets) if has_conditions else objective.scores(sets).ap
+        """AP of each set; the lowest over failures and shares if the demand has conditions."""
+        return demand.find_lowest_ap(shares, sets) if has_conditions else objective.scores(sets).ap
 
     condition = f"reaches AP {demand.at_least:g}{demand.describe(len(shares))}"
     # both programmes share this list, and `_solve` extends it in place
@@ -345,7 +349,7 @@ def _raise_demand(
 
 
 def _score_one(objective: Objective, score_ap: SetFunction, members: list[int]) -> float:
-    # AP of one set (indices of candidates)
+    """AP of one set (indices of candidates)."""
     return float(score_ap(objective.row(members)[None])[0])
 
 
@@ -480,9 +484,10 @@ def _prune(
         Indices of candidates, ascending."""
     prices = objective.candidates.prices
     while True:
-        options: list[list[int]] = []
+        options: list[list[int]] = []  # sets after a change of one sensor
         for dropped in members:
             remaining = [c for c in members if c != dropped]
+            # candidates that may join the remaining ones, for less than the dropped one costs
             is_cheaper = objective.allowed(remaining) & (prices < prices[dropped] - ROUNDING_AP)
             options.append(remaining)
             options += [[*remaining, c] for c in np.flatnonzero(is_cheaper).tolist()]

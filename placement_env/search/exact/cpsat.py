@@ -95,11 +95,13 @@ def search(
         is_buildable=objective.allowed([]),
         prices=Prices.from_objective(objective),
         worth=worth,
-        limits=SolverLimits(DEFAULT_SOLVER_S if seconds is None else seconds, seed, effort),
+        limits=SolverLimits(
+            seconds=DEFAULT_SOLVER_S if seconds is None else seconds, seed=seed, effort=effort
+        ),
     )
 
     def covered(sets: Sets) -> Int64[np.ndarray, " n"]:
-        # worth that each set (row of booleans) covers
+        """Worth that each set (row of booleans) covers, in its group with the lowest sum."""
         totals = np.zeros(len(sets), np.int64)
         for n, row in enumerate(sets):
             totals[n] = (worth @ (seen[row].sum(axis=0) >= views)).min()
@@ -184,6 +186,7 @@ def cover_most(
     poles = poles.select(useful)
     object_worth = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
     objects, weights = merge_objects(seen[useful], poles.exclusive_mount, views, object_worth)
+    # from here on candidates are counted among the useful ones
     start = greedy_cover(objects, weights.sum(axis=0), poles.mount, budget, views, prices=cost)
     mount = poles.exclusive_mount
     bounds = [
@@ -198,15 +201,17 @@ def cover_most(
         model.add(cost.expression(model, built) <= cost.limit)
     remaining_s = max(0.01, limits.seconds - (time.monotonic() - began))
     solver = replace(limits, seconds=remaining_s).build_solver()
-    # for any other status time ran out before a solution
+    # for any other status time ran out before a solution: the start may lack required mounts
+    answer = [] if poles.required else start
     if run_solver(solver, model) in ("OPTIMAL", "FEASIBLE"):
-        start = [c for c, x in enumerate(built) if solver.boolean_value(x)]
+        answer = [c for c, x in enumerate(built) if solver.boolean_value(x)]
+        # 1e-6: a bound just below a whole number is rounding
         bound = min(bound, int(np.floor(solver.best_objective_bound + 1e-6)))
-    elif poles.required:
-        start = []
-    members = sorted(useful[start].tolist())
+    members = sorted(useful[answer].tolist())
     covered = int((object_worth @ (seen[members].sum(axis=0) >= views)).min())
-    return Solved(members, covered, max(bound, covered), bound <= covered)
+    return Solved(
+        members=members, value=covered, bound=max(bound, covered), optimal=bound <= covered
+    )
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:
@@ -260,12 +265,13 @@ def drop_dominated(
     )
     for mount_number in np.unique(mount):
         poses = np.flatnonzero(is_useful & (mount == mount_number))
-        views = seen[poses].astype(np.float32)
-        size = views.sum(axis=1)
+        pose_sees = seen[poses].astype(np.float32)  # poses × objects, 1 if seen
+        seen_count = pose_sees.sum(axis=1)
         price = np.zeros(len(poses)) if prices is None else prices[poses]
-        is_covered = (views @ views.T) == size[:, None]  # all that i sees, j sees
+        # masks of pairs: pose i on the first axis, pose j, which may make it useless, on the second
+        is_covered = (pose_sees @ pose_sees.T) == seen_count[:, None]  # all that i sees, j sees
         is_earlier = np.arange(len(poses))[None] < np.arange(len(poses))[:, None]
-        is_better = (size[None] > size[:, None]) | (price[None] < price[:, None])
+        is_better = (seen_count[None] > seen_count[:, None]) | (price[None] < price[:, None])
         is_beaten = is_covered & (price[None] <= price[:, None]) & (is_better | is_earlier)
         is_useful[poses[is_beaten.any(axis=1)]] = False
     return np.flatnonzero(is_useful)
@@ -366,7 +372,7 @@ def prove_bound(
     """
 
     def largest(gains: np.ndarray) -> float:
-        # sum of the `budget` largest gains of candidates, at most one on each mount
+        """Sum of the `budget` largest gains of candidates, at most one on each mount."""
         best = np.zeros(int(mount.max(initial=-1)) + 1)
         np.maximum.at(best, mount, gains)
         return float(np.sort(best)[::-1][:budget].sum())
@@ -375,7 +381,7 @@ def prove_bound(
     if views == 1:
         covered = seen[members].any(axis=0)
         bounds.append(float(weight[covered].sum()) + largest(seen @ np.where(covered, 0.0, weight)))
-    return int(min(bounds) + 1e-6)
+    return int(min(bounds) + 1e-6)  # 1e-6: a bound just below a whole number is rounding
 
 
 def _build_model(

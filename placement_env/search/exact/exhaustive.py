@@ -55,13 +55,13 @@ def search(
     figures = Scores(*(column[scored] for column in figures))
     subsets = subsets[scored]
     front = find_front(np.stack([-figures.ap, figures.kbit, figures.price], axis=1))
-    front = front[np.lexsort((figures.kbit[front], figures.price[front]))]
-    count = subsets.sum(axis=1)
-    of_size = [np.flatnonzero(count == members) for members in np.unique(count)]
-    best = [rows[figures.reward[rows].argmax()] for rows in of_size]
+    front = front[np.lexsort((figures.kbit[front], figures.price[front]))]  # by price, then kbit
+    set_sizes = subsets.sum(axis=1)
+    rows_by_size = [np.flatnonzero(set_sizes == set_size) for set_size in np.unique(set_sizes)]
+    best = [rows[figures.reward[rows].argmax()] for rows in rows_by_size]
 
     def scores(rows: np.ndarray | list[np.intp]) -> tuple[Score, ...]:
-        # scores of some rows of `subsets`
+        """Scores of some rows of `subsets`."""
         return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in rows)
 
     return progress.result("exhaustive", certificate, scores(front), scores(best))
@@ -69,10 +69,10 @@ def search(
 
 def list_sets(size: int, budget: int) -> Sets:
     """All sets of 1 to `budget` of `size` candidates as rows of booleans, small ones first."""
-    sets = all_subsets(size)[1:]
-    count = sets.sum(axis=1)
-    order = np.argsort(count, kind="stable")
-    return sets[order[count[order] <= budget]]
+    sets = all_subsets(size)[1:]  # without the empty set
+    set_sizes = sets.sum(axis=1)
+    order = np.argsort(set_sizes, kind="stable")
+    return sets[order[set_sizes[order] <= budget]]
 
 
 def find_front(points: Float[np.ndarray, "n m"]) -> np.ndarray:

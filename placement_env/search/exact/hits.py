@@ -60,7 +60,7 @@ def search(
     start = greedy.grow(progress).members
     remaining_s = max(0.1, min(DEFAULT_SOLVER_S, progress.limits.seconds - progress.limits.elapsed))
     programme = Programme.from_objective(objective, budget, levels)
-    solution = solve(programme, SolverLimits(remaining_s, seed), start=start)
+    solution = solve(programme, SolverLimits(seconds=remaining_s, seed=seed), start=start)
     answers = [
         subset
         for subset in (solution.members, start)
@@ -68,10 +68,11 @@ def search(
     ]
     members = max(answers, key=levels.worth, default=[])
     value = levels.worth(members)
+    # without an answer of the solver only the worth of all levels is certain
     bound = max(value, solution.bound) if solution.members is not None else levels.max_worth
 
     def worth(sets: Sets) -> Int64[np.ndarray, " n"]:
-        # worth of the levels that each set (row of booleans) reaches
+        """Worth of the levels that each set (row of booleans) reaches."""
         return np.array([levels.worth(np.flatnonzero(row).tolist()) for row in sets], np.int64)
 
     progress.settle(improve_among_equals(progress, members, worth))

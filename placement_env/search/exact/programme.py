@@ -260,7 +260,7 @@ class Poles(NamedTuple):
 
 
 def _round_down(figures: np.ndarray, unit: float) -> Int64[np.ndarray, " C"]:
-    # figures in whole units, rounded down
+    """Figures in whole units, rounded down. unit: size of one unit."""
     return np.floor(figures / unit).astype(np.int64)
 
 
@@ -370,7 +370,7 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
         above: True for steps that are nowhere below the curve, rounded so that they stay above it;
             False for steps that cut it in the middle.
     """
-    count = powers.shape[1]
+    object_count = powers.shape[1]
     # Σ n ^ norm at which the probability is a share `HIT_STEPS` of the highest: the model's formula
     # solved for it, clipped so that expm1 neither vanishes nor overflows
     log_evidence = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(
@@ -378,23 +378,29 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
     )
     needed = np.expm1(np.clip(model.norm * log_evidence, 1e-12, 500.0))
     unit = needed[-1] / EVIDENCE_UNITS
-    known = (np.ceil if above else np.floor)(np.minimum(powers, needed[-1]) / unit).astype(np.int64)
-    edges = (np.floor if above else np.ceil)(needed / unit).astype(np.int64)
-    probabilities = np.append(HIT_STEPS, 1.0) * model.ceiling
+    # steps above the curve: evidence and gains rounded up, thresholds down
+    round_evidence = np.ceil if above else np.floor
+    round_threshold = np.floor if above else np.ceil
+    round_gain = np.ceil if above else np.rint
+    evidence = round_evidence(np.minimum(powers, needed[-1]) / unit).astype(np.int64)
+    edges = round_threshold(needed / unit).astype(np.int64)
+    probabilities = np.append(HIT_STEPS, 1.0) * model.ceiling  # at the upper end of each step
     values = (
         probabilities
         if above
         else np.concatenate([[0.0], (probabilities[1:] + probabilities[:-1]) / 2])
     )
     thresholds = np.maximum.accumulate(np.concatenate([[1], np.maximum(edges, 1)]))
-    # -(-a // b) rounds a / b up
-    per_object = -(-GAIN_UNITS // max(1, count)) if above else GAIN_UNITS // max(1, count)
-    gains = (np.ceil if above else np.rint)(np.diff(values, prepend=0.0) * per_object).astype(
-        np.int64
+    # whole units of a sure hit; -(-a // b) rounds a / b up
+    divisor = max(1, object_count)
+    units_per_object = -(-GAIN_UNITS // divisor) if above else GAIN_UNITS // divisor
+    gains = round_gain(np.diff(values, prepend=0.0) * units_per_object).astype(np.int64)
+    return Levels(
+        evidence=evidence,
+        threshold=np.repeat(thresholds[:, None], object_count, axis=1),
+        gain=np.repeat(gains[:, None], object_count, axis=1),
+        groups=np.ones((1, object_count), np.bool_),
     )
-    threshold = np.repeat(thresholds[:, None], count, axis=1)
-    gain = np.repeat(gains[:, None], count, axis=1)
-    return Levels(known, threshold, gain, np.ones((1, count), np.bool_))
 
 
 def solve(
@@ -430,13 +436,13 @@ def solve(
     if programme.prices is not None:
         model.add(programme.prices.expression(model, built) <= programme.prices.limit)
     if programme.failing:
-        worths = _surviving(model, built, levels, is_buildable)
+        worths = _sum_surviving_worth(model, built, levels, is_buildable)
     else:
         cases = [is_buildable & ~lost_case for lost_case in programme.lost_cases or ()]
         cases = cases or [is_buildable]
         worths = []
         for case in cases:
-            worths += _reached(model, built, levels, case)
+            worths += _sum_reached_worth(model, built, levels, case)
     min_worth = model.new_int_var(0, max(0, levels.max_worth), "") if cost is None else at_least
     for worth in worths:
         model.add(worth >= min_worth)
@@ -451,18 +457,24 @@ def solve(
     if status not in ("OPTIMAL", "FEASIBLE"):
         # no set found: with "UNKNOWN" time ran out, but a bound on the price may be known
         lowest = int(solver.best_objective_bound) if status == "UNKNOWN" and cost is not None else 0
-        return Solved(None, 0, max(0, lowest) // (budget + 1), status == "INFEASIBLE")
+        return Solved(
+            members=None,
+            value=0,
+            bound=max(0, lowest) // (budget + 1),
+            optimal=status == "INFEASIBLE",
+        )
     members = [c for c, x in enumerate(built) if solver.boolean_value(x)]
+    # 1e-6: a bound just off a whole number is rounding
     if cost is None:
         figure = round(solver.objective_value)
         bound = max(figure, math.floor(solver.best_objective_bound + 1e-6))
     else:
         figure = cost.total(members)
         bound = min(figure, math.ceil(solver.best_objective_bound - 1e-6) // (budget + 1))
-    return Solved(members, figure, bound, bound == figure)
+    return Solved(members=members, value=figure, bound=bound, optimal=bound == figure)
 
 
-def _reached(
+def _sum_reached_worth(
     model: "CpModel", built: "list[IntVar]", levels: Levels, is_buildable: _Mask
 ) -> "list[LinearExpr]":
     """Worth of the levels that the built sensors reach, for each group of `levels.groups`.
@@ -476,31 +488,34 @@ def _reached(
         is_buildable: Mask of the candidates whose evidence counts; lost ones are False.
     """
     linear = load_cp_model().LinearExpr
+    # of each level that can be reached: index of its object, variable that is 1 if it is, gain
     objects: list[int] = []
-    reached: list[IntVar] = []
+    is_reached: list[IntVar] = []
     gains: list[int] = []
-    for number, candidate_evidence in enumerate(levels.evidence.T):
-        seen = np.flatnonzero((candidate_evidence > 0) & is_buildable).tolist()
-        evidence = linear.weighted_sum([built[c] for c in seen], candidate_evidence[seen].tolist())
+    for index, candidate_evidence in enumerate(levels.evidence.T):
+        observers = np.flatnonzero((candidate_evidence > 0) & is_buildable).tolist()
+        evidence = linear.weighted_sum(
+            [built[c] for c in observers], candidate_evidence[observers].tolist()
+        )
         for threshold, gain in zip(
-            levels.threshold[:, number].tolist(), levels.gain[:, number].tolist(), strict=True
+            levels.threshold[:, index].tolist(), levels.gain[:, index].tolist(), strict=True
         ):
-            if gain > 0 and candidate_evidence[seen].sum() >= threshold:
+            if gain > 0 and candidate_evidence[observers].sum() >= threshold:
                 level = model.new_bool_var("")
                 model.add(evidence >= threshold * level)
-                objects.append(number)
-                reached.append(level)
+                objects.append(index)
+                is_reached.append(level)
                 gains.append(gain)
     worths = []
-    for party in levels.groups:
-        rows = np.flatnonzero(party[objects]).tolist()
+    for group in levels.groups:
+        rows = np.flatnonzero(group[objects]).tolist()
         worths.append(
-            linear.weighted_sum([reached[row] for row in rows], [gains[row] for row in rows])
+            linear.weighted_sum([is_reached[row] for row in rows], [gains[row] for row in rows])
         )
     return worths
 
 
-def _surviving(
+def _sum_surviving_worth(
     model: "CpModel", built: "list[IntVar]", levels: Levels, is_buildable: _Mask
 ) -> "list[LinearExpr]":
     """Worth that survives the failure of any one sensor, for each group of `levels.groups`.
@@ -514,31 +529,33 @@ def _surviving(
         levels: One level for each object, of threshold 1, or 0 if it is reached without a sensor.
         is_buildable: Mask of candidates that may be built."""
     linear = load_cp_model().LinearExpr
+    # variables of each object, 1 if at least one or two built sensors see it
     seen_once: list[IntVar] = []
     seen_twice: list[IntVar] = []
     for candidate_evidence, threshold in zip(levels.evidence.T, levels.threshold[0], strict=True):
         views = linear.sum(
             [built[c] for c in np.flatnonzero((candidate_evidence > 0) & is_buildable).tolist()]
         )
-        for number, variables in ((1, seen_once), (2, seen_twice)):
-            level = model.new_bool_var("")
-            model.add(level == 1) if threshold <= 0 else model.add(views >= number * level)
-            variables.append(level)
-    survivors: list[LinearExpr] = []
+        for min_views, variables in ((1, seen_once), (2, seen_twice)):
+            is_seen = model.new_bool_var("")
+            model.add(is_seen == 1) if threshold <= 0 else model.add(views >= min_views * is_seen)
+            variables.append(is_seen)
+    worths: list[LinearExpr] = []
     gain = levels.gain[0]
 
     def sum_gains(variables: "list[IntVar]", objects: Int64[np.ndarray, " _"]) -> "LinearExpr":
-        # sum of the gains of some objects, each if its variable is 1
+        """Sum of the gains of some objects, each if its variable is 1."""
         return linear.weighted_sum([variables[o] for o in objects], gain[objects].tolist())
 
-    for party in levels.groups:
-        objects = np.flatnonzero(party)
-        survived = model.new_int_var(0, int(gain[objects].sum()), "")
+    for group in levels.groups:
+        objects = np.flatnonzero(group)
+        surviving_worth = model.new_int_var(0, int(gain[objects].sum()), "")
         total = sum_gains(seen_once, objects)
         for c in np.flatnonzero(is_buildable).tolist():
             in_view = objects[levels.evidence[c, objects] > 0]
-            lost = sum_gains(seen_once, in_view) - sum_gains(seen_twice, in_view)
-            model.add(survived <= total - lost).only_enforce_if(built[c])
-        model.add(survived == 0).only_enforce_if([x.negated() for x in built])
-        survivors.append(survived)
-    return survivors
+            # the objects that no other sensor sees are lost with the candidate
+            lost_worth = sum_gains(seen_once, in_view) - sum_gains(seen_twice, in_view)
+            model.add(surviving_worth <= total - lost_worth).only_enforce_if(built[c])
+        model.add(surviving_worth == 0).only_enforce_if([x.negated() for x in built])
+        worths.append(surviving_worth)
+    return worths

@@ -100,7 +100,7 @@ def budget_curve(
     objective.setting.check_budget(most)
     Limits(seconds, evaluations)  # checks both
     schedule = Schedule.from_processes(seconds, objective.run)
-    racing, final = judging.build_evaluators(objective, schedule, seed=seed)
+    race_evaluator, final_evaluator = judging.build_evaluators(objective, schedule, seed=seed)
     effort = Effort(
         sizes=(most,) if amounts else tuple(range(1, most + 1)),
         seconds=schedule.search_seconds(SEARCH_COUNT * (len(amounts) or most)),
@@ -113,30 +113,31 @@ def budget_curve(
     winners: list[KeptState] = saved["winners"]
     for number, (money, entrants) in enumerate(budgets[saved["ended"] :], saved["ended"]):
         # equal shares for the races to come and the final judgement
-        evaluator = schedule.limit(racing, share=1 / (len(budgets) - number + 1), least=1)
-        earlier = winners[-1]["subset"] if amounts and winners else None
-        previous = as_rows([] if earlier is None else [earlier], entrants.sets.shape[1])
-        sets = np.concatenate([entrants.sets, previous])  # the earlier winner races last
+        share = 1 / (len(budgets) - number + 1)
+        evaluator = schedule.limit(race_evaluator, share=share, min_frames=1)
+        last_winner = winners[-1]["subset"] if amounts and winners else None
+        last_row = as_rows([] if last_winner is None else [last_winner], entrants.sets.shape[1])
+        sets = np.concatenate([entrants.sets, last_row])  # the earlier winner races last
         race = contest(
             objective,
             sets,
             evaluator,
             confidence=judging.confidence,
             seed=seed,
-            most=MAX_SET_FRAMES if seconds is None else math.inf,
+            max_set_frames=MAX_SET_FRAMES if seconds is None else math.inf,
         )
         row = int(race.ranking[0])
         members = np.flatnonzero(sets[row]).tolist()
-        if members != earlier:
-            winners.append(_describe_winner(entrants, row, members, money, race))
+        if members != last_winner:
+            winners.append(_describe_winner(entrants, row, members, money=money, race=race))
         races.save({"ended": number + 1, "winners": winners})
     if not winners:
         return ()
-    return _judge_winners(objective, winners, final, schedule)
+    return _judge_winners(objective, winners, final_evaluator, schedule)
 
 
 def _describe_winner(
-    entrants: Entrants, row: int, members: list[int], money: float, race: Contest
+    entrants: Entrants, row: int, members: list[int], *, money: float, race: Contest
 ) -> KeptState:
     """JSON values of the winner of a race, for the checkpoint.
 
@@ -157,27 +158,30 @@ def _describe_winner(
 
 
 def _judge_winners(
-    objective: Objective, winners: list[KeptState], final: CasesEvaluator, schedule: Schedule
+    objective: Objective, winners: list[KeptState], evaluator: CasesEvaluator, schedule: Schedule
 ) -> tuple[CurvePoint, ...]:
     """Judge all winners together on the same frames, and return a point for each.
 
-    winners: sets with their predictions and races (`_describe_winner`); final: evaluator of the
-    third part of traffic. If time is short, there are fewer frames, the same for all."""
+    winners: sets with their predictions and races (`_describe_winner`); evaluator: of the third
+    part of traffic. If time is short, there are fewer frames, the same for all."""
     rows = as_rows([winner["subset"] for winner in winners], len(objective.candidates))
-    order = np.arange(final.frames) if schedule.seconds is None else race_order(final.frames)
-    judged = schedule.limit(final).evaluate(
-        rows, order, objective.run.stage("frames judged", final.frames)
+    order = np.arange(evaluator.frames)
+    if schedule.seconds is not None:
+        order = race_order(evaluator.frames)
+    judged = schedule.limit(evaluator).evaluate(
+        rows, order, objective.run.stage("frames judged", evaluator.frames)
     )
-    frames = order[: judged.used]
-    by_errors = aps_at_profiles(final, rows, frames)
+    frames = order[: judged.used]  # None: time sufficed for all
+    by_errors = aps_at_profiles(evaluator, rows, frames)
     price = objective.price(rows)
-    objects = final.count_objects(frames)
-    cost = weigh_costs(objective, rows, judged.kbit)
+    object_count = evaluator.count_objects(frames)
+    cost = weigh_costs(objective, rows, judged.kbit)  # in AP
     points = []
     for number, (winner, ap) in enumerate(zip(winners, judged.ap.tolist(), strict=True)):
-        low, high = final.interval(judged[number], frames)
+        low, high = evaluator.interval(judged[number], frames)
         confidence = math.nan if winner["confidence"] is None else winner["confidence"]
         if not math.isnan(low):
+            # a reward near its highest value cannot be beaten by much
             share = share_beyond_reach(judged.resamples[number] - cost[number])
             confidence = max(confidence, share)
         is_rival = (price <= price[number]) & (np.arange(len(rows)) != number)
@@ -195,7 +199,7 @@ def _judge_winners(
             pays=not bool((judged.ap[is_rival] >= ap).any()),
             money=winner["money"],
             by_errors=by_errors[number],
-            objects=objects,
+            objects=object_count,
         )
         points.append(point)
     return tuple(points)
@@ -219,13 +223,15 @@ def search_budgets(
         seed: Seed of the searches.
         checkpoint: Keeps their progress."""
     for money in sorted(amounts):
-        limited = objective.with_weights(
+        limited_objective = objective.with_weights(
             objective.weights, most_price=min(money, objective.most_price)
         )
-        others = at_other_ious(limited)
-        budget_checkpoint = checkpoint.part(f"{money!r}")
         entrants = keep_entrants(
-            limited, effort, others=others, seed=seed, checkpoint=budget_checkpoint
+            limited_objective,
+            effort,
+            others=at_other_ious(limited_objective),
+            seed=seed,
+            checkpoint=checkpoint.part(f"{money!r}"),
         )
         if len(entrants.sets):
             yield money, entrants

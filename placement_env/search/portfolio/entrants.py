@@ -170,21 +170,22 @@ def keep_entrants(
         depends_on = preparation.traffic.digest()
     conditions = (objective.provenance, objective.most_price, vars(effort), seed, [*others])
     key = make_key("entrants", code_digest(__name__), depends_on, *conditions)
-    cached = None if cache is None else cache.get([key])[0]
-    if cached is not None:
-        sets, predicted = cached[:2]
-        names, considered = cached[2:]  # names of the searches of each set, as JSON
+    cached_arrays = None if cache is None else cache.get([key])[0]
+    if cached_arrays is not None:  # as `cache.put` below takes them
+        sets, predicted = cached_arrays[:2]
+        names, considered = cached_arrays[2:]  # names of the searches of each set, as JSON
         return Entrants(
             sets=sets,
             predicted=predicted,
             searches=tuple(tuple(json.loads(str(set_names))) for set_names in names),
             considered=int(considered[0]),
         )
-    fresh = find_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
+    entrants = find_entrants(objective, effort, others=others, seed=seed, checkpoint=checkpoint)
     if cache is not None:
-        names = np.array([json.dumps(set_names) for set_names in fresh.searches], np.str_)
-        cache.put({key: (fresh.sets, fresh.predicted, names, np.array([fresh.considered]))})
-    return fresh
+        names = np.array([json.dumps(set_names) for set_names in entrants.searches], np.str_)
+        considered = np.array([entrants.considered])
+        cache.put({key: (entrants.sets, entrants.predicted, names, considered)})
+    return entrants
 
 
 def join_entrants(objectives: Sequence[Objective], groups: Sequence[Entrants]) -> Entrants:
@@ -230,11 +231,12 @@ def find_entrants(
     others: objectives whose answers enter too, by the name of their search; checkpoint: keeps
     answers of finished searches.
     """
+    # by the key of a finished search: members of its answer, and number of sets that it scored
     ended: KeptState = checkpoint.load() or {}
     # searches of each set in order, empty for a neighbour
     answers: dict[tuple[int, ...], dict[str, None]] = {}
     considered = 0
-    count = len(objective.candidates)
+    candidate_count = len(objective.candidates)
     sizes = [size for size in effort.sizes if size >= len(objective.kept)]
     searches_done = 0
     for position, size in enumerate(sizes):
@@ -251,17 +253,17 @@ def find_entrants(
                 result = run()
                 ended[run_key] = [list(result.best.subset), result.evaluations]
                 checkpoint.save(ended)
-            members = tuple(ended[run_key][0])
-            set_count = ended[run_key][1]
+            answer, set_count = ended[run_key]
+            members = tuple(answer)
             considered += set_count
-            if members and objective.feasible(as_rows([members], count))[0]:
+            if members and objective.feasible(as_rows([members], candidate_count))[0]:
                 size_answers[members] = None
                 answers.setdefault(members, {})[name] = None
             searches_done += 1
         if not size_answers:
             break
         near_sets, set_count = choose_neighbours(
-            objective, as_rows(list(size_answers), count), effort.neighbours
+            objective, as_rows(list(size_answers), candidate_count), effort.neighbours
         )
         considered += set_count
         for row in near_sets:
@@ -269,9 +271,13 @@ def find_entrants(
         if report is not None:
             report(searches_done)
     by_size = sorted(answers, key=len)
-    sets = as_rows(by_size, count)
-    searches = tuple(tuple(answers[members]) for members in by_size)
-    return Entrants(sets, objective.scores(sets).ap, searches, considered)
+    sets = as_rows(by_size, candidate_count)
+    return Entrants(
+        sets=sets,
+        predicted=objective.scores(sets).ap,
+        searches=tuple(tuple(answers[members]) for members in by_size),
+        considered=considered,
+    )
 
 
 def list_searches(
@@ -353,9 +359,9 @@ def _exact_and_greedy(objective: Objective, size: int, effort: Effort) -> Iterat
 
     Each is a name and a function without arguments."""
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
-    count = len(objective.candidates)
-    set_count = sum(math.comb(count, k) for k in range(1, size + 1))
-    if count <= exhaustive.MAX_CANDIDATES and set_count <= MAX_EXHAUSTIVE_SETS:
+    candidate_count = len(objective.candidates)
+    set_count = sum(math.comb(candidate_count, k) for k in range(1, size + 1))
+    if candidate_count <= exhaustive.MAX_CANDIDATES and set_count <= MAX_EXHAUSTIVE_SETS:
         yield "exhaustive", partial(exhaustive.search, objective, size, **limits)
     yield "greedy", partial(greedy.search, objective, size, **limits)
 
@@ -387,7 +393,7 @@ def _rescore(
 
 
 def choose_neighbours(
-    objective: Objective, answers: Sets, count: int
+    objective: Objective, answers: Sets, max_neighbours: int
 ) -> tuple[list[Bool[np.ndarray, " C"]], int]:
     """Best feasible neighbours of some answers, and the number of sets scored.
 
@@ -395,7 +401,7 @@ def choose_neighbours(
     visibility is known, the first half has the highest rewards; then come sets that no other beats
     in reward, entropy and coverage together; rewards fill the rest.
 
-    answers: sets of one size; count: most neighbours to return."""
+    answers: sets of one size; max_neighbours: most neighbours to return."""
     rewards: list[float] = []
     rows: list[Bool[np.ndarray, " C"]] = []
     considered = 0
@@ -408,26 +414,26 @@ def choose_neighbours(
             for row in np.argsort(-reward, kind="stable")[:MAX_FRONT_NEIGHBOURS]:
                 rewards.append(float(reward[row]))
                 rows.append(sets[row].copy())  # a view would hold all sets in memory
-    order = sorted(range(len(rows)), key=lambda number: -rewards[number])
-    ranked = [rows[number] for number in order]
+    order = sorted(range(len(rows)), key=lambda index: -rewards[index])
+    ranked_sets = [rows[index] for index in order]
     by_mounts: dict[bytes, Bool[np.ndarray, " C"]] = {}  # one set for each choice of mounts
 
     def keep(sets: Iterable[Bool[np.ndarray, " C"]], max_count: int) -> None:
-        # adds sets to `by_mounts`, the first for each choice of mounts, up to `max_count` in all
+        """Add sets to `by_mounts`, one for each choice of mounts, up to `max_count` in all."""
         for row in sets:
             if len(by_mounts) < max_count:
-                is_used = objective.candidates.per_mount(row[None])[0] > 0
+                is_used = objective.candidates.per_mount(row[None])[0] > 0  # for each mount
                 by_mounts.setdefault(np.packbits(is_used).tobytes(), row)
 
     by_entropy = entropy_objective(objective)
-    seen = objective.visibility
-    if by_entropy is not None and seen is not None and ranked:
-        keep(ranked, count - count // 2)
-        sets = np.array(ranked)
+    visibility = objective.visibility
+    if by_entropy is not None and visibility is not None and ranked_sets:
+        keep(ranked_sets, max_neighbours - max_neighbours // 2)  # half, rounded up
+        sets = np.array(ranked_sets)
         coverage = Coverage(
-            seen, objective.scheme, codec=objective.codec, classes=objective.classes
+            visibility, objective.scheme, codec=objective.codec, classes=objective.classes
         )
         figures = (objective.scores(sets).reward, by_entropy.scores(sets).ap, coverage(sets).ap)
-        keep(sets[exhaustive.find_front(-np.stack(figures, axis=1))], count)
-    keep(ranked, count)
+        keep(sets[exhaustive.find_front(-np.stack(figures, axis=1))], max_neighbours)
+    keep(ranked_sets, max_neighbours)
     return list(by_mounts.values()), considered

@@ -48,9 +48,12 @@ def build_evaluator(
     cases = preparation.setting.cases
     by_profile: tuple[DetectorEvaluator | FastEvaluator, ...]
     if fidelity == "detector":
+        # `at`: the IoU threshold of the scores, and all thresholds that detections are matched at
         by_profile = tuple(
             DetectorEvaluator(
-                preparation.detected(profile).at(cases.ious[0], cases.ious), cases.ious, seed
+                preparation.detected(profile).at(cases.ious[0], cases.ious),
+                ious=cases.ious,
+                seed=seed,
             )
             for profile in cases.profiles
         )
@@ -156,6 +159,7 @@ class CasesEvaluator:
         frames_begun = 0
 
         def report(done: int) -> None:
+            """Report progress as a mean over profiles. done: frames of the present part."""
             if progress is not None:
                 progress((frames_begun + done) // len(self.by_profile))
 
@@ -280,18 +284,22 @@ class FastEvaluator:
         members = np.flatnonzero(sets.any(axis=0)) if sets.any() else np.array([0])
         estimates = self._estimate(sets, members, frames)
         is_counted = np.isin(self._find_visibility(members).frame, frames)
-        blocks = frames // BLOCK_FRAMES
-        distinct = np.unique(blocks)
+        frame_blocks = frames // BLOCK_FRAMES  # number of each frame's block
+        blocks = np.unique(frame_blocks)
         # batch of each frame: whole blocks in order, nearly as many in each batch
-        batch_count = min(MAX_BATCHES, len(distinct))
-        batch = np.searchsorted(distinct, blocks) * batch_count // len(distinct)
-        # estimates of each batch
-        batches = [self._estimate(sets, members, frames[batch == b]) for b in np.unique(batch)]
+        batch_count = min(MAX_BATCHES, len(blocks))
+        frame_batches = np.searchsorted(blocks, frame_blocks) * batch_count // len(blocks)
+        batch_estimates = []
+        for batch in np.unique(frame_batches):
+            batch_estimates.append(self._estimate(sets, members, frames[frame_batches == batch]))
         # weight of each batch in each resample's mean: resamples × batches
-        weights = draws_of_blocks(np.arange(len(batches)), seed=self._seed) / len(batches)
-        ap = _stack_ap(estimates)
+        draws = draws_of_blocks(np.arange(len(batch_estimates)), seed=self._seed)
+        weights = draws / len(batch_estimates)
+        ap = _stack_ap(estimates)  # IoU thresholds × sets
         # axes: IoU, set, batch
-        batch_ap = np.stack([_stack_ap(batch_estimates) for batch_estimates in batches], axis=2)
+        batch_ap = np.stack(
+            [_stack_ap(estimates_of_one) for estimates_of_one in batch_estimates], axis=2
+        )
         resamples = batch_ap @ weights.T
         if progress is not None:
             progress(len(frames))
@@ -307,13 +315,17 @@ class FastEvaluator:
     def _estimate(
         self, sets: Sets, members: Int64[np.ndarray, " u"], frames: Frames
     ) -> list[Estimate]:
-        """Estimate of the sets on these frames at each IoU threshold.
+        """Estimate of n sets on these frames (AP and kbit of each) at each IoU threshold.
 
-        members: indices of all candidates that any set has, ascending."""
+        sets: n sets × all candidates, rows of booleans; members: indices of all candidates that any
+        set has, ascending. Only these are looked at."""
         preparation = self._preparation
+        candidates = preparation.setting.pool.select(members)
         visibility = of_frames(self._find_visibility(members), np.sort(frames))
-        selection = preparation.at(preparation.setting.pool.select(members), visibility)
-        fidelities = selection.at_thresholds(self.name, preparation.setting.cases.profiles[0])
+        selection = preparation.with_candidates(candidates, visibility)
+        # only the detector, which this class does not serve, takes the error profile into account
+        any_profile, *_ = preparation.setting.cases.profiles
+        fidelities = selection.at_thresholds(self.name, any_profile)  # one for each threshold
         return [fidelity(sets[:, members]) for fidelity in fidelities]
 
     def _find_visibility(self, members: Int64[np.ndarray, " u"]) -> Visibility:
@@ -333,4 +345,5 @@ class FastEvaluator:
 
 
 def _stack_ap(estimates: list[Estimate]) -> Float64[np.ndarray, "ious n"]:
+    """AP of n sets in a row for each estimate, one estimate an IoU threshold."""
     return np.stack([estimate.ap for estimate in estimates])

@@ -104,8 +104,8 @@ class Judging:
             )
         setting = self.setting or objective.setting.with_fidelity(self.by)
         run = objective.run
-        race_run = run.part(1, schedule.frames(self.race_frames))
-        final_run = run.part(2, schedule.frames(self.final_frames))
+        race_run = run.part(1, schedule.limit_frames(self.race_frames))
+        final_run = run.part(2, schedule.limit_frames(self.final_frames))
         race = Preparation(setting, race_run, compares=True)
         final = Preparation(setting, final_run, compares=False)
         return (
@@ -145,7 +145,7 @@ def search(
     objective.setting.check_budget(budget)
     limits = Limits(seconds, evaluations)
     schedule = Schedule.from_processes(seconds, objective.run)
-    racing, final = judging.build_evaluators(objective, schedule, seed=seed)
+    race_evaluator, final_evaluator = judging.build_evaluators(objective, schedule, seed=seed)
     effort = Effort(
         sizes=(budget,),
         seconds=schedule.search_seconds(SEARCH_COUNT),
@@ -161,28 +161,28 @@ def search(
         objective,
         entrants.sets,
         # half of the time left; the assessment gets the rest
-        schedule.limit(racing, share=1 / 2, least=1),
+        schedule.limit(race_evaluator, share=1 / 2, min_frames=1),
         confidence=judging.confidence,
         seed=seed,
-        most=MAX_SET_FRAMES if seconds is None else math.inf,
+        max_set_frames=MAX_SET_FRAMES if seconds is None else math.inf,
     )
     has_costs = bool(objective.weights.comm or objective.weights.price)
     if race.figures[0] <= 0 and not len(objective.kept) and has_costs:
         note = (
-            f"by the {racing.name} none of the {len(entrants.sets)} compared sets is worth "
+            f"by the {race_evaluator.name} none of the {len(entrants.sets)} compared sets is worth "
             "what it costs"
         )
         return _build_result(objective, [], note, limits)
     members = np.flatnonzero(entrants.sets[race.ranking[0]]).tolist()
     limits.record(objective.score(members).reward)
     note = (
-        f"the best of {len(entrants.sets)} sets compared by the {racing.name}; an estimate ruled "
-        "out the others"
+        f"the best of {len(entrants.sets)} sets compared by the {race_evaluator.name}; an estimate "
+        "ruled out the others"
     )
-    return replace(
-        _build_result(objective, members, note, limits),
-        assessment=_assess(objective, entrants, race, (final, schedule), judging),
+    assessment = _assess(
+        objective, entrants, race, evaluator=final_evaluator, schedule=schedule, judging=judging
     )
+    return replace(_build_result(objective, members, note, limits), assessment=assessment)
 
 
 def _find_entrants(
@@ -228,7 +228,9 @@ def _assess(
     objective: Objective,
     entrants: Entrants,
     race: Contest,
-    judge: tuple[CasesEvaluator, Schedule],
+    *,
+    evaluator: CasesEvaluator,
+    schedule: Schedule,
     judging: Judging,
 ) -> Assessment:
     """Judge the winner, then contenders as far as time allows, on the third part of the traffic.
@@ -240,42 +242,41 @@ def _assess(
         objective: Objective of the searches.
         entrants: Sets that raced.
         race: Finished race, the winner first.
-        judge: Evaluator of the third part of the traffic, and the schedule with the time left.
+        evaluator: Evaluator of the third part of the traffic.
+        schedule: Schedule with the time left.
         judging: Confidence that was asked for, and whether contenders are judged."""
     winner = int(race.ranking[0])
-    final, schedule = judge
-    rows = _list_judged_rows(entrants, winner, judging)
-    judged, frames = judge_in_time(
-        entrants.sets[rows], final, schedule, objective.run.stage("frames judged", final.frames)
-    )
+    rows = _list_judged_rows(entrants, winner, judging)  # the winner first
+    report = objective.run.stage("frames judged", evaluator.frames)
+    judged, frames = judge_in_time(entrants.sets[rows], evaluator, schedule, report)
     contenders = []
     # fewer figures than rows if time ran out
     for n, ap in enumerate(judged.ap.tolist()):
-        interval = final.interval(judged[n], frames)
+        interval = evaluator.interval(judged[n], frames)
         contenders.append(_build_contender(entrants, int(rows[n]), ap, interval))
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
-    objects = final.count_objects(frames)
+    object_count = evaluator.count_objects(frames)
     cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
     race_frames = int(race.frames[0])
-    if final.name == "detector" and final.cases.plain and len(final.by_profile) == 1:
+    if evaluator.name == "detector" and evaluator.cases.plain and len(evaluator.by_profile) == 1:
         names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
         judged_figure = StageFigure(
-            stage="in the judgement", ap=answer.ap, objects=objects, frames=len(frames)
+            stage="in the judgement", ap=answer.ap, objects=object_count, frames=len(frames)
         )
         _check_race(names, race, cost, judged_figure)
     confidence = math.nan
-    if is_comparable(race_frames, objects):
+    if is_comparable(race_frames, object_count):
         reach = 0.0 if math.isnan(answer.low) else share_beyond_reach(judged.resamples[0] - cost)
         confidence = max(race.confidence, reach)  # an AP near 1 cannot be beaten by much
-    by_errors = aps_at_profiles(final, winner_row, frames)[0]
+    (by_errors,) = aps_at_profiles(evaluator, winner_row, frames)
     return Assessment(
-        by=final.name,
+        by=evaluator.name,
         ap=answer.ap,
         low=answer.low,
         high=answer.high,
         kbit=float(judged.kbit[0]),
-        objects=objects,
+        objects=object_count,
         frames=len(frames),
         predicted=answer.predicted,
         confidence=confidence,
@@ -288,7 +289,7 @@ def _assess(
         else (),
         expected=float(race.expected[0]) + cost,
         by_errors=by_errors,
-        errors_by=final.cases.errors_by if by_errors else "",
+        errors_by=evaluator.cases.errors_by if by_errors else "",
     )
 
 
@@ -332,29 +333,29 @@ def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigur
 
 
 def aps_at_profiles(
-    final: CasesEvaluator, sets: Sets, frames: Frames
+    evaluator: CasesEvaluator, sets: Sets, frames: Frames
 ) -> list[tuple[ProfileAP, ...]]:
     """AP of each set at each of several error profiles, with intervals; empty for one profile.
 
     The list has an entry for each set, with the profiles in their order.
 
-    final: evaluator of the sets; frames: frame numbers of the evaluator's traffic."""
-    if len(final.by_profile) == 1:
+    frames: frame numbers of the evaluator's traffic."""
+    if len(evaluator.by_profile) == 1:
         return [()] * len(sets)
-    figures = final.at_profiles(sets, frames)  # profiles × sets
+    figures = evaluator.at_profiles(sets, frames)  # profiles × sets
     by_set = []
     for n in range(len(sets)):
         profile_aps = []
-        for k, name in enumerate(final.cases.names):
+        for k, name in enumerate(evaluator.cases.names):
             set_figures = figures[k][n]
-            low, high = final.interval(set_figures, frames)
+            low, high = evaluator.interval(set_figures, frames)
             profile_aps.append(ProfileAP(name, float(set_figures.ap), low=low, high=high))
         by_set.append(tuple(profile_aps))
     return by_set
 
 
 def judge_in_time(
-    sets: Sets, final: CasesEvaluator, schedule: Schedule, report: Report | None
+    sets: Sets, evaluator: CasesEvaluator, schedule: Schedule, report: Report | None
 ) -> tuple[CaseFigures, Frames]:
     """Figures of the sets judged in time, and the frames, the same for all sets.
 
@@ -364,17 +365,18 @@ def judge_in_time(
     report: called with the number of frames done, None for silence.
     """
     if schedule.seconds is None:
-        all_frames = np.arange(final.frames)
-        return final.evaluate(sets, all_frames, report), all_frames
-    order = race_order(final.frames)
-    first_evaluated = schedule.limit(final).evaluate(sets[:1], order, report)
-    frames = order[: first_evaluated.used]  # None: time sufficed for all
+        all_frames = np.arange(evaluator.frames)
+        return evaluator.evaluate(sets, all_frames, report), all_frames
+    order = race_order(evaluator.frames)
+    first_figures = schedule.limit(evaluator).evaluate(sets[:1], order, report)
+    frames = order[: first_figures.used]  # None: time sufficed for all
     judged_count = 1
     for row in sets[1:]:
-        if schedule.left <= 0:
+        if schedule.remaining_s <= 0:
             break
-        evaluated = schedule.limit(final).evaluate(row[None], frames)
-        if evaluated.used is not None:
+        figures = schedule.limit(evaluator).evaluate(row[None], frames)
+        if figures.used is not None:  # time did not suffice for all frames
             break
         judged_count += 1
-    return final.evaluate(sets[:judged_count], frames), frames
+    # quick, as the detections of the evaluated sets are kept
+    return evaluator.evaluate(sets[:judged_count], frames), frames

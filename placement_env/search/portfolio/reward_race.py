@@ -12,7 +12,7 @@ from placement_env.analysis.intervals import AP_TOLERANCE, BLOCK_FRAMES
 from placement_env.objective import Objective
 from placement_env.racing import Contest, RaceRules, Resampled, race_until
 from placement_env.search.portfolio.evaluators import CasesEvaluator, Frames, race_order
-from placement_env.search.portfolio.schedule import Timed
+from placement_env.search.portfolio.schedule import FrameEvaluator
 from placement_env.subsets import Sets
 from toolkit.arrays import Bool, Float64, Int64
 
@@ -28,11 +28,11 @@ MAX_SET_FRAMES = 480.0  # that a race may score without a time limit, beyond its
 def contest(
     objective: Objective,
     sets: Sets,
-    evaluator: Timed,
+    evaluator: FrameEvaluator,
     *,
     confidence: float = 0.95,
     seed: int = 0,
-    most: float = MAX_SET_FRAMES,
+    max_set_frames: float = MAX_SET_FRAMES,
     frames: int | None = None,
 ) -> Contest:
     """Race sets by their reward, from an evaluator's AP and the objective's prediction.
@@ -48,8 +48,8 @@ def contest(
         confidence: Confidence at which the race ends that no set is better by more than
             `AP_TOLERANCE`.
         seed: Seed of the order of the frames.
-        most: Set-frames to be scored, a set on a frame being one.
-        frames: Frames to race on at most, None for all of the evaluator's.
+        max_set_frames: Largest number of set-frames to be scored, a set on a frame being one.
+        frames: Number of frames to race on at most, None for all of the evaluator's.
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
@@ -57,18 +57,18 @@ def contest(
 
         The set with the greatest reward is reported to the objective's watcher."""
         report = objective.run.stage("frames raced", len(frames))
-        evaluated = evaluator.evaluate(rows, frames, report)
-        used_frames = frames[: evaluated.used]  # all unless time ran out
-        cost = weigh_costs(objective, rows, evaluated.kbit)
-        reward = evaluated.ap - cost
+        figures = evaluator.evaluate(rows, frames, report)
+        used_frames = frames[: figures.used]  # all unless time ran out
+        cost = weigh_costs(objective, rows, figures.kbit)
+        reward = figures.ap - cost
         if objective.watch is not None:
             best = int(reward.argmax())
             members = tuple(np.flatnonzero(rows[best]).tolist())
             objective.watch(members, float(reward[best]), len(used_frames))
         return Resampled(
             figure=reward,
-            resamples=evaluated.resamples - cost[:, None],
-            frames=evaluated.used,
+            resamples=figures.resamples - cost[:, None],
+            frames=figures.used,
             blocks=float(len(np.unique(used_frames // BLOCK_FRAMES))),
         )
 
@@ -80,19 +80,21 @@ def contest(
         first=first_rung,
         eta=RUNG_GROWTH,
         least=MIN_RACE_FRAMES,
-        most=most,
+        most=max_set_frames,
     )
     race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
-    close = np.flatnonzero(
+    # ranks of the sets that raced on as many frames as the first and nearly tie with it
+    near_ranks = np.flatnonzero(
         (race.frames == race.frames[0]) & (race.expected >= race.expected[0] - NEAR_TIE_AP)
     )
-    # sets that raced on as many frames as the first and nearly tie with it
-    rows = sets[race.ranking[close]]
-    mean_ap = evaluator.mean_ap(rows, order[: race.frames[0]]) if len(close) > 1 else np.zeros(1)
-    winner_row = int(close[np.lexsort((objective.price(rows), -mean_ap))[0]])
-    ranking_rows = np.r_[winner_row, np.delete(np.arange(len(race.ranking)), winner_row)]
+    near_sets = sets[race.ranking[near_ranks]]
+    mean_ap = np.zeros(1)
+    if len(near_ranks) > 1:
+        mean_ap = evaluator.mean_ap(near_sets, order[: race.frames[0]])
+    winner_rank = int(near_ranks[np.lexsort((objective.price(near_sets), -mean_ap))[0]])
+    new_order = np.r_[winner_rank, np.delete(np.arange(len(race.ranking)), winner_rank)]
     columns = ("ranking", "figures", "frames", "expected")
-    reordered = replace(race, **{name: getattr(race, name)[ranking_rows] for name in columns})
+    reordered = replace(race, **{name: getattr(race, name)[new_order] for name in columns})
     return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
 
 
@@ -111,7 +113,7 @@ def weigh_costs(
 
 def find_finalists(
     race: Contest,
-    ranked: Bool[np.ndarray, "n C"],
+    ranked_sets: Bool[np.ndarray, "n C"],
     evaluator: CasesEvaluator,
     order: Int64[np.ndarray, " frames"],
 ) -> Int64[np.ndarray, " k"]:
@@ -123,17 +125,17 @@ def find_finalists(
 
     Args:
         race: The finished race.
-        ranked: Its sets, best first.
+        ranked_sets: Its sets, best first.
         evaluator: Evaluator of the race.
         order: All frames in the order in which races use them."""
-    # `expected` is sorted like `ranked`, so the first is the winner itself
-    tied = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
+    # `expected` is sorted like `ranked_sets`, so the first is the winner itself
+    tied_ranks = np.flatnonzero(race.expected >= race.expected[0] - LIKELY_TIE_AP)[1:]
     mean_aps = np.empty(0)
-    if len(tied):
+    if len(tied_ranks):
         # `race.frames` has the number of frames on which each set raced
         first_round_frames = order[: race.frames.min()]
-        mean_aps = evaluator.mean_ap(ranked[tied], first_round_frames)
-    tied_by_mean = tied[np.argsort(-mean_aps, kind="stable")]
+        mean_aps = evaluator.mean_ap(ranked_sets[tied_ranks], first_round_frames)
+    tied_by_mean = tied_ranks[np.argsort(-mean_aps, kind="stable")]
     # each rank once, at its first place
-    ranks = list(dict.fromkeys([0, *tied_by_mean.tolist(), *range(len(ranked))]))
+    ranks = list(dict.fromkeys([0, *tied_by_mean.tolist(), *range(len(ranked_sets))]))
     return np.array(ranks[:MAX_FINALISTS], np.int64)

@@ -30,15 +30,15 @@ class TimedEvaluator:
     Attributes:
         evaluator: Evaluator of sets on given frames.
         until: End of the time by the monotonic clock (s).
-        at_once: Frames between two looks at the clock.
-        least: Frames done regardless of time.
-        done: Frames done so far.
+        frames_between_looks: Frames between two looks at the clock.
+        min_frames: Number of frames done regardless of time.
+        done: Number of frames done so far, from the first one.
     """
 
     evaluator: CasesEvaluator
     until: float
-    at_once: int = 1
-    least: int = 1
+    frames_between_looks: int = 1
+    min_frames: int = 1
     done: int = 0
 
     @property
@@ -51,14 +51,16 @@ class TimedEvaluator:
         return self.evaluator.mean_ap(sets, frames)
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> CaseFigures:
-        """Evaluate the sets on as many frames as time allows, at least `least`.
+        """Evaluate the sets on as many frames as time allows, at least `min_frames`.
 
         New frames are evaluated a few at a time, with looks at the clock between; then all of them
         together. Frames done in earlier calls are not evaluated singly again. `CaseFigures.used` is
         the number of frames used, None for all. progress: called with the number of frames done.
         """
-        while self.done < len(frames) and (self.done < self.least or time.monotonic() < self.until):
-            next_frames = frames[self.done : self.done + self.at_once]
+        while self.done < len(frames):
+            if self.done >= self.min_frames and time.monotonic() >= self.until:
+                break
+            next_frames = frames[self.done : self.done + self.frames_between_looks]
             self.evaluator.evaluate(sets, next_frames)  # for its detections, which are kept
             self.done += len(next_frames)
             if progress is not None:
@@ -68,7 +70,7 @@ class TimedEvaluator:
         return replace(figures, used=None if used_count == len(frames) else used_count)
 
 
-Timed = CasesEvaluator | TimedEvaluator
+FrameEvaluator = CasesEvaluator | TimedEvaluator
 
 
 @dataclass(frozen=True)
@@ -77,12 +79,12 @@ class Schedule:
 
     Attributes:
         seconds: Time for everything (s), None for no limit.
-        at_once: Frames between two looks at the clock.
+        frames_between_looks: Frames between two looks at the clock.
         began: Begin by the monotonic clock (s).
     """
 
     seconds: float | None = None
-    at_once: int = 1
+    frames_between_looks: int = 1
     began: float = field(default_factory=time.monotonic)
 
     @staticmethod
@@ -94,12 +96,12 @@ class Schedule:
         seconds: time for everything, None for no limit.
         """
         if processes.ray:
-            return Schedule(seconds, at_once=RAY_FRAMES)
+            return Schedule(seconds, frames_between_looks=RAY_FRAMES)
         # 2: so that no process waits while another one finishes
-        return Schedule(seconds, at_once=1 if processes.alone else 2 * processes.count)
+        return Schedule(seconds, frames_between_looks=1 if processes.alone else 2 * processes.count)
 
     @property
-    def left(self) -> float:
+    def remaining_s(self) -> float:
         """Remaining seconds, infinite without a limit."""
         return np.inf if self.seconds is None else self.began + self.seconds - time.monotonic()
 
@@ -110,7 +112,7 @@ class Schedule:
         """
         return None if self.seconds is None else self.seconds * SEARCH_TIME_SHARE / searches
 
-    def frames(self, frames: int) -> int:
+    def limit_frames(self, frames: int) -> int:
         """Number of frames of one part of traffic that fit into the time, in whole blocks.
 
         frames: number of frames without a limit, which is returned for `FULL_TRAFFIC_S` seconds or
@@ -122,13 +124,17 @@ class Schedule:
         return min(frames, max(MIN_FRAMES, blocks * BLOCK_FRAMES))
 
     def limit(
-        self, evaluator: CasesEvaluator, share: float = 1.0, least: int = MIN_FRAMES
-    ) -> Timed:
-        """Evaluator that stops after a share of the remaining time, but not before `least` frames.
+        self, evaluator: CasesEvaluator, share: float = 1.0, min_frames: int = MIN_FRAMES
+    ) -> FrameEvaluator:
+        """Evaluator that stops after a share of the remaining time, but not before `min_frames`.
 
         Without a limit the evaluator comes back unchanged.
         """
         if self.seconds is None:
             return evaluator
-        until = time.monotonic() + share * self.left
-        return TimedEvaluator(evaluator, until=until, at_once=self.at_once, least=least)
+        return TimedEvaluator(
+            evaluator,
+            until=time.monotonic() + share * self.remaining_s,
+            frames_between_looks=self.frames_between_looks,
+            min_frames=min_frames,
+        )

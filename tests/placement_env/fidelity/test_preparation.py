@@ -165,11 +165,12 @@ def test_models_are_read_once_for_sensors_that_move(small_traffic, small_candida
         Run(frames=5),
     )
     vars(prepared)["traffic"] = small_traffic
-    first, second = (prepared.at(small_candidates, seen) for _ in range(2))
+    first, second = (prepared.with_candidates(small_candidates, seen) for _ in range(2))
     sets = np.eye(len(small_candidates), dtype=bool)
     ap = first.fidelity("surrogate")(sets).ap
     fail(preparation, "surrogate_models")
     assert second.fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
     assert (
-        prepared.at(small_candidates, seen).fidelity("surrogate")(sets).ap.tolist() == ap.tolist()
+        prepared.with_candidates(small_candidates, seen).fidelity("surrogate")(sets).ap.tolist()
+        == ap.tolist()
     )

@@ -27,10 +27,10 @@ SETS = np.array([[1, 1], [1, 0], [0, 1], [0, 0]], bool)
 
 def test_the_least_over_shares_and_failures_breaks_ties_and_is_in_words():
     third = pytest.approx([1.0, 1 / 3, 2 / 3, 0.0])
-    assert Demand(0.9).reach(BY, SETS) == third
-    assert Demand(0.9, 1).reach(BY[:1], SETS) == pytest.approx([2 / 3, 0.0, 0.0, 0.0])
-    assert Demand(0.9, 1).reach(BY, SETS) == pytest.approx([1 / 3, 0.0, 0.0, 0.0])
-    assert Demand(0.9, 1).reach(BY, SETS[:0]).shape == (0,)
+    assert Demand(0.9).find_lowest_ap(BY, SETS) == third
+    assert Demand(0.9, 1).find_lowest_ap(BY[:1], SETS) == pytest.approx([2 / 3, 0.0, 0.0, 0.0])
+    assert Demand(0.9, 1).find_lowest_ap(BY, SETS) == pytest.approx([1 / 3, 0.0, 0.0, 0.0])
+    assert Demand(0.9, 1).find_lowest_ap(BY, SETS[:0]).shape == (0,)
     found = DemandFidelity(BY[0], BY, Demand(0.9, 1))(SETS)
     assert found.ap == pytest.approx([1 / 3 + 1e-6, 1e-6, 2e-6 / 3, 0.0], abs=1e-12)
     assert found.recall == pytest.approx([1.0, 1.0, 2 / 3, 0.0])

@@ -303,10 +303,10 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, spy):
     }
     budget_curve(street.objective, 2, seconds=60.0, evaluations=500, **asked)
     assert [call.args[1] for call in searches] == [Effort((1, 2), 60 * 0.3 / (8 * 2), 500, 3)]
-    rules = {"seed": 7, "confidence": 0.6, "most": np.inf}
+    rules = {"seed": 7, "confidence": 0.6, "max_set_frames": np.inf}
     assert [rules.items() <= call.named.items() for call in races] == [True] * 2
     shares = [call.named for call in limits]
-    assert shares == [{"share": 1 / 3, "least": 1}, {"share": 1 / 2, "least": 1}, {}]
+    assert shares == [{"share": 1 / 3, "min_frames": 1}, {"share": 1 / 2, "min_frames": 1}, {}]
     budget_curve(street.objective, 3, amounts=(11.0, 22.0), seconds=60.0, **asked)
     efforts = [call.args[1] for call in searches[1:]]
     assert efforts == [Effort((3,), 60 * 0.3 / (8 * 2), None, 3)] * 2

@@ -283,7 +283,7 @@ def test_sets_race_by_ap_less_costs_in_the_order_of_a_seed(street, spy):
         Setting(candidates=street.candidates, fidelity=Deceived(), scheme="late", weights=weights)
     )
     sets, frames = np.array([[0, 1, 1, 0], [1, 0, 0, 0]], bool), np.array([9, 3, 0, 11, 8])
-    reward_race.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, most=700.0)
+    reward_race.contest(both, sets, Truth(frames=20), confidence=0.9, seed=3, max_set_frames=700.0)
     ((rewards, _, order, rules), named) = races.pop()
     assert order.tolist() == race_order(20, seed=3).tolist() != race_order(20).tolist()
     assert rules == RaceRules(0.9, 0.01, 12, 2, least=24, most=700.0)
@@ -421,10 +421,13 @@ def test_a_race_with_a_time_may_take_all_of_it(deceived, spy):
         portfolio.search(
             deceived, 2, judging=Judging(evaluators=(Truth(), Truth())), seconds=seconds
         )
-    assert [call.named["most"] for call in contests] == [reward_race.MAX_SET_FRAMES, np.inf]
+    assert [call.named["max_set_frames"] for call in contests] == [
+        reward_race.MAX_SET_FRAMES,
+        np.inf,
+    ]
     # races take half of the time, each judgement what is left
     shares = [call.named for call in limits]
-    assert shares == [{"share": 0.5, "least": 1}] * 2 + [{}] * (len(shares) - 2)
+    assert shares == [{"share": 0.5, "min_frames": 1}] * 2 + [{}] * (len(shares) - 2)
 
 
 def test_it_detects_on_a_real_evaluator(street):
@@ -576,7 +579,7 @@ class Clock:
         self.lefts, self.counts, self.judged = iter(left), iter(frames), []
 
     @property
-    def left(self):
+    def remaining_s(self):
         return next(self.lefts)
 
     def limit(self, evaluator):

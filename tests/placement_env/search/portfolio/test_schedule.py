@@ -52,18 +52,20 @@ def test_an_evaluator_goes_on_until_time_is_up():
 
 def test_without_time_one_part_is_done():
     slow = Slow()
-    timed = TimedEvaluator(slow, time.monotonic() - 1, at_once=4)
+    timed = TimedEvaluator(slow, time.monotonic() - 1, frames_between_looks=4)
     assert timed.evaluate(SETS, np.arange(10)).used == 4
     assert slow.asked == [[0, 1, 2, 3], [0, 1, 2, 3]]
     assert (
-        TimedEvaluator(Slow(), time.monotonic() - 1, least=7).evaluate(SETS, np.arange(10)).used
+        TimedEvaluator(Slow(), time.monotonic() - 1, min_frames=7)
+        .evaluate(SETS, np.arange(10))
+        .used
         == 7
     )
 
 
 def test_frames_are_evaluated_a_few_at_once():
     slow = Slow()
-    timed = TimedEvaluator(slow, time.monotonic() + 60, at_once=3)
+    timed = TimedEvaluator(slow, time.monotonic() + 60, frames_between_looks=3)
     assert timed.evaluate(SETS, np.arange(4)).used is None
     assert timed.evaluate(SETS, np.arange(8)).used is None
     assert slow.asked == [[0, 1, 2], [3], [0, 1, 2, 3], [4, 5, 6], [7], list(range(8))]
@@ -73,12 +75,13 @@ def test_frames_are_evaluated_a_few_at_once():
 
 def test_less_time_is_fewer_frames():
     assert [
-        Schedule(seconds).frames(96) for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)
+        Schedule(seconds).limit_frames(96)
+        for seconds in (None, 500.0, 120.0, 60.0, 33.0, 20.0, 1.0)
     ] == [96, 96, 96, 48, 24, 16, 8]
-    assert Schedule(1.0).frames(6) == 6
+    assert Schedule(1.0).limit_frames(6) == 6
     cluster = SimpleNamespace(ray="local", alone=False, count=1)
     runs = (Run(), Run(workers=4), cluster)
-    assert [Schedule.from_processes(9.0, run).at_once for run in runs] == [1, 8, 16]
+    assert [Schedule.from_processes(9.0, run).frames_between_looks for run in runs] == [1, 8, 16]
 
 
 def test_searches_races_and_judgement_share_the_time():
@@ -94,13 +97,16 @@ def test_searches_races_and_judgement_share_the_time():
     ):
         assert isinstance(each, TimedEvaluator)
         assert each.until - now == pytest.approx(seconds, abs=1)
-        least.append(each.least)
+        least.append(each.min_frames)
     assert least == [1, 1, 8]
     free = Schedule()
-    assert (free.search_seconds(5), free.left) == (None, np.inf)
+    assert (free.search_seconds(5), free.remaining_s) == (None, np.inf)
     assert vars(free.limit(slow)) is vars(slow)
 
 
 def test_from_two_minutes_on_all_frames_are_simulated():
-    assert [Schedule(seconds).frames(97) for seconds in (120.0, 119.0)] == [97, 96]
-    assert (Schedule(9.0).at_once, TimedEvaluator(Slow(), 0.0).at_once) == (1, 1)
+    assert [Schedule(seconds).limit_frames(97) for seconds in (120.0, 119.0)] == [97, 96]
+    assert (
+        Schedule(9.0).frames_between_looks,
+        TimedEvaluator(Slow(), 0.0).frames_between_looks,
+    ) == (1, 1)
