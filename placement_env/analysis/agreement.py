@@ -33,13 +33,13 @@ class StageFigure(NamedTuple):
     spread: float = 0.0
 
     @property
-    def ends(self) -> Interval:
+    def certain_interval(self) -> Interval:
         """Interval of the AP that holds practically always (`CERTAIN_SHARE`).
 
         It is Wilson's for independent objects that live `LIFE` frames each, widened by the
         spread.
         """
-        share = min(max(self.ap, 0.0), 1.0)
+        share = min(max(self.ap, 0.0), 1.0)  # a predicted AP may be a little beyond
         independent_objects = max(self.objects / LIFE, 1.0)
         low, high = share_interval(share, independent_objects, CERTAIN_SHARE)
         margin = CERTAIN_ERRORS * self.spread
@@ -53,9 +53,9 @@ def check_agreement(sensors: Sequence[str], earlier: StageFigure, later: StageFi
         sensors: Names of the sensors of the set, for the error.
         earlier: Figure of the earlier stage.
         later: Figure of the later stage."""
-    earlier_ends = earlier.ends
-    later_ends = later.ends
-    if earlier_ends.low <= later_ends.high and later_ends.low <= earlier_ends.high:
+    earlier_interval = earlier.certain_interval
+    later_interval = later.certain_interval
+    if earlier_interval.low <= later_interval.high and later_interval.low <= earlier_interval.high:
         return
     raise ValueError(
         f"the stages contradict each other on the set {', '.join(sensors)}: "

@@ -30,7 +30,7 @@ class Approaches:
     """Possible places of a vehicle in a road network.
 
     Attributes:
-        names: Names of the places; the last is `PARKED`.
+        names: Names of the places; the last is `PARKED`, so there is one more than `lanes`.
         lanes: Centre lines of each place except the last.
         bays: Parking bays: x and y of the middle (m), yaw (rad); frame of the site.
     """
@@ -57,14 +57,18 @@ class Approaches:
 
 
 def find_approaches(site: Site) -> Approaches:
-    """Approaches of a site's network, then its other lanes: places of a vehicle."""
+    """Approaches of a site's network, then its other lanes: places of a vehicle.
+
+    The last place is parked in a bay of the site. Without any lane the whole area is a place."""
     root = ElementTree.fromstring(site.network or "<net/>")
     edges = {edge.get("id", ""): edge for edge in root.findall("edge") if _list_centre_lines(edge)}
     ring_edges: set[str] = set()
-    merged: dict[str, str] = {}  # name of the roundabout of each node that belongs to one
+    # name of the roundabout of each node that belongs to one
+    roundabout_names: dict[str, str] = {}
     for number, roundabout in enumerate(root.findall("roundabout")):
         ring_edges |= set(roundabout.get("edges", "").split())
-        merged |= dict.fromkeys(roundabout.get("nodes", "").split(), f"roundabout {number}")
+        nodes = roundabout.get("nodes", "").split()
+        roundabout_names |= dict.fromkeys(nodes, f"roundabout {number}")
     roads = {
         name: edge
         for name, edge in edges.items()
@@ -75,8 +79,8 @@ def find_approaches(site: Site) -> Approaches:
     for name, edge in roads.items():
         first_node = edge.get("from", "")
         last_node = edge.get("to", "")
-        begin = merged.get(first_node, first_node)
-        end = merged.get(last_node, last_node)
+        begin = roundabout_names.get(first_node, first_node)
+        end = roundabout_names.get(last_node, last_node)
         edge_ends[name] = (begin, end)
         neighbours[begin].add(end)
         neighbours[end].add(begin)
@@ -85,20 +89,22 @@ def find_approaches(site: Site) -> Approaches:
         for node, adjacent in neighbours.items()
         if len(adjacent) >= 3 or node.startswith("roundabout ")
     }
-    junction_names = _name_junctions(site, root, merged, junctions)
-    groups = _group_lanes(site, roads, edge_ends, junctions, junction_names)
-    approach_lines = {line.wkb for lines in groups.values() for line in lines}
-    leaving = []
-    inside = []
+    junction_names = _name_junctions(site, root, roundabout_names, junctions)
+    approaches = _group_lanes(site, roads, edge_ends, junctions, junction_names)
+    approach_lines = {line.wkb for lines in approaches.values() for line in lines}
+    exit_lines = []
+    junction_lines = []
     for name, edge in edges.items():
+        lines = _list_centre_lines(edge)
         if name in roads:
-            leaving += [line for line in _list_centre_lines(edge) if line.wkb not in approach_lines]
+            exit_lines += [line for line in lines if line.wkb not in approach_lines]
         else:
-            inside += _list_centre_lines(edge)
-    by_name = {**dict(sorted(groups.items())), EXIT: leaving, JUNCTION: inside}
+            junction_lines += lines
+    by_name = {**dict(sorted(approaches.items())), EXIT: exit_lines, JUNCTION: junction_lines}
     lanes = {name: shapely.union_all(lines) for name, lines in by_name.items() if lines}
     if not lanes:
         lanes = {JUNCTION: shapely.box(*site.area)}
+    # `PARKED` has no lanes: its places are the bays
     return Approaches(names=(*lanes, PARKED), lanes=tuple(lanes.values()), bays=site.parking)
 
 
@@ -139,33 +145,34 @@ def _group_lanes(
 def find_streets(site: Site) -> Approaches:
     """Streets in the area as places of a vehicle, named by compass point from the area's middle.
 
-    A street that crosses the middle is one place on each side."""
+    A street that crosses the middle is one place on each side. There are no bays, so no vehicle is
+    at the last place, `PARKED`."""
     area = shapely.box(*site.area)
     area_middle = [*area.centroid.coords[0]]
-    groups = defaultdict[str, list[shapely.Geometry]](list)
+    lines_by_street = defaultdict[str, list[shapely.Geometry]](list)
     for edge in ElementTree.fromstring(site.network or "<net/>").findall("edge"):
-        inside = shapely.intersection(shapely.union_all(_list_centre_lines(edge)), area)
-        if not inside.is_empty:
-            offset = np.array([*inside.centroid.coords[0]]) - area_middle
+        lines = shapely.intersection(shapely.union_all(_list_centre_lines(edge)), area)
+        if not lines.is_empty:
+            offset = np.array([*lines.centroid.coords[0]]) - area_middle
             name = f"{edge.get('name') or 'the road'} in the {compass(site, offset)}"
             is_in_junction = edge.get("function")  # SUMO marks edges within a node so
-            groups["the junction" if is_in_junction else name].append(inside)
-    streets = {name: shapely.union_all(lines) for name, lines in sorted(groups.items())}
+            lines_by_street["the junction" if is_in_junction else name].append(lines)
+    streets = {name: shapely.union_all(lines) for name, lines in sorted(lines_by_street.items())}
     streets = streets or {"the junction": area}
-    return Approaches(
-        names=(*streets, PARKED), lanes=tuple(streets.values()), bays=np.empty((0, 3))
-    )
+    no_bays = np.empty((0, 3))  # x, y, yaw
+    # `names` has `PARKED` at its end, for which there is no lane
+    return Approaches(names=(*streets, PARKED), lanes=tuple(streets.values()), bays=no_bays)
 
 
 def _name_junctions(
-    site: Site, root: ElementTree.Element, merged: dict[str, str], junctions: set[str]
+    site: Site, root: ElementTree.Element, roundabout_names: dict[str, str], junctions: set[str]
 ) -> dict[str, str]:
     """Names of junctions by their side of the area, equal names numbered from its middle outwards.
 
     Args:
         site: Site with the area.
         root: Root element of the road network.
-        merged: Name of the roundabout of each node that belongs to one.
+        roundabout_names: Name of the roundabout of each node that belongs to one.
         junctions: Nodes and roundabouts that are junctions."""
     middle = (site.area[:2] + site.area[2:]) / 2
     # positions of the nodes of each junction (m, frame of the site)
@@ -173,7 +180,7 @@ def _name_junctions(
     for junction in root.findall("junction"):
         node = junction.get("id", "")
         spot = np.array([float(junction.get("x", 0)), float(junction.get("y", 0))])
-        spots[merged.get(node, node)].append(spot)
+        spots[roundabout_names.get(node, node)].append(spot)
     sides: dict[str, str] = {}
     distances: dict[str, float] = {}
     for node in junctions:

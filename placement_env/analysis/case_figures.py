@@ -113,11 +113,11 @@ class CaseFigures:
             frames: Numbers of all frames that were evaluated, also in other cases.
             max_blocks: Largest number of blocks that the resamples draw from.
             confidence: Level of the interval."""
-        blocks = _count_blocks(int(self.frames), frames)
+        block_count = _count_blocks(int(self.frames), frames)
         return figure_interval(
             float(self.ap),
             self.resamples,
-            blocks=min(blocks, max_blocks),
+            blocks=min(block_count, max_blocks),
             objects=int(self.objects),
             confidence=confidence,
         )
@@ -127,10 +127,10 @@ def _count_blocks(count: int, frames: Int64[np.ndarray, " k"]) -> int:
     """Return the number of blocks that some of the frames amount to, rounded up.
 
     count: how many frames; frames: numbers of all frames."""
-    _, block_frames = np.unique(frames // BLOCK_FRAMES, return_counts=True)
+    _, frames_in_block = np.unique(frames // BLOCK_FRAMES, return_counts=True)
     if count == len(frames):
-        return len(block_frames)
-    return -(-count // int(block_frames.max()))
+        return len(frames_in_block)
+    return -(-count // int(frames_in_block.max()))  # rounded up
 
 
 def measure_tallies(
@@ -151,15 +151,18 @@ def measure_tallies(
         class_aps = [tally.ap for tally in class_tallies]
         class_recalls = [tally.recall for tally in class_tallies]
         ap, recall = classes.combined(np.array([class_aps, class_recalls]))
-        detections = sum(len(tally.hit) for tally in class_tallies)
-        hits = sum(int(tally.hit.sum()) for tally in class_tallies)
-        objects = sum(int(tally.truths.sum()) for tally in class_tallies)
-        precision = hits / detections if detections and objects else np.nan
-        frames = len(class_tallies[0].truths)
+        detection_count = sum(len(tally.hit) for tally in class_tallies)
+        hit_count = sum(int(tally.hit.sum()) for tally in class_tallies)
+        object_count = sum(int(tally.truths.sum()) for tally in class_tallies)
+        precision = np.nan
+        if detection_count and object_count:
+            precision = hit_count / detection_count
+        first_tally, *_ = class_tallies
+        frame_count = len(first_tally.truths)  # the same for all classes
         resamples = [tally.resamples(draws=draws) for tally in class_tallies]
-        drawn_aps = classes.combined(np.stack(resamples, axis=1))
-        columns = [ap, recall, precision, objects, frames, kbit]
-        threshold_figures.append(np.concatenate([columns, drawn_aps]))
+        resampled_aps = classes.combined(np.stack(resamples, axis=1))
+        columns = [ap, recall, precision, object_count, frame_count, kbit]
+        threshold_figures.append(np.concatenate([columns, resampled_aps]))
     figures = reduce_cases(np.array(threshold_figures), "mean")
     figures[KBIT_COLUMN] = kbit
     return figures
@@ -173,12 +176,12 @@ def reduce_cases(
     They come from the case with the lowest AP, and each resample from its lowest; or all are means.
     NaN is left out. Means have the number of objects and frames of the first case."""
     if by == "worst":
-        ap = values[..., :1]
+        ap = values[..., :1]  # column `AP_COLUMN`, with the axis of figures
         # `None` keeps the axis of cases, for `take_along_axis`
-        worst = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None]
-        reduced = np.take_along_axis(values, worst, axis=0)[0]
-        drawn_aps = values[..., RESAMPLE_COLUMNS]
-        reduced[..., RESAMPLE_COLUMNS] = np.fmin.reduce(drawn_aps, axis=0)
+        worst_case = np.where(np.isnan(ap), np.inf, ap).argmin(axis=0)[None]
+        reduced = np.take_along_axis(values, worst_case, axis=0)[0]
+        resampled_aps = values[..., RESAMPLE_COLUMNS]
+        reduced[..., RESAMPLE_COLUMNS] = np.fmin.reduce(resampled_aps, axis=0)
         return reduced
     is_defined = ~np.isnan(values)
     sums = np.where(is_defined, values, 0.0).sum(axis=0)
@@ -195,8 +198,8 @@ def reduce_levels(
 
     Means have the objects and frames of all levels with objects. kbit are for all frames."""
     reduced = reduce_cases(values, by)
-    frames = values[:, 0, FRAMES_COLUMN]  # the same for all sets
-    reduced[:, KBIT_COLUMN] = frames / frames.sum() @ values[..., KBIT_COLUMN]
+    frame_counts = values[:, 0, FRAMES_COLUMN]  # of each level, the same for all sets
+    reduced[:, KBIT_COLUMN] = frame_counts / frame_counts.sum() @ values[..., KBIT_COLUMN]
     if by == "mean":
         is_defined = ~np.isnan(values[..., :1])
         counts = np.where(is_defined, values[..., COUNT_COLUMNS], 0)

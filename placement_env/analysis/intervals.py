@@ -76,10 +76,11 @@ def draws_of_blocks(
         blocks: Number of each frame's block, in any order.
         resamples: Number of draws.
         seed: Seed of the draws."""
-    distinct, block_index = np.unique(blocks, return_inverse=True)
-    shares = np.full(len(distinct), 1 / len(distinct))  # chance of each block
-    # axes: resample, block
-    block_counts = np.random.default_rng(seed).multinomial(len(distinct), shares, size=resamples)
+    block_numbers, block_index = np.unique(blocks, return_inverse=True)
+    block_count = len(block_numbers)
+    chances = np.full(block_count, 1 / block_count)  # of each block
+    # how often each block is drawn; axes: resample, block
+    block_counts = np.random.default_rng(seed).multinomial(block_count, chances, size=resamples)
     return np.asarray(block_counts[:, block_index], np.int64)
 
 
@@ -144,8 +145,8 @@ def percentiles(
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence}: 0.95 is usual")
-    defined = figures[~np.isnan(figures)]
-    if not len(defined) or blocks < fewest:
+    known_figures = figures[~np.isnan(figures)]
+    if not len(known_figures) or blocks < fewest:
         return Interval(math.nan, math.nan)
     tail = (1 - confidence) / 2  # share of the figures below the interval
     if math.isfinite(blocks):
@@ -154,9 +155,9 @@ def percentiles(
         # quantile of Student's t, taken as one of the normal distribution (Hesterberg 2015)
         quantile = math.sqrt(blocks / (blocks - 1)) * stdtrit(blocks - 1, tail)
         tail = float(ndtr(quantile))
-    positions = (len(defined) - 1) * np.array([tail, 1 - tail])
+    positions = (len(known_figures) - 1) * np.array([tail, 1 - tail])
     # as np.quantile, in a third of its time
-    low, high = np.interp(positions, np.arange(len(defined)), np.sort(defined))
+    low, high = np.interp(positions, np.arange(len(known_figures)), np.sort(known_figures))
     return Interval(float(low), float(high))
 
 
@@ -221,12 +222,15 @@ def share_beyond_reach(figures: Resamples, tolerance: float = AP_TOLERANCE) -> f
     As no figure is above 1, nothing can exceed these by more than the tolerance. So the share is a
     lower bound on the confidence that no other set is better. NaNs are left out.
     """
-    defined = figures[~np.isnan(figures)]
-    return float((defined >= 1 - tolerance).mean()) if len(defined) else 0.0
+    known_figures = figures[~np.isnan(figures)]
+    return float((known_figures >= 1 - tolerance).mean()) if len(known_figures) else 0.0
 
 
 def frames_for_width(frames: int, width: float, target_width: float) -> int:
-    """Frames, in whole blocks, that should narrow an interval to the target width."""
+    """Number of frames, in whole blocks, that should narrow an interval to the target width.
+
+    frames, width: number of frames and width of the present interval. A width falls with the root
+    of the number of frames."""
     return BLOCK_FRAMES * math.ceil(frames * (width / target_width) ** 2 / BLOCK_FRAMES)
 
 
@@ -262,19 +266,21 @@ class Tally:
 
     @staticmethod
     def from_outcomes(
-        outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], at: int
+        outcomes: Sequence[Outcome], truths: Int64[np.ndarray, " frames"], iou_index: int
     ) -> "Tally":
         """Tally of one set from its outcome in each frame.
 
         Args:
             outcomes: Outcome of the set in each frame.
             truths: Number of objects in each frame.
-            at: Index of the IoU threshold, as in `Outcome.truth`.
+            iou_index: Index of the IoU threshold, as in `Outcome.truth`.
         """
         scores = []
         hit = []
         for outcome in outcomes:
-            truth = outcome.truth[at]  # object that each detection hits, or a negative number
+            truth = outcome.truth[
+                iou_index
+            ]  # object that each detection hits, or a negative number
             is_counted = truth != IGNORED
             scores.append(outcome.scores[is_counted])
             hit.append(truth[is_counted] >= 0)
@@ -304,16 +310,16 @@ class Tally:
     @property
     def ap(self) -> float:
         """Average precision; NaN without objects."""
-        count = int(self.truths.sum())
-        if not count:
+        object_count = int(self.truths.sum())
+        if not object_count:
             return float("nan")
-        return average_precision(precision_recall(self.scores, self.hit, count))
+        return average_precision(precision_recall(self.scores, self.hit, object_count))
 
     @property
     def recall(self) -> float:
         """Share of the objects that were hit; NaN without objects."""
-        objects = int(self.truths.sum())
-        return float(self.hit.sum() / objects) if objects else float("nan")
+        object_count = int(self.truths.sum())
+        return float(self.hit.sum() / object_count) if object_count else float("nan")
 
     @property
     def precision(self) -> float:
@@ -339,7 +345,7 @@ class Tally:
         for first in range(0, len(draws), batch_size):
             batch_draws = draws[first : first + batch_size]
             weights = batch_draws[:, frame]  # how often each resample has each detection
-            truths = batch_draws @ self.truths
+            object_counts = batch_draws @ self.truths  # in each resample
             detections_so_far = np.cumsum(weights, axis=1)[:, last_rows]
             hits_so_far = np.cumsum(weights * hits, axis=1)[:, last_rows]
             precision = np.divide(
@@ -351,17 +357,16 @@ class Tally:
             # highest precision at this recall or a higher one
             envelope = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
             area = (np.diff(hits_so_far, prepend=0) * envelope).sum(axis=1)
-            aps.append(np.divide(area, truths, out=np.full(len(truths), np.nan), where=truths > 0))
+            no_aps = np.full(len(object_counts), np.nan)
+            aps.append(np.divide(area, object_counts, out=no_aps, where=object_counts > 0))
         return np.concatenate(aps)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
         """Interval of the AP over blocks of frames; NaN for few blocks, or without objects."""
-        blocks = count_blocks(len(self.truths))
-        objects = int(self.truths.sum())
         return figure_interval(
             self.ap,
             self.resamples(seed=seed),
-            blocks=blocks,
-            objects=objects,
+            blocks=count_blocks(len(self.truths)),
+            objects=int(self.truths.sum()),
             confidence=confidence,
         )

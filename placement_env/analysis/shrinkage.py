@@ -52,12 +52,12 @@ def shrink(
     """
     if len(figure) < MIN_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
-    common = resamples.mean(axis=0)  # noise that all sets share, such as hard frames
-    noise = resamples - common
+    common_noise = resamples.mean(axis=0)  # of all sets, such as hard frames
+    noise = resamples - common_noise
     noise = noise - noise.mean(axis=1, keepdims=True)
     errors = figure - predicted
-    shift = errors.mean()
-    if blocks < 2:
+    shift = errors.mean()  # m of the file's docstring
+    if blocks < 2:  # no noise is known, so the predictions rank
         weight = np.zeros(len(figure))
     else:
         variance = noise.var(axis=1) / (1 - 1 / blocks)
@@ -75,4 +75,5 @@ def shrink(
         weight = error_variance / (error_variance + variance)
     likeliest = predicted + shift + weight * (errors - shift)
     remaining_noise = np.sqrt(weight)[:, None] * noise
-    return Shrunk(likeliest, likeliest[:, None] + remaining_noise + (common - common.mean()))
+    draws = likeliest[:, None] + remaining_noise + (common_noise - common_noise.mean())
+    return Shrunk(figure=likeliest, resamples=draws)

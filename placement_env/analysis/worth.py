@@ -125,7 +125,8 @@ def estimate_worth(
         rule = f"need at least {MIN_ROUNDS} rounds, 1 sensor and a confidence within (0, 1)"
         raise ValueError(f"{rule}, got {rounds}, {sensors} and {confidence}")
     rng = np.random.default_rng(seed)
-    square = williams_square(sensors)
+    square = williams_square(sensors)  # orders × places
+    # sensor at each place; axes: round, order, place
     orders = np.stack([rng.permutation(sensors)[square] for _ in range(rounds)])
     # place of each sensor in its order: rounds, orders, 1, sensors
     position = np.argsort(orders)[:, :, None]
@@ -142,6 +143,7 @@ def estimate_worth(
             "values must be finite, but that of a sampled set is not: are there objects to find?"
         )
     figures = values[row.ravel()]
+    # values of the sets; axes: round, order, k
     chain = figures[: chains.size // sensors].reshape(rounds, sensors, sensors + 1)
     swap = figures[chains.size // sensors :].reshape(rounds, sensors, sensors - 1)
 
@@ -249,15 +251,15 @@ def _list_sets(values: np.ndarray) -> Bool[np.ndarray, "sets n"]:
     """All sets of n sensors, to which 2^n values belong in this order.
 
     Raises ValueError if the number of values is not 2^n with n <= 16, or a value is not finite."""
-    sensors = len(values).bit_length() - 1  # n of 2^n; -1 without a value
-    if len(values) != 2 ** max(sensors, 0):
+    n = len(values).bit_length() - 1  # of 2^n; -1 without a value
+    if len(values) != 2 ** max(n, 0):
         raise ValueError(
             f"values must be given for all 2^n sets, the empty one first, got {len(values)} values"
         )
-    sets = all_subsets(sensors)
+    sets = all_subsets(n)
     if not np.isfinite(values).all():
-        first_wrong = int(np.flatnonzero(~np.isfinite(values))[0])
-        members = np.flatnonzero(sets[first_wrong]).tolist()
+        first_row = int(np.flatnonzero(~np.isfinite(values))[0])
+        members = np.flatnonzero(sets[first_row]).tolist()
         raise ValueError(f"values must be finite, but that of set {members} is not")
     return sets
 
