@@ -60,20 +60,19 @@ def move_sensor(
     new_height = sensor.height if height is None else _check_finite("height", height)
     new_heading = sensor.heading if heading is None else _check_finite("heading", heading)
     new_tilt = sensor.tilt if tilt is None else _check_tilt(tilt)
-    min_tilt = min(TILT_SPAN_RAD[0], sensor.tilt)
-    max_tilt = max(TILT_SPAN_RAD[1], sensor.tilt)
-    low, high = mount.min_height, mount.max_height
+    min_tilt, max_tilt = TILT_SPAN_RAD
+    min_height, max_height = mount.min_height, mount.max_height
     if position is None:  # a sensor may stay where it is, beyond the heights of its pole
-        low = min(low, sensor.height)
-        high = max(high, sensor.height)
+        min_height = min(min_height, sensor.height)
+        max_height = max(max_height, sensor.height)
     is_turned = new_heading != sensor.heading
-    moved = replace(
+    moved_sensor = replace(
         sensor,
-        height=float(np.clip(new_height, low, high)),
+        height=float(np.clip(new_height, min_height, max_height)),
         heading=math.remainder(new_heading, math.tau) if is_turned else new_heading,
-        tilt=float(np.clip(new_tilt, min_tilt, max_tilt)),
+        tilt=float(np.clip(new_tilt, min(min_tilt, sensor.tilt), max(max_tilt, sensor.tilt))),
     )
-    return VariantChange(variant.with_sensor(moved), f"{name} moved")
+    return VariantChange(variant.with_sensor(moved_sensor), f"{name} moved")
 
 
 def mount_sensor(
@@ -97,9 +96,9 @@ def mount_sensor(
     model = model or next(iter(yard.models))
     if name is not None and name in {sensor.name for sensor in variant.sensors}:
         raise ValueError(f"there is a sensor {name!r} already: give another name")
-    pole, with_pole = yard.find_or_add_pole(variant, mount)
+    pole, variant_with_pole = yard.find_or_add_pole(variant, mount)
     name = check_name(name) if name else name_on_pole(variant, pole.name)
-    yard.check_room(with_pole, pole.name)
+    yard.check_room(variant_with_pole, pole.name)
     new_height = pole.max_height
     if height is not None:
         new_height = float(np.clip(height, pole.min_height, pole.max_height))
@@ -116,8 +115,9 @@ def mount_sensor(
         heading=_check_finite("heading", heading),
         tilt=new_tilt,
     )
-    after = yard.check(replace(with_pole, sensors=(*with_pole.sensors, new_sensor)))
-    return VariantChange(after, f"{name} added")
+    sensors = (*variant_with_pole.sensors, new_sensor)
+    new_variant = yard.check(replace(variant_with_pole, sensors=sensors))
+    return VariantChange(new_variant, f"{name} added")
 
 
 def remove_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
@@ -175,14 +175,14 @@ def keep_out_of(yard: Yard, variant: Variant, areas: Iterable[Corners]) -> Varia
 
 
 def _check_finite(name: str, value: float) -> float:
-    # the value as a float. Raises ValueError with the name unless it is finite
+    """Return the value as a float. Raises ValueError, with the name, unless it is finite."""
     if not np.isfinite(value):
         raise ValueError(f"{name} must be a finite number, got {value}")
     return float(value)
 
 
 def _check_tilt(tilt: float) -> float:
-    # the tilt (rad) as a float. Raises ValueError beyond straight up and straight down
+    """Return the tilt (rad) as a float. Raises ValueError beyond straight up and straight down."""
     if not abs(_check_finite("tilt", tilt)) <= np.pi / 2 + 1e-9:  # rounding is forgiven
         raise ValueError(
             f"a tilt must lie within pi/2 rad of the horizon, got {tilt:g}: give degrees as "

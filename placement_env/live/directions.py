@@ -40,7 +40,9 @@ def parse_heading(site: Site, text: str, present: float | None = None) -> float:
             f"{rule}, got {text!r:.40}: a heading from +x is written {HEADING_PREFIX}135"
         )
     heading = math.radians(degrees) if is_heading else heading_from_bearing(site, degrees)
-    if present is not None and abs(_turn_between(heading, present)) <= _half(PRINTED_ANGLE_DEG):
+    if present is not None and abs(_turn_between(heading, present)) <= _max_rounding(
+        PRINTED_ANGLE_DEG
+    ):
         return present
     return heading
 
@@ -51,7 +53,9 @@ def parse_tilt(degrees: float, present: float | None = None) -> float:
     present: tilt (rad) that is returned in full if it is printed like the number, None for no such
     tilt. Raises ValueError for a tilt beyond `TILT_SPAN_RAD`."""
     low, high = (math.degrees(limit) for limit in TILT_SPAN_RAD)
-    if present is not None and abs(degrees - math.degrees(present)) <= _half(PRINTED_ANGLE_DEG):
+    if present is not None and abs(degrees - math.degrees(present)) <= _max_rounding(
+        PRINTED_ANGLE_DEG
+    ):
         return present
     if not low - SLACK <= degrees <= high + SLACK:
         raise ValueError(
@@ -65,7 +69,7 @@ def parse_height(mount: Mount, height: float, present: float | None = None) -> f
 
     height: typed number (m); present: height (m) that is returned in full if it is printed like the
     number, None for no such height. Raises ValueError beyond the heights of the pole."""
-    if present is not None and abs(height - present) <= _half(PRINTED_HEIGHT_M):
+    if present is not None and abs(height - present) <= _max_rounding(PRINTED_HEIGHT_M):
         return present
     if not mount.min_height - SLACK <= height <= mount.max_height + SLACK:
         span = f"{mount.min_height:g} to {mount.max_height:g} m"
@@ -78,8 +82,8 @@ def show_bearing(site: Site, sensor: LiveSensor) -> float:
     return round(bearing_deg(site, sensor.heading), 1) % MAX_TURN_DEG
 
 
-def _half(step: float) -> float:
-    # greatest difference of two numbers that are printed alike in steps of this size
+def _max_rounding(step: float) -> float:
+    """Greatest difference of a number and its printed form, in steps of this size."""
     return step / 2 + SLACK
 
 
@@ -89,7 +93,7 @@ def _turn_between(first: float, second: float) -> float:
 
 
 def _parse_degrees(text: str) -> float | None:
-    # finite number of a text, None for any other text
+    """Finite number of a text, None for any other text."""
     try:
         degrees = float(text)
     except ValueError:

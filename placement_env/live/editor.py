@@ -203,8 +203,10 @@ class VariantEditor:
     def _apply(
         self, change: Callable[..., VariantChange], *arguments: Any, **options: Any
     ) -> LiveAnswer:
-        # change the shown variant by a function of `placement_env.live.changes`, which gets the
-        # yard, the variant and the further arguments, and return the new figures
+        """Change the shown variant, and return the new figures.
+
+        change: function of `placement_env.live.changes`, which gets the yard, the variant and the
+        further arguments."""
         with self._lock:
             return self._show_change(change(self.yard, self.variant, *arguments, **options))
 
@@ -242,7 +244,9 @@ class VariantEditor:
         return self._step(self.history.redo, "redo")
 
     def _step(self, step: Callable[[], None], what: str) -> LiveAnswer:
-        # call `history.undo` or `history.redo`, and return the figures and the change that it makes
+        """Undo or redo, and return the figures with the change that it makes.
+
+        step: `history.undo` or `history.redo`; what: words for it."""
         with self._lock:
             before = self.scorer.recall(self.variant)
             step()

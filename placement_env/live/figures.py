@@ -8,7 +8,7 @@ surrogate. Intervals need `MIN_LIVE_BLOCKS` blocks of frames, fewer than an eval
 import math
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -226,26 +226,28 @@ class Meter:
         objective = self.objective(candidates, seen)
         all_working = is_working[None]
         members = np.flatnonzero(is_working)
-        remaining = _without_each(is_working, members)
-        scores = objective.scores(np.concatenate([all_working, remaining]))  # [0]: nothing fails
-        worst_index = int(scores.ap[1:].argmin()) if len(members) else -1
+        remaining = _without_each(is_working, members)  # row k: sensor `members[k]` fails
+        scores = objective.scores(np.concatenate([all_working, remaining]))
+        ap, *failure_aps = scores.ap.tolist()
         surrogate = cast(Surrogate, objective.scored_by)
-        worst = 0.0
+        worst_ap = 0.0
+        worst_sensor = ""
         without_worst = is_working
         spread = 0.0
         worst_spread = 0.0
         if len(members):
-            worst = float(scores.ap[1:][worst_index])
+            worst_index = int(np.argmin(failure_aps))
+            worst_ap = failure_aps[worst_index]
+            worst_sensor = objective.names[members[worst_index]]
             without_worst = remaining[worst_index]
             spread, worst_spread = surrogate.spread(np.stack([is_working, without_worst])).tolist()
         classes, resamples, probability = self._by_class(surrogate, is_working, seen, spread)
-        ap = float(scores.ap[0])
-        objects = len(probability)
-        sample = {"blocks": self.blocks, "objects": objects, "fewest": MIN_LIVE_BLOCKS}
+        object_count = len(probability)
+        sample = {"blocks": self.blocks, "objects": object_count, "fewest": MIN_LIVE_BLOCKS}
         bounds = widen_interval(ap, figure_interval(ap, resamples, **sample), spread)
-        worst_resamples = self._resample(surrogate, without_worst)[0]
+        worst_resamples, _ = self._resample(surrogate, without_worst)
         worst_bounds = widen_interval(
-            worst, figure_interval(worst, worst_resamples, **sample), worst_spread
+            worst_ap, figure_interval(worst_ap, worst_resamples, **sample), worst_spread
         )
         hidden = seen.points[is_working].sum(axis=0) == 0
         return LiveAnswer(
@@ -257,19 +259,19 @@ class Meter:
             recall=float(scores.recall[0]),
             kbit=float(scores.kbit[0]),
             price=float(objective.price(np.ones_like(all_working))[0]),
-            worst=worst,
+            worst=worst_ap,
             worst_low=worst_bounds.low,
             worst_high=worst_bounds.high,
-            worst_sensor=objective.names[members[worst_index]] if len(members) else "",
+            worst_sensor=worst_sensor,
             spread=spread,
             change=0.0,
             change_low=0.0,
             change_high=0.0,
             classes=classes,
-            approaches=self._by_group(*self._approaches, probability),
-            levels=self._by_group(*self._levels, probability),
+            approaches=self._by_group(self._approaches, probability),
+            levels=self._by_group(self._levels, probability),
             links=self._measure_loads(candidates, seen, is_working),
-            objects=objects,
+            objects=object_count,
             frames=seen.frames,
             unseen=int(hidden.sum()),
             currency=self._currency,
@@ -282,7 +284,7 @@ class Meter:
 
     @cached_property
     def _block(self) -> Int64[np.ndarray, " O"]:
-        # block of frames of each road user
+        """Number of the block of frames of each road user."""
         return self.unseen.frame // BLOCK_FRAMES
 
     @property
@@ -351,63 +353,70 @@ class Meter:
         return surrogate.classes.combined(np.stack(class_resamples, axis=1)), class_resamples
 
     def _by_group(
-        self,
-        names: tuple[str, ...],
-        group: Int64[np.ndarray, " O"],
-        probability: Float64[np.ndarray, " O"],
+        self, groups: "_ObjectGroups", probability: Float64[np.ndarray, " O"]
     ) -> tuple[FoundShare, ...]:
         """Share found of each group of objects; a group without objects is left out.
 
-        names: names of the groups; group: index of each object's group in `names`; probability:
-        probability that each object is found."""
-        shape = (len(names), self.blocks)  # objects are counted by group and block of frames
-        cell = group * self.blocks + self._block  # index in the flattened array
+        probability: probability that each object is found."""
+        shape = (len(groups.names), self.blocks)  # axes: group, block of frames
+        cell = groups.index * self.blocks + self._block  # index in the flattened array
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
         found_sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
         rows = []
         for k in np.flatnonzero(counts.any(axis=1)).tolist():
-            objects = int(counts[k].sum())
+            object_count = int(counts[k].sum())
             shares = resample_ratio(self._draws, found_sums[k], counts[k])
-            recall = float(found_sums[k].sum() / objects)
+            recall = float(found_sums[k].sum() / object_count)
             interval = figure_interval(
-                recall, shares, blocks=self.blocks, objects=objects, fewest=MIN_LIVE_BLOCKS
+                recall, shares, blocks=self.blocks, objects=object_count, fewest=MIN_LIVE_BLOCKS
             )
             rows.append(
                 FoundShare(
-                    name=names[k],
+                    name=groups.names[k],
                     ap=None,
                     recall=recall,
                     low=interval.low,
                     high=interval.high,
-                    objects=objects,
+                    objects=object_count,
                 )
             )
         return tuple(rows)
 
     @cached_property
-    def _approaches(self) -> tuple[tuple[str, ...], np.ndarray]:
-        # names of the approaches, and index of each road user's approach in these names
+    def _approaches(self) -> "_ObjectGroups":
+        """Road users by approach."""
         approaches = find_approaches(self.preparation.setting.place)
-        return approaches.names, approaches.locate(self.unseen.boxes)
+        return _ObjectGroups(approaches.names, approaches.locate(self.unseen.boxes))
 
     @cached_property
-    def _levels(self) -> tuple[tuple[str, ...], np.ndarray]:
-        # names of the levels of traffic, and index in these names of the level of each road user
+    def _levels(self) -> "_ObjectGroups":
+        """Road users by level of traffic."""
         level_of_frame = np.zeros(self.preparation.frames, np.int64)
         for k, frames in enumerate(self.preparation.split(LEVELS)):
             level_of_frame[frames] = k
-        return LEVEL_NAMES[LEVELS], level_of_frame[self.unseen.frame]
+        return _ObjectGroups(LEVEL_NAMES[LEVELS], level_of_frame[self.unseen.frame])
 
     def _measure_loads(
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[PoleLoad, ...]:
-        # load of the link of each pole, by what its working sensors send; failed ones send nothing
+        """Load of the link of each pole, by the data of its working sensors."""
         setting = self.preparation.setting
-        # axes: sensor, frame
+        # axes: sensor, frame; failed sensors send nothing
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]
         return measure_links(
             candidates, kbit, setting.link_share, limited=setting.fusion.sends_points
         )
+
+
+class _ObjectGroups(NamedTuple):
+    """Groups of the road users that count.
+
+    Attributes:
+        names: Names of the groups.
+        index: Index in `names` of the group of each road user."""
+
+    names: tuple[str, ...]
+    index: Int64[np.ndarray, " O"]
 
 
 def list_problems(objective: Objective) -> tuple[str, ...]:

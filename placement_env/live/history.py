@@ -87,8 +87,9 @@ class VariantHistory:
         self._step(self._future, self._past, "redo")
 
     def _step(self, source: list[Step], target: list[Step], what: str) -> None:
-        # take the last step of `source`, keep the present state in `target`; both lists change.
-        # what: "undo" or "redo", for the error
+        """Take the last step of `source`, and keep the present state in `target`.
+
+        Both lists change. what: "undo" or "redo", for the error."""
         if not source:
             raise ValueError(f"there is nothing to {what}")
         name, variant = source.pop()

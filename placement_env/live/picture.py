@@ -51,7 +51,7 @@ class GroundPicture:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
-        # raises ValueError for a field of another type or beyond its limits, as in a file
+        """Raise ValueError for a field of another type or beyond its limits, as in a file."""
         picture = JsonObject(vars(self), "picture")
         check_name(picture.get("name", str))
         for key in ("width", "height"):
@@ -151,7 +151,7 @@ def keep_picture(
 
 
 def _decode(content: bytes, name: str) -> UInt8[np.ndarray, "height width 3"]:
-    # RGB pixels of the content of a PNG or JPEG file; name: name of the file, for the error
+    """RGB pixels of the content of a PNG or JPEG file. name: name of the file, for the error."""
     from PIL import Image
 
     try:

@@ -69,10 +69,12 @@ class LivePlanner(VariantEditor):
         frames = usual_run.frames if frames is None else frames
         seed = usual_run.seed if seed is None else seed
         place = setting.place
-        self.sold = setting.candidates if isinstance(setting.candidates, Stock) else Stock()
-        self.catalogue = self.sold.catalogue
-        self.currency = self.sold.currency
-        yard = Yard.from_stock(place, _find_stock(setting), place.sensors, self.sold.keep_out)
+        self.priced_stock = setting.candidates if isinstance(setting.candidates, Stock) else Stock()
+        self.catalogue = self.priced_stock.catalogue
+        self.currency = self.priced_stock.currency
+        yard = Yard.from_stock(
+            place, _find_stock(setting), place.sensors, self.priced_stock.keep_out
+        )
         self.most_sensors = most_sensors
         scorer = LiveScorer(
             yard,
@@ -241,14 +243,14 @@ def _check_detector(plan: PlanFolder, question: Setting) -> None:
 
 
 def _find_setting(site: object) -> Setting:
-    # a setting as it is, or the usual one of a site, its name or file
+    """Return a setting as it is, or the usual one of a site, its name or file."""
     if isinstance(site, Setting):
         return site
     return Setting(site if isinstance(site, Site) else str(site))
 
 
 def _find_plan(site: object) -> PlanFolder | None:
-    # a plan that was read, or read from its folder; None for anything else
+    """Return a plan that was read, or read from its folder; None for anything else."""
     if isinstance(site, PlanFolder):
         return site
     return read_plan_folder(str(site)) if is_plan_folder(site) else None

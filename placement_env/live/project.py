@@ -59,7 +59,7 @@ class ProjectFile:
         self._saved_text = ""  # text that was written last
         self._saved_at_s = 0.0  # time (s) of the last save, by the monotonic clock
         try:
-            source = self.before if last_good else path
+            source = self.last_good_path if last_good else path
             if last_good or path.exists():
                 self._load(source)
         except BaseException:
@@ -69,7 +69,7 @@ class ProjectFile:
         self.save()
 
     @property
-    def before(self) -> Path:
+    def last_good_path(self) -> Path:
         """File with the state before the last save."""
         return self.path.with_name(f"{self.path.name}{LAST_GOOD_ENDING}")
 
@@ -86,12 +86,12 @@ class ProjectFile:
         if text == self._saved_text:
             return
         if self._saved_text and self.path.exists():
-            # keep the present file as `before` by a hard link that is renamed: neither file is
-            # missing at any time
+            # keep the present file as the last good one by a hard link that is renamed: neither
+            # file is missing at any time
             link = self.path.with_name(f".{self.path.name}.spare")
             link.unlink(missing_ok=True)
             os.link(self.path, link)
-            link.replace(self.before)
+            link.replace(self.last_good_path)
         write_text(self.path, text)
         self._saved_text = text
         self._saved_at_s = time.monotonic()
@@ -103,7 +103,7 @@ class ProjectFile:
             self._lock_descriptor = None
 
     def _format(self) -> str:
-        # JSON text of the project file, joined from texts of variants, which `_format` caches
+        """JSON text of the project file, joined from texts of variants, which are cached."""
         planner = self.planner
         picture = None if planner.picture is None else asdict(planner.picture)
         head = {
@@ -113,10 +113,11 @@ class ProjectFile:
         }
         head |= {"current": planner.current, "question": planner.question, "picture": picture}
         variants = ", ".join(
-            f"{json.dumps(name)}: {_format(variant)}" for name, variant in planner.variants.items()
+            f"{json.dumps(name)}: {_format_variant(variant)}"
+            for name, variant in planner.variants.items()
         )
         past = ", ".join(
-            f"[{json.dumps(name)}, {_format(variant)}]"
+            f"[{json.dumps(name)}, {_format_variant(variant)}]"
             for name, variant in planner.past[-MAX_SAVED_STEPS:]
         )
         return (
@@ -126,7 +127,7 @@ class ProjectFile:
         )
 
     def _load(self, path: Path) -> None:
-        # let the planner go on from a file; errors name the file and a remedy
+        """Let the planner go on from a file. Raises ValueError with the file and a remedy."""
         try:
             content = read_json(path)
             with name_errors(path):
@@ -135,12 +136,12 @@ class ProjectFile:
             raise ValueError(f"there is no {path}: start without --last-good") from None
         except ValueError as error:
             remedy = "give another --project"
-            if path == self.path and self.before.is_file():
+            if path == self.path and self.last_good_path.is_file():
                 remedy = "coview live with --last-good goes on from the state before"
             raise ValueError(f"{error}; {remedy}") from None
 
     def _take_over(self, content: object) -> None:
-        # give the planner the variants, steps, picture and question of a file's JSON content
+        """Give the planner the variants, steps, picture and question of a file's JSON content."""
         project = JsonObject(content)
         if project.value.get("coview_live") != PROJECT_VERSION:
             raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
@@ -168,14 +169,16 @@ class ProjectFile:
 
     @staticmethod
     def _read_step(step: object, number: int) -> tuple[str, Variant]:
-        # name and earlier state of a variant, from a past step [name, variant]; number: its index
-        # in the file, for errors
+        """Name and earlier state of a variant, from JSON values [name, variant] of a past step.
+
+        number: index of the step in the file, for errors."""
         if not isinstance(step, list) or len(step) != 2 or not isinstance(step[0], str):
             raise ValueError("a past step needs a name and a variant")
         return check_name(step[0]), Variant.from_dict(step[1], f"past[{number}]")
 
     @staticmethod
     def _read_picture(picture: JsonObject) -> GroundPicture:
+        """Picture from its JSON values, the fields of `GroundPicture`."""
         picture.check_keys([field.name for field in fields(GroundPicture)])
         try:
             return GroundPicture(**picture.value)
@@ -183,8 +186,9 @@ class ProjectFile:
             raise ValueError(f"a picture needs all its members, got {error}") from None
 
     def _ask(self, question: JsonObject) -> None:
-        # change the planner's setting by a question, as `LivePlanner.question` gives it; members
-        # that are missing keep the present values
+        """Change the planner's setting by a question, as `LivePlanner.question` gives it.
+
+        Members that are missing keep the present values."""
         question.check_keys(("classes", "iou", "errors", "scheme", "most_price"))
         case_changes: dict[str, Any] = {}
         if "iou" in question.value:
@@ -203,8 +207,8 @@ class ProjectFile:
 
 
 @lru_cache(maxsize=2 * MAX_SAVED_STEPS)
-def _format(variant: Variant) -> str:
-    # JSON text of a variant; most variants are in many saves, so texts are cached
+def _format_variant(variant: Variant) -> str:
+    """JSON text of a variant; most variants are in many saves, so texts are cached."""
     return json.dumps(variant.as_dict(), allow_nan=False)
 
 
@@ -223,13 +227,18 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     planner.finish()
     seen, _ = planner.look(candidates)
     kbit = sent_per_frame(seen, planner.setting.fusion, planner.setting.codec)
-    mounted = mounted_site(site, candidates, members)
-    sensors = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
-    ground = visible_ground(mounted, mounted.sensors)
-    unused = unused_mounts(candidates, members)
+    equipped_site = mounted_site(site, candidates, members)
+    schedule = format_sensors(site, candidates, members, kbit=kbit, catalogue=planner.catalogue)
+    ground = visible_ground(equipped_site, equipped_site.sensors)
+    free_mounts = unused_mounts(candidates, members)
     with writing_together(folder) as unfinished:
         write_exchange(
-            unfinished, mounted, sensors, ground, unused=unused, currency=planner.currency
+            unfinished,
+            equipped_site,
+            schedule,
+            ground,
+            unused=free_mounts,
+            currency=planner.currency,
         )
     return [folder / name for name in EXCHANGE_FILES]
 
@@ -258,11 +267,12 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     from placement_env.report.planning.question import Question
 
     candidates = planner.yard.candidates(planner.variant)
-    mounted = mounted_site(planner.yard.site, candidates, range(len(candidates)))
-    stock = planner.sold
-    poles = tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))
+    poles = tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))  # each once
     setting = replace(
-        planner.asked, site=mounted, candidates=replace(stock, candidates=candidates), keep=poles
+        planner.asked,
+        site=mounted_site(planner.yard.site, candidates, range(len(candidates))),
+        candidates=replace(planner.priced_stock, candidates=candidates),
+        keep=poles,
     )
     frames = None if planner.plan is None else planner.plan.given_frames
     run = replace(planner.preparation.run, frames=frames)

@@ -64,8 +64,8 @@ class LiveScorer:
         begins_with_fewer = first_frames is not None and first_frames < run.frames_or(FRAMES)
         first_run = replace(run, frames=first_frames, cache=None) if begins_with_fewer else run
         self._start_question(setting, first_run)
-        awaited = replace(self.preparation, run=run) if begins_with_fewer else None
-        self.all_frames = AllFrames(awaited)
+        full_preparation = replace(self.preparation, run=run) if begins_with_fewer else None
+        self.all_frames = AllFrames(full_preparation)
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
@@ -110,9 +110,11 @@ class LiveScorer:
         """Changes of the question since the start, as JSON values: the new value by name.
 
         Names are classes, iou, errors, scheme and most_price (None for any price)."""
-        first = _describe_question(self.first)
-        now = _describe_question(self.asked)
-        return {name: value for name, value in now.items() if value != first[name]}
+        first_values = _describe_question(self.first)
+        present_values = _describe_question(self.asked)
+        return {
+            name: value for name, value in present_values.items() if value != first_values[name]
+        }
 
     @property
     def unseen(self) -> Visibility:
@@ -141,7 +143,7 @@ class LiveScorer:
         return self._estimate(variant)
 
     def _estimate(self, variant: Variant) -> LiveAnswer:
-        # figures of a variant from its views, which are then kept in memory
+        """Figures of a variant from its views, which are then kept in memory."""
         view = self.views.see(variant)
         answer = self._meter.measure(view.candidates, view.seen, view.is_working)
         answer = replace(
@@ -231,12 +233,14 @@ class LiveScorer:
         the figures of all frames replace those of the first."""
 
         def show(preparation: Preparation) -> None:
+            """Score by all frames from now on."""
             with lock:
                 self._start_question(self.asked, preparation.run, preparation)
                 self.all_frames.end()
                 self._earlier_answer = None
 
         def list_candidates() -> list[Candidates]:
+            """Sensors whose views are needed, by variant."""
             return [self._yard.candidates(variant) for variant in list_variants()]
 
         self.all_frames.fetch(list_candidates, show)
@@ -249,7 +253,7 @@ class LiveScorer:
 
 
 def _describe_question(setting: Setting) -> dict[str, object]:
-    # fields of a setting that `LiveScorer.question` compares, as JSON values
+    """Fields of a setting that `LiveScorer.question` compares, as JSON values."""
     has_price_limit = not math.isinf(setting.most_price)
     return {
         "classes": [*setting.counted.names],

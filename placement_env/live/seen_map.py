@@ -105,6 +105,6 @@ class SeenMaps:
         unhidden_cells = np.flatnonzero(~build_renderer(traffic).still_hides(rays))
         for bit, frame in enumerate(self._frames.tolist()):
             # way to the first vehicle in parts of the ray; from 1 on, none is before the cell
-            _, length = build_moment(traffic, frame).met(rays[unhidden_cells])
-            bits[unhidden_cells] |= np.where(length >= 1, np.uint64(1 << bit), np.uint64(0))
+            _, ray_parts = build_moment(traffic, frame).met(rays[unhidden_cells])
+            bits[unhidden_cells] |= np.where(ray_parts >= 1, np.uint64(1 << bit), np.uint64(0))
         return bits

@@ -128,8 +128,8 @@ class StockViews:
         if not viewed_groups:
             return []
         indices = np.concatenate([group for group, _ in viewed_groups])
-        count = len(base)
-        columns = {}
+        base_count = len(base)
+        columns = {}  # fields of the view of the base, then of the poses, a row each
         for name in VIEW_COLUMNS:
             arrays = [getattr(view, name) for _, view in viewed_groups]
             columns[name] = np.concatenate([getattr(seen, name), *arrays])
@@ -139,19 +139,21 @@ class StockViews:
             replace(s, name=f"{s.name} of the stock") if s.name in names else s
             for s in stock.sensors
         ]
-        # aims do not matter: the views are known
-        aim = np.zeros((count + len(indices), 3))
-        mount = np.concatenate([base.mount, stock.mount])
         candidates = Candidates.from_poses(
-            [*base.sensors, *sensors], mount, aim, replace(self._stock, mounts=base.mounts)
+            [*base.sensors, *sensors],
+            mount=np.concatenate([base.mount, stock.mount]),
+            # aims do not matter: the views are known
+            aim=np.zeros((base_count + len(indices), 3)),
+            pool=replace(self._stock, mounts=base.mounts),
         )
-        scored = objective(candidates, replace(seen, **columns))
+        pose_objective = objective(candidates, replace(seen, **columns))
         # one set for each pose: all sensors of the base and this pose
+        pose_rows = np.arange(len(indices))
         sets = np.zeros((len(indices), len(candidates)), np.bool_)
-        sets[:, :count] = True
-        sets[np.arange(len(indices)), count + np.arange(len(indices))] = True
-        fits = scored.feasible(sets)  # failed sensors need room too
-        sets[:, :count] = is_working
-        reward = np.where(fits, scored.scores(sets).reward, -np.inf)
+        sets[:, :base_count] = True
+        sets[pose_rows, base_count + pose_rows] = True
+        fits = pose_objective.feasible(sets)  # failed sensors need room too
+        sets[:, :base_count] = is_working
+        reward = np.where(fits, pose_objective.scores(sets).reward, -np.inf)
         order = np.argsort(-reward, kind="stable")
         return indices[order[np.isfinite(reward[order])]].tolist()

@@ -80,7 +80,7 @@ class Suggester:
         return tuple(suggestions)
 
     def _suggest_removals(self, variant: Variant) -> list[Suggestion]:
-        # removal of each sensor that is not locked, the greatest remaining AP first
+        """Removal of each sensor that is not locked, the greatest remaining AP first."""
         suggestions = []
         for sensor in variant.sensors:
             if not sensor.locked:
@@ -140,7 +140,7 @@ class Suggester:
         "add" or "move", for the suggestion; base: variant without the sensor."""
 
         def measure_candidate(candidate: LiveSensor) -> tuple[float, int]:
-            # AP of the base with this sensor, and number of problems
+            """AP of the base with this sensor, and number of problems."""
             view = self._views.see(replace(base, sensors=(*base.sensors, candidate)))
             return self._meter.measure_ap(view.candidates, view.seen, view.is_working)
 
@@ -150,12 +150,14 @@ class Suggester:
         while has_improved:
             has_improved = False
             for turn, tilt in TURNS_RAD:
-                turned = replace(sensor, heading=sensor.heading + turn, tilt=sensor.tilt + tilt)
-                if not min_tilt <= turned.tilt <= max_tilt:
+                turned_sensor = replace(
+                    sensor, heading=sensor.heading + turn, tilt=sensor.tilt + tilt
+                )
+                if not min_tilt <= turned_sensor.tilt <= max_tilt:
                     continue
-                turned_ap, turned_problems = measure_candidate(turned)
+                turned_ap, turned_problems = measure_candidate(turned_sensor)
                 if turned_ap > ap + MIN_HELPFUL_GAIN_AP and turned_problems <= problems:
-                    sensor = turned
+                    sensor = turned_sensor
                     ap = turned_ap
                     problems = turned_problems
                     has_improved = True
@@ -176,11 +178,11 @@ def apply_suggestion(yard: Yard, variant: Variant, suggestion: Suggestion) -> Va
         yard.check_room(variant.without_sensor(sensor.name), sensor.mount)
         return VariantChange(variant.with_sensor(sensor), f"{sensor.name} moved")
     yard.check_room(variant, sensor.mount)
-    added = replace(sensor, name=name_on_pole(variant, sensor.mount))
-    after = replace(variant, sensors=(*variant.sensors, added))
-    return VariantChange(after, f"{added.name} added")
+    new_sensor = replace(sensor, name=name_on_pole(variant, sensor.mount))
+    new_variant = replace(variant, sensors=(*variant.sensors, new_sensor))
+    return VariantChange(new_variant, f"{new_sensor.name} added")
 
 
 def _negative_ap(suggestion: Suggestion) -> float:
-    # sort key: with it the greatest AP comes first
+    """Key by which the greatest AP is sorted first."""
     return -suggestion.answer.ap

@@ -154,7 +154,7 @@ class Variant:
 
 
 def _read_sensor(row: JsonObject) -> LiveSensor:
-    # sensor from its JSON values, the fields of `LiveSensor`; locked and failed may be missing
+    """Sensor from its JSON values, the fields of `LiveSensor`; locked and failed may be missing."""
     row.check_keys([field.name for field in fields(LiveSensor)])
     values: dict[str, Any] = {}
     for key in ("name", "model", "mount"):
@@ -172,7 +172,9 @@ def _read_sensor(row: JsonObject) -> LiveSensor:
 
 
 def _read_pole(row: JsonObject) -> Mount:
-    # additional pole from its JSON values, the fields of `Mount`; only name and position are needed
+    """Additional pole from its JSON values, the fields of `Mount`.
+
+    Only name and position are needed."""
     row.check_keys([field.name for field in fields(Mount)])
     position = np.array(row.numbers("position", 3))  # x, y, z (m) of the foot
     name = row.get("name", str)
@@ -291,9 +293,10 @@ class Yard:
             prices=(*axes.prices, *missing_prices) if axes.prices else (),
         )
         yard = Yard(site, replace(stock, axes=axes, mounts=tuple(mounts)), tuple(keep_out))
-        sensors_on = Counter(mounted.mount for mounted in yard.place(sensors).sensors)
+        # number of present sensors by name of the pole
+        sensor_counts = Counter(sensor.mount for sensor in yard.place(sensors).sensors)
         mounts = [
-            replace(mount, max_sensors=max(mount.max_sensors, sensors_on[mount.name]))
+            replace(mount, max_sensors=max(mount.max_sensors, sensor_counts[mount.name]))
             for mount in mounts
         ]
         return replace(yard, stock=replace(yard.stock, mounts=tuple(mounts)))
@@ -362,16 +365,16 @@ class Yard:
         """
         if isinstance(where, str):
             mount = self.find_mount(variant, where)
-            after = variant
+            variant_with_pole = variant
         else:
             x, y = float(where[0]), float(where[1])
-            mount, after = self._find_or_add_nearest(variant, (x, y))
-            is_new = after is not variant
+            mount, variant_with_pole = self._find_or_add_nearest(variant, (x, y))
+            is_new = variant_with_pole is not variant
             if is_new and (reason := self.refusal_reason((x, y))):
                 raise ValueError(f"no pole can stand at {x:.1f}, {y:.1f}: {reason}")
         if variant.keeps_out(mount):
             raise ValueError(f"{mount.name} cannot be used: {KEEP_OUT_REASON}")
-        return mount, after
+        return mount, variant_with_pole
 
     def has_room(self, variant: Variant, mount: str) -> bool:
         """True if a pole, given by name, may carry one more sensor than it has in the variant."""
@@ -558,7 +561,9 @@ def _find_step(steps: Float64[np.ndarray, " n"], value: float, period: float = m
 
 @lru_cache(maxsize=64)
 def _build_sensor(sensor: LiveSensor, model: SensorModel, foot_z: float) -> Sensor:
-    # sensor of a model in its pose; foot_z: z (m) of the pole's foot. Cached: sensors rarely change
+    """Sensor of a model in its pose. foot_z: z (m) of the pole's foot.
+
+    Results are cached, as sensors rarely change."""
     position = np.array([sensor.x, sensor.y, foot_z + sensor.height])
     unaimed_sensor = Sensor(sensor.name, model, pose() @ model.body_SE3_sensor)
     return aim_sensor(unaimed_sensor, position, sensor.heading, sensor.tilt)

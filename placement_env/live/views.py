@@ -93,7 +93,7 @@ class SensorViews:
         return join_views(self._meter.unseen, rows), is_coarse
 
     def _look_at(self, candidate: Candidates) -> SensorRow:
-        # view of a single candidate from the nearest panoramas, or from rays without panoramas
+        """View of a single candidate from the nearest panoramas, or from rays without panoramas."""
         panoramas = self._preparation.live
         if panoramas is None:
             labels = self._preparation.setting.counted.labels
@@ -115,8 +115,10 @@ class SensorViews:
         candidates = self._yard.candidates(variant)
 
         def make_one(sensors: Iterable[tuple[int, Sensor]]) -> bool:
-            # make the first missing panorama for sensors, given with indices of their candidates;
-            # `any` ends at it
+            """Make the first missing panorama for sensors; False if none is missing.
+
+            sensors: pairs of the index of a candidate and its sensor."""
+            # `any` ends at the first one that was missing
             return any(make_view(panoramas, candidates, k, sensor) for k, sensor in sensors)
 
         if make_one(enumerate(candidates.sensors)):
@@ -208,8 +210,8 @@ def _raise_sensors(candidates: Candidates) -> Iterator[tuple[int, Sensor]]:
         mount = candidates.mounts[candidates.mount[k]]
         rise_to_foot = float(mount.position[2] - sensor.position[2])  # negative
         rises += [(rise_to_foot + height, k) for height in list_heights(mount)]
-    rises.sort(key=lambda rise: abs(rise[0]))
-    for up, k in rises:
+    rises.sort(key=lambda pair: abs(pair[0]))  # in the order of the candidates among equals
+    for rise_m, k in rises:
         sensor = candidates.sensors[k]
-        position = sensor.position + np.array([0.0, 0.0, up])
+        position = sensor.position + np.array([0.0, 0.0, rise_m])
         yield k, aim_sensor(sensor, position, heading=0.0, tilt=0.0)
