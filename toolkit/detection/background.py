@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 VOXEL_M = 0.15  # edge
 POINTS_PER_FACE = 2.0  # points on each square of a surface as large as a voxel's side
 EMPTY_SWEEPS = 4  # sweeps of the empty scene, with different noise
+_MAX_GROUND_RISE_M = 0.5  # above the median; higher low points are of walls and bodies
 _MIN_HEIGHT_M = -1.0  # above the plane of the ground, which may dip below it
 _BATCH_POINTS = 1 << 20  # drawn together
 AREA_VOXELS = 1 << 26  # in an area; larger areas get larger voxels
@@ -114,8 +115,8 @@ def _estimate_ground(
 
     points: x, y, z (m) of points of the empty site; origin: lowest corner of the grid (m); cell:
     edge of a cell (m). A cell takes the 5 % quantile of its points' heights, then the minimum
-    within two cells. Cells without points, or more than 0.5 m above the median, take the height of
-    their neighbours."""
+    within two cells. Cells without points, or more than `_MAX_GROUND_RISE_M` above the median, take
+    the height of their neighbours."""
     from scipy.ndimage import minimum_filter
 
     x_index, y_index = ((points[:, :2] - origin[:2]) / cell).astype(np.int64).T
@@ -127,7 +128,7 @@ def _estimate_ground(
     cells, starts, counts = np.unique(cell_index[order], return_index=True, return_counts=True)
     # a twentieth of the cell's points are below its low point
     low_height = height[order[starts + counts // 20]].astype(np.float64)
-    is_raised = low_height > np.median(low_height) + 0.5
+    is_raised = low_height > np.median(low_height) + _MAX_GROUND_RISE_M
     ground = np.full(shape, np.inf)  # infinite in cells without points
     ground.ravel()[cells] = np.where(is_raised, np.inf, low_height)
     # fill unknown cells from their neighbours, one ring of cells in each round
@@ -142,8 +143,8 @@ class KnownBackground:
     """Detector that leaves out its detections of the background.
 
     detector: finds road users, and background by mistake; background: voxels of the site, in the
-    frame of the points that are passed. least: minimum share, above 0 and at most 1, of the
-    points in a detection's box that are not background. Raises ValueError for any other share."""
+    frame of the points that are passed; least: minimum share, above 0 and at most 1, of the points
+    in a detection's box that are not background. Raises ValueError for any other share."""
 
     detector: Detector
     background: Background
@@ -190,7 +191,7 @@ class KnownBackground:
         detections = self._candidate_detector(points)
         if not len(detections):
             return detections
-        return self._keep(detections, points, self._foreground_points(points))
+        return self._drop_background(detections, points, self._foreground_points(points))
 
     def unions(
         self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
@@ -211,15 +212,15 @@ class KnownBackground:
         for detections, union in zip(union_detections, unions, strict=True):
             points = join_clouds(clouds, union)
             foreground_points = join_clouds(foreground_clouds, union)
-            kept_detections.append(self._keep(detections, points, foreground_points))
+            kept_detections.append(self._drop_background(detections, points, foreground_points))
         return kept_detections
 
     def _foreground_points(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
-        # Finite points outside the background.
+        """Finite points (m) outside the background."""
         finite_points = points[np.isfinite(points).all(axis=1)]
         return finite_points[~self.background.holds(finite_points)]
 
-    def _keep(
+    def _drop_background(
         self,
         detections: Detections,
         points: Float[np.ndarray, "p 3"],
@@ -279,7 +280,7 @@ def site_background(site: Site) -> Background:
     xmin, ymin, xmax, ymax = crop.area
     is_near = (level_corners.max(axis=1) >= [xmin, ymin, _MIN_HEIGHT_M]).all(axis=1)
     is_near &= (level_corners.min(axis=1) <= [xmax, ymax, crop.height]).all(axis=1)
-    corners = mesh.vertices[mesh.triangles[is_near]]
+    corners = mesh.vertices[mesh.triangles[is_near]]  # (triangles, 3 corners, xyz)
     rng = np.random.default_rng(0)
     # both edges from the first corner; their cross product is twice the triangle's area
     edges = corners[:, 1:] - corners[:, :1]

@@ -91,11 +91,12 @@ def nuscenes_ap(curve: Curve) -> float:
     return float(excess.mean() / (1 - MIN_PRECISION))
 
 
-def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
+def by_centre(frames: "Iterable[Judged]", max_distance: float, label: int) -> Matched:
     """Match detections and truths of a class whose centres are near each other on the ground.
 
-    frames: detections and objects of each frame; within: distance (m) below which a detection can
-    be a hit; label: class number. The best score chooses first, and takes the nearest free truth.
+    frames: detections and objects of each frame; max_distance: distance (m) below which a detection
+    can be a hit; label: class number. The best score chooses first, and takes the nearest free
+    truth.
     Detections on uncounted objects do not count, nor do detections outside the area that hit
     nothing. Returns scores and hits of the detections that count in all frames, and the number of
     objects to find."""
@@ -111,10 +112,11 @@ def by_centre(frames: "Iterable[Judged]", within: float, label: int) -> Matched:
         # x and y from each truth to each detection, (detections, truths, 2)
         offsets = detections.boxes[:, None, :2] - frame.truths.boxes[has_label, :2]
         distances = np.linalg.norm(offsets, axis=2)
-        is_near = distances < within
+        is_near = distances < max_distance
         # exp(-distance) falls with the distance, so greedy matching by overlap finds the nearest
         closeness = np.where(is_near & is_counted, np.exp(-distances), 0.0)
-        is_hit = greedy(closeness, threshold=np.exp(-within)) >= 0
+        is_hit = greedy(closeness, threshold=np.exp(-max_distance)) >= 0
+        # no false alarm: near an object that does not count, or outside the area
         is_excused = (is_near & ~is_counted).any(axis=1) | frame.outside[best_first]
         is_ignored = is_excused & ~is_hit
         scores.append(detections.scores[~is_ignored])
@@ -348,12 +350,12 @@ def _restrict_points(frame: Judged, low: float, high: float) -> Judged:
 
 
 def _name_span(low: float, high: float, unit: str) -> str:
-    # Name of a group of objects between two bounds, such as "0-20 m", "100 and more points".
+    """Name of a group of objects between two bounds, such as "0-20 m", "100 and more points"."""
     return f"{low:g}-{high:g}{unit}" if np.isfinite(high) else f"{low:g} and more{unit}"
 
 
 def _format_ap(row: GroupRow | None) -> str:
-    # Cell of a table: empty without a row, "-" for an undefined AP.
+    """Cell of a table: empty without a row, "-" for an undefined AP."""
     if row is None:
         return ""
     return "-" if np.isnan(row.ap) else format_share(row.ap, row.truths)

@@ -40,6 +40,11 @@ MIN_CAR_HEIGHT_M = 1.3
 MAX_CAR_LENGTH_M = 5.8  # a longer vehicle is heavy
 MAX_CAR_WIDTH_M = 2.4  # a wider vehicle is heavy
 MAX_CAR_HEIGHT_M = 2.5  # a taller vehicle is heavy
+# length and width below which a cluster is a person, else a cyclist
+MAX_PERSON_SIZE_M = (1.2, 1.0)
+MAX_CYCLIST_SIZE_M = (2.3, 0.85)
+MIN_SIDE_M = 0.2  # of a box
+HALF_SCORE_POINTS = 30.0  # points that give half the score
 MIN_WHOLE_LENGTH_M = 0.75 * CAR_SIZE_M[0]  # a longer car shows both ends and needs no completion
 DOUBT_WEIGHT = 10.0  # weight of a cluster's points on a completed side, in points of free ground
 REACH_TOLERANCE_SHARE = 1e-9  # so that cells exactly at the reach are neighbours despite rounding
@@ -102,30 +107,37 @@ class ClusterDetector:
         clusters = self._find_clusters(points[~is_background].astype(np.float64), self.reach)
         if not clusters:
             return Detections.empty()
-        fitted = [_fit_rectangle(cluster[:, :2]) for cluster in clusters]
+        seen_rectangles = [_fit_rectangle(cluster[:, :2]) for cluster in clusters]
         ground = self.background.height(
             np.array([cluster[:, :2].mean(axis=0) for cluster in clusters])
         )
+        # the highest hundredth of the points may be noise
         height = np.array([np.quantile(cluster[:, 2], 0.99) for cluster in clusters]) - ground
-        length, width = np.array([rectangle.size for rectangle in fitted]).T
+        length, width = np.array([rectangle.size for rectangle in seen_rectangles]).T
         is_heavy = (
             (length > MAX_CAR_LENGTH_M) | (width > MAX_CAR_WIDTH_M) | (height > MAX_CAR_HEIGHT_M)
         )
-        slim_masks = [(length < 1.2) & (width < 1.0), (length < 2.3) & (width < 0.85)]
+        person_length, person_width = MAX_PERSON_SIZE_M
+        is_person = (length < person_length) & (width < person_width)
+        cyclist_length, cyclist_width = MAX_CYCLIST_SIZE_M
+        is_cyclist = (length < cyclist_length) & (width < cyclist_width)
         # the first mask that holds gives the class, a vehicle if none does
-        labels = np.select([is_heavy, *slim_masks], [HEAVY, PEDESTRIAN, CYCLIST], VEHICLE)
+        labels = np.select([is_heavy, is_person, is_cyclist], [HEAVY, PEDESTRIAN, CYCLIST], VEHICLE)
         point_counts = np.array([len(cluster) for cluster in clusters])
-        # 30 points give half the score
-        scores = point_counts / (point_counts + 30.0)
+        scores = point_counts / (point_counts + HALF_SCORE_POINTS)
 
+        # indices of clusters
         cars = np.flatnonzero(labels == VEHICLE)
         non_cars = np.flatnonzero(labels != VEHICLE)
-        scores[cars] *= [np.prod(np.minimum(fitted[k].size / CAR_SIZE_M, 1)) for k in cars]
+        seen_cars = [seen_rectangles[k] for k in cars]
+        # share of length and width that was seen
+        scores[cars] *= [np.prod(np.minimum(car.size / CAR_SIZE_M, 1)) for car in seen_cars]
         height[cars] = np.maximum(height[cars], MIN_CAR_HEIGHT_M)
-        whole_cars = _complete_cars([fitted[k] for k in cars], points[is_background])
-        completed = dict(zip(cars.tolist(), whole_cars, strict=True))
-        rectangles = [completed.get(k, rectangle) for k, rectangle in enumerate(fitted)]
-        size = np.maximum(np.column_stack([[r.size for r in rectangles], height]), 0.2)
+        rectangles = list(seen_rectangles)
+        whole_cars = _complete_cars(seen_cars, points[is_background])
+        for k, whole_car in zip(cars.tolist(), whole_cars, strict=True):
+            rectangles[k] = whole_car
+        size = np.maximum(np.column_stack([[r.size for r in rectangles], height]), MIN_SIDE_M)
         centre = np.column_stack([[r.centre for r in rectangles], ground + size[:, 2] / 2])
         boxes = np.column_stack([centre, size, [r.yaw for r in rectangles]])
         rows = np.concatenate([cars[nms(boxes[cars], scores[cars], MAX_CAR_IOU)], non_cars])
@@ -191,12 +203,12 @@ class _Rectangle(NamedTuple):
 
     @property
     def size(self) -> np.ndarray:
-        # Length and width (m), along the first and the second axis.
+        """Length and width (m), along the first and the second axis."""
         return self.high - self.low
 
     @property
     def centre(self) -> np.ndarray:
-        # x and y (m, world) of the centre.
+        """Centre: x and y (m, world)."""
         along, across = (self.low + self.high) / 2
         cos = np.cos(self.yaw)
         sin = np.sin(self.yaw)
@@ -257,22 +269,22 @@ class _GrownCar(NamedTuple):
     doubt: float
 
 
-def _grow_car(seen: _Rectangle) -> list[_GrownCar]:
+def _grow_car(seen_part: _Rectangle) -> list[_GrownCar]:
     """Ways to complete a car to the usual size, to either side along both axes.
 
-    seen: rectangle of the part that was seen. A short one may also be the front or rear of a car,
-    so that its axes swap."""
-    length, _ = seen.size
-    rectangles = [seen, seen.turn()] if length < MAX_CAR_WIDTH_M else [seen]
+    seen_part: rectangle of the part that was seen. A short one may also be the front or rear of a
+    car, so that its axes swap."""
+    length, _ = seen_part.size
+    rectangles = [seen_part, seen_part.turn()] if length < MAX_CAR_WIDTH_M else [seen_part]
     min_size = [MIN_WHOLE_LENGTH_M, CAR_SIZE_M[1]]  # from which a car is seen whole along an axis
     grown_cars = []
     for rectangle in rectangles:
-        missing = np.where(rectangle.size < min_size, CAR_SIZE_M - rectangle.size, 0.0)
-        for at_high in _GROWN_ENDS:
-            low = rectangle.low - missing * ~at_high
-            high = rectangle.high + missing * at_high
+        missing_m = np.where(rectangle.size < min_size, CAR_SIZE_M - rectangle.size, 0.0)
+        for at_high in _GROWN_ENDS:  # for each axis, True to grow at the upper end
+            low = rectangle.low - missing_m * ~at_high
+            high = rectangle.high + missing_m * at_high
             end_shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
-            doubt = float(end_shares @ (missing > 0))
+            doubt = float(end_shares @ (missing_m > 0))
             grown_cars.append(_GrownCar(rectangle._replace(low=low, high=high), doubt))
     return grown_cars
 
@@ -318,7 +330,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
     method = place.level or "map"  # way to find the ground
     ground = None if method == "none" else place.find_ground(sweeps[0] - [*centre, 0.0], method)
     area = (-half_x, -half_y, half_x, half_y)
-    stand = Stand(area, centre, ground)
+    stand = Stand(area, middle=centre, ground=ground)
     detector = ClusterDetector.learn([crop_points(stand.lift(sweep), area) for sweep in sweeps])
     return replace(detector, area=area)
 

@@ -118,7 +118,7 @@ def write_detections(
     out: one file of boxes, written at the end, or for other formats a folder with a file per frame,
     complete at the end; form: format of the files; more: further entries in the file of boxes."""
     if form == "boxes":
-        records = []
+        records = []  # entries of the file of boxes
         for result in results:
             records.append(boxes_record(result.frame.name, result.frame.time, result.detections))
             yield result

@@ -66,7 +66,7 @@ def evaluate_recording(
 
     Raises ValueError for an unknown scheme, sensor, class or error profile, a class that the
     detector does not know, two schemes of one name, and a recording without frames."""
-    total = reads.count(recording)
+    frame_total = reads.count(recording)
     errors = reads.profile()
     ious = list_ious(comparison)
     check_known(detector, list(ious))
@@ -74,27 +74,29 @@ def evaluate_recording(
     if site is not None and comparison.radius is not None:
         site = replace(site, hybrid_radius=comparison.radius)
     schemes = name_schemes(comparison.schemes)
-    check_labels(recording, total)
+    check_labels(recording, frame_total)
     measured = ReadRecording(recording, reads)
-    at_site = place.at(site)
-    first = measured[0]
+    at_site = place.at(site)  # True if detection uses the site's ground and area
+    first_frame = measured[0]
     if scenes is None:
-        scenes = Scenes(measured if at_site else Part(measured, total))
+        scenes = Scenes(measured if at_site else Part(measured, frame_total))
     job = ScoringJob(
-        measured,
-        detector,
-        comparison,
-        place,
-        site,
-        at_site,
-        schemes,
-        name_sets(first, comparison.sensor_sets),
-        scenes,
+        recording=measured,
+        detector=detector,
+        comparison=comparison,
+        place=place,
+        site=site,
+        at_site=at_site,
+        schemes=schemes,
+        sets=name_sets(first_frame, comparison.sensor_sets),
+        scenes=scenes,
         protocol=comparison.protocol or ("exact" if at_site else "measured"),
         count_points=(not at_site) if comparison.breakdown is None else comparison.breakdown,
     )
-    results = _score_frames(job, first, total, run)
-    settings = job.describe(ious, frames=total, noise_seed=reads.noise_seed, errors=errors.origin)
+    results = _score_frames(job, first_frame, frame_total, run)
+    settings = job.describe(
+        ious, frames=frame_total, noise_seed=reads.noise_seed, errors=errors.origin
+    )
     origin = settings_origin(comparison.codec, **settings)
     provenance = dataset_origin(recording) | detector_origin(detector) | origin
     return _pool_results(job, results, ious, provenance)
@@ -114,52 +116,59 @@ def _pool_results(
     classes = list[ClassFigures]()
     loads = list[SetLoad]()
     groups = list[GroupRow]()
-    figures: dict[str, dict[str, Any]] = {}
-    for name, sensors in results[0].fused:
-        pooled = SetResults(job, results, name, sensors)
+    summaries: dict[str, dict[str, Any]] = {}
+    for scheme_name, sensors in results[0].fused:  # the same for all frames
+        set_results = SetResults(job, results, scheme_name, sensors)
         for label, thresholds in ious.items():
-            scores = pooled.score_class(label, thresholds)
-            rows += [pooled.make_row(label, iou, scores[iou]) for iou in thresholds]
+            scores = set_results.score_class(label, thresholds)
+            rows += [set_results.make_row(label, iou, scores[iou]) for iou in thresholds]
             true_score = scores[TRUE_IOU[label_index(label)]]
-            classes.append(pooled.rate_threshold(label, true_score))
-        title = name if len(job.sets) == 1 else f"{name} {sensor_text(sensors)}"
+            classes.append(set_results.rate_threshold(label, true_score))
+        title = scheme_name
+        if len(job.sets) > 1:
+            title = f"{scheme_name} {sensor_text(sensors)}"
         if job.count_points:
-            groups += pooled.break_down(title, ious)
-        load = pooled.find_load()
+            groups += set_results.break_down(title, ious)
+        load = set_results.find_load()
         if load is not None:
-            loads.append(SetLoad(name, sensors, load))
-        figures[title] = pooled.summarise(load)
+            loads.append(SetLoad(scheme_name, sensors, load))
+        summaries[title] = set_results.summarise(load)
     return Evaluation(
         tuple(rows),
         provenance,
         classes=tuple(classes),
         loads=tuple(loads),
-        schemes=figures,
+        schemes=summaries,
         breakdown=tuple(groups),
     )
 
 
-def _score_frames(job: ScoringJob, first: Frame, total: int, run: Processes) -> list[FrameResult]:
+def _score_frames(
+    job: ScoringJob, first_frame: Frame, frame_total: int, run: Processes
+) -> list[FrameResult]:
     """Return the results of all frames, in order, scored by the processes of `run`.
 
-    job: scores frames; first: frame 0, read already; total: number of frames. All frames are scored
-    in this process if `run` has no other, or if a scheme needs earlier messages (`Chained`), as
-    these are kept from frame to frame. Warns in that case of ground that is not level in
-    frame 0."""
-    progress = run.stage("frame", total)  # called with the number of frames done, None for nothing
+    job: scores frames; first_frame: frame 0, read already; frame_total: number of frames. All
+    frames are scored in this process if `run` has no other, or if a scheme needs earlier messages
+    (`Chained`), as these are kept from frame to frame. Warns in that case of ground that is not
+    level in frame 0."""
+    # called with the number of frames done, None for nothing
+    progress = run.stage("frame", frame_total)
     results = list[FrameResult]()
     if run.alone or any(isinstance(scheme, Chained) for scheme in job.schemes.values()):
-        frames = chain([first], (job.recording[k] for k in range(1, total)))
-        for result in job.score(frames, range(total)):
+        frames = chain([first_frame], (job.recording[k] for k in range(1, frame_total)))
+        for result in job.score(frames, range(frame_total)):
             results.append(result)
             if progress is not None:
                 progress(len(results))
         if results[0].warning is not None:
             warnings.warn(f"frame 0: {results[0].warning}", stacklevel=3)
         return results
-    starts = range(0, total, BATCH_FRAMES)
-    batches = [range(start, min(start + BATCH_FRAMES, total)) for start in starts]
+    starts = range(0, frame_total, BATCH_FRAMES)
+    batches = [range(start, min(start + BATCH_FRAMES, frame_total)) for start in starts]
     # progress counts frames, but the processes report the number of batches done
-    report = None if progress is None else lambda done: progress(min(total, BATCH_FRAMES * done))
+    report = (
+        None if progress is None else lambda done: progress(min(frame_total, BATCH_FRAMES * done))
+    )
     results += chain.from_iterable(run.map(job, batches, progress=report))
     return results

@@ -61,7 +61,7 @@ class _Course:
         places: x and y (m) in each.
         labels: class in each.
         scores: score in each.
-        unseen: number of frames without a detection.
+        unseen_frames: number of frames without a detection.
         overlaps: True if it overlaps another track in a frame."""
 
     names: list[str] = field(default_factory=list)
@@ -69,76 +69,87 @@ class _Course:
     places: list[Float64[np.ndarray, "2"]] = field(default_factory=list)
     labels: list[int] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
-    unseen: int = 0
+    unseen_frames: int = 0
     overlaps: bool = False
 
     def jumps(self) -> bool:
         """True if the speed changes faster than a road user's can; False without times."""
         if len(self.names) < 3 or not np.isfinite(self.times).all():
             return False
-        steps = np.diff(self.times)
-        speeds = np.diff(np.array(self.places), axis=0) / steps[:, None]
-        changes = np.linalg.norm(np.diff(speeds, axis=0), axis=1)
-        return bool((changes / steps[1:] > MAX_ACCELERATION_M_S2).any())
+        durations_s = np.diff(self.times)
+        velocities = np.diff(np.array(self.places), axis=0) / durations_s[:, None]  # m/s
+        velocity_changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1)
+        return bool((velocity_changes / durations_s[1:] > MAX_ACCELERATION_M_S2).any())
 
-    def judge(self, number: int) -> DoubtfulTrack:
-        """Return the doubt about the track. number: its number."""
-        count = len(self.names)
+    def judge(self, track_id: int) -> DoubtfulTrack:
+        """Return the track with the doubt about it, as defined at the top of this module."""
+        frame_count = len(self.names)
         score = min(1.0, max(0.0, float(np.mean(self.scores))))
         jumps = self.jumps()
-        checks = {
+        has_reason = {
             "unsure": score < MIN_SURE_SCORE,
-            "often unseen": self.unseen > MAX_GAP_SHARE * count,
-            "short": count < MIN_LABEL_FRAMES,
+            "often unseen": self.unseen_frames > MAX_GAP_SHARE * frame_count,
+            "short": frame_count < MIN_LABEL_FRAMES,
             "jumps": jumps,
             "overlaps another": self.overlaps,
         }
-        certainty = score * (1 - self.unseen / count) * min(1.0, count / MIN_LABEL_FRAMES)
-        certainty *= 0.5 ** (jumps + self.overlaps)
-        x, y = self.places[count // 2].tolist()
+        seen_share = 1 - self.unseen_frames / frame_count
+        certainty = score * seen_share * min(1.0, frame_count / MIN_LABEL_FRAMES)
+        certainty *= 0.5 ** (jumps + self.overlaps)  # halved for each that is True
+        x, y = self.places[frame_count // 2].tolist()
         return DoubtfulTrack(
-            number=number,
+            number=track_id,
             label=LABELS[int(np.bincount(self.labels).argmax())],
             doubt=1 - certainty,
-            reasons=tuple(reason for reason, is_true in checks.items() if is_true),
+            reasons=tuple(reason for reason, holds in has_reason.items() if holds),
             first=self.names[0],
             last=self.names[-1],
-            frames=count,
+            frames=frame_count,
             middle=(x, y),
         )
 
 
 def rank_doubts(frames: Sequence[TrackFrame]) -> list[DoubtfulTrack]:
-    """List the tracks of a recording, the most doubtful first."""
+    """List the tracks of a recording, the most doubtful first, equal ones by number.
+
+    frames: frames of the recording in order, with their tracks."""
     courses: dict[int, _Course] = {}
     for frame in frames:
         tracks = frame.tracks
         overlap = iou_bev(tracks.boxes, tracks.boxes)
         np.fill_diagonal(overlap, 0.0)
         has_overlap = np.asarray((overlap > MIN_OVERLAP_IOU).any(axis=1))
-        for row, number in enumerate(tracks.ids.tolist()):
-            course = courses.setdefault(number, _Course())
+        for row, track_id in enumerate(tracks.ids.tolist()):
+            course = courses.setdefault(track_id, _Course())
             course.names.append(frame.name or str(frame.number))
             course.times.append(frame.time)
             course.places.append(tracks.boxes[row, :2])
             course.labels.append(int(tracks.labels[row]))
             course.scores.append(float(tracks.scores[row]))
-            course.unseen += int(tracks.unseen[row] > 0)
+            course.unseen_frames += int(tracks.unseen[row] > 0)  # s since the last detection
             course.overlaps |= bool(has_overlap[row])
-    doubts = [course.judge(number) for number, course in courses.items()]
-    return sorted(doubts, key=lambda track: (-track.doubt, track.number))
+    doubtful_tracks = [course.judge(track_id) for track_id, course in courses.items()]
+    return sorted(doubtful_tracks, key=lambda track: (-track.doubt, track.number))
 
 
-def format_doubts(doubts: Sequence[DoubtfulTrack]) -> str:
+def format_doubts(tracks: Sequence[DoubtfulTrack]) -> str:
     """Format tracks as CSV with the columns `DOUBT_COLUMNS`, in the order given."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(DOUBT_COLUMNS)
-    for rank, track in enumerate(doubts, 1):
+    for rank, track in enumerate(tracks, 1):
         x, y = track.middle
-        reasons = "; ".join(track.reasons)
-        doubt = f"{track.doubt:.3f}"
-        frames = (track.first, track.last, track.frames)
-        cells = (rank, track.number, track.label, doubt, reasons)
-        writer.writerow((*cells, *frames, f"{x:.2f}", f"{y:.2f}"))
+        cells = (
+            rank,
+            track.number,
+            track.label,
+            f"{track.doubt:.3f}",
+            "; ".join(track.reasons),
+            track.first,
+            track.last,
+            track.frames,
+            f"{x:.2f}",
+            f"{y:.2f}",
+        )
+        writer.writerow(cells)
     return text.getvalue()

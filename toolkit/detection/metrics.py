@@ -56,9 +56,8 @@ USUAL_IOUS = {
     PEDESTRIAN: (0.25, 0.5, 0.7),
 }
 TRUE_IOU = {VEHICLE: 0.5, HEAVY: 0.5, CYCLIST: 0.5, PEDESTRIAN: 0.25}  # 3D, of a true detection
-MAX_UNSCORED_SHARE = (
-    0.5  # share of a footprint on an unscored object; above, a detection is ignored
-)
+# share of a footprint on an unscored object above which a detection is ignored
+MAX_UNSCORED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -182,13 +181,19 @@ def evaluate(
     hits = {threshold: [np.zeros(0, bool)] for threshold in thresholds}
     truth_count = 0
     frames = _pair_frames(detections, truths, counted, outside)
-    for number, (detected, objects, mask, is_outside) in enumerate(frames):
-        location = f" of frame {number}"
-        overlaps = _overlap(
-            detected, objects, label, mask, metric, protocol, location, outside=is_outside
+    for number, frame in enumerate(frames):
+        overlaps = _measure_overlaps(
+            frame.detected,
+            frame.objects,
+            label,
+            metric=metric,
+            protocol=protocol,
+            counted=frame.counted,
+            outside=frame.outside,
+            location=f" of frame {number}",
         )
         if protocol == "published" and not len(overlaps.columns):
-            continue
+            continue  # its false alarms do not count
         truth_count += len(overlaps.columns)
         for threshold in thresholds:
             matched, ignored = overlaps.resolve(threshold)  # column of a truth, -1 without one
@@ -279,8 +284,14 @@ def matches(
     outside the scored area, None for no such detections. Yields a match for each threshold, in the
     order given. Raises ValueError as `evaluate`."""
     thresholds = _check(iou_thresholds, metric, protocol)
-    overlaps = _overlap(
-        detections, truths, label_index(label), counted, metric, protocol, outside=outside
+    overlaps = _measure_overlaps(
+        detections,
+        truths,
+        label_index(label),
+        metric=metric,
+        protocol=protocol,
+        counted=counted,
+        outside=outside,
     )
     # overlaps have sorted detections of the label and scored truths only: their rows in the input
     detection_rows = overlaps.rows
@@ -316,13 +327,13 @@ def second_labels(
     One object has two labels then. The matching of vehicles ignores the second (rule 3). A user
     counts it as a false alarm. counted: mask (m,) of the truths that are scored, None for all;
     outside: mask (n,) of detections outside the scored area, which are never marked."""
-    second = np.zeros(len(detections), bool)
+    no_second = np.zeros(len(detections), bool)
     if not (detections.labels == HEAVY).any() or not (detections.labels == VEHICLE).any():
-        return second
+        return no_second
     # one match each, for the single IoU threshold
     (heavy_match,) = matches(detections, truths, [TRUE_IOU[HEAVY]], metric=metric, label=HEAVY)
     if not heavy_match.hit.any():
-        return second
+        return no_second
     (vehicle_match,) = matches(
         detections,
         truths,
@@ -332,12 +343,12 @@ def second_labels(
         counted=counted,
         outside=outside,
     )
-    second = (detections.labels == VEHICLE) & vehicle_match.ignored
+    is_ignored = (detections.labels == VEHICLE) & vehicle_match.ignored
     if outside is not None:
-        second &= ~np.asarray(outside, bool)
+        is_ignored &= ~np.asarray(outside, bool)
     # share of each detection's footprint on each heavy vehicle that was found
     shares = footprint_overlap(detections.boxes, truths.boxes[heavy_match.hit])
-    return second & (shares.max(axis=1) > MAX_UNSCORED_SHARE)
+    return is_ignored & (shares.max(axis=1) > MAX_UNSCORED_SHARE)
 
 
 def precision_recall(scores: Float64[np.ndarray, " n"], hits: Mask, truths: int) -> Curve:
@@ -419,15 +430,16 @@ def sample_iou(
 
     The points include the edges. For "3d" it is multiplied by (overlap of the heights / greater
     height), which is not the IoU of the volumes."""
+    # columns of boxes: x, y, z, length, width, height, yaw; a: detections, b: truths
     a = check_boxes(detected, "detected")
     b = check_boxes(truths, "truths")
-    half = a[:, 3:5] / 2 + FACE_TOLERANCE
-    share = np.zeros((len(a), len(b)))
-    near = iou_bev(a, b) > 0
+    half_sizes = a[:, 3:5] / 2 + FACE_TOLERANCE
+    share = np.zeros((len(a), len(b)))  # of the truth's points in the detection
+    is_near = iou_bev(a, b) > 0
     for column, (x, y, _, length, width, _, yaw) in enumerate(b):
         # The 2500 points of this truth, in the frames of the detections near it: ahead and aside
         # are (rows, points along the length, points along the width).
-        rows = np.flatnonzero(near[:, column])
+        rows = np.flatnonzero(is_near[:, column])
         cos_a = np.cos(a[rows, 6])
         sin_a = np.sin(a[rows, 6])
         turn = (yaw - a[rows, 6])[:, None]
@@ -443,10 +455,10 @@ def sample_iou(
         aside = (
             (dy * cos_a - dx * sin_a)[:, None, None] + (u * sin)[:, :, None] + (v * cos)[:, None, :]
         )
-        is_inside = np.abs(ahead) <= half[rows, 0, None, None]
-        is_inside &= np.abs(aside) <= half[rows, 1, None, None]
+        is_inside = np.abs(ahead) <= half_sizes[rows, 0, None, None]
+        is_inside &= np.abs(aside) <= half_sizes[rows, 1, None, None]
         share[rows, column] = is_inside.mean(axis=(1, 2))
-    overlap = share * (b[:, 3] * b[:, 4])
+    overlap = share * (b[:, 3] * b[:, 4])  # m², as in the areas below
     iou = overlap / ((a[:, 3] * a[:, 4])[:, None] + b[:, 3] * b[:, 4] - overlap)
     if metric == "3d":
         top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], b[:, 2] + b[:, 5] / 2)
@@ -481,19 +493,22 @@ class Overlaps(NamedTuple):
         return matched, (is_on_unscored | self.outside) & (matched < 0)
 
 
-def _overlap(
+def _measure_overlaps(
     detected: Detections,
     objects: Objects,
     label: int,
-    counted: ArrayLike | None,
+    *,
     metric: Overlap,
     protocol: Protocol,
+    counted: ArrayLike | None,
+    outside: ArrayLike | None,
     location: str = "",
-    *,
-    outside: ArrayLike | None = None,
 ) -> Overlaps:
-    # Overlaps of one frame; label: class number; location: " of frame N" for errors, or "". Present
-    # but not scored are uncounted truths and, if vehicles are scored, heavy vehicles.
+    """Overlaps of the detections and objects of one frame.
+
+    Present but not scored are uncounted truths and, if vehicles are scored, heavy vehicles. label:
+    class number; counted: mask of the objects to find, None for all; outside: mask of the
+    detections outside the scored area, None for none; location: " of frame N" for errors, or ""."""
     if np.isnan(detected.scores).any():
         raise ValueError(
             f"scores must be numbers, but row {int(np.isnan(detected.scores).argmax())}{location} "
@@ -529,15 +544,15 @@ def _overlap(
     )
     # by descending score, then by descending best IoU: the last key of lexsort counts first
     order = np.lexsort((-iou.max(axis=1, initial=0), -detected.scores[rows]))
-    best = rows[order]
+    best_first = rows[order]
     return Overlaps(
-        best,
-        columns,
-        detected.scores[best],
-        iou[order],
-        elsewhere[order],
-        is_outside[best],
-        protocol,
+        rows=best_first,
+        columns=columns,
+        scores=detected.scores[best_first],
+        iou=iou[order],
+        elsewhere=elsewhere[order],
+        outside=is_outside[best_first],
+        protocol=protocol,
     )
 
 

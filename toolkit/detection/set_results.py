@@ -44,10 +44,10 @@ class SetResults:
         self.scheme = scheme
         self.sensors = sensors
         self.truths = [result.truth for result in results]
-        fused = [result.fused[scheme, sensors] for result in results]  # result of each frame
-        self.detections = [frame_fused.detections for frame_fused in fused]
-        self.bits = [frame_fused.bits for frame_fused in fused]  # by frame, then by sensor
-        self.frame_ms = [frame_fused.ms for frame_fused in fused]
+        fused_frames = [result.fused[scheme, sensors] for result in results]
+        self.detections = [fused.detections for fused in fused_frames]
+        self.bits = [fused.bits for fused in fused_frames]  # by frame, then by sensor
+        self.frame_ms = [fused.ms for fused in fused_frames]
         self.ms = float(np.median(self.frame_ms))
         # mean of the sensors in each frame, then of the frames
         kbits = [bits.mean() / 1000 if len(bits) else 0.0 for bits in self.bits]

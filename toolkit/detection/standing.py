@@ -84,13 +84,13 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     moves."""
     if len(frames) < MIN_STANDING_FRAMES:
         return None
-    rows = np.unique(np.linspace(0, len(frames) - 1, MAX_LEARNT_FRAMES).astype(int)).tolist()
-    first = frames[0]
+    indices = np.unique(np.linspace(0, len(frames) - 1, MAX_LEARNT_FRAMES).astype(int)).tolist()
+    first_frame = frames[0]
     clouds = list[Points]()
     times = []
-    for row in rows:
-        frame = frames[row]
-        if not _is_still(first, frame):
+    for index in indices:
+        frame = frames[index]
+        if not _is_still(first_frame, frame):
             return None
         times.append(frame.time)
         clouds.append(frame.points().astype(np.float64))
@@ -100,23 +100,31 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     middle = np.median(clouds[0], axis=0)
     # half the grid below the middle, so that the indices of all points are positive
     origin = middle - STANDING_VOXEL_M * (1 << (_INDEX_BITS - 1))
-    occupied = [np.unique(_voxel_keys(cloud, origin)) for cloud in clouds]
-    keys, count = np.unique(np.concatenate(occupied), return_counts=True)
-    keys = keys[count >= MIN_STANDING_SHARE * len(rows)]
-    high = clouds[0][_off_ground_mask(clouds[0])]
-    if not len(keys) or not len(high):
+    frame_keys = [
+        np.unique(_voxel_keys(cloud, origin)) for cloud in clouds
+    ]  # of voxels with points
+    keys, frame_counts = np.unique(np.concatenate(frame_keys), return_counts=True)
+    keys = keys[frame_counts >= MIN_STANDING_SHARE * len(indices)]
+    high_points = clouds[0][_off_ground_mask(clouds[0])]
+    if not len(keys) or not len(high_points):
         return None
     seconds = max(times) - min(times)
-    # unknown times are NaN: `not >=` then counts the recording as short
-    scene = StandingScene(origin, _grow(keys), len(frames), not seconds >= MAX_WAITING_S)
-    return scene if scene.holds(high).mean() >= MIN_SCENE_SHARE else None
+    scene = StandingScene(
+        origin,
+        keys=_add_face_neighbours(keys),
+        frames=len(frames),
+        # unknown times are NaN: `not >=` then counts the recording as short
+        waiting=not seconds >= MAX_WAITING_S,
+    )
+    return scene if scene.holds(high_points).mean() >= MIN_SCENE_SHARE else None
 
 
-def _is_still(first: Frame, frame: Frame) -> bool:
+def _is_still(first_frame: Frame, frame: Frame) -> bool:
     """Return True if sensors and world have the poses (4 x 4) of the first frame."""
-    if [sensor.name for sensor in first.sensors] != [sensor.name for sensor in frame.sensors]:
+    first_names = [sensor.name for sensor in first_frame.sensors]
+    if first_names != [sensor.name for sensor in frame.sensors]:
         return False
-    first_poses = [*(sensor.pose for sensor in first.sensors), first.map_SE3_world]
+    first_poses = [*(sensor.pose for sensor in first_frame.sensors), first_frame.map_SE3_world]
     poses = [*(sensor.pose for sensor in frame.sensors), frame.map_SE3_world]
     for first_pose, pose in zip(first_poses, poses, strict=True):
         rotation = first_pose[:3, :3].T @ pose[:3, :3]
@@ -153,11 +161,11 @@ def _voxel_keys(points: Points, origin: Float64[np.ndarray, "3"]) -> Int64[np.nd
 
 
 def _join_index(index: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, " n"]:
-    # Keys of voxels from their indices along x, y and z, 21 bits each.
+    """Keys of voxels from their indices along x, y and z, `_INDEX_BITS` each."""
     return (index[:, 0] << 2 * _INDEX_BITS) | (index[:, 1] << _INDEX_BITS) | index[:, 2]
 
 
-def _grow(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
+def _add_face_neighbours(keys: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " m"]:
     """Return keys of voxels and of all voxels that share a face with them, sorted."""
     low_bits = (1 << _INDEX_BITS) - 1
     x = keys >> 2 * _INDEX_BITS

@@ -159,48 +159,50 @@ def survey(
     unknown class or error profile, and without frames."""
     check_codec(codec)
     class_numbers = sorted({label_index(label) for label in classes})
-    total = reads.count(recording)
+    frame_total = reads.count(recording)
     errors = reads.profile()
     site = recording.site
     measured = ReadRecording(recording, reads)
-    frames = list[_FrameCounts]()
+    frame_counts = list[_FrameCounts]()
     problems = Counter[str]()
-    for k in range(total):
+    for k in range(frame_total):
         frame = measured[k]
-        frames.append(_count_frame(frame, site, codec))
+        frame_counts.append(_count_frame(frame, site, codec))
         problems.update(frame.problems)
         if progress is not None:
             progress(k + 1)
-    labels = np.concatenate([frame.labels for frame in frames])
-    names = list(dict.fromkeys(chain.from_iterable(frame.points for frame in frames)))
-    columns = [_join_column(frames, name) for name in names]
+    labels = np.concatenate([counts.labels for counts in frame_counts])  # objects of all frames
+    names = list(dict.fromkeys(chain.from_iterable(counts.points for counts in frame_counts)))
+    columns = [_join_column(frame_counts, name) for name in names]
+    # number of points; axes: object, sensor
     points_on = np.array(columns, np.int64).reshape(len(names), len(labels)).T
     kbits = []
     points_per_cloud = {}
     for name in names:
         # means over its clouds: a sensor that is missing in a frame sends nothing there
-        present = [frame for frame in frames if name in frame.points]
-        kbits.append(np.mean([frame.kbit[name] for frame in present]))
-        points_per_cloud[name] = float(np.mean([frame.points[name] for frame in present]))
-    agree = sum(frame.agree for frame in frames)
-    compared = sum(frame.compared for frame in frames)
+        with_sensor = [counts for counts in frame_counts if name in counts.points]
+        kbits.append(np.mean([counts.kbit[name] for counts in with_sensor]))
+        points_per_cloud[name] = float(np.mean([counts.points[name] for counts in with_sensor]))
+    agree_count = sum(counts.agree for counts in frame_counts)
+    compared_count = sum(counts.compared for counts in frame_counts)
     settings = {
         "site": site and site.name,
-        "frames": total,
+        "frames": frame_total,
         "noise_seed": reads.noise_seed,
         "errors": errors.origin,
     }
+    objects_per_frame = {
+        name: float((labels == number).sum()) / frame_total for number, name in enumerate(LABELS)
+    }
     return Survey(
-        frames=total,
-        objects_per_frame={
-            name: float((labels == number).sum()) / total for number, name in enumerate(LABELS)
-        },
+        frames=frame_total,
+        objects_per_frame=objects_per_frame,
         kbit_per_sensor=np.array(kbits),
         counts=points_on[labels == VEHICLE],
         provenance=dataset_origin(recording) | settings_origin(codec, **settings),
         by_class={LABELS[label]: points_on[labels == label] for label in class_numbers},
         points_per_cloud=points_per_cloud,
-        agreeing=(agree, compared) if compared else None,
+        agreeing=(agree_count, compared_count) if compared_count else None,
         problems=dict(problems),
     )
 

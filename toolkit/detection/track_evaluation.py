@@ -135,9 +135,9 @@ def evaluate_tracks(
     Raises ValueError if no object is to be found."""
     label_parts = [np.zeros(0, np.int64)]
     label_parts += [frame.truth.objects.labels[frame.counted] for frame in frames]
-    numbers = np.unique(np.concatenate(label_parts)).tolist()
-    classes = [LABELS[number] for number in numbers] if labels is None else list(labels)
-    if not {label_index(label) for label in classes} & set(numbers):
+    class_numbers = np.unique(np.concatenate(label_parts)).tolist()  # of objects to find
+    classes = [LABELS[number] for number in class_numbers] if labels is None else list(labels)
+    if not {label_index(label) for label in classes} & set(class_numbers):
         raise ValueError(
             f"no {' and no '.join(classes) or 'road user'} is to be found in "
             f"{describe_count(len(frames), 'frame')}: give more frames, other --classes or another "
@@ -148,7 +148,7 @@ def evaluate_tracks(
     for label in classes:
         rows += _score_boxes(frames, label, class_thresholds(ious, label), metric)
         tracks += _score_class(frames, label, thresholds)
-    return TrackEvaluation(tuple(rows), tuple(tracks), len(frames))
+    return TrackEvaluation(rows=tuple(rows), tracks=tuple(tracks), frames=len(frames))
 
 
 def _score_boxes(
@@ -164,33 +164,47 @@ def _score_boxes(
         counted=[frame.counted for frame in frames],
         outside=[frame.outside for frame in frames],
     )
-    return [TrackApRow(label, iou, score.ap, score.truths) for iou, score in scores.items()]
+    return [
+        TrackApRow(label, iou=iou, ap=score.ap, truths=score.truths)
+        for iou, score in scores.items()
+    ]
 
 
 def _score_class(
     frames: Sequence[ScoredFrame], label: str, thresholds: Sequence[float]
 ) -> list[ClassTracks]:
     """Scores of the tracks of a class at each threshold."""
-    number = label_index(label)
-    overlaps = []
+    class_number = label_index(label)
+    overlaps = []  # similarities of objects and tracks, by frame
     for frame in frames:
         overlap = measure_overlap(
-            frame.tracks, frame.truth.objects, number, counted=frame.counted, outside=frame.outside
+            frame.tracks,
+            frame.truth.objects,
+            class_number,
+            counted=frame.counted,
+            outside=frame.outside,
         )
         overlaps.append(overlap)
     rows = []
     for threshold in thresholds:
-        scored = [overlap.scored(threshold) for overlap in overlaps]
-        pairs = [overlap.pairs for overlap in scored]
+        # only what counts at this threshold
+        scored_frames = [overlap.scored(threshold) for overlap in overlaps]
+        pairs = [scored_frame.pairs for scored_frame in scored_frames]
         errors = measure_errors(
-            scored,
+            scored_frames,
             match_clear(pairs, threshold).matches,
             [frame.tracks for frame in frames],
             [frame.truth for frame in frames],
         )
-        scores = score_pairs(pairs, threshold)
-        sweep = sweep_recalls(overlaps, threshold)
-        rows.append(ClassTracks(label, threshold, scores, sweep, errors))
+        rows.append(
+            ClassTracks(
+                label,
+                threshold=threshold,
+                scores=score_pairs(pairs, threshold),
+                sweep=sweep_recalls(overlaps, threshold),
+                errors=errors,
+            )
+        )
     return rows
 
 

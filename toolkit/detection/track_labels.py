@@ -36,6 +36,10 @@ MIN_HEIGHT_PX = 25.0
 MAX_IGNORED_SHARE = 0.5  # part of a track's rectangle in a DontCare rectangle
 UNCOUNTED_KINDS = ("van", "person", "person_sitting")
 ID_STEP = 2**32  # between the numbers of two sequences
+# columns of `LabelRows.values`
+_TRUNCATION = 0
+_OCCLUSION = 1
+_RECTANGLE = slice(3, 7)  # left, top, right, bottom
 
 
 class LabelFrame(NamedTuple):
@@ -83,28 +87,28 @@ def pair_with_labels(
     tracks_by_name = _list_texts(tracks)
     if not truth.is_dir() and not tracks.is_dir():
         tracks_by_name = dict.fromkeys(labels_by_name, tracks)
-    strays = [name for name in tracks_by_name if name not in labels_by_name]
-    if strays or not tracks_by_name:
+    unlabelled_names = [name for name in tracks_by_name if name not in labels_by_name]
+    if unlabelled_names or not tracks_by_name:
+        names = ", ".join(unlabelled_names[:3]) or "no text"
         raise ValueError(
-            f"{tracks} has {', '.join(strays[:3]) or 'no text'}, for which {truth} has no labels: "
-            "give both files the same name"
+            f"{tracks} has {names}, for which {truth} has no labels: give both files the same name"
         )
     frames: list[ScoredFrame] = []
     problems: Problems = {}
-    late = 0
+    late_frames = 0
     for sequence, (name, path) in enumerate(tracks_by_name.items()):
         labels = read_label_text(labels_by_name[name])
         file = read_track_file(path)
         for kind, number in file.problems.items():
             add_problem(problems, kind, number)
-        late += sum(frame.number > max(labels, default=-1) for frame in file.frames)
+        late_frames += sum(frame.number > max(labels, default=-1) for frame in file.frames)
         wedge = _find_wedge(labels_by_name[name])
         sequence_frames = _pair_sequence(file, labels, wedge, rate_hz)
         for frame in sequence_frames[:count]:
-            frames.append(_number_apart(frame, sequence * ID_STEP))
+            frames.append(_shift_ids(frame, sequence * ID_STEP))
     check_near(str(tracks), frames)
-    unscored = [name for name in labels_by_name if name not in tracks_by_name]
-    return LabelledTracks(frames, problems, unscored, late)
+    unscored_names = [name for name in labels_by_name if name not in tracks_by_name]
+    return LabelledTracks(frames, problems=problems, unscored=unscored_names, late=late_frames)
 
 
 def read_label_text(path: Path) -> dict[int, LabelFrame]:
@@ -121,47 +125,60 @@ def read_label_text(path: Path) -> dict[int, LabelFrame]:
 def _parse_frame(rows: LabelRows) -> LabelFrame:
     """Parse the labels of one frame."""
     is_ignored = np.array([kind == DONT_CARE for kind in rows.kinds], np.bool_)
-    placed = place_rows(rows, BODY_SE3_CAMERA, {})
-    has_id = placed.ids >= 0
-    rows_with_id = placed.rows[has_id]
-    checked = Instant(
+    labelled = place_rows(rows, BODY_SE3_CAMERA, problems={})  # objects of our classes
+    has_id = labelled.ids >= 0
+    ids = labelled.ids[has_id]
+    object_rows = labelled.rows[has_id]
+    instant = Instant(  # checks them
         np.nan,
-        placed.boxes[has_id],
-        placed.labels[has_id],
-        placed.scores[has_id],
-        placed.ids[has_id],
+        boxes=labelled.boxes[has_id],
+        labels=labelled.labels[has_id],
+        scores=labelled.scores[has_id],
+        ids=ids,
     )
-    kinds = [rows.kinds[row].lower() for row in rows_with_id.tolist()]
-    is_other = np.array([kind in UNCOUNTED_KINDS for kind in kinds], np.bool_)
-    truncation = rows.values[rows_with_id, 0]
-    occlusion = rows.values[rows_with_id, 1]
+    kinds = [rows.kinds[row].lower() for row in object_rows.tolist()]
+    is_uncounted_kind = np.array([kind in UNCOUNTED_KINDS for kind in kinds], np.bool_)
+    truncation = rows.values[object_rows, _TRUNCATION]
+    occlusion = rows.values[object_rows, _OCCLUSION]
     is_clear = (truncation <= MAX_TRUNCATION) & (occlusion <= MAX_OCCLUSION)
-    objects = Objects(checked.boxes, checked.labels, placed.ids[has_id])
-    return LabelFrame(objects, is_clear & ~is_other, rows.values[is_ignored, 3:7])
+    return LabelFrame(
+        objects=Objects(instant.boxes, instant.labels, ids),
+        counted=is_clear & ~is_uncounted_kind,
+        ignored=rows.values[is_ignored, _RECTANGLE],
+    )
 
 
 def _pair_sequence(
     file: TrackFile, labels: dict[int, LabelFrame], wedge: ImageWedge | None, rate_hz: float | None
 ) -> list[ScoredFrame]:
-    """Tracks and truth of each frame of a sequence.
+    """Tracks and truth of each frame of a sequence, from 0 to the last one with tracks or labels.
 
-    wedge: image of the labelled camera, None if unknown; rate_hz: frames in a second."""
+    labels: labels of a frame by its number; wedge: image of the labelled camera, None if unknown;
+    rate_hz: frames in a second, None if unknown."""
     tracks_by_number = {frame.number: frame for frame in file.frames}
-    last = max([*labels, *tracks_by_number], default=-1)
-    numbers = range(last + 1)
-    no_labels = LabelFrame(Objects.empty(), np.zeros(0, np.bool_), np.zeros((0, 4)))
+    last_number = max([*labels, *tracks_by_number], default=-1)
+    numbers = range(last_number + 1)
+    no_labels = LabelFrame(Objects.empty(), counted=np.zeros(0, np.bool_), ignored=np.zeros((0, 4)))
     truth = [labels.get(number, no_labels) for number in numbers]
     times = [np.nan if rate_hz is None else number / rate_hz for number in numbers]
     motions = find_motions([frame.objects for frame in truth], times)
-    nothing = TrackFrame(0, "", np.nan, Tracks.empty(), np.zeros((0, 4)))
+    no_tracks = TrackFrame(
+        number=0, name="", time=np.nan, tracks=Tracks.empty(), rectangles=np.zeros((0, 4))
+    )
     frames = []
-    for number, labelled, motion in zip(numbers, truth, motions, strict=True):
-        frame = tracks_by_number.get(number, nothing)
+    for number, label_frame, motion in zip(numbers, truth, motions, strict=True):
+        frame = tracks_by_number.get(number, no_tracks)
         rectangles = frame.rectangles
         if wedge is not None:
             rectangles = wedge.rectangles(frame.tracks.boxes)
-        outside = mark_ignored(rectangles, labelled.ignored)
-        frames.append(ScoredFrame(frame.tracks, motion, labelled.counted, outside))
+        frames.append(
+            ScoredFrame(
+                frame.tracks,
+                truth=motion,
+                counted=label_frame.counted,
+                outside=mark_ignored(rectangles, label_frame.ignored),
+            )
+        )
     return frames
 
 
@@ -173,6 +190,7 @@ def mark_ignored(
     Both are left, top, right, bottom (px); a rectangle of NaN is not marked."""
     left_top = rectangles[:, None, :2]
     right_bottom = rectangles[:, None, 2:]
+    # width and height of the common part, (rectangles, regions, 2)
     overlap = np.minimum(right_bottom, regions[:, 2:]) - np.maximum(left_top, regions[:, :2])
     overlap_area = np.clip(overlap, 0, None).prod(axis=2)
     area = np.clip(rectangles[:, 2:] - rectangles[:, :2], 0, None).prod(axis=1)
@@ -201,8 +219,10 @@ def _list_texts(path: Path) -> dict[str, Path]:
     return {file.stem: file for file in sorted(path.glob("*.txt"))}
 
 
-def _number_apart(frame: ScoredFrame, offset: int) -> ScoredFrame:
-    """Return a frame whose objects and tracks have numbers that no other sequence has."""
+def _shift_ids(frame: ScoredFrame, offset: int) -> ScoredFrame:
+    """Return a frame with an offset added to the ids of its objects and tracks.
+
+    Sequences with different offsets then share no id."""
     objects = frame.truth.objects
     truth = frame.truth._replace(objects=replace(objects, ids=objects.ids + offset))
     return frame._replace(tracks=replace(frame.tracks, ids=frame.tracks.ids + offset), truth=truth)

@@ -67,15 +67,22 @@ def read_truth(
     for k in range(count):
         frame = recording[k]
         stand = Stand(area, place.find_middle(frame))
-        if site is not None and place.at(site):
+        if site is not None and place.at(site):  # the site's area is used
             stand = Stand(site, np.zeros(2))
         corners = stand.corners
         if needs_points:
             counted = select_truth(frame, corners).counted
         else:
             counted = has_centre_inside(frame.objects.boxes, corners)
-        key = FrameKey(frame.index, frame.name, frame.time)
-        frames.append(TrueFrame(key, frame.objects, counted, corners, frame.complete))
+        frames.append(
+            TrueFrame(
+                key=FrameKey(number=frame.index, name=frame.name, time=frame.time),
+                objects=frame.objects,
+                counted=counted,
+                corners=corners,
+                complete=frame.complete,
+            )
+        )
         progress(k + 1)
     return frames
 
@@ -93,13 +100,15 @@ def pair_with_truth(
     Raises ValueError, by name, for what does not match (see above)."""
     tracks = _order_tracks(TrackLookup(file), [frame.key for frame in truth], is_part=is_part)
     motions = find_motions([frame.objects for frame in truth], [frame.key.time for frame in truth])
-    scored = []
+    scored_frames = []
     for frame_tracks, frame, motion in zip(tracks, truth, motions, strict=True):
         is_inside = has_centre_inside(frame_tracks.boxes, frame.corners)
         is_inside &= frame.complete.covers(frame_tracks.boxes)
-        scored.append(ScoredFrame(frame_tracks, motion, frame.counted, ~is_inside))
-    check_near(str(file.path), scored)
-    return scored
+        scored_frames.append(
+            ScoredFrame(frame_tracks, truth=motion, counted=frame.counted, outside=~is_inside)
+        )
+    check_near(str(file.path), scored_frames)
+    return scored_frames
 
 
 def _order_tracks(lookup: TrackLookup, keys: Sequence[FrameKey], *, is_part: bool) -> list[Tracks]:
@@ -108,11 +117,12 @@ def _order_tracks(lookup: TrackLookup, keys: Sequence[FrameKey], *, is_part: boo
     lookup: tracks of the file; keys: frames of the recording; is_part: as in `pair_with_truth`."""
     tracks_by_key = [lookup.find(key) for key in keys]
     lookup.check_all_used(len(keys), keys[-1] if is_part else None)
-    missing = [key for key, tracks in zip(keys, tracks_by_key, strict=True) if tracks is None]
-    if lookup.file.is_complete and missing:
+    missing_keys = [key for key, tracks in zip(keys, tracks_by_key, strict=True) if tracks is None]
+    if lookup.file.is_complete and missing_keys:
+        frames_text = describe_count(len(keys), "frame")
         raise ValueError(
-            f"{lookup.file.path} lacks {len(missing)} of {describe_count(len(keys), 'frame')}, the "
-            f"first {missing[0].describe()}: track the whole recording, or pass --frames"
+            f"{lookup.file.path} lacks {len(missing_keys)} of {frames_text}, the first "
+            f"{missing_keys[0].describe()}: track the whole recording, or pass --frames"
         )
     return [Tracks.empty() if tracks is None else tracks for tracks in tracks_by_key]
 
@@ -120,22 +130,23 @@ def _order_tracks(lookup: TrackLookup, keys: Sequence[FrameKey], *, is_part: boo
 def find_motions(truth: Sequence[Objects], times: Sequence[float]) -> list[TruthMotion]:
     """Return the objects of each frame of a recording with their velocities.
 
-    A velocity is unknown (NaN) without times, next to frames more than `MOST_APART` seconds away,
-    and of an object that is not in the frames next to it."""
+    truth: objects of each frame, in order; times: time of each frame (s), NaN if unknown. A
+    velocity is unknown (NaN) without times, next to frames more than `MOST_APART` seconds away, and
+    of an object that is not in the frames next to it."""
     motions = []
     for k, objects in enumerate(truth):
-        around = []
+        neighbours = []  # objects and time (s) of the frames before and after
         for neighbour in (k - 1, k + 1):
             if 0 <= neighbour < len(truth):
                 gap = abs(times[neighbour] - times[k])
                 if 0 < gap <= MOST_APART:
-                    around.append((truth[neighbour], times[neighbour]))
+                    neighbours.append((truth[neighbour], times[neighbour]))
         vectors = np.full((len(objects), 3), np.nan)
-        if around:
-            neighbour_ids = np.concatenate([neighbours.ids for neighbours, _ in around])
+        if neighbours:
+            neighbour_ids = np.concatenate([others.ids for others, _ in neighbours])
             is_known = np.isin(objects.ids, neighbour_ids)
-            vectors[is_known] = velocities(objects, times[k], around)[is_known]
-        motions.append(TruthMotion(objects, vectors, times[k], k == 0))
+            vectors[is_known] = velocities(objects, times[k], neighbours)[is_known]
+        motions.append(TruthMotion(objects, vectors, time=times[k], is_first=k == 0))
     return motions
 
 
@@ -143,15 +154,15 @@ def check_near(path: str, frames: Sequence[ScoredFrame]) -> None:
     """Raise ValueError if there are tracks and objects, but never one near the other.
 
     path: name of the file of tracks."""
-    count = 0
+    pair_count = 0
     for frame in frames:
         boxes = frame.truth.objects.boxes
         offsets = frame.tracks.boxes[:, None, :2] - boxes[None, :, :2]
         distances = np.hypot(offsets[..., 0], offsets[..., 1])
         if (distances <= MAX_NEAR_M).any():
             return
-        count += distances.size
-    if count:
+        pair_count += distances.size
+    if pair_count:
         raise ValueError(
             f"no road user of {path} comes within {MAX_NEAR_M:g} m of a true one in its frame: is "
             "it of another place, or in another coordinate frame?"

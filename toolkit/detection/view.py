@@ -108,7 +108,10 @@ class Captured:
         sent = np.zeros(self.measurement.size, np.float32)
         sent[pixels] = self.measurement.ravel()[pixels]
         return RangeImage(
-            self.sensor, sent.reshape(self.measurement.shape), self.frame.time, self.frame.index
+            self.sensor,
+            measurement=sent.reshape(self.measurement.shape),
+            time=self.frame.time,
+            number=self.frame.index,
         )
 
     def points(self, image: ImageRanges) -> Float32[np.ndarray, "n 3"]:
@@ -447,7 +450,7 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
 
 
 def _last_ms(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:
-    # Time (ms) at which the last source is ready, 0 without sources.
+    """Time (ms) at which the last source is ready, 0 without sources."""
     return max((source.ms for source in sources), default=0.0)
 
 
@@ -457,7 +460,7 @@ def _sent_time(frame: Frame) -> float:
 
 
 def _ms_since(start: float) -> float:
-    # Milliseconds since `start`, a value of perf_counter (s).
+    """Milliseconds since `start`, a value of perf_counter (s)."""
     return (perf_counter() - start) * 1e3
 
 
@@ -485,6 +488,7 @@ def stand_view(
         )
 
     def run(clouds: Sequence[Cloud]) -> Detections:
+        """Detect in the joined points of some clouds."""
         points = together(clouds)
         return detector(points) if len(points) else Detections.empty()
 
@@ -547,7 +551,11 @@ def _show_cloud(frame: Frame, stand: Stand, scenes: Scenes, cloud_index: int) ->
     sensor = Sensor(cloud.name, image.grid.model, middle_SE3_sensor)
     # a frame with this sensor and its image only, so the sensor has index 0
     sensor_frame = Frame(
-        (sensor,), (image.measurement,), Objects.empty(), _sent_time(frame), frame.index
+        sensors=(sensor,),
+        measurements=(image.measurement,),
+        objects=Objects.empty(),
+        time=_sent_time(frame),
+        index=frame.index,
     )
     level_points = stand.lift(cloud.in_world()[image.shown])
     is_kept = Crop.from_place(stand.area, CROP_HEIGHT_M).holds(level_points)

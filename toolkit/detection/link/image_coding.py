@@ -53,6 +53,7 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
 
 
 def _deflate(content: bytes, strategy: int) -> bytes:
+    """Deflate bytes in one of `_STRATEGIES`."""
     # greatest effort (level and memory 9), raw: -15 writes no zlib header or checksum
     packer = zlib.compressobj(9, zlib.DEFLATED, -15, 9, strategy)
     return packer.compress(content) + packer.flush()
@@ -293,17 +294,19 @@ def predict_steps(
 ) -> np.ndarray:
     """Predict the steps of a mask's pixels from the pixels before them, row after row.
 
-    steps: measurements (rows, columns) in whole steps; mask: pixels (rows, columns) to predict;
-    known_mask: other pixels whose steps the reader knows, None for no such pixels. Returns the
-    prediction (n,) of each mask pixel, all computed together; `add_residuals` computes the same
-    numbers one by one."""
-    # flat image with a border; -1 marks pixels that are not available, neither coded nor known
+    steps: measurements (rows, columns) in whole steps, 0 or more; mask: pixels (rows, columns) to
+    predict; known_mask: other pixels whose steps the reader knows, None for no such pixels. Returns
+    the prediction (n,) of each mask pixel, all computed together. The decoder's `add_residuals`
+    computes the same numbers one by one: whoever changes one must change the other."""
+    # flat image with a border of one pixel above and at both sides, so that all pixels have
+    # neighbours; -1, which no measurement is, marks the border and pixels neither coded nor known
     positions, stride = _padded_positions(mask)
     padded = np.full((mask.shape[0] + 1) * stride, -1, np.int64)
     if known_mask is not None:
         known_positions, _ = _padded_positions(known_mask)
         padded[known_positions] = steps[known_mask]
-    values = padded[positions] = steps[mask]
+    values = steps[mask]
+    padded[positions] = values
     left = padded[positions - 1]
     up = padded[positions - stride]
     upper_left = padded[positions - stride - 1]
@@ -331,10 +334,11 @@ def add_residuals(
 
     mask: pixels (rows, columns) that were encoded; residuals: difference (n,) of each mask pixel
     from its prediction, row after row; known_pixels: steps and mask (rows, columns) of other known
-    pixels, None for no such pixels. Returns steps (rows, columns), 0 outside the mask. Pixel by
-    pixel, as each prediction needs the pixels before it. Raises ValueError for a result beyond 0 to
-    2^24 - 1."""
-    # flat image with a border, -1 in all pixels that are neither restored nor known
+    pixels, None for no such pixels. Returns steps (rows, columns), 0 outside the mask. Goes pixel
+    by pixel, as each prediction needs the pixels before it, and predicts exactly what
+    `predict_steps` does. Raises ValueError for a result beyond 0 to 2^24 - 1."""
+    # flat image with a border of one pixel above and at both sides; -1, which no measurement is,
+    # marks the border and all pixels that are neither restored nor known
     positions, stride = _padded_positions(mask)
     padded = [-1] * ((mask.shape[0] + 1) * stride)
     if known_pixels is not None:
@@ -381,4 +385,6 @@ def _padded_positions(mask: np.ndarray) -> tuple[np.ndarray, int]:
     Padding is one row above and one column on either side, so neighbours of edge pixels exist."""
     pixels = np.flatnonzero(mask)
     columns = mask.shape[1]
-    return pixels + 2 * (pixels // columns) + columns + 3, columns + 2
+    row_above = columns + 2
+    # before a pixel are the row above, a column at its left, and two columns for each earlier row
+    return pixels + row_above + 1 + 2 * (pixels // columns), columns + 2

@@ -52,12 +52,11 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     check_boxes(detections.boxes)
     if not np.isfinite(detections.scores).all():
         raise ValueError("scores must be finite to be sent: drop those that are not")
-    columns = [
-        *(detections.boxes[:, :6].T / BOX_STEP_M),
-        detections.boxes[:, 6] / (2 * np.pi) * TURN_STEPS,
-    ]
-    columns += [np.sqrt(1 - np.clip(detections.scores, 0, 1)) * MAX_SCORE_STEP, detections.labels]
-    table = np.rint(np.column_stack(columns))
+    places_and_sizes = detections.boxes[:, :6].T / BOX_STEP_M  # a row each
+    yaw = detections.boxes[:, 6] / (2 * np.pi) * TURN_STEPS
+    score = np.sqrt(1 - np.clip(detections.scores, 0, 1)) * MAX_SCORE_STEP
+    # numbers in whole steps; columns as `_COLUMNS` lists them
+    table = np.rint(np.column_stack([*places_and_sizes, yaw, score, detections.labels]))
     table[:, _YAW] %= TURN_STEPS
     table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)  # no size may round to 0
     farthest = np.abs(table).max(initial=0)
@@ -130,11 +129,11 @@ def decode_boxes(content: bytes, sensor: Sensor) -> Detections:
             )
     # steps from 0 to 719 become -360 to 359, that is -180° up to 180°
     yaw = (columns[_YAW] + TURN_STEPS // 2) % TURN_STEPS - TURN_STEPS // 2
-    boxes = np.column_stack(
-        [*(column * BOX_STEP_M for column in columns[:6]), yaw * (2 * np.pi / TURN_STEPS)]
-    )
+    places_and_sizes = [column * BOX_STEP_M for column in columns[:_YAW]]
+    boxes = np.column_stack([*places_and_sizes, yaw * (2 * np.pi / TURN_STEPS)])
     _check_reach(check_boxes(boxes), sensor)
-    return Detections(boxes, 1 - (columns[_SCORE] / MAX_SCORE_STEP) ** 2, columns[-1])
+    labels = columns[-1]
+    return Detections(boxes, 1 - (columns[_SCORE] / MAX_SCORE_STEP) ** 2, labels)
 
 
 def _check_reach(boxes: Float64[np.ndarray, "n 7"], sensor: Sensor) -> None:
