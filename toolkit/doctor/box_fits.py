@@ -51,8 +51,8 @@ class GroundView:
             ground = level(points[::step], method="map")
         except ValueError:
             return GroundView(sample, points)
-        with_all_points = GroundView(sample, points, ground)
-        return GroundView(sample, with_all_points.above_ground(points), ground)
+        unfiltered_view = GroundView(sample, points, ground)
+        return GroundView(sample, unfiltered_view.above_ground(points), ground)
 
     def above_ground(self, points: Points) -> Float64[np.ndarray, "_ 3"]:
         """Points (world frame) at least `CLEARANCE_M` above the ground.
@@ -63,8 +63,10 @@ class GroundView:
         return points[points[:, 2] - self.ground.height(points[:, :2]) > CLEARANCE_M]
 
 
-def fits(views: Sequence[GroundView], boxes: Sequence[np.ndarray]) -> Float64[np.ndarray, " n"]:
-    """Fit of boxes, 0 to 1, frame after frame: how well the points are on their faces.
+def measure_view_fits(
+    views: Sequence[GroundView], boxes: Sequence[np.ndarray]
+) -> Float64[np.ndarray, " n"]:
+    """Share of points on the faces of boxes, 0 to 1, frame after frame in one array.
 
     views: frames with their points; boxes: boxes (m, 7) of each frame, world frame."""
     fits_by_frame = [np.zeros(0)]
@@ -80,20 +82,21 @@ def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.
     The fit is the share of the points in and around a box that are on its faces, 0 for fewer than
     `MIN_BOX_POINTS`. points: one frame's (m), in the frame of the boxes; boxes: x, y, z, length,
     width, height, yaw of each."""
-    # columns as in boxes. Added to a box: one metre more on all sides and above, nothing below
-    around = np.array([0, 0, 0.5, 2, 2, 1, 0])
+    # Rows of x, y, z, length, width, height, yaw. Added to a box, this one grows it by one metre on
+    # each side and above; z rises by half a metre, so that the floor stays where it is.
+    one_metre_around = np.array([0, 0, 0.5, 2, 2, 1, 0])
     # the hollow middle of each box, from its floor to 0.2 m below its roof
-    hollow = boxes * [1, 1, 1, HOLLOW_SHARE, HOLLOW_SHARE, 1, 1] - np.array(
+    hollow_boxes = boxes * [1, 1, 1, HOLLOW_SHARE, HOLLOW_SHARE, 1, 1] - np.array(
         [0, 0, BOX_SLACK_M, 0, 0, 2 * BOX_SLACK_M, 0]
     )
-    hollow[:, 5] = np.maximum(hollow[:, 5], 1e-6)  # heights of very low boxes
-    boxes_with_surroundings = boxes + SHELL_M * around
-    boxes_with_slack = boxes + BOX_SLACK_M * around
-    all_boxes = np.concatenate([boxes_with_surroundings, boxes_with_slack, hollow])
-    counts = count_points(points, all_boxes).reshape(3, -1)  # axes: kind of box as above, box
-    near_counts = counts[0]
-    on_faces = counts[1] - counts[2]  # in the box, but not in its hollow middle
-    return np.where(near_counts >= MIN_BOX_POINTS, on_faces / np.maximum(near_counts, 1), 0.0)
+    hollow_boxes[:, 5] = np.maximum(hollow_boxes[:, 5], 1e-6)  # heights of very low boxes
+    boxes_with_surroundings = boxes + SHELL_M * one_metre_around
+    boxes_with_slack = boxes + BOX_SLACK_M * one_metre_around
+    all_boxes = np.concatenate([boxes_with_surroundings, boxes_with_slack, hollow_boxes])
+    # points in each of the three kinds of boxes, an array with a number for each box
+    near_counts, slack_counts, hollow_counts = count_points(points, all_boxes).reshape(3, -1)
+    face_counts = slack_counts - hollow_counts
+    return np.where(near_counts >= MIN_BOX_POINTS, face_counts / np.maximum(near_counts, 1), 0.0)
 
 
 def fits_better(
@@ -101,7 +104,7 @@ def fits_better(
 ) -> bool:
     """Return True if the same boxes fit better by `gain` on average, and beyond chance.
 
-    before, after: fit of each box; boxes without a fit in both do not count."""
+    before, after: fit of each box, 0 to 1; boxes whose fit is 0 in both do not count."""
     changes = (after - before)[(after > 0) | (before > 0)]
     if len(changes) < MIN_FITTED_BOXES or changes.mean() < gain:
         return False

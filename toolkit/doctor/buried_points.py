@@ -13,15 +13,15 @@ MIN_BURIED_SHARE = 0.3  # least share of a sensor's points, which no ramp or dit
 MAX_USUAL_BURIED_SHARE = 0.05  # largest share of buried points of a sound sensor
 
 
-def suspect_buried_points(seen: Sequence[GroundView]) -> Iterator[Finding]:
+def suspect_buried_points(views: Sequence[GroundView]) -> Iterator[Finding]:
     """Find sensors whose points are below the ground that other sensors see.
 
-    seen: frames with their ground. Nothing is found unless another sensor has hardly any points
-    below it."""
+    views: frames with their ground, in the world frame. Nothing is found unless another sensor has
+    hardly any points below it."""
     buried_shares: dict[str, float] = {}  # share of each sensor's points
-    for name in sensor_names([view.sample for view in seen]):
+    for name in sensor_names([view.sample for view in views]):
         heights_by_frame = [np.zeros(0)]  # heights (m) of points above the ground
-        for view in seen:
+        for view in views:
             cloud = find_cloud(view.sample, name)
             if cloud is not None and view.ground is not None:
                 points = cloud.in_world()

@@ -17,6 +17,7 @@ MAX_RATE_RATIO = 1.2  # largest ratio of two sensors' steps in time, for one rat
 MAX_REPEATED_SHARE = 0.2  # largest share of a sensor's clouds that may repeat the one before
 # largest share of the frames from a sensor's first to its last cloud that may lack it
 MAX_MISSING_SHARE = 0.3
+MAX_COMPLETE_MISSING_SHARE = 0.1  # share of such frames below which a sensor counts as complete
 MIN_STALE_POINTS = 20  # points on the former place of an object that show it there still
 
 
@@ -32,7 +33,13 @@ def suspect_stamps(samples: Sequence[Frame]) -> Iterator[Finding]:
         return
     evidence = f"{np.median(spreads_s):.3f} s from first to last, median of {len(spreads_s)} frames"
     remedy = "pair clouds by their times, or move them to one time"
-    yield Finding("warning", "clouds", "clouds of one instant are apart in time", evidence, remedy)
+    yield Finding(
+        severity="warning",
+        where="clouds",
+        suspected="clouds of one instant are apart in time",
+        evidence=evidence,
+        remedy=remedy,
+    )
 
 
 def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
@@ -40,9 +47,11 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
 
     They show by steps between stamps, or without stamps by clouds that repeat the one before, or by
     frames without a cloud of the sensor."""
+    # by name of the sensor: usual time (s) from cloud to cloud, share of its clouds that repeat
+    # the one before, and share of the frames that lack it
     steps_s = {}
-    repeated = {}
-    missing = {}
+    repeated_shares = {}
+    missing_shares = {}
     for name in sensor_names(samples):
         clouds = list_clouds(samples, name)
         stamps = np.unique(
@@ -50,54 +59,70 @@ def suspect_rates(samples: Sequence[Frame]) -> Iterator[Finding]:
         )
         if len(stamps) > 2:
             steps_s[name] = float(np.median(np.diff(stamps)))
-        repeated[name] = _repeated_share(clouds)
-        missing[name] = _share_missing(clouds)
+        repeated_shares[name] = _measure_repeated_share(clouds)
+        missing_shares[name] = _measure_missing_share(clouds)
     remedy = "pair clouds by their times, and leave out those without a partner"
     if len(steps_s) > 1 and max(steps_s.values()) > MAX_RATE_RATIO * min(steps_s.values()):
         evidence = ", ".join(f"{name} every {step:.3f} s" for name, step in steps_s.items())
-        yield Finding("warning", "clouds", "sensors of two rates", evidence, remedy)
+        yield Finding(
+            severity="warning",
+            where="clouds",
+            suspected="sensors of two rates",
+            evidence=evidence,
+            remedy=remedy,
+        )
         return
-    fresh = [name for name in repeated if repeated[name] <= MAX_REPEATED_SHARE]
-    for name, share in repeated.items():
-        if share > MAX_REPEATED_SHARE and fresh and _is_cloud_stale(samples, name):
+    fresh_names = [name for name, share in repeated_shares.items() if share <= MAX_REPEATED_SHARE]
+    for name, share in repeated_shares.items():
+        if share > MAX_REPEATED_SHARE and fresh_names and _is_cloud_stale(samples, name):
             evidence = (
-                f"{share:.0%} of its clouds repeat the one before, those of {fresh[0]} do not"
+                f"{share:.0%} of its clouds repeat the one before, those of {fresh_names[0]} do not"
             )
             yield Finding(
-                "warning", f"sensor {name}", "it is slower than the frames", evidence, remedy
+                severity="warning",
+                where=f"sensor {name}",
+                suspected="it is slower than the frames",
+                evidence=evidence,
+                remedy=remedy,
             )
-    complete = [name for name in missing if missing[name] < 0.1]
-    for name, share in missing.items():
-        if share > MAX_MISSING_SHARE and complete:
+    complete_names = [
+        name for name, share in missing_shares.items() if share < MAX_COMPLETE_MISSING_SHARE
+    ]
+    for name, share in missing_shares.items():
+        if share > MAX_MISSING_SHARE and complete_names:
             evidence = (
                 f"{share:.0%} of the frames from its first to its last cloud lack it, "
-                f"{complete[0]} has all"
+                f"{complete_names[0]} has all"
             )
             yield Finding(
-                "warning", f"sensor {name}", "it is slower than the frames", evidence, remedy
+                severity="warning",
+                where=f"sensor {name}",
+                suspected="it is slower than the frames",
+                evidence=evidence,
+                remedy=remedy,
             )
 
 
 def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find two sensors that have the same points in every frame: one cloud under two names."""
     for first, second in combinations(sensor_names(samples), 2):
-        pairs = []  # points of both sensors in each frame with points of the first
+        point_pairs = []  # points of both sensors in each frame with points of the first
         for sample in samples:
             first_cloud = find_cloud(sample, first)
             second_cloud = find_cloud(sample, second)
             if first_cloud and second_cloud and len(first_cloud.points) > 0:
-                pairs.append((first_cloud.points, second_cloud.points))
-        if pairs and all(np.array_equal(points, others) for points, others in pairs):
+                point_pairs.append((first_cloud.points, second_cloud.points))
+        if point_pairs and all(np.array_equal(points, others) for points, others in point_pairs):
             yield Finding(
                 severity="warning",
                 where=f"sensor {first}",
                 suspected=f"it has the same points as {second}",
-                evidence=f"all points in {len(pairs)} frames",
+                evidence=f"all points in {len(point_pairs)} frames",
                 remedy="leave one out, its points count twice",
             )
 
 
-def _repeated_share(clouds: Sequence[SensorCloud | None]) -> float:
+def _measure_repeated_share(clouds: Sequence[SensorCloud | None]) -> float:
     """Share of a sensor's clouds that have the points of the frame before, 0 to 1.
 
     It is 0 for fewer than three pairs of clouds. clouds: cloud in each frame, None if the frame
@@ -118,21 +143,25 @@ def _is_cloud_stale(samples: Sequence[Frame], name: str) -> bool:
     stale_count = 0  # repeated clouds that show an object at a place that it has left
     repeated_count = 0  # repeated clouds of frames in which objects have left their places
     for former, latter in pairwise(samples):
-        places = former.objects.boxes
-        left_places = places[~(iou_bev(places, latter.objects.boxes) > 0).any(axis=1)]
-        before = find_cloud(former, name)
+        former_boxes = former.objects.boxes
+        # boxes of the frame before whose places no box of this frame overlaps
+        left_boxes = former_boxes[~(iou_bev(former_boxes, latter.objects.boxes) > 0).any(axis=1)]
+        former_cloud = find_cloud(former, name)
         cloud = find_cloud(latter, name)
-        if before and cloud and len(left_places) and np.array_equal(cloud.points, before.points):
+        if not former_cloud or not cloud or not len(left_boxes):
+            continue
+        if np.array_equal(cloud.points, former_cloud.points):
             repeated_count += 1
-            point_counts = count_points(cloud.in_world(), left_places)
+            point_counts = count_points(cloud.in_world(), left_boxes)
             stale_count += bool((point_counts >= MIN_STALE_POINTS).any())
-    return repeated_count == 0 or stale_count > 0.5 * repeated_count
+    return repeated_count == 0 or stale_count > repeated_count / 2
 
 
-def _share_missing(clouds: Sequence[SensorCloud | None]) -> float:
-    """Share of the frames from a sensor's first cloud to its last that lack it.
+def _measure_missing_share(clouds: Sequence[SensorCloud | None]) -> float:
+    """Share of the frames from a sensor's first cloud to its last that lack it, 0 to 1.
 
-    clouds: cloud in each frame, None if the frame lacks it. 0 for fewer than five frames."""
-    present = np.flatnonzero([cloud is not None for cloud in clouds])
-    span = int(present[-1] - present[0]) + 1 if len(present) else 0
-    return 1 - len(present) / span if span > 4 else 0.0
+    clouds: cloud in each frame, None if the frame lacks it. Returns 0 for fewer than five frames
+    from the first to the last."""
+    cloud_frames = np.flatnonzero([cloud is not None for cloud in clouds])
+    span = int(cloud_frames[-1] - cloud_frames[0]) + 1 if len(cloud_frames) else 0  # in frames
+    return 1 - len(cloud_frames) / span if span > 4 else 0.0

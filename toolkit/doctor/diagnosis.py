@@ -65,25 +65,27 @@ def diagnose(
     Raises whatever opening a recording of clouds raises."""
     if (layout or guess_layout(path)) == "hdf5":
         try:
-            clouds = Path(path).is_file() and holds_clouds(path)
+            has_clouds = Path(path).is_file() and holds_clouds(path)
         except (OSError, ValueError):
-            clouds = False  # `diagnose_file` names the damage
-        if not clouds:
-            stored = diagnose_file(path, site)
-            return Diagnosis(stored or diagnose_images(path, site, frames))
+            has_clouds = False  # `diagnose_file` names the damage
+        if not has_clouds:
+            file_findings = diagnose_file(path, site)
+            return Diagnosis(file_findings or diagnose_images(path, site, frames))
     samples = list(Part(open_recording(path, layout, site=site), frames))
-    untimely = diagnose_times(samples)
-    findings = [*find_impossible(samples), *untimely]
-    seen = [GroundView.from_frame(sample) for sample in samples]
+    time_findings = diagnose_times(samples)
+    findings = [*find_impossible(samples), *time_findings]
+    views = [GroundView.from_frame(sample) for sample in samples]
     if not any(len(sample.objects) for sample in samples):
-        buried = suspect_buried_points(seen)
         return Diagnosis(
-            [*findings, *buried],
-            f"{len(samples)} frames without a label: there is nothing to be checked",
+            findings=[*findings, *suspect_buried_points(views)],
+            healthy=f"{len(samples)} frames without a label: there is nothing to be checked",
         )
-    mislabelled = diagnose_boxes(seen)
-    sensors = [] if mislabelled else diagnose_sensors(seen, timely=not untimely)
-    return Diagnosis([*findings, *mislabelled, *sensors])
+    label_findings = diagnose_boxes(views)
+    # wrong labels cannot show faults of sensors
+    sensor_findings = (
+        [] if label_findings else diagnose_sensors(views, has_sound_times=not time_findings)
+    )
+    return Diagnosis([*findings, *label_findings, *sensor_findings])
 
 
 def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Finding]:
@@ -97,7 +99,8 @@ def diagnose_images(path: str | Path, site: Site | None, frames: int) -> list[Fi
         return []
     samples = list(Part(recording, frames))
     return diagnose_sensors(
-        [GroundView.from_frame(sample) for sample in samples], timely=not diagnose_times(samples)
+        [GroundView.from_frame(sample) for sample in samples],
+        has_sound_times=not diagnose_times(samples),
     )
 
 
@@ -105,8 +108,9 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
     """Find labels and clouds with impossible values, and times that cannot follow each other.
 
     samples: consecutive frames, with the problems that reading them counted."""
+    # numbers of labels or clouds with each problem, by words for the problem
     problems = sum((Counter(sample.problems) for sample in samples), Counter[str]())
-    total = sum(len(sample.objects) for sample in samples)
+    label_count = sum(len(sample.objects) for sample in samples)
     if all(len(sample.objects) for sample in samples):
         # labels of other frames are no fault: they are the whole recording's, and only a part of
         # the clouds is here
@@ -114,9 +118,15 @@ def find_impossible(samples: Sequence[Frame]) -> Iterator[Finding]:
     for kind, remedy in _REMEDIES.items():
         if problems[kind]:
             subject = "labels"
-            context = f"beside {total} labels that are read"
+            context = f"beside {label_count} labels that are read"
             if kind in (problem_kinds.EMPTY, problem_kinds.FAR_POINTS):
                 subject = "clouds"
                 context = f"in {len(samples)} frames"
-            yield Finding("error", subject, kind, f"{problems[kind]}, {context}", remedy)
+            yield Finding(
+                severity="error",
+                where=subject,
+                suspected=kind,
+                evidence=f"{problems[kind]}, {context}",
+                remedy=remedy,
+            )
     yield from suspect_times(np.array([sample.time for sample in samples]))

@@ -30,11 +30,11 @@ def check_drift(path: str | Path, reference: str | Path, site: Site | None = Non
     except (ValueError, OSError) as error:
         return [
             Finding(
-                "warning",
-                str(path),
-                "its sensors' poses cannot be checked",
-                str(error),
-                "check them by hand",
+                severity="warning",
+                where=str(path),
+                suspected="its sensors' poses cannot be checked",
+                evidence=str(error),
+                remedy="check them by hand",
             )
         ]
 
@@ -50,7 +50,13 @@ def drift_findings(found_poses: Sequence[FoundPose], reference: str) -> list[Fin
         if found_pose.registration is None:
             suspected = f"its pose cannot be checked against {reference}"
             findings.append(
-                Finding("warning", where, suspected, found_pose.refusal, "check by hand")
+                Finding(
+                    severity="warning",
+                    where=where,
+                    suspected=suspected,
+                    evidence=found_pose.refusal,
+                    remedy="check by hand",
+                )
             )
         elif found_pose.has_drifted:
             change = (

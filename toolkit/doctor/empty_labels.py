@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from toolkit.arrays import BoxRows
 from toolkit.boxes import count_points
 from toolkit.doctor.box_fits import GroundView
@@ -20,37 +18,49 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
 
     The finding names the wrong frame of coordinates if boxes would have points without it. views:
     frames with their points above the ground."""
-    empty_count, total = _count_empty(views, [view.sample.objects.boxes for view in views])
-    if not total or empty_count / total <= MAX_EMPTY_SHARE:
+    boxes = [view.sample.objects.boxes for view in views]
+    box_count = sum(len(view_boxes) for view_boxes in boxes)
+    empty_count = _count_empty(views, boxes)
+    if not box_count or empty_count / box_count <= MAX_EMPTY_SHARE:
         return
-    observation = f"{empty_count} of {total} boxes hold no point above the ground"
+    observation = f"{empty_count} of {box_count} boxes hold no point above the ground"
     samples = [view.sample for view in views]
     # the labels moved to the world from each frame that they may be in by mistake
     explanations = [
         undo_each(other_frame.mistake, views, other_frame.choose)
         for other_frame in other_frames(samples)
     ]
-    best = max(explanations, key=lambda attempt: float(attempt.fits.mean()))
-    remaining_count, _ = _count_empty(views, best.boxes)
-    if remaining_count / total <= MAX_EXPLAINED_EMPTY_SHARE:
+    best = max(explanations, key=lambda explanation: float(explanation.fits.mean()))
+    remaining_count = _count_empty(views, best.boxes)
+    if remaining_count / box_count <= MAX_EXPLAINED_EMPTY_SHARE:
         evidence = f"{observation}, {remaining_count} with that undone"
-        yield Finding("error", "labels", best.mistake.name, evidence, best.mistake.remedy)
+        yield Finding(
+            severity="error",
+            where="labels",
+            suspected=best.mistake.name,
+            evidence=evidence,
+            remedy=best.mistake.remedy,
+        )
         return
     remedy = (
         "check the frame and unit of labels, the poses of sensors, and that labels and clouds "
         "belong together"
     )
-    yield Finding("warning", "labels", "boxes without a point from any sensor", observation, remedy)
+    yield Finding(
+        severity="warning",
+        where="labels",
+        suspected="boxes without a point from any sensor",
+        evidence=observation,
+        remedy=remedy,
+    )
 
 
-def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> tuple[int, int]:
-    """Number of boxes without a point above the ground, and number of all boxes.
+def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> int:
+    """Number of boxes without a point above the ground.
 
-    boxes: boxes (m, 7) of each view, in place of its labels."""
-    counts = [
-        count_points(view.points, view_boxes)
-        for view, view_boxes in zip(views, boxes, strict=True)
-        if len(view_boxes)
-    ]
-    point_counts = np.concatenate([np.zeros(0, np.int64), *counts])
-    return int((point_counts == 0).sum()), len(point_counts)
+    boxes: boxes (m, 7) of each view, world frame, in place of its labels."""
+    empty_count = 0
+    for view, view_boxes in zip(views, boxes, strict=True):
+        if len(view_boxes):
+            empty_count += int((count_points(view.points, view_boxes) == 0).sum())
+    return empty_count

@@ -20,6 +20,7 @@ from toolkit.objects import Objects
 from toolkit.sites.site import Site
 
 MIN_SENSOR_FIT = 0.5  # share of a sensor's moving points on boxes, for its pose to be certain
+SAMPLED_FRAMES = 20  # frames whose objects and points are compared with the ground and the site
 
 
 class Examination:
@@ -33,8 +34,8 @@ class Examination:
         site: site of the file.
         views: images of each sensor.
         mistakes: suspected mistakes in the objects.
-        explained: number of moving points on boxes, once these mistakes are undone.
-        misplaced: findings of objects that are not at the site.
+        explained_count: number of moving points on boxes, once these mistakes are undone.
+        misplaced_findings: findings of objects that are not at the site.
         rows: published rows of each frame looked at, without all those mistakes.
         doubts: by name of a sensor in doubt, the suspected mistake of its pose or depth; None if
             its points disagree with the boxes without an explanation.
@@ -50,22 +51,22 @@ class Examination:
         self.site = site
         self.views = views
         sensors = [view.sensor for view in views]
-        pixels = choose_witnesses(views)
-        clouds = collect_clouds(pixels, sensors, len(frames))
-        other_frames, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
-        undone = suspect_objects(pixels, sensors, rows, site.map_SE3_site)
-        self.mistakes = [other_frames] if other_frames else []
+        witnesses = choose_witnesses(views)  # moving pixels of each sensor and frame
+        clouds = collect_clouds(witnesses, sensors, len(frames))
+        frame_shift, rows = suspect_frames(clouds, tables, frames, site.map_SE3_site)
+        undone = suspect_objects(witnesses, sensors, rows, site.map_SE3_site)
+        self.mistakes = [frame_shift] if frame_shift else []
         self.mistakes += undone.suspicions
         # the fit is the share of all moving points
-        self.explained = undone.fit * sum(len(witness.depth) for witness in pixels)
-        self.misplaced, self.rows = find_misplaced(undone.rows, site)
+        self.explained_count = undone.fit * sum(len(witness.depth) for witness in witnesses)
+        self.misplaced_findings, self.rows = find_misplaced(undone.rows, site)
         self.doubts: dict[str, Suspicion | None] = {}
         self.fits: dict[str, float] = {}
-        for i, sensor in enumerate(sensors):
-            sensor_witnesses = [witness for witness in pixels if witness.sensor == i]
-            count = sum(len(witness.depth) for witness in sensor_witnesses)
+        for index, sensor in enumerate(sensors):
+            sensor_witnesses = [witness for witness in witnesses if witness.sensor_index == index]
+            point_count = sum(len(witness.depth) for witness in sensor_witnesses)
             # too few points, or no objects, show nothing of the sensor
-            if count < MIN_MOVING_POINTS or not any(len(table) for table in self.rows):
+            if point_count < MIN_MOVING_POINTS or not any(len(table) for table in self.rows):
                 continue
             suspicion, sensor_fit = suspect_sensor(
                 sensor_witnesses, sensor, self.rows, site.map_SE3_site
@@ -79,25 +80,40 @@ class Examination:
 
         Sensors with the same mistake share a finding."""
         for mistake in self.mistakes:
-            yield report_error("objects", mistake.mistake, mistake.evidence, mistake.remedy)
-        yield from self.misplaced
+            yield report_error(
+                where="objects",
+                suspected=mistake.mistake,
+                evidence=mistake.evidence,
+                remedy=mistake.remedy,
+            )
+        yield from self.misplaced_findings
         # suspicions by sensor for each mistake in order; "" for sensors without an explanation
         doubts_by_mistake: dict[str, dict[str, Suspicion | None]] = {}
         for name, suspicion in self.doubts.items():
             words = "" if suspicion is None else suspicion.mistake
             doubts_by_mistake.setdefault(words, {})[name] = suspicion
-        for doubts in doubts_by_mistake.values():
+        for doubts in doubts_by_mistake.values():  # one mistake's suspicions by sensor
             plural = "s" if len(doubts) > 1 else ""
             where = f"sensor{plural} {', '.join(doubts)}"
-            evidence = self._evidence(doubts)
-            first = next(iter(doubts.values()))
-            if first is not None:
-                yield report_error(where, first.mistake, evidence, first.remedy)
+            evidence = self._describe_evidence(doubts)
+            suspicion = next(iter(doubts.values()))  # its words are those of all these sensors
+            if suspicion is not None:
+                yield report_error(
+                    where=where,
+                    suspected=suspicion.mistake,
+                    evidence=evidence,
+                    remedy=suspicion.remedy,
+                )
             else:
                 remedy = "check the pose, and that images and objects belong to the same frames"
-                yield report_error(where, "points and boxes disagree", evidence, remedy)
+                yield report_error(
+                    where=where,
+                    suspected="points and boxes disagree",
+                    evidence=evidence,
+                    remedy=remedy,
+                )
 
-    def _evidence(self, doubts: Mapping[str, Suspicion | None]) -> str:
+    def _describe_evidence(self, doubts: Mapping[str, Suspicion | None]) -> str:
         """Describe the fits of sensors in doubt in words, each after its name if they are several.
 
         doubts: suspected mistake by name of the sensor, None without an explanation."""
@@ -111,12 +127,12 @@ class Examination:
             return next(iter(texts.values()))
         return "; ".join(f"{name}: {text}" for name, text in texts.items())
 
-    def clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
-        """Yield objects and points (site frame) of about 20 frames, evenly spread.
+    def sample_clouds(self) -> Iterator[tuple[Objects, np.ndarray]]:
+        """Yield objects and points (m, site frame) of about `SAMPLED_FRAMES` frames, evenly spread.
 
         Points of sensors in doubt are left out."""
         trusted_views = [view for view in self.views if view.sensor.name not in self.doubts]
-        step = max(1, len(self.rows) // 20)
+        step = max(1, len(self.rows) // SAMPLED_FRAMES)
         # frame: row in the images and tables, not its number in the file
         for frame in range(0, len(self.rows), step):
             objects = published.parse_rows(self.rows[frame], self.site.map_SE3_site)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.doctor.box_fits import GroundView, fits, fits_better, measure_fits
+from toolkit.doctor.box_fits import GroundView, fits_better, measure_fits, measure_view_fits
 from toolkit.doctor.label_mistake import LabelMistake
 from toolkit.frame import Frame
 
@@ -33,19 +33,23 @@ class Explanation(NamedTuple):
 
 
 def find_nearly_best(
-    attempts: Sequence[Explanation], current: np.ndarray, *gain: float
+    explanations: Sequence[Explanation], current_fits: np.ndarray, *gain: float
 ) -> Explanation | None:
     """Return the first explanation that fits nearly best, None if none improves the fits.
 
     Args:
-        attempts: explanations in order of preference.
-        current: fit of each box as it is, frame after frame.
+        explanations: explanations in order of preference.
+        current_fits: fit of each box as it is, frame after frame.
         gain: least gain in mean fit, one number or none; without it, `MIN_FIT_GAIN`."""
-    better_attempts = [attempt for attempt in attempts if fits_better(current, attempt.fits, *gain)]
-    means = _mean_fits(better_attempts) if better_attempts else []
-    for attempt, mean in zip(better_attempts, means, strict=True):
+    better_explanations = [
+        explanation
+        for explanation in explanations
+        if fits_better(current_fits, explanation.fits, *gain)
+    ]
+    means = _mean_fits(better_explanations) if better_explanations else []
+    for explanation, mean in zip(better_explanations, means, strict=True):
         if mean >= max(means) - MAX_TIED_FIT_GAP:
-            return attempt
+            return explanation
     return None
 
 
@@ -62,10 +66,10 @@ def choose_clearer(
     return freer if freer_mean > best_mean + margin else best
 
 
-def _mean_fits(attempts: Sequence[Explanation]) -> list[float]:
+def _mean_fits(explanations: Sequence[Explanation]) -> list[float]:
     """Mean fit of each explanation, over the boxes that have a fit in any explanation."""
-    has_fit = np.any([attempt.fits > 0 for attempt in attempts], axis=0)
-    return [float(attempt.fits[has_fit].mean()) for attempt in attempts]
+    has_fit = np.any([explanation.fits > 0 for explanation in explanations], axis=0)
+    return [float(explanation.fits[has_fit].mean()) for explanation in explanations]
 
 
 def undo_each(
@@ -88,4 +92,4 @@ def undo_each(
         if len(choices) > 1:
             best = np.argmax([measure_fits(view.points, rows) for rows in choices], axis=0)
         boxes.append(choices[best, np.arange(box_count)])
-    return Explanation(mistake, boxes, fits(views, boxes))
+    return Explanation(mistake, boxes, measure_view_fits(views, boxes))

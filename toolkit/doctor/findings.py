@@ -28,4 +28,6 @@ class Finding:
 
 def report_error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
     """Return a finding that is an error (see `Finding` for the words)."""
-    return Finding("error", where, suspected, evidence, remedy)
+    return Finding(
+        severity="error", where=where, suspected=suspected, evidence=evidence, remedy=remedy
+    )

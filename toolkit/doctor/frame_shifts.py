@@ -29,28 +29,32 @@ def suspect_frames(
     Returns the mistake, None without one, and the rows that belong to `frames`, no rows for frames
     beyond the file."""
     best: Suspicion | None = None
-    rows = [tables[k] for k in frames]
+    rows = [tables[k] for k in frames]  # of the best offset so far, of each frame looked at
     # 1, -1, 2, -2, ...: objects of frame k + offset are compared with the points of frame k
     for offset in [sign * n for n in range(1, MAX_FRAMES_OFF + 1) for sign in (1, -1)]:
-        is_usable = [
+        has_both_tables = [
             0 <= k + offset < len(tables) and len(tables[k]) and len(tables[k + offset])
             for k in frames
         ]
-        usable = np.flatnonzero(is_usable).tolist()
-        shown_clouds = [clouds[i] for i in usable]
-        if sum(map(len, shown_clouds)) < MIN_MOVING_POINTS:
+        # indices of those frames in `frames` and `clouds`
+        usable_indices = np.flatnonzero(has_both_tables).tolist()
+        usable_clouds = [clouds[i] for i in usable_indices]
+        if sum(map(len, usable_clouds)) < MIN_MOVING_POINTS:
             continue
-        before = share_on_boxes(shown_clouds, [tables[frames[i]] for i in usable], map_SE3_site)
-        shifted = [tables[frames[i] + offset] for i in usable]
-        after = share_on_boxes(shown_clouds, shifted, map_SE3_site)
-        is_clear = after >= max(MIN_EXPLAINED_FIT, before + MIN_SHIFT_GAIN)
-        if is_clear and (best is None or after > best.after):
+        stored_rows = [tables[frames[i]] for i in usable_indices]
+        shifted_rows = [tables[frames[i] + offset] for i in usable_indices]
+        fit_before = share_on_boxes(usable_clouds, stored_rows, map_SE3_site)
+        fit_after = share_on_boxes(usable_clouds, shifted_rows, map_SE3_site)
+        is_clear = fit_after >= max(MIN_EXPLAINED_FIT, fit_before + MIN_SHIFT_GAIN)
+        if is_clear and (best is None or fit_after > best.fit_after):
             count = f"{abs(offset)} frame{'s' * (abs(offset) > 1)}"
             mistake = (
                 f"labels lie about {count} {'behind' if offset > 0 else 'ahead of'} the images"
             )
             remedy = f"store objects/K as objects/{'K-' if offset > 0 else 'K+'}{abs(offset)}"
-            best = Suspicion(mistake, remedy, before, after)
+            best = Suspicion(
+                mistake=mistake, remedy=remedy, fit_before=fit_before, fit_after=fit_after
+            )
             rows = [
                 tables[k + offset] if 0 <= k + offset < len(tables) else tables[k][:0]
                 for k in frames

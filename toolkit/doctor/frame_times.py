@@ -20,8 +20,18 @@ def suspect_times(times: Float64[np.ndarray, " frames"]) -> Iterator[Finding]:
     if backward_count > max(1, len(steps) / 10):  # some may: a new scene or sensor begins again
         evidence = f"{backward_count} of {len(steps)} steps, the smallest of {steps.min():g} s"
         remedy = "check the times, or sort the frames"
-        yield report_error("frames", "times that repeat or go back", evidence, remedy)
+        yield report_error(
+            where="frames",
+            suspected="times that repeat or go back",
+            evidence=evidence,
+            remedy=remedy,
+        )
     elif len(steps) and not MIN_FRAME_STEP_S < np.median(steps) < MAX_FRAME_STEP_S:
         evidence = f"{np.median(steps):g} s from frame to frame, median of {len(steps)}"
-        words = "times in another unit than seconds"
-        yield Finding("warning", "frames", words, evidence, "check the unit of the times")
+        yield Finding(
+            severity="warning",
+            where="frames",
+            suspected="times in another unit than seconds",
+            evidence=evidence,
+            remedy="check the unit of the times",
+        )

@@ -30,17 +30,18 @@ def frozen_frames(
         rows: published rows of the objects in each such frame.
         site: site of the recording."""
     is_frozen = np.zeros(len(view.depth), bool)
-    original = 0  # frame with the original of the image that is repeated
+    original_frame = 0  # index of the frame that first had the image that is repeated
     for k in range(1, len(view.depth)):
+        # an image without any return repeats nothing
         is_repeated = view.depth[k].any() and np.array_equal(view.depth[k], view.depth[k - 1])
         if not is_repeated:
-            original = k
+            original_frame = k
             continue
-        before = published.parse_rows(rows[original], site.map_SE3_site)
-        now = published.parse_rows(rows[k], site.map_SE3_site)
-        # places of objects that nothing is at any more
-        left_places = before.boxes[~(iou_bev(before.boxes, now.boxes) > 0).any(axis=1)]
-        point_counts = count_points(view.points(k), left_places)
+        old_boxes = published.parse_rows(rows[original_frame], site.map_SE3_site).boxes
+        boxes = published.parse_rows(rows[k], site.map_SE3_site).boxes
+        # old boxes whose places no box overlaps any more
+        left_boxes = old_boxes[~(iou_bev(old_boxes, boxes) > 0).any(axis=1)]
+        point_counts = count_points(view.points(k), left_boxes)
         is_frozen[k] = bool((point_counts >= MIN_OBJECT_POINTS).any())
     return is_frozen
 
@@ -49,9 +50,11 @@ def blind_frames(views: Sequence[SensorImages]) -> Bool[np.ndarray, "sensors fra
     """Mask of the frames in which a sensor, unlike others, has far fewer returns than usual.
 
     views: images of each sensor in the same frames. Axes of the mask: sensor, frame."""
-    returned = np.array([(view.depth > 0).sum(axis=1) for view in views])
-    blind = returned < MAX_BLIND_SHARE * np.quantile(returned, USUAL_QUANTILE, axis=1)[:, None]
-    return np.asarray(blind & ~blind.all(axis=0))
+    return_counts = np.array([(view.depth > 0).sum(axis=1) for view in views])  # sensor, frame
+    usual_counts = np.quantile(return_counts, USUAL_QUANTILE, axis=1)[:, None]
+    has_few_returns = return_counts < MAX_BLIND_SHARE * usual_counts
+    # a frame in which all sensors return little shows an empty scene
+    return np.asarray(has_few_returns & ~has_few_returns.all(axis=0))
 
 
 def failing_sensors(
@@ -68,7 +71,7 @@ def failing_sensors(
         return
     for view, is_blind in zip(views, blind_frames(views), strict=True):
         is_frozen = frozen_frames(view, rows, site)
-        failures = (  # mask of the frames, suspected failure, its symptom
+        failures = (  # mask of the frames, suspected failure in words, its symptom in words
             (is_frozen, "it is frozen", "show objects where nobody is any more"),
             (
                 is_blind,
@@ -84,4 +87,10 @@ def failing_sensors(
                     f"the first is {first_frame}, {symptom}"
                 )
                 remedy = "leave these frames out, or the sensor"
-                yield Finding("warning", f"sensor {view.sensor.name}", suspected, evidence, remedy)
+                yield Finding(
+                    severity="warning",
+                    where=f"sensor {view.sensor.name}",
+                    suspected=suspected,
+                    evidence=evidence,
+                    remedy=remedy,
+                )

@@ -31,7 +31,7 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
     These are each sensor's frame; the result of applying a sensor's pose to labels that were in
     the world already; and the map. samples: frames of the recording."""
     sensor_names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
-    frames = []
+    frames = []  # of coordinates
     for name in sensor_names:
         frames.append(
             _make_other_frame(
@@ -43,7 +43,7 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
     for name in sensor_names:
         frames.append(
             _make_other_frame(
-                partial(_find_inverse, name),
+                partial(_find_inverse_pose, name),
                 name=(
                     f"labels in the world were moved by the pose of sensor {name}, as if in its "
                     "frame"
@@ -68,17 +68,25 @@ def _find_pose(name: str, sample: Frame) -> Pose:
     )
 
 
-def _find_inverse(name: str, sample: Frame) -> Pose:
-    # sensor_SE3_world, for labels in the world that the sensor's pose was applied to
+def _find_inverse_pose(name: str, sample: Frame) -> Pose:
+    """Pose sensor_SE3_world of a sensor by name in a frame, identity if the frame lacks it.
+
+    It undoes the sensor's pose in labels that were in the world before."""
     return invert(_find_pose(name, sample))
 
 
 def _make_other_frame(
     world_SE3_labels: Callable[[Frame], Pose], name: str, remedy: str
 ) -> OtherFrame:
-    # frame of coordinates, and the mistake of labels that are in it. world_SE3_labels: function
-    # that returns the motion from it to the world; name, remedy: words for the mistake
-    def choose(sample: Frame) -> list[BoxRows]:
+    """Return the mistake of labels in some frame of coordinates, and how to undo it.
+
+    Args:
+        world_SE3_labels: returns, for a frame of the recording, the motion from the labels' frame
+            of coordinates to the world.
+        name: the mistake in words.
+        remedy: what the user should do about it, in words."""
+
+    def move_to_world(sample: Frame) -> list[BoxRows]:
         return [box_frames.move_boxes(world_SE3_labels(sample), sample.objects.boxes)]
 
-    return OtherFrame(LabelMistake(name, remedy), choose)
+    return OtherFrame(mistake=LabelMistake(name, remedy), choose=move_to_world)

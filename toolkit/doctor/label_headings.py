@@ -33,29 +33,29 @@ class TurnedTracks(NamedTuple):
 def count_turned(samples: Sequence[Frame], undo: Callable[..., np.ndarray]) -> TurnedTracks | None:
     """Count tracks and boxes that a mistake turns against their motion, and all moving boxes.
 
-    samples: consecutive frames; undo: takes a frame and its moving boxes, and returns the boxes
-    without the mistake. Returns None if they are few, or if undoing it spoils many boxes."""
-    turned_tracks: set[int] = set()
-    # boxes that undoing the mistake turns along their motion, or against it, and all
-    mended_count = 0
-    spoilt_count = 0
-    total = 0
+    samples: consecutive frames; undo: takes a frame and its moving boxes (n, 7), and returns the
+    boxes without the mistake. Returns None if there are few tracks or boxes, or if undoing the
+    mistake spoils more than a tenth as many boxes as it mends."""
+    turned_tracks: set[int] = set()  # ids of tracks with a mended box
+    mended_count = 0  # boxes that undoing the mistake turns along their motion
+    spoilt_count = 0  # boxes that it turns against their motion
+    moving_count = 0  # all moving boxes
     for k, sample in enumerate(samples):
         movers = find_moving(samples, k)
         # cosines between heading and motion
-        before = _compare_headings(movers.boxes, movers.velocities)
-        after = _compare_headings(undo(sample, movers.boxes), movers.velocities)
-        is_mended = (before < 0) & (after > MIN_ALONG_COSINE)
-        is_spoilt = (before > MIN_ALONG_COSINE) & (after < 0)
+        cosines_before = _compare_headings(movers.boxes, movers.velocities)
+        cosines_after = _compare_headings(undo(sample, movers.boxes), movers.velocities)
+        is_mended = (cosines_before < 0) & (cosines_after > MIN_ALONG_COSINE)
+        is_spoilt = (cosines_before > MIN_ALONG_COSINE) & (cosines_after < 0)
         turned_tracks |= set(movers.ids[is_mended].tolist())
         mended_count += int(is_mended.sum())
         spoilt_count += int(is_spoilt.sum())
-        total += len(movers.boxes)
+        moving_count += len(movers.boxes)
     if len(turned_tracks) < MIN_TURNED_TRACKS or mended_count < MIN_FITTED_BOXES:
         return None
     if spoilt_count > mended_count / 10:
         return None
-    return TurnedTracks(tracks=len(turned_tracks), boxes=mended_count, total=total)
+    return TurnedTracks(tracks=len(turned_tracks), boxes=mended_count, total=moving_count)
 
 
 def _compare_headings(
@@ -79,11 +79,19 @@ def suspect_headings(samples: Sequence[Frame]) -> list[Finding]:
         lambda sample, boxes: undo_mistake(YAW_SIGN, boxes, sample.map_SE3_world),
     )
     for undo in undos:
-        turned = count_turned(samples, undo)
-        if turned is not None:
+        counts = count_turned(samples, undo)
+        if counts is not None:
             evidence = (
-                f"{turned.boxes} of {turned.total} boxes that move, of {turned.tracks} objects, "
+                f"{counts.boxes} of {counts.total} boxes that move, of {counts.tracks} objects, "
                 "head against their way, and along it with that undone"
             )
-            return [Finding("error", "labels", YAW_SIGN.name, evidence, YAW_SIGN.remedy)]
+            return [
+                Finding(
+                    severity="error",
+                    where="labels",
+                    suspected=YAW_SIGN.name,
+                    evidence=evidence,
+                    remedy=YAW_SIGN.remedy,
+                )
+            ]
     return []

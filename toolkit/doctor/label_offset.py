@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toolkit.arrays import BoxRows, Float64, Points
-from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits, fits_better
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits_better, measure_view_fits
 from toolkit.doctor.explanations import Explanation
 from toolkit.doctor.label_mistake import LabelMistake
 
@@ -16,44 +16,52 @@ OFFSET_ROUNDS = 4  # rounds that refine the offset, with points around the moved
 
 
 def find_offset(
-    views: Sequence[GroundView], current: Float64[np.ndarray, " n"]
+    views: Sequence[GroundView], current_fits: Float64[np.ndarray, " n"]
 ) -> Explanation | None:
     """Find one horizontal offset of all labels from the points.
 
-    views: frames with their points above the ground; current: fit of each box as it is. Returns
+    views: frames with their points above the ground; current_fits: fit of each box now. Returns
     None if the offset is too small or too large, or if boxes do not fit better without it."""
     boxes = [view.sample.objects.boxes for view in views]
-    offset = np.zeros(2)
+    offset = np.zeros(2)  # x, y (m) of the labels from where the points are
     for _ in range(OFFSET_ROUNDS):
-        moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
-        view_offsets = [
-            _measure_offsets(view.points, rows) for view, rows in zip(views, moved, strict=True)
+        moved_boxes = [_shift_boxes(view_boxes, -offset) for view_boxes in boxes]
+        # offsets (m) that remain, of the points from the moved boxes
+        remaining_by_view = [
+            _measure_offsets(view.points, view_boxes)
+            for view, view_boxes in zip(views, moved_boxes, strict=True)
         ]
-        offsets = np.concatenate([np.zeros((0, 2)), *view_offsets])
-        if len(offsets) < MIN_FITTED_BOXES:
+        remaining = np.concatenate([np.zeros((0, 2)), *remaining_by_view])
+        if len(remaining) < MIN_FITTED_BOXES:
             return None
-        offset = offset - np.median(offsets, axis=0)
-    moved = [rows - np.array([*offset, 0, 0, 0, 0, 0]) for rows in boxes]
-    if not MIN_OFFSET_M <= np.hypot(*offset) <= MAX_OFFSET_M:
+        offset = offset - np.median(remaining, axis=0)
+    moved_boxes = [_shift_boxes(view_boxes, -offset) for view_boxes in boxes]
+    offset_x, offset_y = offset
+    if not MIN_OFFSET_M <= np.hypot(offset_x, offset_y) <= MAX_OFFSET_M:
         return None
-    undone = fits(views, moved)
-    if not fits_better(current, undone):
+    moved_fits = measure_view_fits(views, moved_boxes)
+    if not fits_better(current_fits, moved_fits):
         return None
     words = (
-        f"all labels are {offset[0]:+.1f} m in x and {offset[1]:+.1f} m in y from where the "
+        f"all labels are {offset_x:+.1f} m in x and {offset_y:+.1f} m in y from where the "
         "points are"
     )
     remedy = (
         "take that off, and check which point of the vehicle, of the lidar or of the map they "
         "are counted from"
     )
-    return Explanation(LabelMistake(words, remedy), moved, undone)
+    return Explanation(LabelMistake(words, remedy), boxes=moved_boxes, fits=moved_fits)
+
+
+def _shift_boxes(boxes: BoxRows, offset: Float64[np.ndarray, "2"]) -> BoxRows:
+    """Boxes with their centres moved by x and y (m)."""
+    return boxes + np.array([*offset, 0, 0, 0, 0, 0])
 
 
 def _measure_offsets(points: Points, boxes: BoxRows) -> Float64[np.ndarray, "n 2"]:
-    """Median horizontal offset (m) of the points around each box from its centre.
+    """Median horizontal offset (m) of the points around each box from its centre, as x, y.
 
-    Boxes without points around them are skipped."""
+    Points within `OFFSET_REACH_M` of a box's circle count. Boxes without any are skipped."""
     from scipy.spatial import cKDTree
 
     if not len(points) or not len(boxes):

@@ -22,45 +22,55 @@ from toolkit.geometry import invert
 MIN_TURN_GAIN = 0.15
 
 
-def find_explanation(views: Sequence[GroundView], current: np.ndarray) -> Explanation | None:
+def find_explanation(views: Sequence[GroundView], current_fits: np.ndarray) -> Explanation | None:
     """Find the mistake whose undoing raises the fits most, None if none does.
 
     Explanations with a choice for each box (a sensor, a heading) must fit clearly better.
 
     Args:
         views: frames with their points above the ground.
-        current: fit of each box as it is, frame after frame."""
+        current_fits: fit of each box as it is, frame after frame."""
 
-    def undo(mistake: LabelMistake, frames: Callable[[Frame], Sequence[np.ndarray]]) -> Explanation:
-        # `frames` gives, for a frame of the recording, motions frame_SE3_world to the frames of
-        # coordinates in which the mistake may have been made: one choice for each
+    def undo_in_frames(
+        mistake: LabelMistake, list_frames: Callable[[Frame], Sequence[np.ndarray]]
+    ) -> Explanation:
+        # list_frames: returns, for a frame of the recording, the motion frame_SE3_world to each
+        # frame of coordinates in which the mistake may have been made
         def choose(sample: Frame) -> list[np.ndarray]:
-            return [undo_mistake(mistake, sample.objects.boxes, frame) for frame in frames(sample)]
+            # the frame's boxes without the mistake, an array for each frame of coordinates
+            return [
+                undo_mistake(mistake, sample.objects.boxes, frame_SE3_world)
+                for frame_SE3_world in list_frames(sample)
+            ]
 
         return undo_each(mistake, views, choose)
 
-    def in_sensors(sample: Frame) -> list[np.ndarray]:
+    def list_sensor_frames(sample: Frame) -> list[np.ndarray]:
         # sensor_SE3_world of each cloud
         return [invert(cloud.world_SE3_sensor) for cloud in sample.clouds] or [np.eye(4)]
 
-    in_axes = [mistake for mistake in LABEL_MISTAKES if mistake.axes]
+    axes_mistakes = [mistake for mistake in LABEL_MISTAKES if mistake.depends_on_axes]
     samples = [view.sample for view in views]
-    frames = [
+    # explanations that treat all boxes alike
+    frame_explanations = [
         undo_each(other_frame.mistake, views, other_frame.choose)
         for other_frame in other_frames(samples)
     ]
-    attempts = [undo(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
-    if any(not np.allclose(view.sample.map_SE3_world, np.eye(4)) for view in views):
-        attempts += [undo(mistake, lambda sample: [sample.map_SE3_world]) for mistake in in_axes]
-    # plain: without a choice for each box
-    plain = find_nearly_best([*attempts, *frames], current)
-    by_sensor = [undo(mistake, in_sensors) for mistake in in_axes]
-    chosen_sensor = find_nearly_best(by_sensor, current, MIN_CHOICE_GAIN)
-    best = choose_clearer(plain, chosen_sensor, MIN_CHOICE_GAIN)
+    explanations = [undo_in_frames(mistake, lambda _: [np.eye(4)]) for mistake in LABEL_MISTAKES]
+    if any(not np.allclose(sample.map_SE3_world, np.eye(4)) for sample in samples):
+        explanations += [
+            undo_in_frames(mistake, lambda sample: [sample.map_SE3_world])
+            for mistake in axes_mistakes
+        ]
+    best_common = find_nearly_best([*explanations, *frame_explanations], current_fits)
+    # explanations that choose a sensor for each box
+    sensor_explanations = [undo_in_frames(mistake, list_sensor_frames) for mistake in axes_mistakes]
+    best_by_sensor = find_nearly_best(sensor_explanations, current_fits, MIN_CHOICE_GAIN)
+    best = choose_clearer(best_common, best_by_sensor, MIN_CHOICE_GAIN)
     if best is None:
         return None
     return choose_clearer(
-        best, turn_each(views), MIN_TURN_GAIN if best is plain else MIN_CHOICE_GAIN
+        best, turn_each(views), MIN_TURN_GAIN if best is best_common else MIN_CHOICE_GAIN
     )
 
 
@@ -69,11 +79,11 @@ def turn_each(views: Sequence[GroundView]) -> Explanation:
 
     views: frames with their points above the ground."""
 
-    def turn(sample: Frame) -> list[np.ndarray]:
+    def list_turned_boxes(sample: Frame) -> list[np.ndarray]:
         # the frame's boxes with each of the possible headings
         boxes = sample.objects.boxes
-        without_yaw = boxes[:, :6]
+        centres_and_sizes = boxes[:, :6]
         stored_yaw = boxes[:, 6]
-        return [np.column_stack([without_yaw, yaw]) for yaw in possible_headings(stored_yaw)]
+        return [np.column_stack([centres_and_sizes, yaw]) for yaw in possible_headings(stored_yaw)]
 
-    return undo_each(LOST_DEGREES, views, turn)
+    return undo_each(LOST_DEGREES, views, list_turned_boxes)

@@ -7,8 +7,14 @@ import numpy as np
 
 from toolkit.arrays import BoxRows, Float64, Mask
 from toolkit.datasets import box_frames
-from toolkit.doctor.box_fits import MIN_FITTED_BOXES, SHIFTS_S, GroundView, fits, fits_better
-from toolkit.doctor.moving_boxes import MovingBoxes, find_moving
+from toolkit.doctor.box_fits import (
+    MIN_FITTED_BOXES,
+    SHIFTS_S,
+    GroundView,
+    fits_better,
+    measure_view_fits,
+)
+from toolkit.doctor.moving_boxes import find_moving
 from toolkit.geometry import invert
 
 MAX_FRAME_SHIFT = 3  # largest delay, in frames, that is tried
@@ -20,14 +26,14 @@ class Shift(NamedTuple):
 
     Attributes:
         amount: size of the delay in words, such as 0.2 s or 1 sample.
-        behind: True if labels show objects at an earlier time than the clouds.
-        before: fit of each moving box as it is.
-        after: fit of the same boxes without the delay."""
+        is_behind: True if labels show objects at an earlier time than the clouds.
+        fits_before: fit of each moving box as it is.
+        fits_after: fit of the same boxes without the delay."""
 
     amount: str
-    behind: bool
-    before: Float64[np.ndarray, " n"]
-    after: Float64[np.ndarray, " n"]
+    is_behind: bool
+    fits_before: Float64[np.ndarray, " n"]
+    fits_after: Float64[np.ndarray, " n"]
 
 
 def find_shift(views: Sequence[GroundView]) -> Shift | None:
@@ -50,7 +56,7 @@ def _find_delay(views: Sequence[GroundView]) -> Shift | None:
 
     def measure_shifted_fits(shift_s: float) -> np.ndarray:
         # fit of each moving box, moved by this time (s) along its track
-        return fits(views, [_move_along(moving, shift_s) for moving in movers])
+        return measure_view_fits(views, [moving.move(shift_s) for moving in movers])
 
     fits_now = measure_shifted_fits(0.0)
     shifts_s = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
@@ -59,7 +65,10 @@ def _find_delay(views: Sequence[GroundView]) -> Shift | None:
     if not fits_better(fits_now, fits_by_shift[best_s]):
         return None
     return Shift(
-        amount=f"{abs(best_s):g} s", behind=best_s > 0, before=fits_now, after=fits_by_shift[best_s]
+        amount=f"{abs(best_s):g} s",
+        is_behind=best_s > 0,
+        fits_before=fits_now,
+        fits_after=fits_by_shift[best_s],
     )
 
 
@@ -73,24 +82,29 @@ def _find_frame_shift(views: Sequence[GroundView]) -> Shift | None:
     for steps in [sign * k for k in range(1, MAX_FRAME_SHIFT + 1) for sign in (1, -1)]:
         label_frames = [k for k in range(len(views)) if 0 <= k + steps < len(views)]
         # moving boxes of frame k, in the worlds of frames k and k + steps
-        at_labels = []
-        at_clouds = []
+        stored_boxes = []
+        shifted_boxes = []
         for k in label_frames:
-            labels = views[k].sample
-            cloud = views[k + steps].sample
-            cloud_SE3_labels = invert(cloud.map_SE3_world) @ labels.map_SE3_world
-            boxes = box_frames.move_boxes(cloud_SE3_labels, labels.objects.boxes)
-            is_moving = _mark_moved(boxes, cloud.objects.boxes)
-            at_labels.append(labels.objects.boxes[is_moving])
-            at_clouds.append(boxes[is_moving])
-        before = fits([views[k] for k in label_frames], at_labels)
-        after = fits([views[k + steps] for k in label_frames], at_clouds)
-        if not fits_better(before, after):
+            sample = views[k].sample
+            other_sample = views[k + steps].sample
+            other_SE3_world = invert(other_sample.map_SE3_world) @ sample.map_SE3_world
+            boxes = box_frames.move_boxes(other_SE3_world, sample.objects.boxes)
+            is_moving = _mark_moved(boxes, other_sample.objects.boxes)
+            stored_boxes.append(sample.objects.boxes[is_moving])
+            shifted_boxes.append(boxes[is_moving])
+        fits_before = measure_view_fits([views[k] for k in label_frames], stored_boxes)
+        fits_after = measure_view_fits([views[k + steps] for k in label_frames], shifted_boxes)
+        if not fits_better(fits_before, fits_after):
             continue
-        gain = after.mean() - before.mean()
+        gain = fits_after.mean() - fits_before.mean()
         if gain > best_gain:
             unit = "samples" if abs(steps) > 1 else "sample"
-            best = Shift(f"{abs(steps)} {unit}", behind=steps < 0, before=before, after=after)
+            best = Shift(
+                amount=f"{abs(steps)} {unit}",
+                is_behind=steps < 0,
+                fits_before=fits_before,
+                fits_after=fits_after,
+            )
             best_gain = gain
     return best
 
@@ -106,9 +120,3 @@ def _mark_moved(boxes: BoxRows, other_boxes: BoxRows) -> Mask:
     # distance (m) of each centre from the nearest centre of the others
     distances, _ = cKDTree(other_boxes[:, :3]).query(boxes[:, :3])
     return np.asarray(distances > MAX_STILL_M)
-
-
-def _move_along(movers: MovingBoxes, seconds: float) -> BoxRows:
-    """Boxes of moving objects some seconds later, or earlier if negative, at constant velocity."""
-    path = np.column_stack([seconds * movers.velocities, np.zeros((len(movers.boxes), 5))])
-    return movers.boxes + path

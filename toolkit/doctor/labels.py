@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit.arrays import BoxRows
 from toolkit.datasets import problem_kinds
-from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits, fits_better
+from toolkit.doctor.box_fits import MIN_FITTED_BOXES, GroundView, fits_better, measure_view_fits
 from toolkit.doctor.empty_labels import suspect_empty
 from toolkit.doctor.explanations import MAX_TIED_FIT_GAP, MIN_CHOICE_GAIN, choose_clearer
 from toolkit.doctor.findings import Finding
@@ -36,47 +36,57 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
     Yaws in degrees come first, then mistakes of all boxes, empty boxes, delays, and headings: later
     checks need labels that passed the earlier ones. views: frames with their points above the
     ground."""
-    total = sum(len(view.sample.objects) for view in views)
-    turned_count = sum(view.sample.problems.get(problem_kinds.FULL_TURNS, 0) for view in views)
-    if turned_count and turned_count >= MIN_FULL_TURN_SHARE * total:
-        evidence = f"{turned_count} of {total} yaws are beyond a full turn in radians"
+    label_count = sum(len(view.sample.objects) for view in views)
+    full_turn_count = sum(view.sample.problems.get(problem_kinds.FULL_TURNS, 0) for view in views)
+    if full_turn_count and full_turn_count >= MIN_FULL_TURN_SHARE * label_count:
+        evidence = f"{full_turn_count} of {label_count} yaws are beyond a full turn in radians"
         words = "yaw in degrees where radians belong"
-        return [Finding("error", "labels", words, evidence, "multiply yaw by pi / 180")]
+        return [
+            Finding(
+                severity="error",
+                where="labels",
+                suspected=words,
+                evidence=evidence,
+                remedy="multiply yaw by pi / 180",
+            )
+        ]
     boxes = [view.sample.objects.boxes for view in views]
     findings = list[Finding]()
-    current = fits(views, boxes)
-    best = find_explanation(views, current)
-    # A choice for each box explains an offset too, so an offset wins even if it fits a bit worse.
-    is_free = best is not None and best.mistake is LOST_DEGREES
-    margin = -MIN_CHOICE_GAIN if is_free else MAX_TIED_FIT_GAP
-    best = choose_clearer(best, find_offset(views, current), margin)
+    current_fits = measure_view_fits(views, boxes)
+    best = find_explanation(views, current_fits)
+    # A heading for each box explains an offset too, so an offset wins even if it fits a bit worse.
+    has_free_headings = best is not None and best.mistake is LOST_DEGREES
+    margin = -MIN_CHOICE_GAIN if has_free_headings else MAX_TIED_FIT_GAP
+    best = choose_clearer(best, find_offset(views, current_fits), margin)
     if best is not None:
-        findings.append(compare_fits(best.mistake.name, current, best.fits, best.mistake.remedy))
+        findings.append(
+            compare_fits(best.mistake.name, current_fits, best.fits, best.mistake.remedy)
+        )
         boxes = best.boxes
     findings += suspect_heights(views, boxes)
     if findings:
         return findings
-    empty = [*suspect_empty(views)]
-    if empty:
-        return empty
+    empty_findings = [*suspect_empty(views)]
+    if empty_findings:
+        return empty_findings
     shift = find_shift(views)
     if shift is not None:
-        side = "behind" if shift.behind else "ahead of"
-        sign = "+" if shift.behind else "-"
+        side = "behind" if shift.is_behind else "ahead of"
+        sign = "+" if shift.is_behind else "-"
         name = f"labels lie about {shift.amount} {side} the clouds"
         remedy = f"move labels by {sign}{shift.amount} along their way, or pair other clouds"
-        return [compare_fits(name, shift.before, shift.after, remedy)]
+        return [compare_fits(name, shift.fits_before, shift.fits_after, remedy)]
     turned = turn_each(views)
-    if fits_better(current, turned.fits, MIN_TURN_GAIN):
-        return [compare_fits(LOST_DEGREES.name, current, turned.fits, LOST_DEGREES.remedy)]
+    if fits_better(current_fits, turned.fits, MIN_TURN_GAIN):
+        return [compare_fits(LOST_DEGREES.name, current_fits, turned.fits, LOST_DEGREES.remedy)]
     return suspect_headings([view.sample for view in views])
 
 
 def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> list[Finding]:
     """Find boxes whose z is the height of their floor or roof instead of their centre.
 
-    views: frames with their ground; boxes: boxes (m, 7) of each frame. Returns one finding or
-    none."""
+    views: frames with their ground; boxes: boxes (m, 7) of each frame, world frame. Returns one
+    finding or none."""
     # heights of centres above the ground as shares of their boxes' heights; 0.5 is right
     shares_by_frame = [np.zeros(0)]
     for view, view_boxes in zip(views, boxes, strict=True):
@@ -95,23 +105,31 @@ def suspect_heights(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> li
         f"the stored centres stand {share:.0%} of the boxes' heights above the ground, median "
         f"of {len(shares)}"
     )
-    return [Finding("error", "labels", words, evidence, remedy)]
+    return [
+        Finding(severity="error", where="labels", suspected=words, evidence=evidence, remedy=remedy)
+    ]
 
 
-def compare_fits(name: str, before: np.ndarray, after: np.ndarray, remedy: str) -> Finding:
+def compare_fits(
+    mistake: str, fits_before: np.ndarray, fits_after: np.ndarray, remedy: str
+) -> Finding:
     """Return a finding whose evidence is the mean fit before and after.
 
     Args:
-        name: the mistake in words.
-        before: fit of each box as it is, 0 to 1.
-        after: fit of each box with the mistake undone.
+        mistake: the mistake in words.
+        fits_before: fit of each box as it is, 0 to 1.
+        fits_after: fit of each box with the mistake undone.
         remedy: what the user should do about it, in words."""
-    share = f"{before.mean():.0%} as they are, {after.mean():.0%} with that undone"
-    if after.mean() < MIN_CERTAIN_FIT_SHARE:
+    means = f"{fits_before.mean():.0%} as they are, {fits_after.mean():.0%} with that undone"
+    if fits_after.mean() < MIN_CERTAIN_FIT_SHARE:
         remedy += (
             "; few boxes fit even then, so the cause may be another, such as a shift: draw a "
             "frame by coview view"
         )
     return Finding(
-        "error", "labels", name, f"mean fit of {len(before)} boxes to the points: {share}", remedy
+        severity="error",
+        where="labels",
+        suspected=mistake,
+        evidence=f"mean fit of {len(fits_before)} boxes to the points: {means}",
+        remedy=remedy,
     )

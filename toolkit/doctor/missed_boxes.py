@@ -31,51 +31,59 @@ class _Visibility(NamedTuple):
 
     Attributes:
         must_see: mask of the boxes that it must see.
-        hit: mask of the boxes that it has a point on."""
+        is_hit: mask of the boxes that it has a point on."""
 
     must_see: Mask
-    hit: Mask
+    is_hit: Mask
 
 
-def suspect_missed_boxes(seen: Sequence[GroundView]) -> Iterator[Finding]:
+def suspect_missed_boxes(views: Sequence[GroundView]) -> Iterator[Finding]:
     """Find sensors without points on boxes that they must see and other sensors see.
 
-    seen: frames with their ground. Nothing is found unless another sensor misses few boxes."""
-    names = sensor_names([seen_frame.sample for seen_frame in seen])
+    views: frames with their ground. Nothing is found unless another sensor misses few boxes."""
+    names = sensor_names([view.sample for view in views])
     if len(names) < 2:
         return
-    must_see = dict.fromkeys(names, 0)
-    missed = dict.fromkeys(names, 0)
-    for seen_frame in seen:
-        sample = seen_frame.sample
-        ground = seen_frame.ground
-        if ground is None or not len(sample.objects):
+    # numbers of boxes, by name of the sensor: those that it must see, and those of them it misses
+    expected_counts = dict.fromkeys(names, 0)
+    missed_counts = dict.fromkeys(names, 0)
+    for view in views:
+        sample = view.sample
+        if view.ground is None or not len(sample.objects):
             continue
-        views = {
-            cloud.name: _mark_visible_boxes(cloud, sample.objects.boxes, ground)
+        visibilities = {
+            cloud.name: _mark_visible_boxes(cloud, sample.objects.boxes, view.ground)
             for cloud in sample.clouds
         }
-        for name, view in views.items():
+        for name, visibility in visibilities.items():
             other_hits = [
-                other_view.hit for other_name, other_view in views.items() if other_name != name
+                other.is_hit for other_name, other in visibilities.items() if other_name != name
             ]
-            is_expected = view.must_see & np.any(
-                [np.zeros(len(view.hit), bool), *other_hits], axis=0
-            )
-            must_see[name] += int(is_expected.sum())
-            missed[name] += int((is_expected & ~view.hit).sum())
-    shares = {
-        name: missed[name] / must_see[name] for name in names if must_see[name] >= MIN_FITTED_BOXES
+            no_hits = np.zeros(len(visibility.is_hit), bool)  # for a sensor that is alone
+            is_expected = visibility.must_see & np.any([no_hits, *other_hits], axis=0)
+            expected_counts[name] += int(is_expected.sum())
+            missed_counts[name] += int((is_expected & ~visibility.is_hit).sum())
+    missed_shares = {
+        name: missed_counts[name] / expected_counts[name]
+        for name in names
+        if expected_counts[name] >= MIN_FITTED_BOXES
     }
-    usual = [name for name, share in shares.items() if share <= MAX_USUAL_MISSED_SHARE]
-    for name, share in shares.items():
-        if share >= MIN_MISSED_SHARE and usual:
+    sound_names = [name for name, share in missed_shares.items() if share <= MAX_USUAL_MISSED_SHARE]
+    for name, share in missed_shares.items():
+        if share >= MIN_MISSED_SHARE and sound_names:
             evidence = (
-                f"{missed[name]} of {must_see[name]} boxes in front of which it sees the ground"
+                f"{missed_counts[name]} of {expected_counts[name]} boxes in front of which it sees "
+                "the ground"
             )
             words = "boxes hold points of other sensors, and none of this one"
             remedy = "check its pose, its times, and whether its points are whole"
-            yield Finding("error", f"sensor {name}", words, evidence, remedy)
+            yield Finding(
+                severity="error",
+                where=f"sensor {name}",
+                suspected=words,
+                evidence=evidence,
+                remedy=remedy,
+            )
 
 
 def _mark_visible_boxes(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _Visibility:
@@ -87,13 +95,13 @@ def _mark_visible_boxes(cloud: SensorCloud, boxes: BoxRows, ground: Ground) -> _
     points = cloud.in_world()
     heights = points[:, 2] - ground.height(points[:, :2])  # above the ground (m)
     # x, y, z, length, width, height, yaw: a margin on all sides
-    grown_boxes = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
+    boxes_with_margin = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
     points_above = points[heights > GROUND_BAND_M]
-    is_hit = count_points(points_above, grown_boxes) > 0
+    is_hit = count_points(points_above, boxes_with_margin) > 0
     ground_points = points[np.abs(heights) < GROUND_BAND_M]
     position = cloud.world_SE3_sensor[:2, 3]
     must_see = [_sees_front(ground_points, position, box) for box in boxes]
-    return _Visibility(must_see=np.array(must_see, bool), hit=is_hit)
+    return _Visibility(must_see=np.array(must_see, bool), is_hit=is_hit)
 
 
 def _sees_front(
@@ -117,14 +125,14 @@ def _sees_front(
     # unit vectors along the box, and across it
     heading = np.array([np.cos(yaw), np.sin(yaw)])
     across = np.array([-heading[1], heading[0]])
-    # half of the box's extent along and across the view
+    # half of the box's extent (m) along and across the view
     half_depth = abs(heading @ ahead) * length / 2 + abs(across @ ahead) * width / 2
     half_width = abs(heading @ aside) * length / 2 + abs(across @ aside) * width / 2
-    front = distance - half_depth
+    front_distance = distance - half_depth  # of the box's front from the sensor
     if distance <= half_depth + FRONT_M:
         return False
-    offsets = ground_points[:, :2] - position
+    offsets = ground_points[:, :2] - position  # from the sensor (m)
     along_view = offsets @ ahead
-    is_in_front = (along_view > front - FRONT_M) & (along_view < front)
+    is_in_front = (along_view > front_distance - FRONT_M) & (along_view < front_distance)
     is_in_inner_half = np.abs(offsets @ aside) < half_width / 2
     return int((is_in_front & is_in_inner_half).sum()) >= MIN_FRONT_POINTS

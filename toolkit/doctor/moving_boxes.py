@@ -25,31 +25,39 @@ class MovingBoxes(NamedTuple):
     velocities: Float64[np.ndarray, "n 2"]
     ids: Int64[np.ndarray, " n"]
 
+    def move(self, seconds: float) -> BoxRows:
+        """Boxes some seconds later, or earlier if negative, at constant velocity."""
+        # x and y change, the other five columns do not
+        offsets = np.column_stack([seconds * self.velocities, np.zeros((len(self.boxes), 5))])
+        return self.boxes + offsets
+
 
 def find_moving(samples: Sequence[Frame], k: int) -> MovingBoxes:
     """Find the moving boxes of frame k by their tracks in the frame after, or else before.
 
     samples: consecutive frames. Boxes without a track in those frames are left out."""
     frame = samples[k]
-    moving_rows = list[int]()
+    moving_rows = list[int]()  # rows of the moving boxes
     velocities = list[np.ndarray]()  # x, y (m/s) in the world of frame k
     neighbours = [samples[index] for index in (k + 1, k - 1) if 0 <= index < len(samples)]
     for row, track in enumerate(frame.objects.ids):
         for neighbour in neighbours:
-            match = np.flatnonzero(neighbour.objects.ids == track)
+            track_rows = np.flatnonzero(neighbour.objects.ids == track)
             seconds = neighbour.time - frame.time  # negative for the frame before
-            if len(match) == 1 and np.isfinite(seconds) and seconds != 0:
+            # an id that several boxes have, or boxes without one share, is no track
+            if len(track_rows) == 1 and np.isfinite(seconds) and seconds != 0:
                 # the worlds of two frames may differ, as around a vehicle; the map is the same
-                in_map = transform(neighbour.map_SE3_world, neighbour.objects.boxes[match, :3])
-                position = transform(invert(frame.map_SE3_world), in_map)[0, :2]
+                centres = neighbour.objects.boxes[track_rows, :3]  # (1, 3)
+                centres_in_map = transform(neighbour.map_SE3_world, centres)
+                position = transform(invert(frame.map_SE3_world), centres_in_map)[0, :2]
                 velocity = (position - frame.objects.boxes[row, :2]) / seconds
                 if MIN_MOVING_SPEED_MPS < np.linalg.norm(velocity) < MAX_TRACK_SPEED_MPS:
                     moving_rows.append(row)
                     velocities.append(velocity)
                 break
-    indices = np.array(moving_rows, np.int64)
+    row_indices = np.array(moving_rows, np.int64)
     return MovingBoxes(
-        boxes=frame.objects.boxes[indices],
+        boxes=frame.objects.boxes[row_indices],
         velocities=np.array(velocities).reshape(-1, 2),
-        ids=frame.objects.ids[indices],
+        ids=frame.objects.ids[row_indices],
     )

@@ -27,13 +27,13 @@ class Witness(NamedTuple):
     """Moving pixels of one sensor in one frame.
 
     Attributes:
-        frame: index of the frame among those that are looked at.
-        sensor: number of the sensor.
-        rays: (p, 3) ray of each pixel in the sensor's frame; times the depth, it is the point.
+        frame_index: index of the frame among those that are looked at.
+        sensor_index: index of the sensor among those of the file.
+        rays: (p, 3) ray of each pixel in the sensor's frame; times the depth, it is the point (m).
         depth: (p,) measurement of each pixel."""
 
-    frame: int
-    sensor: int
+    frame_index: int
+    sensor_index: int
     rays: Float64[np.ndarray, "p 3"]
     depth: Float64[np.ndarray, " p"]
 
@@ -46,16 +46,16 @@ def choose_witnesses(views: Sequence[SensorImages]) -> list[Witness]:
     rng = np.random.default_rng(0)
     witnesses = []
     for sensor_index, view in enumerate(views):
-        for frame, is_moving in enumerate(view.moving()):
-            pixels = np.flatnonzero(is_moving)
+        for frame_index, is_moving in enumerate(view.mark_moving_pixels()):
+            pixels = np.flatnonzero(is_moving)  # indices of the pixels
             if len(pixels) > _POINTS_PER_FRAME:
                 pixels = rng.choice(pixels, _POINTS_PER_FRAME, replace=False)
             witnesses.append(
                 Witness(
-                    frame=frame,
-                    sensor=sensor_index,
+                    frame_index=frame_index,
+                    sensor_index=sensor_index,
                     rays=view.rays[pixels].astype(np.float64),
-                    depth=view.depth[frame, pixels].astype(np.float64),
+                    depth=view.depth[frame_index, pixels].astype(np.float64),
                 )
             )
     return witnesses
@@ -70,36 +70,39 @@ def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_s
         clouds: moving points (n, 3) of each frame (m, site frame).
         rows: published rows of the objects of each frame.
         map_SE3_site: pose of the site in the map."""
-    on_boxes = 0
+    count_on_boxes = 0  # points
     for points, table in zip(clouds, rows, strict=True):
         if not len(points) or not len(table):
             continue
         objects = published.parse_rows(table, map_SE3_site)
-        # offsets of each point from each box's centre, (points, boxes) each
-        x, y, z = (points.T[:, :, None] - objects.boxes.T[:3, None, :]).astype(np.float32)
+        centres = objects.boxes[:, :3]
+        sizes = objects.boxes[:, 3:6]  # length, width, height
         yaw = objects.boxes[:, 6]
+        # offsets of each point from each box's centre, (points, boxes) each
+        x, y, z = (points.T[:, :, None] - centres.T[:, None, :]).astype(np.float32)
         cos = np.cos(yaw)
         sin = np.sin(yaw)
-        # distances along each box's length, width and height
+        # distances along each box's length, width and height: (3, points, boxes)
         offsets = np.abs([x * cos + y * sin, y * cos - x * sin, z])
-        half_sizes = objects.boxes.T[3:6, None, :] / 2
+        half_sizes = sizes.T[:, None, :] / 2
         is_inside = np.all(offsets <= half_sizes + _SLACK_M, axis=0)
         is_vehicle = np.isin(objects.labels, (VEHICLE, HEAVY))
         is_in_core = np.all(offsets <= half_sizes * _CORE_SHARE, axis=0) & is_vehicle
-        on_boxes += int((np.any(is_inside, axis=1) & ~np.any(is_in_core, axis=1)).sum())
-    return on_boxes / max(1, sum(map(len, clouds)))
+        is_on_box = np.any(is_inside, axis=1) & ~np.any(is_in_core, axis=1)  # of each point
+        count_on_boxes += int(is_on_box.sum())
+    return count_on_boxes / max(1, sum(map(len, clouds)))
 
 
 def collect_clouds(
-    witnesses: Sequence[Witness], sensors: Sequence[Sensor], frames: int
+    witnesses: Sequence[Witness], sensors: Sequence[Sensor], frame_count: int
 ) -> list[Float64[np.ndarray, "_ 3"]]:
     """Points (m, site frame) of moving pixels in each frame.
 
-    witnesses: moving pixels, each with the indices of its frame and of its sensor in `sensors`;
-    frames: number of frames. Frames without moving pixels get an empty array."""
-    arrays_by_frame: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frames)]
+    witnesses: moving pixels, each with the indices of its frame and of its sensor in `sensors`.
+    Frames without moving pixels get an empty array."""
+    arrays_by_frame: list[list[np.ndarray]] = [[np.zeros((0, 3))] for _ in range(frame_count)]
     for witness in witnesses:
-        in_sensor = witness.rays * witness.depth[:, None]
-        in_site = transform(sensors[witness.sensor].pose, in_sensor)
-        arrays_by_frame[witness.frame].append(in_site)
+        points_in_sensor = witness.rays * witness.depth[:, None]
+        points_in_site = transform(sensors[witness.sensor_index].pose, points_in_sensor)
+        arrays_by_frame[witness.frame_index].append(points_in_site)
     return [np.concatenate(arrays) for arrays in arrays_by_frame]

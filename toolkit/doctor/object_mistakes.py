@@ -20,7 +20,7 @@ _END = (
 _ADD = "add column 8 (half height) to column 2 (z) of objects"
 _SUBTRACT = "subtract column 8 (half height) from column 2 (z) of objects"
 # `o` holds published columns by short names: x, y, z, yaw (degrees), and l, w, h, half extents (m)
-OBJECT_MISTAKES = (
+OBJECT_MISTAKES = (  # each: the mistake in words, its remedy in words, and how to undo it
     Mistake(_FULL, "halve columns 6 to 8 of objects", lambda o: {key: o[key] / 2 for key in "lwh"}),
     Mistake(
         _HALVED, "double columns 6 to 8 of objects", lambda o: {key: o[key] * 2 for key in "lwh"}

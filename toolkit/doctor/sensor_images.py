@@ -21,22 +21,28 @@ def read_images(
 ) -> "tuple[list[SensorImages], list[Finding]]":
     """Read the images of each sensor in some frames as stored, in whatever unit they are.
 
-    frames: numbers of the frames. Returns the images, and findings on images that cannot be read,
-    whose pixels are 0."""
+    frames: numbers of the frames in the file. Returns the images, and findings on images that
+    cannot be read, whose pixels are 0."""
     views = []
     findings = []
-    # name: dataset in the file; index: number of the sensor in it, None if it has one sensor;
+    # name: dataset in the file; sensor_index: index of the sensor in it, None if it has one sensor;
     # stride: step of the pixels that are kept
-    for sensor, name, index, stride in dataset.channels:
+    for sensor, name, sensor_index, stride in dataset.channels:
         images = dataset.open_dataset(name)
-        depth = np.zeros((len(frames), *sensor.model.shape), np.float32)
-        for i, k in enumerate(frames):
+        depth = np.zeros((len(frames), *sensor.model.shape), np.float32)  # frame, row, column
+        for i, frame in enumerate(frames):
             try:
-                image = hdf5.rows(images, name, k if index is None else (k, index))
+                image = hdf5.rows(
+                    images, name, frame if sensor_index is None else (frame, sensor_index)
+                )
             except OSError as error:
-                where = f"{name}, frame {k}"
+                where = f"{name}, frame {frame}"
                 remedy = "restore the file"
-                findings.append(report_error(where, "damaged image", str(error), remedy))
+                findings.append(
+                    report_error(
+                        where=where, suspected="damaged image", evidence=str(error), remedy=remedy
+                    )
+                )
                 continue
             with np.errstate(over="ignore"):  # numbers too large for float32 become inf
                 depth[i] = image[::stride, ::stride]
@@ -59,12 +65,12 @@ class SensorImages:
     rays: Float32[np.ndarray, "pixels 3"]
     depth: Float32[np.ndarray, "frames pixels"]
 
-    def moving(self) -> Bool[np.ndarray, "frames pixels"]:
+    def mark_moving_pixels(self) -> Bool[np.ndarray, "frames pixels"]:
         """Mask of the pixels that show a moving object, one that is missing in another frame.
 
         Nothing is marked with fewer than three frames that have a return."""
         # a frame without any return shows nothing of the scene
-        usable_depth = self.depth[(self.depth > 0).any(axis=1)]
+        usable_depth = self.depth[(self.depth > 0).any(axis=1)]  # (frames, pixels)
         if len(usable_depth) < 3:
             return np.zeros(self.depth.shape, bool)
         # farthest measurement of each pixel, infinite if it once has no return
@@ -75,5 +81,6 @@ class SensorImages:
 
     def points(self, frame: int) -> Float32[np.ndarray, "_ 3"]:
         """Points (m, site frame) of one frame. frame: row of `depth`."""
-        seen = self.depth[frame] > 0
-        return transform(self.sensor.pose, self.rays[seen] * self.depth[frame, seen, None])
+        has_return = self.depth[frame] > 0
+        points_in_sensor = self.rays[has_return] * self.depth[frame, has_return, None]
+        return transform(self.sensor.pose, points_in_sensor)

@@ -9,10 +9,10 @@ from toolkit.doctor.late_sensors import suspect_late_sensors
 from toolkit.doctor.missed_boxes import suspect_missed_boxes
 
 
-def diagnose_sensors(seen: Sequence[GroundView], *, timely: bool) -> list[Finding]:
+def diagnose_sensors(views: Sequence[GroundView], *, has_sound_times: bool) -> list[Finding]:
     """Return faults of sensors: late clouds, missed boxes, points below the ground.
 
-    seen: consecutive frames with their ground, and labels without mistakes; timely: True if
-    `diagnose_times` found nothing, since only then a late sensor can be recognised."""
-    late = [*suspect_late_sensors(seen)] if timely else []
-    return [*late, *suspect_missed_boxes(seen), *suspect_buried_points(seen)]
+    views: consecutive frames with their ground, and labels without mistakes; has_sound_times: True
+    if `diagnose_times` found nothing, since only then a late sensor can be recognised."""
+    late_findings = [*suspect_late_sensors(views)] if has_sound_times else []
+    return [*late_findings, *suspect_missed_boxes(views), *suspect_buried_points(views)]

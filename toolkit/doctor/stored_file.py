@@ -28,7 +28,7 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
     try:
         with open_file(path) as file:
             check_kinds(file)
-            units = _depth_units(file)
+            units = _list_depth_units(file)
             stored = _read_tables(file)
         try:
             dataset = CoopDataset(path, site)
@@ -37,7 +37,14 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
         with dataset:
             if not len(dataset):
                 remedy = "record some, or restore the file"
-                return [report_error("dslices", "no frames", "it has 0 frames", remedy)]
+                return [
+                    report_error(
+                        where="dslices",
+                        suspected="no frames",
+                        evidence="it has 0 frames",
+                        remedy=remedy,
+                    )
+                ]
             findings = stored.findings
             if dataset.times is not None:
                 findings += suspect_times(dataset.times)
@@ -46,10 +53,17 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
-        return [report_error(str(path), "it cannot be read", str(error), "repair it or restore it")]
+        return [
+            report_error(
+                where=str(path),
+                suspected="it cannot be read",
+                evidence=str(error),
+                remedy="repair it or restore it",
+            )
+        ]
 
 
-def _depth_units(file: h5py.File) -> tuple[float, ...]:
+def _list_depth_units(file: h5py.File) -> tuple[float, ...]:
     """Factors that may turn the file's depth into metres, chosen by its largest number.
 
     The number is from the image in the middle of `dslices`, the file's depth images. Returns the
@@ -109,10 +123,15 @@ def _read_tables(file: h5py.File) -> _StoredTables:
             fault = str(error).removeprefix("objects ")
         tables.append(table)
         faults.append(fault)
+    # place and fault of the first damaged tables
     damaged = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
     remedy = "repair or leave out the frame"
-    findings = [report_error(where, "damaged objects", fault, remedy) for where, fault in damaged]
-    return _StoredTables(tables, [not fault for fault in faults], findings)
+    findings = [
+        report_error(where=where, suspected="damaged objects", evidence=fault, remedy=remedy)
+        for where, fault in damaged
+    ]
+    is_readable = [not fault for fault in faults]
+    return _StoredTables(tables=tables, is_readable=is_readable, findings=findings)
 
 
 def _suspect_repetitions(
@@ -125,14 +144,20 @@ def _suspect_repetitions(
     findings = []
     empty_frames = [k for k, table in enumerate(tables) if is_readable[k] and not len(table)]
     if empty_frames:
-        first = empty_frames[0]
-        evidence = f"{len(empty_frames)} of {len(tables)} frames, the first is {first}"
+        first_empty = empty_frames[0]
+        evidence = f"{len(empty_frames)} of {len(tables)} frames, the first is {first_empty}"
         remedy = "right if nothing was there, else restore their objects"
         findings.append(
-            Finding("warning", f"objects/{first}", "frames without objects", evidence, remedy)
+            Finding(
+                severity="warning",
+                where=f"objects/{first_empty}",
+                suspected="frames without objects",
+                evidence=evidence,
+                remedy=remedy,
+            )
         )
-    frame_by_bytes: dict[bytes, int] = {}  # first frame with these rows
-    copies: list[tuple[int, int]] = []  # original and copy
+    frame_by_bytes: dict[bytes, int] = {}  # first frame with these rows, by the rows' bytes
+    copies: list[tuple[int, int]] = []  # frame of the original, frame of the copy
     for k, table in enumerate(tables):
         if len(table):
             original = frame_by_bytes.setdefault(table.tobytes(), k)
@@ -146,6 +171,12 @@ def _suspect_repetitions(
         )
         remedy = "leave the copies out, or they count twice in training and AP"
         findings.append(
-            Finding("warning", f"objects/{copy}", "duplicated frames", evidence, remedy)
+            Finding(
+                severity="warning",
+                where=f"objects/{copy}",
+                suspected="duplicated frames",
+                evidence=evidence,
+                remedy=remedy,
+            )
         )
     return findings

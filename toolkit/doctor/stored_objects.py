@@ -53,35 +53,43 @@ def suspect_objects(
         map_SE3_site: pose of the site in the map."""
     clouds = collect_clouds(witnesses, sensors, len(rows))
     if sum(map(len, clouds)) < MIN_MOVING_POINTS:
-        return UndoneObjects([], list(rows), 1.0)
-    current = share_on_boxes(clouds, rows, map_SE3_site)
-    for attempts in (
+        return UndoneObjects(suspicions=[], rows=list(rows), fit=1.0)
+    current_fit = share_on_boxes(clouds, rows, map_SE3_site)
+    for attempts in (  # mistakes that are undone together
         list(combinations(OBJECT_MISTAKES + LIFTED, 1)),
         list(combinations(OBJECT_MISTAKES, 2)),
     ):
-        undone = [_undo_all(mistakes, rows) for mistakes in attempts]
-        fits = [share_on_boxes(clouds, tables, map_SE3_site) for tables in undone]
+        # rows of each frame without the mistakes of each attempt, and the fit of these rows
+        undone_rows = [_undo_in_frames(mistakes, rows) for mistakes in attempts]
+        fits = [share_on_boxes(clouds, tables, map_SE3_site) for tables in undone_rows]
         best = int(np.argmax(fits))
-        if fits[best] >= current + MIN_CLEAR_GAIN and fits[best] >= MIN_EXPLAINED_FIT:
+        if fits[best] >= current_fit + MIN_CLEAR_GAIN and fits[best] >= MIN_EXPLAINED_FIT:
             suspicions = [
-                Suspicion(mistake, remedy, current, fits[best])
-                for mistake, remedy, _ in attempts[best]
+                Suspicion(
+                    mistake=mistake.mistake,
+                    remedy=mistake.remedy,
+                    fit_before=current_fit,
+                    fit_after=fits[best],
+                )
+                for mistake in attempts[best]
             ]
-            return UndoneObjects(suspicions, undone[best], fits[best])
-        if current >= MIN_EXPLAINED_FIT:
+            return UndoneObjects(suspicions=suspicions, rows=undone_rows[best], fit=fits[best])
+        if current_fit >= MIN_EXPLAINED_FIT:  # no pair of mistakes in boxes that fit
             break
-    return UndoneObjects([], list(rows), current)
+    return UndoneObjects(suspicions=[], rows=list(rows), fit=current_fit)
 
 
-def _undo_all(mistakes: Sequence[Mistake], tables: Sequence[Rows]) -> list[Rows]:
-    """Return the published rows of all frames without some mistakes."""
-    return [_without(mistakes, table) for table in tables]
+def _undo_in_frames(mistakes: Sequence[Mistake], tables: Sequence[Rows]) -> list[Rows]:
+    """Return the published rows of all frames without some mistakes.
+
+    tables: published rows of each frame."""
+    return [_undo_in_rows(mistakes, rows) for rows in tables]
 
 
-def _without(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
+def _undo_in_rows(mistakes: Sequence[Mistake], rows: Rows) -> Rows:
     """Return one frame's published rows without some mistakes, undone in the given order."""
     for mistake in mistakes:
-        table = dict(zip(_COLUMNS, rows.T, strict=True))
-        table |= mistake.undo(table)
-        rows = np.column_stack([table[name] for name in _COLUMNS])
+        column_by_name = dict(zip(_COLUMNS, rows.T, strict=True))
+        column_by_name |= mistake.undo(column_by_name)
+        rows = np.column_stack([column_by_name[name] for name in _COLUMNS])
     return rows

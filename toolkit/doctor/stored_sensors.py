@@ -59,21 +59,26 @@ def suspect_sensor(
             if along_ray:
                 rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
             clouds.append(transform(pose, rays * witness.depth[:, None]))
-        return share_on_boxes(clouds, [rows[witness.frame] for witness in witnesses], map_SE3_site)
+        return share_on_boxes(
+            clouds, [rows[witness.frame_index] for witness in witnesses], map_SE3_site
+        )
 
-    current = measure_fit(stored)
-    if current > 1 - MIN_CLEAR_GAIN:
-        return None, current
-    right_handed = published.MAP_FROM_CARLA
-    undone = (  # fit without each mistake, in the order of _SENSOR_MISTAKES
+    current_fit = measure_fit(stored)
+    if current_fit > 1 - MIN_CLEAR_GAIN:
+        return None, current_fit
+    mirror_y = published.MAP_FROM_CARLA  # (4, 4), between left-handed and right-handed axes
+    fits_without_mistake = (  # in the order of _SENSOR_MISTAKES
         measure_fit(invert(stored)),
-        measure_fit(_FORWARD_FIRST @ stored @ right_handed),
-        measure_fit(right_handed @ stored @ right_handed),
+        measure_fit(_FORWARD_FIRST @ stored @ mirror_y),
+        measure_fit(mirror_y @ stored @ mirror_y),
         measure_fit(stored, along_ray=True),
-        measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),
+        measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),  # turned about z by 180 degrees
     )
-    pairs = zip(_SENSOR_MISTAKES.items(), undone, strict=True)
-    attempts = [Suspicion(mistake, remedy, current, after) for (mistake, remedy), after in pairs]
-    best = max(attempts, key=lambda suspicion: suspicion.after)
-    is_clear = best.after >= max(MIN_EXPLAINED_FIT, current + MIN_CLEAR_GAIN)
-    return best if is_clear else None, current
+    pairs = zip(_SENSOR_MISTAKES.items(), fits_without_mistake, strict=True)
+    attempts = [
+        Suspicion(mistake=mistake, remedy=remedy, fit_before=current_fit, fit_after=after)
+        for (mistake, remedy), after in pairs
+    ]
+    best = max(attempts, key=lambda suspicion: suspicion.fit_after)
+    is_clear = best.fit_after >= max(MIN_EXPLAINED_FIT, current_fit + MIN_CLEAR_GAIN)
+    return best if is_clear else None, current_fit

@@ -17,20 +17,20 @@ class Suspicion(NamedTuple):
     Attributes:
         mistake: the mistake in words.
         remedy: what the user should do about it, in words.
-        before: share of the moving points on boxes as they are, 0 to 1.
-        after: the same with the mistake undone."""
+        fit_before: share of the moving points on boxes as they are, 0 to 1.
+        fit_after: the same with the mistake undone."""
 
     mistake: str
     remedy: str
-    before: float
-    after: float
+    fit_before: float
+    fit_after: float
 
     @property
     def evidence(self) -> str:
         """Both fits in words."""
         return (
-            f"{self.before:.0%} of the moving points lie on boxes as it is, {self.after:.0%} with "
-            "that undone"
+            f"{self.fit_before:.0%} of the moving points lie on boxes as it is, "
+            f"{self.fit_after:.0%} with that undone"
         )
 
 

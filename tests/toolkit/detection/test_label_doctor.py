@@ -15,7 +15,13 @@ from toolkit.datasets import problem_kinds
 from toolkit.datasets.box_frames import move_boxes
 from toolkit.datasets.recordings import LAYOUTS, open_recording
 from toolkit.doctor import box_fits, diagnosis
-from toolkit.doctor.box_fits import MIN_BOX_POINTS, GroundView, fits, fits_better, measure_fits
+from toolkit.doctor.box_fits import (
+    MIN_BOX_POINTS,
+    GroundView,
+    fits_better,
+    measure_fits,
+    measure_view_fits,
+)
 from toolkit.doctor.label_headings import count_turned
 from toolkit.doctor.label_mistake import possible_headings, undo_mistake
 from toolkit.doctor.label_mistakes import LABEL_MISTAKES, YAW_SIGN
@@ -71,7 +77,7 @@ def test_points_fit_faces_better_than_chance():
     )
     assert len(seen.points) == 40
     np.testing.assert_allclose(seen.ground.height(BOX[:, :2]), [2.0], atol=0.02)
-    assert fits(
+    assert measure_view_fits(
         [seen, seen], [BOX + np.array([0, 0, 2.0, 0, 0, 0, 0]), np.zeros((0, 7))]
     ).tolist() == [1.0]
     nothing = GroundView.from_frame(
@@ -96,7 +102,7 @@ def test_a_mistake_changes_boxes_and_some_undo_themselves(mistake):
     again = mistake.undo(mistake.undo(BOX_LABEL_MISTAKES))
     again[:, 6] = np.angle(np.exp(1j * again[:, 6]))
     assert np.allclose(again, BOX_LABEL_MISTAKES) is mistake.name.startswith(OWN_INVERSE)
-    assert mistake.axes is (
+    assert mistake.depends_on_axes is (
         mistake.name.startswith(("mirrored", "y of", "x and y", "yaw counted", "yaw in radians"))
     )
 
