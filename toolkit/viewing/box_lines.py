@@ -25,9 +25,10 @@ def headings(boxes: BoxRows) -> Segments:
     length = boxes[:, 3:4]
     height = boxes[:, 5:6]
     yaw = boxes[:, 6]
-    middle = boxes[:, :3] + np.array([0.0, 0, 0.5]) * height
-    ahead = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(boxes))])
-    return np.stack([middle, middle + ahead * length / 2], axis=1).astype(np.float64)
+    roof_middle = boxes[:, :3] + np.array([0.0, 0, 0.5]) * height
+    forward = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(boxes))])
+    front = roof_middle + forward * length / 2
+    return np.stack([roof_middle, front], axis=1).astype(np.float64)
 
 
 def roof_crosses(boxes: BoxRows) -> Segments:
@@ -41,12 +42,13 @@ def spikes(boxes: BoxRows) -> Segments:
 
     Returns all uprights, then all bars along x, then all bars along y."""
     height = boxes[:, 5:6]
-    top = boxes[:, :3] + np.array([0.0, 0, 1]) * (height / 2)
-    tip = top + np.array([0.0, 0, SPIKE_M])
-    cross = top + np.array([0.0, 0, 0.7 * SPIKE_M])
-    lines = [np.stack([top, tip], axis=1)]
+    # x, y, z (m) of points of each box's mark: on the roof, its upper end, where the bars cross
+    roof = boxes[:, :3] + np.array([0.0, 0, 1]) * (height / 2)
+    tip = roof + np.array([0.0, 0, SPIKE_M])
+    crossing = roof + np.array([0.0, 0, 0.7 * SPIKE_M])
+    lines = [np.stack([roof, tip], axis=1)]
     for half_bar in (np.array([0.8, 0, 0]), np.array([0, 0.8, 0])):
-        lines.append(np.stack([cross - half_bar, cross + half_bar], axis=1))
+        lines.append(np.stack([crossing - half_bar, crossing + half_bar], axis=1))
     return np.concatenate(lines).astype(np.float64)
 
 

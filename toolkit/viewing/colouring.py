@@ -47,7 +47,7 @@ class Scales:
         """Choose ranges that cover nearly all points of a frame: 2nd to 98th percentile.
 
         A range without values stays 0 to 1."""
-        spans = {}
+        spans = {}  # lowest and highest value by colouring
         newest_time = find_newest(sample)
         for colouring in COLOURINGS[1:]:  # all but "sensor", which has no range
             cloud_values = [np.zeros(0)]
@@ -70,42 +70,47 @@ class Scales:
         return f"{colouring}, {low:.3g} to {high:.3g}{unit}"
 
 
-def _find_values(cloud: DrawnCloud, colouring: Colouring, newest: float) -> np.ndarray | None:
+def _find_values(cloud: DrawnCloud, colouring: Colouring, newest_time: float) -> np.ndarray | None:
     """Value of each point by which it is coloured, None if the data set lacks it.
 
-    colouring: not "sensor"; newest: time of the newest point of all clouds of the frame (s)."""
+    colouring: not "sensor"; newest_time: time (s) of the newest point of all the frame's clouds."""
     if colouring == "age":
-        return None if cloud.time is None else newest - cloud.time
+        return None if cloud.time is None else newest_time - cloud.time
     if colouring == "height":
         return cloud.points[:, 2]  # z
     return cloud.intensity
 
 
-def shades(
-    cloud: DrawnCloud, colouring: Colouring, scales: Scales, *, index: int, newest: float
+def colour_points(
+    cloud: DrawnCloud,
+    colouring: Colouring,
+    scales: Scales,
+    *,
+    sensor_index: int,
+    newest_time: float,
 ) -> UInt8[np.ndarray, "n 3"]:
     """Red, green and blue (0 to 255) of each point of a cloud; dark is low, or new.
 
-    scales: ranges of the colours; index: number of the sensor, which gives its colour; newest: time
-    of the newest point of all clouds of the frame (s), see `find_newest`. Points without the
-    attribute are grey."""
+    scales: ranges of the colours; sensor_index: gives the colour of the sensor; newest_time: time
+    (s) of the newest point of all the frame's clouds (`find_newest`). Points without the attribute
+    are grey."""
     from matplotlib import colormaps
 
     if colouring == "sensor":
-        return _repeat_colour(rgb(sensor_colour(index)), len(cloud.points))
-    values = _find_values(cloud, colouring, newest)
+        return _repeat_colour(rgb(sensor_colour(sensor_index)), len(cloud.points))
+    values = _find_values(cloud, colouring, newest_time)
     if values is None:
         return _repeat_colour(UNKNOWN_SHADE, len(cloud.points))
     low, high = getattr(scales, colouring)
-    # 1e-9: no division by 0 for a range of no width
-    share = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    # place of each value in the range, 0 to 1; 1e-9: no division by 0 for a range of no width
+    shares = np.clip((values.astype(np.float64) - low) / max(high - low, 1e-9), 0.0, 1.0)
     # without its bright end, which is hardly seen on white
     viridis = np.asarray(colormaps["viridis"](np.linspace(0.0, 0.92, _STEPS)))
     step_colours = np.round(255 * viridis[:, :3]).astype(np.uint8)  # without opacity
-    steps = (share * (_STEPS - 1)).astype(np.int64)
+    steps = (shares * (_STEPS - 1)).astype(np.int64)  # index of each point's colour
     return step_colours[steps]
 
 
-def _repeat_colour(colour: tuple[int, int, int], count: int) -> UInt8[np.ndarray, "n 3"]:
-    # one row for each point
-    return np.tile(np.array(colour, np.uint8), (count, 1))
+def _repeat_colour(colour: tuple[int, int, int], point_count: int) -> UInt8[np.ndarray, "n 3"]:
+    """One colour (red, green, blue) as a row for each point."""
+    return np.tile(np.array(colour, np.uint8), (point_count, 1))

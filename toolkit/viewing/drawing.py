@@ -30,34 +30,35 @@ class _Lift:
     stand: Stand
     origin: Float64[np.ndarray, "3"]
 
-    def points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    def move_points(self, points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
         """Return points (m, world) counted from the drawing's origin.
 
         If ground was found (`Stand.ground`), they are levelled by it."""
         # ground is known relative to the middle of the area, not to the origin
         middle = np.array([*self.stand.middle, 0.0])
-        centred = points - middle
-        if self.stand.ground is not None and len(centred):
-            centred = self.stand.ground.points(centred)
-        return centred + (middle - self.origin)
+        centred_points = points - middle
+        if self.stand.ground is not None and len(centred_points):
+            centred_points = self.stand.ground.points(centred_points)
+        return centred_points + (middle - self.origin)
 
-    def boxes(self, boxes: BoxRows) -> BoxRows:
+    def move_boxes(self, boxes: BoxRows) -> BoxRows:
         """Return boxes (m, rad, world) counted from the drawing's origin.
 
         If ground was found (`Stand.ground`), they are levelled by it. Columns are x, y, z, length,
         width, height and yaw."""
-        # as in `points`; only x, y and z of a box are shifted, not its sizes and yaw
+        # As in `move_points`: ground is known relative to the middle of the area. Only x, y and z
+        # of a box are shifted, not its sizes and yaw.
         middle = np.array([*self.stand.middle, 0.0])
-        centred = boxes - np.array([*middle, 0, 0, 0, 0])
-        if self.stand.ground is not None and len(centred):
-            centred = self.stand.ground.boxes(centred)
-        return centred + np.array([*(middle - self.origin), 0, 0, 0, 0])
+        centred_boxes = boxes - np.array([*middle, 0, 0, 0, 0])
+        if self.stand.ground is not None and len(centred_boxes):
+            centred_boxes = self.stand.ground.boxes(centred_boxes)
+        return centred_boxes + np.array([*(middle - self.origin), 0, 0, 0, 0])
 
-    def cloud(self, cloud: SensorCloud) -> DrawnCloud:
+    def draw_cloud(self, cloud: SensorCloud) -> DrawnCloud:
         """Return the points and the position of a sensor in the drawing."""
-        points = self.points(cloud.in_world()).astype(np.float32)
+        points = self.move_points(cloud.in_world()).astype(np.float32)
         world_position = cloud.world_SE3_sensor[:3, 3]
-        position = self.points(world_position[None])[0]  # as the only one of its array
+        position = self.move_points(world_position[None])[0]  # as the only one of its array
         return DrawnCloud(
             name=cloud.name,
             points=points,
@@ -66,13 +67,13 @@ class _Lift:
             intensity=cloud.intensity,
         )
 
-    def tags(self, outcome: Outcome, kind: str, rows: Detections) -> list[Tag]:
+    def draw_tags(self, outcome: Outcome, kind: str, rows: Detections) -> list[Tag]:
         """Return a tag for each box of one outcome and class, above the middle of its roof.
 
         kind: name of the class; rows: boxes (world) and scores, which are ignored for missed
-        labels, and numbers of tracks."""
+        labels, and numbers of tracks if they are `Tracks`."""
         tags = []
-        boxes = self.boxes(rows.boxes)
+        boxes = self.move_boxes(rows.boxes)
         centres = boxes[:, :3].tolist()
         heights = boxes[:, 5].tolist()
         names = [kind] * len(rows)
@@ -112,7 +113,7 @@ class Drawing:
         """True if detections or tracks are drawn."""
         return self.detector is not None or self.tracks is not None
 
-    def origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
+    def find_origin(self, sample: Frame) -> Float64[np.ndarray, "3"]:
         """Origin (m, world) for a recording that begins with this frame.
 
         It is the middle of the sensors, at the height of their ground, a low percentile of the
@@ -131,29 +132,29 @@ class Drawing:
         detected = self._detect(sample)
         frame = detected.frame
         lift = _Lift(detected.stand, origin)
-        truth = sort_kinds(lift.boxes(frame.objects.boxes), frame.objects.labels)
+        truth = sort_kinds(lift.move_boxes(frame.objects.boxes), frame.objects.labels)
         if len(frame.others.boxes):
-            truth[OTHERS] = lift.boxes(frame.others.boxes)
+            truth[OTHERS] = lift.move_boxes(frame.others.boxes)
         detections = detected.detections
         # boxes in the world, by part of the scene (such as "hits") and name of the class
         world_outcomes = sort_outcomes(detected) if self.has_detections else {}
-        outcomes: dict[Marked, dict[str, np.ndarray]] = {}
+        outcomes: dict[Marked, dict[str, np.ndarray]] = {}  # the same boxes in the drawing
         tags: list[Tag] = []
         for part, rows_by_kind in world_outcomes.items():
             outcomes[part] = {}
             for kind, kind_rows in rows_by_kind.items():
-                outcomes[part][kind] = lift.boxes(kind_rows.boxes)
-                tags += lift.tags(MARKED[part], kind, kind_rows)
-        if not any(world_outcomes.values()):
+                outcomes[part][kind] = lift.move_boxes(kind_rows.boxes)
+                tags += lift.draw_tags(MARKED[part], kind, kind_rows)
+        if not any(world_outcomes.values()):  # without outcomes, detections have their own tags
             for label in set(detections.labels):
                 class_rows = detections[detections.labels == label]
-                tags += lift.tags("detection", LABELS[label], class_rows)
+                tags += lift.draw_tags("detection", LABELS[label], class_rows)
         return DrawnSample(
             name=frame.name,
             time=frame.time,
-            clouds=tuple(lift.cloud(cloud) for cloud in frame.clouds),
+            clouds=tuple(lift.draw_cloud(cloud) for cloud in frame.clouds),
             truth=truth,
-            detections=sort_kinds(lift.boxes(detections.boxes), detections.labels),
+            detections=sort_kinds(lift.move_boxes(detections.boxes), detections.labels),
             warning=detected.stand.warning,
             outcomes=outcomes,
             tags=tuple(tags),
@@ -163,14 +164,16 @@ class Drawing:
     def _draw_trails(
         self, frame: Frame, detections: Detections, lift: _Lift
     ) -> dict[str, Segments]:
-        """Trails of the tracks of a frame, by kind; empty without tracks."""
+        """Trails of the tracks of a frame, as lines (start and end, m) by name of the class.
+
+        They are empty unless the detections are tracks."""
         if self.tracks is None or not isinstance(detections, Tracks):
             return {}
-        lines: dict[str, list[Segments]] = {}
+        trails_by_kind: dict[str, list[Segments]] = {}
         for name, boxes in self.tracks.trace(frame, detections).items():
-            kind = name.partition(" ")[0]
-            lines.setdefault(kind, []).append(trail_segments(lift.boxes(boxes)))
-        return {kind: np.concatenate(parts) for kind, parts in lines.items()}
+            kind = name.partition(" ")[0]  # of a name such as "vehicle 7"
+            trails_by_kind.setdefault(kind, []).append(trail_segments(lift.move_boxes(boxes)))
+        return {kind: np.concatenate(trails) for kind, trails in trails_by_kind.items()}
 
     def _detect(self, sample: Frame) -> FrameDetections:
         """Frame and detections, restricted to the sensors, classes and scores that are drawn.
@@ -204,7 +207,7 @@ class Drawing:
         origin: np.ndarray | None = None
         for sample in samples:
             if origin is None:
-                origin = self.origin(sample)
+                origin = self.find_origin(sample)
             drawn_samples.append(self.draw(sample, origin))
             progress(len(drawn_samples))
         return drawn_samples

@@ -76,26 +76,29 @@ class DrawnSample:
 
     def describe(self) -> str:
         """Describe the frame in one line: numbers of points, labels, detections and outcomes."""
-        points = sum(len(cloud.points) for cloud in self.clouds)
-        labelled = _count_boxes(self.truth)
-        detected = _count_boxes(self.detections)
+        point_count = sum(len(cloud.points) for cloud in self.clouds)
+        label_count = _count_boxes(self.truth)
+        detection_count = _count_boxes(self.detections)
         label_note = ""
         detection_note = ""
         if self.outcomes:
-            hits = _count_boxes(self.outcomes["hits"])
-            missed = _count_boxes(self.outcomes["missed"])
-            alarms = describe_count(_count_boxes(self.outcomes["false alarms"]), "false alarm")
-            ignored = _count_boxes(self.outcomes["ignored"])
+            hit_count = _count_boxes(self.outcomes["hits"])
+            missed_count = _count_boxes(self.outcomes["missed"])
+            alarm_words = describe_count(_count_boxes(self.outcomes["false alarms"]), "false alarm")
+            ignored_count = _count_boxes(self.outcomes["ignored"])
             # labels of classes that are not ours, and uncounted labels, are neither hit nor missed
-            label_note = f" ({hits} hit, {missed} missed, {labelled - hits - missed} not counted)"
-            detection_note = f" ({describe_count(hits, 'hit')}, {alarms}, {ignored} ignored)"
+            uncounted = label_count - hit_count - missed_count
+            label_note = f" ({hit_count} hit, {missed_count} missed, {uncounted} not counted)"
+            hit_words = describe_count(hit_count, "hit")
+            detection_note = f" ({hit_words}, {alarm_words}, {ignored_count} ignored)"
         return (
-            f"{self.name}: {points} points, {labelled} labelled{label_note}, {detected} "
-            f"detected{detection_note}"
+            f"{self.name}: {point_count} points, {label_count} labelled{label_note}, "
+            f"{detection_count} detected{detection_note}"
         )
 
 
 def _count_boxes(boxes_by_kind: BoxesByKind) -> int:
+    """Number of boxes of all kinds together."""
     return sum(map(len, boxes_by_kind.values()))
 
 

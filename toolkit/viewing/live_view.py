@@ -54,7 +54,8 @@ class LiveView:
         server: viser's server.
         samples: frames, each read when it is shown.
         drawing: options for drawing frames.
-        said: text above the controls: the frame's contents, or the reason why it cannot be shown.
+        status_text: text above the controls: the frame's contents, or the reason why it cannot be
+            shown.
         colouring: current colouring of points.
         origin: x, y, z (m, world) of the origin of all drawings, from the first frame.
         style: sensors so far, colourings and their ranges, the latter from the first frame.
@@ -71,75 +72,58 @@ class LiveView:
         self.status_text = ""
         self._lock = Lock()
         self.colouring: Colouring = COLOURINGS[0]
-        self._drawn: DrawnSample | None = None
-        first = samples[0]
-        self.origin = drawing.origin(first)
-        drawn = drawing.draw(first, self.origin)
-        sensors = list_sensors([drawn])
+        self._drawn_sample: DrawnSample | None = None  # None if the frame cannot be shown
+        first_frame = samples[0]
+        self.origin = drawing.find_origin(first_frame)
+        first_drawn = drawing.draw(first_frame, self.origin)
         self.style = SceneStyle(
-            sensors,
-            COLOURINGS,
-            Scales.from_sample(drawn),
-            LIVE_POINTS,
+            sensors=list_sensors([first_drawn]),
+            colourings=COLOURINGS,
+            scales=Scales.from_sample(first_drawn),
+            max_points=LIVE_POINTS,
             has_trails=drawing.tracks is not None,
         )
-        area = find_view_area(drawn)
-        groups = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
-        self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in groups}
+        area = find_view_area(first_drawn)
+        group_handles = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
+        self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in group_handles}
         self.shown: list[scene.Handle] = []
         self.switches: dict[str, scene.Handle] = {}  # of the page, by the part that they show
-        self._wanted = 0
+        self._wanted_frame = 0  # index of the frame that was asked for last
         scene.show_area(server, area)
         server.gui.configure_theme(show_share_button=False, show_logo=False)
-        self._line = server.gui.add_markdown("")
+        self._status_line = server.gui.add_markdown("")
         if len(samples) > 1:
             self._add_slider()
-        names = {
-            self.style.scales.describe(colouring): colouring for colouring in self.style.colourings
-        }
-        choice = server.gui.add_dropdown("Points coloured by", tuple(names))
-        choice.on_update(lambda _: self.colour_by(names[choice.value]))
+        self._add_colouring_choice()
         self.sensor_switches = server.gui.add_folder("Sensors")
-        for number, name in enumerate(self.style.sensors):
-            self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
-        boxes = server.gui.add_folder("Boxes")
-        for group, how in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
-            self._add_switch(boxes, how, [f"/{group}"])
-        for name, node in OUTCOME_NODES.items() if drawing.has_detections else ():
-            self._add_switch(boxes, f"{name}, {SHOWN_AS[name]}", [f"/{node}"])
-        if drawing.has_detections:
-            self._add_switch(boxes, TAGS_NAME, [f"/{TAGS}"])
-        if self.style.has_trails:
-            self._add_switch(boxes, TRAILS, [f"/{TRAILS}"])
-        for kind in BOX_KINDS:
-            nodes = nodes_of_kind(kind, outcomes=True, trails=self.style.has_trails)
-            self._add_switch(boxes, kind, nodes)
-        self._add_switch(boxes, "grid of 10 m", [GRID_NODE])
+        for sensor_index, name in enumerate(self.style.sensors):
+            self._add_switch(self.sensor_switches, name, [f"/sensors/{sensor_index}"])
+        self._add_box_switches()
         self.show(0)
 
-    def show(self, number: int) -> None:
+    def show(self, frame: int) -> None:
         """Show a frame, or the reason why it cannot be shown.
 
-        number: index of the frame. Calls from several threads wait for each other; a call that is
-        outdated when its turn comes does nothing."""
-        self._wanted = number
+        frame: its index. Calls from several threads wait for each other; a call that is outdated
+        when its turn comes does nothing."""
+        self._wanted_frame = frame
         with self._lock:
-            if number != self._wanted:  # the slider has gone on meanwhile
+            if frame != self._wanted_frame:  # the slider has gone on meanwhile
                 return
             try:
-                drawn = self.drawing.draw(self.samples[number], self.origin)
-                parts = [drawn.describe()]
-                if any(len(cloud.points) > LIVE_POINTS for cloud in drawn.clouds):
-                    parts.append(f"of larger clouds {LIVE_POINTS} points are drawn")
-                if drawn.warning:
-                    parts.append(drawn.warning)
-                self._drawn = drawn
-                self.status_text = ". ".join(parts)
+                drawn_sample = self.drawing.draw(self.samples[frame], self.origin)
+                sentences = [drawn_sample.describe()]
+                if any(len(cloud.points) > LIVE_POINTS for cloud in drawn_sample.clouds):
+                    sentences.append(f"of larger clouds {LIVE_POINTS} points are drawn")
+                if drawn_sample.warning:
+                    sentences.append(drawn_sample.warning)
+                self._drawn_sample = drawn_sample
+                self.status_text = ". ".join(sentences)
             except (ValueError, OSError) as error:
-                self._drawn = None
-                self.status_text = f"sample {number} cannot be shown: {error}"
+                self._drawn_sample = None
+                self.status_text = f"sample {frame} cannot be shown: {error}"
             self._redraw()
-            self._line.content = escape_markdown(self.status_text)
+            self._status_line.content = escape_markdown(self.status_text)
 
     def colour_by(self, colouring: Colouring) -> None:
         """Colour the points of the shown frame, and of later ones, by another attribute."""
@@ -154,39 +138,64 @@ class LiveView:
         for handle in self.shown:
             handle.remove()
         self.shown = []
-        if self._drawn is not None:
-            for name in list_sensors([self._drawn]):
+        if self._drawn_sample is not None:
+            for name in list_sensors([self._drawn_sample]):
                 if name not in self.style.sensors:
                     self._add_sensor(name)
             style = replace(self.style, colourings=(self.colouring,))
-            self.shown = add_sample(self.server.scene, self._drawn, style)
+            self.shown = add_sample(self.server.scene, self._drawn_sample, style)
         # nodes above the points of one sensor in one colouring
-        for number in range(len(self.style.sensors)):
+        for sensor_index in range(len(self.style.sensors)):
             for colouring in self.style.colourings:
-                group = self.groups[f"/sensors/{number}/{colouring}"]
+                group = self.groups[f"/sensors/{sensor_index}/{colouring}"]
                 group.visible = colouring == self.colouring
 
     def _add_sensor(self, name: str) -> None:
         """Add nodes and a switch for a sensor that earlier frames did not have."""
-        number = len(self.style.sensors)
+        sensor_index = len(self.style.sensors)
         self.style = replace(self.style, sensors=(*self.style.sensors, name))
-        handles = add_sensor(self.server.scene, self.style, number)
+        handles = add_sensor(self.server.scene, self.style, sensor_index)
         self.groups |= {handle.name: handle for handle in handles}
-        self._add_switch(self.sensor_switches, name, [f"/sensors/{number}"])
+        self._add_switch(self.sensor_switches, name, [f"/sensors/{sensor_index}"])
+
+    def _add_colouring_choice(self) -> None:
+        """Add a menu of the colourings of points, each with its range of values."""
+        colouring_by_text = {
+            self.style.scales.describe(colouring): colouring for colouring in self.style.colourings
+        }
+        menu = self.server.gui.add_dropdown("Points coloured by", tuple(colouring_by_text))
+        menu.on_update(lambda _: self.colour_by(colouring_by_text[menu.value]))
+
+    def _add_box_switches(self) -> None:
+        """Add switches of labels, detections, outcomes, tags, trails, kinds of boxes, and grid."""
+        folder = self.server.gui.add_folder("Boxes")
+        for group, text in zip(BOXES, ("truth, solid", "detections, dashed"), strict=True):
+            self._add_switch(folder, text, [f"/{group}"])
+        if self.drawing.has_detections:
+            for name, node in OUTCOME_NODES.items():
+                self._add_switch(folder, f"{name}, {SHOWN_AS[name]}", [f"/{node}"])
+            self._add_switch(folder, TAGS_NAME, [f"/{TAGS}"])
+        if self.style.has_trails:
+            self._add_switch(folder, TRAILS, [f"/{TRAILS}"])
+        for kind in BOX_KINDS:
+            nodes = nodes_of_kind(kind, with_outcomes=True, with_trails=self.style.has_trails)
+            self._add_switch(folder, kind, nodes)
+        self._add_switch(folder, "grid of 10 m", [GRID_NODE])
 
     def _add_slider(self) -> None:
         """Add a slider of frames, and a button for the next frame, after the last the first."""
-        last = len(self.samples) - 1
+        last_frame = len(self.samples) - 1
         slider: scene.Handle = self.server.gui.add_slider(
-            "Frame", min=0, max=last, step=1, initial_value=0
+            "Frame", min=0, max=last_frame, step=1, initial_value=0
         )
         self.switches["frame"] = slider
         slider.on_update(lambda _: self.show(int(slider.value)))
 
-        def go_on(_: scene.Handle) -> None:
+        def show_next(_: scene.Handle) -> None:
+            # the slider shows the frame that its value is set to
             slider.value = (int(slider.value) + 1) % len(self.samples)
 
-        self.server.gui.add_button("Next frame").on_click(go_on)
+        self.server.gui.add_button("Next frame").on_click(show_next)
 
     def _add_switch(self, folder: scene.Handle, name: str, nodes: list[str]) -> None:
         """Add a checkbox that shows or hides nodes, and register it under its name.
@@ -196,11 +205,11 @@ class LiveView:
             switch = self.server.gui.add_checkbox(name, initial_value=True)
         self.switches[name] = switch
 
-        def apply(_: scene.Handle) -> None:
+        def apply_switch(_: scene.Handle) -> None:
             for node in nodes:
                 self.groups[node].visible = bool(switch.value)
 
-        switch.on_update(apply)
+        switch.on_update(apply_switch)
 
 
 def escape_markdown(text: str) -> str:

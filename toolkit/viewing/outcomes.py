@@ -28,6 +28,8 @@ MARKED: dict[Marked, Outcome] = {**dict(_OUTCOMES), "ignored": "not scored"}
 def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detections]]:
     """Boxes (world frame) by outcome and name of the class, {} for a frame without labels.
 
+    detected: the frame, its detections, and the area in which labels count.
+
     They are detections, but "missed" holds labelled boxes, with scores NaN. Classes without a box
     are left out. Every detection is a hit, a false alarm or ignored: beyond the area or the
     complete labels, or on an object that does not count. The second label of an object is a false
@@ -37,13 +39,15 @@ def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detection
     truth = select_truth(detected.frame, detected.stand.corners)
     detections = detected.detections
     is_outside = ~truth.inside(detected.detections)
+    # pairs detections with labels, see `toolkit.detection.metrics.Match` for what comes back
     match_class = partial(
         matches, detections, truth.objects, counted=truth.counted, outside=is_outside
     )
     is_second = second_labels(detections, truth.objects, counted=truth.counted, outside=is_outside)
     boxes_by_part: dict[Marked, dict[str, Detections]] = {part: {} for part in MARKED}
     for label, name in enumerate(LABELS):
-        # one threshold gives one match; its `truth` is negative for a detection without an object
+        # one threshold gives one match; its `truth` has the row of each detection's object,
+        # negative for a detection without one
         (match,) = match_class([TRUE_IOU[label]], label=label)
         is_of_class = detections.labels == label
         is_false = (~match.ignored & (match.truth < 0)) | (is_second & is_of_class)
@@ -51,7 +55,7 @@ def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detection
         no_scores = np.full(len(missed), np.nan)
         class_boxes: dict[Marked, Detections] = {
             "hits": detections[~match.ignored & (match.truth >= 0)],
-            "missed": Detections(missed.boxes, no_scores, missed.labels),
+            "missed": Detections(boxes=missed.boxes, scores=no_scores, labels=missed.labels),
             "false alarms": detections[is_false],
             "ignored": detections[match.ignored & is_of_class & ~is_second],
         }

@@ -60,20 +60,20 @@ class PageContent:
         html: the scene, itself a page of HTML for an iframe.
         switches: a switch for each part that can be hidden.
         colourings: switches of the colourings of points; one is on at a time.
-        frames: paths of the nodes of each frame, shown one frame at a time.
-        names: a line of text for each frame.
-        points: number of points in all clouds of all frames.
-        drawn: number of points that are on the page after thinning.
+        frame_nodes: paths of the nodes of each frame, shown one frame at a time.
+        frame_lines: a line of text for each frame.
+        point_count: number of points in all clouds of all frames.
+        drawn_count: number of points that are on the page after thinning.
     """
 
     title: str
     html: str
     switches: tuple[Switch, ...]
     colourings: tuple[Switch, ...]
-    frames: tuple[tuple[str, ...], ...]
-    names: tuple[str, ...]
-    points: int
-    drawn: int
+    frame_nodes: tuple[tuple[str, ...], ...]
+    frame_lines: tuple[str, ...]
+    point_count: int
+    drawn_count: int
 
 
 def page_content(
@@ -85,8 +85,9 @@ def page_content(
     ValueError without a frame, and ImportError without viser."""
     if not samples:
         raise ValueError("there is no sample to view: check the path and the layout")
-    sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
-    max_cloud_points = max(max_points // max(len(sizes), 1), 1)
+    # number of points of each cloud of each frame
+    cloud_sizes = [len(cloud.points) for sample in samples for cloud in sample.clouds]
+    max_cloud_points = max(max_points // max(len(cloud_sizes), 1), 1)
     style = SceneStyle(
         sensors=list_sensors(samples),
         colourings=list_colourings(samples),
@@ -110,10 +111,10 @@ def page_content(
         html=html,
         switches=tuple(_list_switches(samples, style)),
         colourings=tuple(_list_colour_switches(style)),
-        frames=tuple(frame_nodes),
-        names=tuple(sample.describe() for sample in samples),
-        points=sum(sizes),
-        drawn=sum(min(size, max_cloud_points) for size in sizes),
+        frame_nodes=tuple(frame_nodes),
+        frame_lines=tuple(sample.describe() for sample in samples),
+        point_count=sum(cloud_sizes),
+        drawn_count=sum(min(size, max_cloud_points) for size in cloud_sizes),
     )
 
 
@@ -122,43 +123,45 @@ def _list_switches(samples: Sequence[DrawnSample], style: SceneStyle) -> list[Sw
 
     Parts that no frame has are left out; so are detections if every frame shows outcomes."""
     switches = []
-    for k, name in enumerate(style.sensors):
-        switches.append(Switch(name, f"/sensors/{k}", sensor_colour(k)))
+    for index, name in enumerate(style.sensors):
+        switches.append(Switch(name, nodes=f"/sensors/{index}", colour=sensor_colour(index)))
     has_outcomes = any(sample.outcomes for sample in samples)
     all_have_outcomes = all(sample.outcomes for sample in samples)
     for group, colour in BOXES.items():
         if group != "detections" or not all_have_outcomes:
-            switches.append(Switch(group, f"/{group}", colour))
+            switches.append(Switch(group, nodes=f"/{group}", colour=colour))
     if has_outcomes:
         # `MARKED` gives the style of each part of the scene that holds one outcome
         for part, outcome in MARKED.items():
-            switches.append(Switch(part, f"/{OUTCOME_NODES[part]}", OUTCOME[outcome].colour))
+            node = f"/{OUTCOME_NODES[part]}"
+            switches.append(Switch(part, nodes=node, colour=OUTCOME[outcome].colour))
     if any(sample.tags for sample in samples):
-        switches.append(Switch(TAGS_NAME, f"/{TAGS}"))
+        switches.append(Switch(TAGS_NAME, nodes=f"/{TAGS}"))
     if style.has_trails:
-        switches.append(Switch(TRAILS, f"/{TRAILS}", BOXES["detections"]))
+        switches.append(Switch(TRAILS, nodes=f"/{TRAILS}", colour=BOXES["detections"]))
     present_kinds = {kind for sample in samples for kind in (*sample.truth, *sample.detections)}
     for kind in BOX_KINDS:
         if kind in present_kinds:
-            nodes = nodes_of_kind(kind, outcomes=has_outcomes, trails=style.has_trails)
-            switches.append(Switch(kind, " ".join(nodes)))
-    return [*switches, Switch("grid of 10 m", GRID_NODE)]
+            nodes = nodes_of_kind(kind, with_outcomes=has_outcomes, with_trails=style.has_trails)
+            switches.append(Switch(kind, nodes=" ".join(nodes)))
+    return [*switches, Switch("grid of 10 m", nodes=GRID_NODE)]
 
 
 def _list_colour_switches(style: SceneStyle) -> list[Switch]:
     """Switches of the colourings of points, each for all sensors; only the first is on."""
     switches = []
     for colouring in style.colourings:
-        nodes = [f"/sensors/{number}/{colouring}" for number in range(len(style.sensors))]
+        nodes = [f"/sensors/{index}/{colouring}" for index in range(len(style.sensors))]
         is_first = colouring == style.colourings[0]
         name = style.scales.describe(colouring)
-        switches.append(Switch(name, " ".join(nodes), checked=is_first))
+        switches.append(Switch(name, nodes=" ".join(nodes), checked=is_first))
     return switches
 
 
 def page_html(content: PageContent) -> str:
     """Render contents as a page of HTML. Raises ImportError without jinja2."""
-    data = {"html": content.html, "frames": content.frames, "names": content.names}
+    # keys that scene.js reads
+    data = {"html": content.html, "frames": content.frame_nodes, "names": content.frame_lines}
     return pages.render_page(Path(__file__).parent / "page.html.j2", data, content=content)
 
 

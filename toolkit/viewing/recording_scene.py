@@ -21,7 +21,7 @@ from toolkit.plots.palette import FAINT, OUTCOME, sensor_colour
 from toolkit.viewing import drawn, scene, scene_parts
 from toolkit.viewing.box_lines import headings, roof_crosses, spikes
 from toolkit.viewing.box_styles import BoxStyle, DashPattern, add_boxes
-from toolkit.viewing.colouring import Colouring, Scales, shades
+from toolkit.viewing.colouring import Colouring, Scales, colour_points
 from toolkit.viewing.drawn import BOX_KINDS, DrawnSample
 from toolkit.viewing.outcomes import MARKED, Marked
 from toolkit.viewing.sensor_parts import add_housing
@@ -92,16 +92,16 @@ def add_groups(api: "SceneApi", style: SceneStyle) -> list[scene.Handle]:
     nodes = ["/sensors", *(f"/{group}" for group in groups)]
     nodes += [f"/{group}/{kind}" for group in groups for kind in BOX_KINDS]
     handles: list[scene.Handle] = [scene_parts.add_group(api, node) for node in nodes]
-    for number in range(len(style.sensors)):
-        handles += add_sensor(api, style, number)
+    for sensor_index in range(len(style.sensors)):
+        handles += add_sensor(api, style, sensor_index)
     return handles
 
 
-def add_sensor(api: "SceneApi", style: SceneStyle, number: int) -> list[scene.Handle]:
+def add_sensor(api: "SceneApi", style: SceneStyle, sensor_index: int) -> list[scene.Handle]:
     """Add the empty nodes above all nodes of one sensor, and return their handles.
 
-    number: index of the sensor in the style. Only the first colouring is visible."""
-    node = f"/sensors/{number}"
+    sensor_index: index of the sensor in the style. Only the first colouring is visible."""
+    node = f"/sensors/{sensor_index}"
     handles: list[scene.Handle] = [
         scene_parts.add_group(api, path) for path in (node, f"{node}/place")
     ]
@@ -121,17 +121,21 @@ def add_sample(
     newest_time = drawn.find_newest(sample)
     handles: list[scene.Handle] = []
     for sample_cloud in sample.clouds:
-        number = style.sensors.index(sample_cloud.name)
-        place_node = f"/sensors/{number}/place/{frame}"
-        handles.append(_add_place(api, sample_cloud, place_node, number=number, visible=visible))
+        sensor_index = style.sensors.index(sample_cloud.name)
+        place_node = f"/sensors/{sensor_index}/place/{frame}"
+        handles.append(
+            _add_place(api, sample_cloud, place_node, sensor_index=sensor_index, visible=visible)
+        )
         cloud = drawn.limit_points(sample_cloud, style.max_points)
         if not len(cloud.points):
             continue
         for colouring in style.colourings:
-            colours = shades(cloud, colouring, style.scales, index=number, newest=newest_time)
+            colours = colour_points(
+                cloud, colouring, style.scales, sensor_index=sensor_index, newest_time=newest_time
+            )
             handle = scene_parts.add_points(
                 api,
-                f"/sensors/{number}/{colouring}/{frame}",
+                f"/sensors/{sensor_index}/{colouring}/{frame}",
                 cloud.points,
                 colours,
                 size=SHOWN_POINT_SIZE,
@@ -139,8 +143,8 @@ def add_sample(
                 precision=style.precision,
             )
             handles.append(handle)
-    for number, tag in enumerate(sample.tags):
-        node = f"/{TAGS}/{tag.kind}/{frame}-{number}"
+    for tag_index, tag in enumerate(sample.tags):
+        node = f"/{TAGS}/{tag.kind}/{frame}-{tag_index}"
         handles.append(scene_parts.add_label(api, node, tag.text, tag.place, visible=visible))
     for kind, segments in sample.trails.items():
         node = f"/{TRAILS}/{kind}/{frame}"
@@ -153,14 +157,21 @@ def add_sample(
 
 
 def _add_place(
-    api: "SceneApi", cloud: drawn.DrawnCloud, node: str, *, number: int, visible: bool
+    api: "SceneApi", cloud: drawn.DrawnCloud, node: str, *, sensor_index: int, visible: bool
 ) -> scene.Handle:
     """Add the housing and the name of a sensor, and return the handle of the node above both.
 
-    node: path of this node; number: index of the sensor, which gives its colour."""
+    node: path of this node; sensor_index: gives the sensor's colour; visible: whether the node is
+    seen at first."""
     x, y, z = cloud.place.tolist()
     handle = scene_parts.add_group(api, node, visible=visible)
-    add_housing(api, f"{node}/housing", (x, y, z), _HOUSING_SIZE_M, sensor_colour(number))
+    add_housing(
+        api,
+        f"{node}/housing",
+        position=(x, y, z),
+        size=_HOUSING_SIZE_M,
+        colour=sensor_colour(sensor_index),
+    )
     scene_parts.add_label(api, f"{node}/name", cloud.name, (x, y, z + _LABEL_RISE_M))
     return handle
 
@@ -188,13 +199,13 @@ def _add_boxes(
     return handles
 
 
-def nodes_of_kind(kind: str, *, outcomes: bool, trails: bool = False) -> list[str]:
-    """Paths of the nodes above all boxes, tags and trails of one kind.
+def nodes_of_kind(kind: str, *, with_outcomes: bool, with_trails: bool = False) -> list[str]:
+    """Paths of the nodes above all boxes and tags of one kind, and above its trails if wanted.
 
-    kind: one of `BOX_KINDS`; outcomes, trails: whether to include the nodes of outcomes, and of
-    trails."""
-    groups = [*(_STYLES if outcomes else BOXES), TAGS]
-    if trails:
+    kind: one of `BOX_KINDS`; with_outcomes: whether to include the nodes of outcomes, besides
+    labels and detections."""
+    groups = [*(_STYLES if with_outcomes else BOXES), TAGS]
+    if with_trails:
         groups.append(TRAILS)
     return [f"/{group}/{kind}" for group in groups]
 
@@ -229,9 +240,10 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
         kinds = (*sample.truth.values(), *sample.detections.values())
         places += [boxes[:, :2] for boxes in kinds]
     all_places = np.concatenate(places)
-    low = all_places.min(axis=0) if len(all_places) else np.zeros(2)
-    high = all_places.max(axis=0) if len(all_places) else np.zeros(2)
-    margin = np.maximum(_MIN_AREA_M - (high - low), 0.0) / 2
-    xmin, ymin = (10 * np.floor((low - margin) / 10)).tolist()
-    xmax, ymax = (10 * np.ceil((high + margin) / 10)).tolist()
+    lower_corner = all_places.min(axis=0) if len(all_places) else np.zeros(2)
+    upper_corner = all_places.max(axis=0) if len(all_places) else np.zeros(2)
+    # on each side, for the least extent along x and y
+    margins = np.maximum(_MIN_AREA_M - (upper_corner - lower_corner), 0.0) / 2
+    xmin, ymin = (10 * np.floor((lower_corner - margins) / 10)).tolist()
+    xmax, ymax = (10 * np.ceil((upper_corner + margins) / 10)).tolist()
     return xmin, ymin, xmax, ymax

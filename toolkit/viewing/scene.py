@@ -52,18 +52,19 @@ def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
     import rich
     from viser import ViserServer
 
-    builder: Any = import_module("viser._client_autobuild")
-    sockets: Any = import_module("websockets.asyncio.server")
+    client_builder: Any = import_module("viser._client_autobuild")
+    socket_server: Any = import_module("websockets.asyncio.server")
     console = rich.get_console()
-    build = builder.ensure_client_is_built
-    quiet = console.quiet
+    # what is replaced, to be put back
+    ensure_client_is_built = client_builder.ensure_client_is_built
+    serve = socket_server.serve
+    was_quiet = console.quiet
     console.quiet = True
-    builder.ensure_client_is_built = lambda: None
-    serve = sockets.serve
-    sockets.serve = partial(_serve_guarded, sockets.serve, token)
+    client_builder.ensure_client_is_built = lambda: None
+    socket_server.serve = partial(_serve_guarded, serve, token)
     try:
         server = ViserServer(host="127.0.0.1", port=port, verbose=False)
-        sockets.serve = serve
+        socket_server.serve = serve  # our guard is for this server only
         try:
             server.scene.set_up_direction("+z")
             server.scene.configure_environment_map(None)
@@ -76,9 +77,9 @@ def viser_server(port: int = 0, token: str = "") -> "Iterator[ViserServer]":
         finally:
             server.stop()
     finally:
-        console.quiet = quiet
-        sockets.serve = serve
-        builder.ensure_client_is_built = build
+        console.quiet = was_quiet
+        socket_server.serve = serve
+        client_builder.ensure_client_is_built = ensure_client_is_built
 
 
 def _serve_guarded(

@@ -10,7 +10,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.site import Site
 from toolkit.viewing.box_lines import Segments
 from toolkit.viewing.scene import Spot
-from toolkit.viewing.scene_parts import add_mesh
+from toolkit.viewing.scene_parts import add_mesh, thin_evenly
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -56,12 +56,13 @@ def draw_view(
     handle (m)."""
     half_angle = min(sensor.model.horizontal_fov / 2, np.pi)
     is_full_circle = half_angle >= np.pi - 1e-6
-    x, y, z = target - sensor.position
+    x, y, z = target - sensor.position  # vector from the sensor to its handle (m)
     side_ends = []  # both sides of the field of view, as far as the handle
     for turn in () if is_full_circle else (-half_angle, half_angle):
         cos, sin = np.cos(turn), np.sin(turn)
-        side = np.array([cos * x - sin * y, sin * x + cos * y, z])
-        side_ends.append(sensor.position + side)
+        # the vector to the handle, turned about the vertical
+        to_side_end = np.array([cos * x - sin * y, sin * x + cos * y, z])
+        side_ends.append(sensor.position + to_side_end)
     foot = np.array([*sensor.position[:2], site.ground(sensor.position[:2])])
     lines = [(sensor.position, end) for end in (target, *side_ends, foot)]
     lines += [(target, end) for end in side_ends]
@@ -80,14 +81,14 @@ def view_edges(sensor: Sensor, background: ImageRanges) -> Segments:
     pixel = np.arange(rows * columns).reshape(rows, columns)  # number of each pixel, row by row
     # pixels of the border: top row, right column, bottom row backwards, left column upwards
     border = np.concatenate([pixel[0], pixel[1:, -1], pixel[-1, -2::-1], pixel[-2:0:-1, 0]])
-    count = min(len(border), MAX_OUTLINE_PIXELS)
-    outline_pixels = border[np.linspace(0, len(border), count, endpoint=False).astype(np.int64)]
-    measured = background.ravel()[outline_pixels].astype(np.float64)
-    lengths = np.where(measured > 0, measured, min(sensor.model.max_range, RAY_WITHOUT_RETURN_M))
+    outline_pixels = thin_evenly(border, MAX_OUTLINE_PIXELS)
+    distances = background.ravel()[outline_pixels].astype(np.float64)
+    length_without_return = min(sensor.model.max_range, RAY_WITHOUT_RETURN_M)
+    lengths = np.where(distances > 0, distances, length_without_return)
     # `world_rays` has a column for each pixel: its direction, in units of the measured distance
     ends = sensor.position + sensor.world_rays.T[outline_pixels] * lengths[:, None]
     next_ends = np.roll(ends, -1, axis=0)
-    # a long edge jumps to an object behind, and is left out
+    # an edge that is long for its ray jumps to an object behind, and is left out
     is_jump = np.linalg.norm(next_ends - ends, axis=1) > MAX_EDGE_SHARE * lengths
     outline = np.stack([ends, next_ends], axis=1)[~is_jump]
     ray_ends = ends[np.linspace(0, len(ends), 4, endpoint=False).astype(np.int64)]

@@ -36,12 +36,12 @@ def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
     api: scene of viser; used_poles: names of the poles that carry a sensor, which are thicker and
     darker."""
     scene_parts.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
-    for name, outlines, lift, colour in (
+    for name, outlines, lift_m, colour in (
         ("lanes", site.lanes, LANE_LIFT_M, _LANE),
         ("footways", site.footways, FOOTWAY_LIFT_M, GROUND["footways"]),
     ):
         polygons = [shapely.Polygon(outline) for outline in outlines]
-        scene_parts.add_mesh(api, f"/site/{name}", drape(site, polygons, lift=lift), colour)
+        scene_parts.add_mesh(api, f"/site/{name}", drape(site, polygons, lift=lift_m), colour)
     meshes_by_kind: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         mesh = extrude(solid.footprint, solid.base, solid.top)
@@ -86,8 +86,8 @@ def drape(
     xmin, ymin, xmax, ymax = _extent(site)
     grid = np.meshgrid(np.arange(xmin, xmax, TILE_M), np.arange(ymin, ymax, TILE_M))
     x, y = (coordinates.ravel() for coordinates in grid)  # lower left corner of each tile
-    covered = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
-    tiles = shapely.intersection(covered, shapely.box(x, y, x + TILE_M, y + TILE_M))
+    drawn_shape = shapely.union_all(list(shapes)).difference(shapely.union_all(list(without)))
+    tiles = shapely.intersection(drawn_shape, shapely.box(x, y, x + TILE_M, y + TILE_M))
     is_drawn = ~shapely.is_empty(tiles) & (shapely.area(tiles) > MIN_TILE_AREA_M2)
     return lift_to_ground(site, triangulate(tiles[is_drawn]), lift)
 

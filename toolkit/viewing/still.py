@@ -16,7 +16,7 @@ from toolkit.plots.outcome_marks import draw_outcome, outcome_entry
 from toolkit.plots.palette import FAINT, INK, OUTCOME, PAPER_WHITE, sensor_colour
 from toolkit.plots.plan_view import draw_frame
 from toolkit.viewing import drawn
-from toolkit.viewing.colouring import Colouring, Scales, shades
+from toolkit.viewing.colouring import Colouring, Scales, colour_points
 from toolkit.viewing.drawing import Drawing
 from toolkit.viewing.outcomes import MARKED
 from toolkit.viewing.recording_scene import find_view_area
@@ -97,9 +97,14 @@ def _draw_clouds(
     newest_time = drawn.find_newest(sample)
     for sample_cloud in sample.clouds:
         cloud = drawn.limit_points(sample_cloud, STILL_POINTS)
-        index = sensor_order.index(cloud.name)
+        sensor_index = sensor_order.index(cloud.name)
         # red, green and blue from 0 to 1
-        colours = shades(cloud, colouring, scales, index=index, newest=newest_time) / 255.0
+        colours = (
+            colour_points(
+                cloud, colouring, scales, sensor_index=sensor_index, newest_time=newest_time
+            )
+            / 255.0
+        )
         x, y, _ = cloud.points.T
         axes.scatter(x, y, s=_POINT_AREA, c=colours, linewidths=0, rasterized=True, zorder=3)
 
@@ -167,10 +172,17 @@ def _draw_sensors(axes: "Axes", sample: drawn.DrawnSample, sensor_order: list[st
         colour = sensor_colour(sensor_order.index(cloud.name))
         x, y = cloud.place[:2]
         axes.plot(x, y, "s", color=colour, **look)
-    mark: PlotStyle = {"marker": "s", "markersize": 7, "markeredgecolor": INK, "linestyle": "none"}
+    legend_look: PlotStyle = {
+        "marker": "s",
+        "markersize": 7,
+        "markeredgecolor": INK,
+        "linestyle": "none",
+    }
     entries: list[Entry] = []
-    for k, name in enumerate(sensor_order):
-        entries.append((Line2D([], [], color=sensor_colour(k), **mark), shorten(name, 30)))
+    for sensor_index, name in enumerate(sensor_order):
+        # a mark without a place in the map, for the legend only
+        mark = Line2D([], [], color=sensor_colour(sensor_index), **legend_look)
+        entries.append((mark, shorten(name, 30)))
     return entries
 
 
@@ -178,8 +190,8 @@ def draw_frame_alone(frame: Frame, out: str | Path) -> None:
     """Draw a frame from above without a site: its points, sensors and labelled boxes.
 
     out: picture to write, PNG or SVG by its ending."""
-    view = Drawing()
-    write_still(view.draw(frame, view.origin(frame)), out)
+    drawing = Drawing()
+    write_still(drawing.draw(frame, drawing.find_origin(frame)), out)
 
 
 def draw_recording(recording: Recording, out: str | Path) -> None:

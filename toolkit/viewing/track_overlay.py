@@ -39,22 +39,28 @@ class TrackOverlay:
         """Return the boxes that some tracks had in a frame and before it, in the order of time.
 
         frame: the frame; tracks: tracks to trace in it. Boxes are by class and number of the track,
-        such as "vehicle 7"."""
+        such as "vehicle 7". Frames more than `TRAIL_FRAMES` before are not traced."""
         index = self.lookup.find_index(FrameKey(frame.index, frame.name, frame.time))
         if index is None:
             return {}
-        names = {}
-        for number, label in zip(tracks.ids.tolist(), tracks.labels.tolist(), strict=True):
-            names[number] = f"{LABELS[label]} {number}"
-        boxes: dict[str, list[BoxRows]] = {}
-        for past in self.lookup.file.frames[max(0, index - TRAIL_FRAMES) : index + 1]:
-            for row, number in enumerate(past.tracks.ids.tolist()):
-                if number in names:
-                    boxes.setdefault(names[number], []).append(past.tracks.boxes[[row]])
-        return {name: np.concatenate(rows) for name, rows in boxes.items()}
+        name_by_id = {}
+        for track_id, label in zip(tracks.ids.tolist(), tracks.labels.tolist(), strict=True):
+            name_by_id[track_id] = f"{LABELS[label]} {track_id}"
+        # one array of one row for each frame that has the track
+        boxes_by_name: dict[str, list[BoxRows]] = {}
+        for past_frame in self.lookup.file.frames[max(0, index - TRAIL_FRAMES) : index + 1]:
+            past_tracks = past_frame.tracks
+            for row, track_id in enumerate(past_tracks.ids.tolist()):
+                if track_id in name_by_id:
+                    name = name_by_id[track_id]
+                    boxes_by_name.setdefault(name, []).append(past_tracks.boxes[[row]])
+        return {name: np.concatenate(arrays) for name, arrays in boxes_by_name.items()}
 
 
 def trail_segments(boxes: BoxRows) -> Segments:
-    """Lines on the ground from each of a track's boxes to the next."""
-    floor = boxes[:, :3] - np.array([0.0, 0, 0.5]) * boxes[:, 5:6]
+    """Lines on the ground (start and end, m) from each of a track's boxes to the next.
+
+    boxes: the track's in the order of time, one at least."""
+    height = boxes[:, 5:6]
+    floor = boxes[:, :3] - np.array([0.0, 0, 0.5]) * height  # middle of each box's floor
     return np.stack([floor[:-1], floor[1:]], axis=1).astype(np.float64)

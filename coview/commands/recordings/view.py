@@ -179,7 +179,7 @@ def _draw_still(
     sample: Frame, drawing: Drawing, still: Path, *, title: str, options: ViewOptions, as_json: bool
 ) -> None:
     """Write a picture of one frame, `still`, and print what it shows."""
-    drawn_frame = drawing.draw(sample, drawing.origin(sample))
+    drawn_frame = drawing.draw(sample, drawing.find_origin(sample))
     # half sizes of the picture's area (m)
     half = None if options.area is None else drawing.place.half
     write_still(
@@ -205,14 +205,14 @@ def _write_page(
         page = write_page(drawn_frames, title, out)
     figures = {
         "out": str(out),
-        "frames": len(page.frames),
-        "points": page.points,
-        "drawn": page.drawn,
+        "frames": len(page.frame_nodes),
+        "points": page.point_count,
+        "drawn": page.drawn_count,
         "of_frames": recorded_frames,
         "said": list(page.names),
     }
     text = (
-        f"{out}: {len(page.frames)} of {recorded_frames} frames, {page.drawn} of {page.points} "
+        f"{out}: {len(page.frame_nodes)} of {recorded_frames} frames, {page.drawn_count} of {page.point_count} "
         "points drawn"
     )
     print_result(figures, text, as_json=as_json)

@@ -8,7 +8,7 @@ from toolkit.detection.detect import detect_frames
 from toolkit.frame import Frame, Rectangle, SensorCloud
 from toolkit.objects import HEAVY, VEHICLE, Detections, Objects
 from toolkit.plots.palette import sensor_colour
-from toolkit.viewing.colouring import UNKNOWN_SHADE, Scales, list_colourings, shades
+from toolkit.viewing.colouring import UNKNOWN_SHADE, Scales, colour_points, list_colourings
 from toolkit.viewing.drawing import Drawing
 from toolkit.viewing.drawn import DrawnCloud, DrawnSample, find_newest, limit_points
 from toolkit.viewing.outcomes import MARKED, sort_outcomes
@@ -165,7 +165,7 @@ def test_classes_sensors_and_scores_are_selected(samples, finds_the_car):
 def test_drawings_count_from_the_middle_of_the_area(samples, finds_the_car):
     # The detector is shown points counted from the middle, and its boxes are brought back.
     drawing = Drawing(finds_the_car, Place("none", area=(-40.0, -52.0, 60.0, 48.0)))
-    assert drawing.origin(samples[0]).tolist() == [10, -2, 0]
+    assert drawing.find_origin(samples[0]).tolist() == [10, -2, 0]
     (drawn,) = drawing.draw_all(samples[:1])
     np.testing.assert_allclose(drawn.detections["vehicle"][0, :3], [12, 3, 0.75])
     np.testing.assert_allclose(drawn.truth["vehicle"][0, :3], [2, 5, 0.75])
@@ -196,7 +196,7 @@ def test_labels_detections_and_outcomes_stand_on_level_ground(touched, finds_the
 def test_samples_are_coloured_and_counted_from_an_origin_near_by(samples):
     far = moved(samples[0], [600_000.0, 5_500_000.0, 130.0])
     drawing = Drawing()
-    assert drawing.origin(far).tolist() == [600_000, 5_500_000, 130]
+    assert drawing.find_origin(far).tolist() == [600_000, 5_500_000, 130]
     (here,), (there,) = drawing.draw_all(samples[:1]), drawing.draw_all([far])
     np.testing.assert_allclose(there.clouds[0].points, here.clouds[0].points, atol=1e-4)
     np.testing.assert_allclose(there.truth["others"], here.truth["others"], atol=1e-6)
@@ -220,7 +220,7 @@ def test_samples_are_coloured_and_counted_from_an_origin_near_by(samples):
 def test_ground_far_below_is_put_on_zero_or_warned_of(samples, finds_the_car):
     low = moved(samples[0], [3.0, 0.0, -7.3])
     drawing = Drawing(finds_the_car, Place("plane"))
-    assert drawing.origin(low).tolist() == [3, 0, 0]
+    assert drawing.find_origin(low).tolist() == [3, 0, 0]
     (drawn,) = drawing.draw_all([low])
     assert np.abs(drawn.clouds[0].points[:, 2]).max() < 0.1
     assert drawn.clouds[0].place[2] == pytest.approx(5.0, abs=0.05)
@@ -240,14 +240,19 @@ def test_empty_samples_are_drawn():
 
 
 def test_points_are_coloured_by_each_colouring():
-    assert {bytes(row).hex() for row in shades(CLOUD, "sensor", SCALES, index=2, newest=0.1)} == {
-        sensor_colour(2)[1:]
-    }
+    assert {
+        bytes(row).hex()
+        for row in colour_points(CLOUD, "sensor", SCALES, sensor_index=2, newest_time=0.1)
+    } == {sensor_colour(2)[1:]}
     height = brightness(CLOUD, "height")
     assert height[0] < height[1] < height[2] == height[3]  # beyond the scale
     assert (np.diff(brightness(CLOUD, "intensity")) < 0).all()
     assert np.argsort(brightness(CLOUD, "age")).tolist() == [1, 2, 3, 0]
-    assert shades(CLOUD, "height", SCALES, index=0, newest=0.0)[0].tolist() == [68, 1, 84]
+    assert colour_points(CLOUD, "height", SCALES, sensor_index=0, newest_time=0.0)[0].tolist() == [
+        68,
+        1,
+        84,
+    ]
 
 
 def test_scales_span_most_points():
@@ -263,7 +268,7 @@ def test_scales_span_most_points():
 
 def test_scales_describe_their_range():
     flat = Scales(height=(1.0, 1.0))
-    assert shades(CLOUD, "height", flat, index=0, newest=0.0).shape == (4, 3)
+    assert colour_points(CLOUD, "height", flat, sensor_index=0, newest_time=0.0).shape == (4, 3)
     said = [SCALES.describe(colouring) for colouring in ("sensor", "height", "intensity", "age")]
     assert said == ["sensor", "height, 0 to 2 m", "intensity, 1 to 4", "age, 0 to 0.1 s"]
 
@@ -277,11 +282,16 @@ SCALES = Scales(height=(0.0, 2.0), intensity=(1.0, 4.0), age=(0.0, 0.1))
 
 
 def brightness(cloud, colouring):
-    return shades(cloud, colouring, SCALES, index=2, newest=0.1).astype(int).sum(axis=1)
+    return (
+        colour_points(cloud, colouring, SCALES, sensor_index=2, newest_time=0.1)
+        .astype(int)
+        .sum(axis=1)
+    )
 
 
 @pytest.mark.parametrize("colouring", ["intensity", "age"])
 def test_points_without_what_is_asked_are_grey(colouring):
     assert (
-        shades(BARE, colouring, SCALES, index=0, newest=0.0).tolist() == [list(UNKNOWN_SHADE)] * 4
+        colour_points(BARE, colouring, SCALES, sensor_index=0, newest_time=0.0).tolist()
+        == [list(UNKNOWN_SHADE)] * 4
     )

@@ -63,7 +63,7 @@ def test_the_next_sample_takes_the_place_of_the_first(view):
 def test_a_damaged_sample_is_said_and_shows_nothing(view):
     view.show(2)
     assert view.status_text == "sample 2 cannot be shown: labels.json is *damaged*"
-    assert view._line.content.endswith(r"labels\.json is \*damaged\*")
+    assert view._status_line.content.endswith(r"labels\.json is \*damaged\*")
     assert shown(view) == set()
     view.show(0)
     assert shown(view) == FIRST

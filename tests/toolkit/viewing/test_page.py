@@ -48,23 +48,23 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
     ]
     assert content.colourings[1].nodes == "/sensors/0/height /sensors/1/height"
     _, content = written
-    assert content.names[1] == SECOND
-    assert content.names[0].startswith(
+    assert content.frame_lines[1] == SECOND
+    assert content.frame_lines[0].startswith(
         "first: 400 points, 3 labelled (0 hit, 0 missed, 3 not counted), 1 detected ("
     )
-    assert "/truth/pedestrian/0" in content.frames[0]
-    assert "/sensors/1/age/1" in content.frames[1]
-    assert not set(content.frames[0]) & set(content.frames[1])
-    assert (content.points, content.drawn) == (900, 900)
+    assert "/truth/pedestrian/0" in content.frame_nodes[0]
+    assert "/sensors/1/age/1" in content.frame_nodes[1]
+    assert not set(content.frame_nodes[0]) & set(content.frame_nodes[1])
+    assert (content.point_count, content.drawn_count) == (900, 900)
 
 
 def test_pages_need_a_sample_and_thin_its_points(drawn, samples):
     content = page_content(drawn, "few", max_points=300)
-    assert (content.points, content.drawn) == (900, 300)
+    assert (content.point_count, content.drawn_count) == (900, 300)
     with pytest.raises(ValueError, match="no sample to view"):
         page_content([], "none")
     content = page_content([replace(drawn[0], clouds=())], "boxes")
-    assert (content.points, content.drawn, content.switches[0].name) == (0, 0, "truth")
+    assert (content.point_count, content.drawn_count, content.switches[0].name) == (0, 0, "truth")
     names = [
         (each.name, each.nodes)
         for each in page_content(Drawing().draw_all(samples[1:]), "labels").switches

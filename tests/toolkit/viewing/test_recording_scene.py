@@ -127,12 +127,12 @@ def test_outcomes_have_nodes_and_marks_of_their_own(api, touched, finds_the_car)
 
 
 def test_the_grid_lies_on_the_area_and_kinds_can_be_hidden(api):
-    assert recording_scene.nodes_of_kind("heavy", outcomes=False) == [
+    assert recording_scene.nodes_of_kind("heavy", with_outcomes=False) == [
         "/truth/heavy",
         "/detections/heavy",
         "/tags/heavy",
     ]
-    assert recording_scene.nodes_of_kind("heavy", outcomes=True)[2:] == [
+    assert recording_scene.nodes_of_kind("heavy", with_outcomes=True)[2:] == [
         "/hits/heavy",
         "/missed/heavy",
         "/false_alarms/heavy",
