@@ -198,7 +198,7 @@ def reduce_levels(
 
     Means have the objects and frames of all levels with objects. kbit are for all frames."""
     reduced = reduce_cases(values, by)
-    frame_counts = values[:, 0, FRAMES_COLUMN]  # of each level, the same for all sets
+    frame_counts = values[:, 0, FRAMES_COLUMN]  # one for each level, the same for all sets
     reduced[:, KBIT_COLUMN] = frame_counts / frame_counts.sum() @ values[..., KBIT_COLUMN]
     if by == "mean":
         is_defined = ~np.isnan(values[..., :1])

@@ -78,7 +78,7 @@ def draws_of_blocks(
         seed: Seed of the draws."""
     block_numbers, block_index = np.unique(blocks, return_inverse=True)
     block_count = len(block_numbers)
-    chances = np.full(block_count, 1 / block_count)  # of each block
+    chances = np.full(block_count, 1 / block_count)  # one for each block
     # how often each block is drawn; axes: resample, block
     block_counts = np.random.default_rng(seed).multinomial(block_count, chances, size=resamples)
     return np.asarray(block_counts[:, block_index], np.int64)

@@ -52,7 +52,7 @@ def shrink(
     """
     if len(figure) < MIN_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
-    common_noise = resamples.mean(axis=0)  # of all sets, such as hard frames
+    common_noise = resamples.mean(axis=0)  # shared by all sets, such as hard frames
     noise = resamples - common_noise
     noise = noise - noise.mean(axis=1, keepdims=True)
     errors = figure - predicted

@@ -224,10 +224,9 @@ class Meter:
         candidates: all sensors of a variant; seen: their view; is_working: False for failed
         sensors, which count in number, price and problems only."""
         objective = self.objective(candidates, seen)
-        all_working = is_working[None]
         members = np.flatnonzero(is_working)
         remaining = _without_each(is_working, members)  # row k: sensor `members[k]` fails
-        scores = objective.scores(np.concatenate([all_working, remaining]))
+        scores = objective.scores(np.concatenate([is_working[None], remaining]))
         ap, *failure_aps = scores.ap.tolist()
         surrogate = cast(Surrogate, objective.scored_by)
         worst_ap = 0.0
@@ -246,9 +245,8 @@ class Meter:
         sample = {"blocks": self.blocks, "objects": object_count, "fewest": MIN_LIVE_BLOCKS}
         bounds = widen_interval(ap, figure_interval(ap, resamples, **sample), spread)
         worst_resamples, _ = self._resample(surrogate, without_worst)
-        worst_bounds = widen_interval(
-            worst_ap, figure_interval(worst_ap, worst_resamples, **sample), worst_spread
-        )
+        worst_interval = figure_interval(worst_ap, worst_resamples, **sample)
+        worst_bounds = widen_interval(worst_ap, worst_interval, worst_spread)
         hidden = seen.points[is_working].sum(axis=0) == 0
         return LiveAnswer(
             what="",
@@ -258,7 +256,7 @@ class Meter:
             high=bounds.high,
             recall=float(scores.recall[0]),
             kbit=float(scores.kbit[0]),
-            price=float(objective.price(np.ones_like(all_working))[0]),
+            price=float(objective.price(np.ones_like(is_working)[None])[0]),
             worst=worst_ap,
             worst_low=worst_bounds.low,
             worst_high=worst_bounds.high,

@@ -43,7 +43,7 @@ MAX_CAR_HEIGHT_M = 2.5  # a taller vehicle is heavy
 # length and width below which a cluster is a person, else a cyclist
 MAX_PERSON_SIZE_M = (1.2, 1.0)
 MAX_CYCLIST_SIZE_M = (2.3, 0.85)
-MIN_SIDE_M = 0.2  # of a box
+MIN_SIDE_M = 0.2  # least length, width and height for a box
 HALF_SCORE_POINTS = 30.0  # points that give half the score
 MIN_WHOLE_LENGTH_M = 0.75 * CAR_SIZE_M[0]  # a longer car shows both ends and needs no completion
 DOUBT_WEIGHT = 10.0  # weight of a cluster's points on a completed side, in points of free ground

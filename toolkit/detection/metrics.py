@@ -434,7 +434,7 @@ def sample_iou(
     a = check_boxes(detected, "detected")
     b = check_boxes(truths, "truths")
     half_sizes = a[:, 3:5] / 2 + FACE_TOLERANCE
-    share = np.zeros((len(a), len(b)))  # of the truth's points in the detection
+    share = np.zeros((len(a), len(b)))  # share of the truth's points in the detection
     is_near = iou_bev(a, b) > 0
     for column, (x, y, _, length, width, _, yaw) in enumerate(b):
         # The 2500 points of this truth, in the frames of the detections near it: ahead and aside

@@ -102,7 +102,7 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
     origin = middle - STANDING_VOXEL_M * (1 << (_INDEX_BITS - 1))
     frame_keys = [
         np.unique(_voxel_keys(cloud, origin)) for cloud in clouds
-    ]  # of voxels with points
+    ]  # only voxels with points
     keys, frame_counts = np.unique(np.concatenate(frame_keys), return_counts=True)
     keys = keys[frame_counts >= MIN_STANDING_SHARE * len(indices)]
     high_points = clouds[0][_off_ground_mask(clouds[0])]

@@ -135,7 +135,7 @@ def evaluate_tracks(
     Raises ValueError if no object is to be found."""
     label_parts = [np.zeros(0, np.int64)]
     label_parts += [frame.truth.objects.labels[frame.counted] for frame in frames]
-    class_numbers = np.unique(np.concatenate(label_parts)).tolist()  # of objects to find
+    class_numbers = np.unique(np.concatenate(label_parts)).tolist()  # objects to find
     classes = [LABELS[number] for number in class_numbers] if labels is None else list(labels)
     if not {label_index(label) for label in classes} & set(class_numbers):
         raise ValueError(

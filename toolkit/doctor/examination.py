@@ -96,7 +96,7 @@ class Examination:
             plural = "s" if len(doubts) > 1 else ""
             where = f"sensor{plural} {', '.join(doubts)}"
             evidence = self._describe_evidence(doubts)
-            suspicion = next(iter(doubts.values()))  # its words are those of all these sensors
+            suspicion = next(iter(doubts.values()))  # all these sensors have its words
             if suspicion is not None:
                 yield report_error(
                     where=where,

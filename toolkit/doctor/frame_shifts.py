@@ -29,14 +29,14 @@ def suspect_frames(
     Returns the mistake, None without one, and the rows that belong to `frames`, no rows for frames
     beyond the file."""
     best: Suspicion | None = None
-    rows = [tables[k] for k in frames]  # of the best offset so far, of each frame looked at
+    rows = [tables[k] for k in frames]  # a table for each frame looked at, at the best offset
     # 1, -1, 2, -2, ...: objects of frame k + offset are compared with the points of frame k
     for offset in [sign * n for n in range(1, MAX_FRAMES_OFF + 1) for sign in (1, -1)]:
         has_both_tables = [
             0 <= k + offset < len(tables) and len(tables[k]) and len(tables[k + offset])
             for k in frames
         ]
-        # indices of those frames in `frames` and `clouds`
+        # indices in `frames` and `clouds`, for frames with both tables
         usable_indices = np.flatnonzero(has_both_tables).tolist()
         usable_clouds = [clouds[i] for i in usable_indices]
         if sum(map(len, usable_clouds)) < MIN_MOVING_POINTS:

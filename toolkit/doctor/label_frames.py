@@ -31,7 +31,7 @@ def other_frames(samples: Sequence[Frame]) -> list[OtherFrame]:
     These are each sensor's frame; the result of applying a sensor's pose to labels that were in
     the world already; and the map. samples: frames of the recording."""
     sensor_names = sorted({cloud.name for sample in samples for cloud in sample.clouds})
-    frames = []  # of coordinates
+    frames = []  # frames of coordinates
     for name in sensor_names:
         frames.append(
             _make_other_frame(

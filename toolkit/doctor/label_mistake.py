@@ -55,6 +55,6 @@ def possible_headings(yaw: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "k 
     turns. Returns 31 possible headings of each box, a row for each choice."""
     # The lost full turns were 2 pi degrees (about 6.3) each; 15 such turns are about a quarter
     # turn, so 15 either way cover half a turn.
-    lost_turns = np.arange(-15, 16)[:, None]  # numbers of them, a row for each choice
+    lost_turns = np.arange(-15, 16)[:, None]  # a row for each choice
     angle_deg = np.mod(yaw, 2 * np.pi)[None] + 2 * np.pi * lost_turns
     return np.deg2rad(angle_deg)

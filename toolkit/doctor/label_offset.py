@@ -23,7 +23,7 @@ def find_offset(
     views: frames with their points above the ground; current_fits: fit of each box now. Returns
     None if the offset is too small or too large, or if boxes do not fit better without it."""
     boxes = [view.sample.objects.boxes for view in views]
-    offset = np.zeros(2)  # x, y (m) of the labels from where the points are
+    offset = np.zeros(2)  # x, y (m) from the points to the labels
     for _ in range(OFFSET_ROUNDS):
         moved_boxes = [_shift_boxes(view_boxes, -offset) for view_boxes in boxes]
         # offsets (m) that remain, of the points from the moved boxes

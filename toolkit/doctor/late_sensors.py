@@ -43,7 +43,7 @@ def suspect_late_sensors(views: Sequence[GroundView]) -> Iterator[Finding]:
         return
     shifts_s = [sign * seconds for seconds in SHIFTS_S for sign in (1, -1)]
     time_shifts: dict[str, _TimeShift] = {}  # by name of the late sensor
-    timely_names = []  # of sensors on time
+    timely_names = []  # sensors on time
     for name in names:
         sensor_views = [_restrict_sensor(view, name) for view in views]
         current_fits = _measure_moved_fits(sensor_views, movers, 0.0)
@@ -103,7 +103,7 @@ def _measure_moved_fits(
         movers: moving boxes of each frame.
         shift_s: time (s) by which boxes are moved, backwards if negative."""
     moved_boxes = [moving.move(shift_s) for moving in movers]
-    ids = np.concatenate([moving.ids for moving in movers if len(moving.ids)])  # of each box
+    ids = np.concatenate([moving.ids for moving in movers if len(moving.ids)])  # one for each box
     # track_of_box: index, for each box, of its id in `tracks`
     tracks, track_of_box = np.unique(ids, return_inverse=True)
     fit_sums = np.bincount(track_of_box, measure_view_fits(views, moved_boxes))

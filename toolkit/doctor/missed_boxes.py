@@ -44,7 +44,7 @@ def suspect_missed_boxes(views: Sequence[GroundView]) -> Iterator[Finding]:
     names = sensor_names([view.sample for view in views])
     if len(names) < 2:
         return
-    # numbers of boxes, by name of the sensor: those that it must see, and those of them it misses
+    # numbers of boxes, by name of the sensor: boxes that it must see, and boxes that it misses
     expected_counts = dict.fromkeys(names, 0)
     missed_counts = dict.fromkeys(names, 0)
     for view in views:
@@ -128,7 +128,7 @@ def _sees_front(
     # half of the box's extent (m) along and across the view
     half_depth = abs(heading @ ahead) * length / 2 + abs(across @ ahead) * width / 2
     half_width = abs(heading @ aside) * length / 2 + abs(across @ aside) * width / 2
-    front_distance = distance - half_depth  # of the box's front from the sensor
+    front_distance = distance - half_depth  # from the sensor to the box's front
     if distance <= half_depth + FRONT_M:
         return False
     offsets = ground_points[:, :2] - position  # from the sensor (m)

@@ -28,7 +28,7 @@ class Witness(NamedTuple):
 
     Attributes:
         frame_index: index of the frame among those that are looked at.
-        sensor_index: index of the sensor among those of the file.
+        sensor_index: index of the sensor among the file's.
         rays: (p, 3) ray of each pixel in the sensor's frame; times the depth, it is the point (m).
         depth: (p,) measurement of each pixel."""
 
@@ -88,7 +88,7 @@ def share_on_boxes(clouds: Sequence[np.ndarray], rows: Sequence[Rows], map_SE3_s
         is_inside = np.all(offsets <= half_sizes + _SLACK_M, axis=0)
         is_vehicle = np.isin(objects.labels, (VEHICLE, HEAVY))
         is_in_core = np.all(offsets <= half_sizes * _CORE_SHARE, axis=0) & is_vehicle
-        is_on_box = np.any(is_inside, axis=1) & ~np.any(is_in_core, axis=1)  # of each point
+        is_on_box = np.any(is_inside, axis=1) & ~np.any(is_in_core, axis=1)  # for each point
         count_on_boxes += int(is_on_box.sum())
     return count_on_boxes / max(1, sum(map(len, clouds)))
 

@@ -46,7 +46,7 @@ class TrackLookup:
         self._index_by_key: dict[str | int, int] = {}
         for index, frame in enumerate(file.frames):
             self._index_by_key[frame.name if self._has_names else frame.number] = index
-        self._found_indices: set[int] = set()  # of the frames that `find` returned
+        self._found_indices: set[int] = set()  # frames that `find` returned
 
     def find(self, key: FrameKey) -> Tracks | None:
         """Return the tracks of a frame, None if the file does not list it."""

@@ -42,7 +42,7 @@ def spikes(boxes: BoxRows) -> Segments:
 
     Returns all uprights, then all bars along x, then all bars along y."""
     height = boxes[:, 5:6]
-    # x, y, z (m) of points of each box's mark: on the roof, its upper end, where the bars cross
+    # x, y, z (m) of points in each box's mark: its foot, its tip, the crossing of its bars
     roof = boxes[:, :3] + np.array([0.0, 0, 1]) * (height / 2)
     tip = roof + np.array([0.0, 0, SPIKE_M])
     crossing = roof + np.array([0.0, 0, 0.7 * SPIKE_M])

@@ -171,7 +171,7 @@ class Drawing:
             return {}
         trails_by_kind: dict[str, list[Segments]] = {}
         for name, boxes in self.tracks.trace(frame, detections).items():
-            kind = name.partition(" ")[0]  # of a name such as "vehicle 7"
+            kind = name.partition(" ")[0]  # from a name such as "vehicle 7"
             trails_by_kind.setdefault(kind, []).append(trail_segments(lift.move_boxes(boxes)))
         return {kind: np.concatenate(trails) for kind, trails in trails_by_kind.items()}
 

@@ -209,11 +209,11 @@ def _write_page(
         "points": page.point_count,
         "drawn": page.drawn_count,
         "of_frames": recorded_frames,
-        "said": list(page.names),
+        "said": list(page.frame_lines),
     }
     text = (
-        f"{out}: {len(page.frame_nodes)} of {recorded_frames} frames, {page.drawn_count} of {page.point_count} "
-        "points drawn"
+        f"{out}: {len(page.frame_nodes)} of {recorded_frames} frames, {page.drawn_count} of "
+        f"{page.point_count} points drawn"
     )
     print_result(figures, text, as_json=as_json)
 

@@ -488,7 +488,7 @@ def _sum_reached_worth(
         is_buildable: Mask of the candidates whose evidence counts; lost ones are False.
     """
     linear = load_cp_model().LinearExpr
-    # of each level that can be reached: index of its object, variable that is 1 if it is, gain
+    # for each level that can be reached: index of its object, variable that is 1 if it is, gain
     objects: list[int] = []
     is_reached: list[IntVar] = []
     gains: list[int] = []

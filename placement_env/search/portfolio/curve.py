@@ -162,7 +162,7 @@ def _judge_winners(
 ) -> tuple[CurvePoint, ...]:
     """Judge all winners together on the same frames, and return a point for each.
 
-    winners: sets with their predictions and races (`_describe_winner`); evaluator: of the third
+    winners: sets with their predictions and races (`_describe_winner`); evaluator: on the third
     part of traffic. If time is short, there are fewer frames, the same for all."""
     rows = as_rows([winner["subset"] for winner in winners], len(objective.candidates))
     order = np.arange(evaluator.frames)

@@ -73,11 +73,10 @@ def contest(
         )
 
     order = race_order(evaluator.frames, seed=seed)[:frames]
-    first_rung = min(FIRST_RUNG_FRAMES, evaluator.frames)
     rules = RaceRules(
         confidence=confidence,
         tolerance=AP_TOLERANCE,
-        first=first_rung,
+        first=min(FIRST_RUNG_FRAMES, evaluator.frames),
         eta=RUNG_GROWTH,
         least=MIN_RACE_FRAMES,
         most=max_set_frames,
