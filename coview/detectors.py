@@ -167,7 +167,7 @@ def open_detector(
     place = place or Place()
     if at.site is not None and place.at(at.site):
         return _open_for_known_site(spec, at, at.site)
-    return _open_for_recording(spec or _USUAL_SPEC, at, place, scenes)
+    return _open_for_recording(spec or _USUAL_SPEC, recording=at, place=place, scenes=scenes)
 
 
 def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:

@@ -128,7 +128,9 @@ class SensorDrawings:
         view = self._api.add_line_segments(
             f"{node}/view", lines, colour, thickness=2.5, thickness_units="screen"
         )
-        label = add_name(self._api, f"{node}/label", name, sensor.position, scale=1.2)
+        label = add_name(
+            self._api, node=f"{node}/label", name=name, position=sensor.position, scale=1.2
+        )
         attach(name, housing, handle)
         return [housing, handle, view, label]
 
@@ -290,8 +292,12 @@ class TrafficDrawing:
         # arrows above hidden road users, which are found or missed, too
         arrow_lines = arrows(road_users.boxes[rows[is_hidden]])
         nodes = (
-            add_boxes(api, "/traffic/found", found_boxes, FOUND_STYLE, visible=True),
-            add_boxes(api, "/traffic/missed", missed_boxes, MISSED_STYLE, visible=True),
+            add_boxes(
+                api, name="/traffic/found", boxes=found_boxes, style=FOUND_STYLE, visible=True
+            ),
+            add_boxes(
+                api, name="/traffic/missed", boxes=missed_boxes, style=MISSED_STYLE, visible=True
+            ),
             scene_parts.add_lines(
                 api, "/traffic/unseen", arrow_lines, INK, width=TRAFFIC_WIDTH_PX, visible=True
             ),

@@ -372,8 +372,8 @@ class LivePanel:
         steps.on_click(
             lambda _: jobs.change(planner.undo if steps.value == "Undo" else planner.redo)
         )
-        _add_command(gui, "Undo", "Z", lambda: jobs.change(planner.undo))
-        _add_command(gui, "Redo", "Y", lambda: jobs.change(planner.redo))
+        _add_command(gui, label="Undo", key="Z", then=lambda: jobs.change(planner.undo))
+        _add_command(gui, label="Redo", key="Y", then=lambda: jobs.change(planner.redo))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Sensor"):
             self.sensor = SensorTab(gui, planner, jobs, cameras, self._guard, self.fill)

@@ -60,7 +60,7 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     for k, pole in enumerate(poles if len(poles) <= MAX_NAMED_POLES else ()):
         top = pole.position + np.array([0.0, 0.0, pole.max_height])
         node = f"/signs/poles/{k}"
-        labels[pole.name] = add_name(api, node, pole.name, top, scale=0.7)
+        labels[pole.name] = add_name(api, node, pole.name, position=top, scale=0.7)
     _add_pole_marks(api, poles)
     # the area's corners: xmin ymin, and xmax ymax (m)
     low_corner = site.area[:2]
@@ -71,8 +71,8 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     arrow_ground = shapely.box(*(arrow_middle - arrow_size / 2), *(arrow_middle + arrow_size / 2))
     length_m = scale_length(SCALE_SHARE * float(site.area[2] - site.area[0]))
     scale_size = np.array([length_m, HEAD_M])
-    scale_middle = find_free_spot(site, scale_size, low_corner, [arrow_ground])
-    _add_scale(api, site, length_m, scale_middle)
+    scale_middle = find_free_spot(site, size=scale_size, corner=low_corner, signs=[arrow_ground])
+    _add_scale(api, site, length=length_m, middle=scale_middle)
     low, high = low_corner - MARGIN_M, high_corner + MARGIN_M
     for k, street in enumerate(find_street_names(site, low, high)):
         position = lift_points(site, np.array([[street.x, street.y]]), LIFT_M)[0]

@@ -66,7 +66,7 @@ class ClassOptions:
         # None for the usual threshold of a class
         small_iou = None if self.small_iou == SMALL_IOU else self.small_iou
         iou_by_class = tuple(small_iou if name in SMALL_CLASSES else None for name in names)
-        return Classes(names, weights or (), self.combine, iou_by_class)
+        return Classes(names, weights=weights or (), combine=self.combine, ious=iou_by_class)
 
 
 @dataclass(frozen=True, kw_only=True)

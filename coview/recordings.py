@@ -114,5 +114,5 @@ def frame_count(recording: Sized, frames: int | None) -> int:
     """Return the number of frames to use of a recording, at most all.
 
     frames: number that was asked for, None for all. Raises ValueError below 1."""
-    check_least("--frames", frames, 1, "leave it out for all")
+    check_least("--frames", value=frames, minimum=1, remedy="leave it out for all")
     return len(recording) if frames is None else min(frames, len(recording))

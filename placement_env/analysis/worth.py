@@ -80,7 +80,8 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
     weight = _compute_weights(n - 1)  # by number of the other sensors; 0 for impossible numbers
     is_member = sets.astype(float)
     is_absent = (~sets).astype(float)
-    # sums over the sets with both sensors of a pair, only the first, and neither
+    # Sums over the sets with both sensors of a pair, only the first, and neither. A negative index
+    # reads a weight from the end, but its set is too small to count.
     both = is_member.T @ (is_member * (values * weight[size - 2])[:, None])
     only_first = is_member.T @ (is_absent * (values * weight[size - 1])[:, None])
     neither = is_absent.T @ (is_absent * (values * weight[size])[:, None])
@@ -186,8 +187,8 @@ class Failures:
 
     Attributes:
         intact: Value without failure.
-        lost: Sensors that fail in each combination.
-        left: Value of the remaining sensors.
+        lost: Indices of the sensors that fail, a row for each combination.
+        left: Value of the remaining sensors in each combination.
     """
 
     intact: float
@@ -206,7 +207,7 @@ class Failures:
 
     @property
     def most_missed(self) -> tuple[int, ...]:
-        """Sensors whose failure leaves the lowest value."""
+        """Indices of the sensors whose failure leaves the lowest value."""
         return tuple(self.lost[self.left.argmin()].tolist())
 
 
@@ -240,7 +241,7 @@ def format_failures(cases: Sequence[Failures], names: Sequence[str]) -> str:
         names: Names of all sensors."""
     rows = [["failing", "intact", "mean", "worst", "without"]]
     for case in cases:
-        failing_count = case.lost.shape[1]
+        failing_count = case.lost.shape[1]  # the same in all combinations
         figures = [f"{figure:.4f}" for figure in (case.intact, case.mean, case.worst)]
         most_missed = ", ".join(names[i] for i in case.most_missed)
         rows.append([f"N-{failing_count}", *figures, most_missed])

@@ -346,7 +346,7 @@ class Meter:
         for label, model, hits in zip(labels, surrogate.models, hits_by_class, strict=True):
             block_of_object = self._block[self.unseen.labels == label]
             class_resamples.append(
-                resample_ap(hits, model.false_alarms, self._draws, block_of_object)
+                resample_ap(hits, model.false_alarms, self._draws, block=block_of_object)
             )
         return surrogate.classes.combined(np.stack(class_resamples, axis=1)), class_resamples
 

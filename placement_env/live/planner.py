@@ -73,7 +73,10 @@ class LivePlanner(VariantEditor):
         self.catalogue = self.priced_stock.catalogue
         self.currency = self.priced_stock.currency
         yard = Yard.from_stock(
-            place, _find_stock(setting), place.sensors, self.priced_stock.keep_out
+            place,
+            stock=_find_stock(setting),
+            sensors=place.sensors,
+            keep_out=self.priced_stock.keep_out,
         )
         self.most_sensors = most_sensors
         scorer = LiveScorer(

@@ -234,9 +234,9 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     with writing_together(folder) as unfinished:
         write_exchange(
             unfinished,
-            equipped_site,
-            schedule,
-            ground,
+            site=equipped_site,
+            sensors=schedule,
+            ground=ground,
             unused=free_mounts,
             currency=planner.currency,
         )

@@ -125,7 +125,10 @@ class SensorViews:
             return True
         min_tilt, max_tilt = TILT_SPAN_RAD
         models = dict.fromkeys(sensor.model for sensor in candidates.sensors)  # each once, in order
-        if any(make_table_ahead(model, min_tilt, max_tilt, USUAL_TILT_RAD) for model in models):
+        if any(
+            make_table_ahead(model, lowest=min_tilt, steepest=max_tilt, around=USUAL_TILT_RAD)
+            for model in models
+        ):
             return True
         # if memory is full, these would push each other out for ever
         if not panoramas.full and make_one(_raise_sensors(candidates)):

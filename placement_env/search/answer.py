@@ -109,13 +109,13 @@ def write_answer(folder: str | Path, order: SearchOrder, answer: Answer) -> str:
         return f"written to {folder}: {', '.join(CURVE_TABLES)}, and the site with each set"
     # sensors that the search moved to other poses, in place of the candidates; empty if they stay
     moved_sensors = () if answer.result is None else answer.result.sensors
-    site = mounted_site(base_site, candidates, members, moved_sensors)
+    site = mounted_site(base_site, candidates, chosen=members, moved=moved_sensors)
     kbit = kbit_per_frame(objective, members, moved_sensors)
-    schedule = format_sensors(base_site, candidates, members, moved_sensors, kbit=kbit)
+    schedule = format_sensors(base_site, candidates, chosen=members, moved=moved_sensors, kbit=kbit)
     ground = visible_ground(site, site.sensors)
     free_mounts = unused_mounts(candidates, members, moved_sensors)
     with writing_together(Path(folder)) as unfinished:
-        write_exchange(unfinished, site, schedule, ground, unused=free_mounts)
+        write_exchange(unfinished, site, sensors=schedule, ground=ground, unused=free_mounts)
         draw_site(site, unfinished / ANSWER_PICTURE)
         write_text(unfinished / ANSWER_JSON, summary + "\n")
     return f"written to {folder}: {', '.join(ANSWER_FILES)}"

@@ -325,7 +325,7 @@ def build_pose_scorer(
                 labels=preparation.setting.counted.labels,
                 run=quiet_run,
             )
-        objective = Objective.from_view(preparation, candidates, seen, weights)
+        objective = Objective.from_view(preparation, candidates, visibility=seen, weights=weights)
         set_of_sensor = np.repeat(np.arange(len(sets)), [len(poses) for poses in sets])
         subsets = set_of_sensor == np.arange(len(sets))[:, None]  # sets × candidates
         objective.scores(subsets)  # all sets in one batch; `score` below finds them kept
@@ -418,7 +418,7 @@ class Coding:
             position = self.feet[mount] + [0.0, 0.0, height]
             heading = float(angles(sensor).heading + np.pi * turn)
             tilt_rad = float(min_tilt_rad + tilt * (max_tilt_rad - min_tilt_rad))
-            sensors.append(aim_sensor(sensor, position, heading, tilt_rad))
+            sensors.append(aim_sensor(sensor, position, heading, tilt=tilt_rad))
         return tuple(sensors)
 
     def options(self) -> dict[str, object]:

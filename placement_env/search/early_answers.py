@@ -17,7 +17,10 @@ def find_first_answer(order: SearchOrder, preparation: Preparation) -> Score:
     order: has the budget and the function to report to; preparation: first frames of the search
     with the order's candidates."""
     objective = Objective.from_view(
-        preparation, preparation.setting.pool, preparation.visibility, order.setting.weights
+        preparation,
+        candidates=preparation.setting.pool,
+        visibility=preparation.visibility,
+        weights=order.setting.weights,
     )
     best = load_search("greedy")(objective, order.budget, seed=order.run.seed).best
     names = ", ".join(set_names(objective.candidates, best.subset)) or "no sensors"

@@ -17,13 +17,13 @@ def describe_empty(objective: Objective) -> str:
     exceeds its costs."""
     fits_link = objective.linked  # for each candidate
     if not fits_link.any():
-        frames = describe_share(objective.setting.link_share)
+        frames_text = describe_share(objective.setting.link_share)  # such as "every frame"
         min_kbit = float(objective.loads.min())
         max_capacity = float(objective.candidates.capacity.max())
         return (
-            f"none of the {len(fits_link)} candidates fits its link: in {frames} they send up to "
-            f"{min_kbit:.0f} kbit or more, and no link carries more than {max_capacity:.0f}: give "
-            "mounts more, or pass --scheme late, which sends boxes"
+            f"none of the {len(fits_link)} candidates fits its link: in {frames_text} they send up "
+            f"to {min_kbit:.0f} kbit or more, and no link carries more than {max_capacity:.0f}: "
+            "give mounts more, or pass --scheme late, which sends boxes"
         )
     single_sensors = np.eye(len(fits_link), dtype=np.bool_)[fits_link]
     singles = objective.scores(single_sensors)
@@ -73,20 +73,20 @@ def describe_exclusions(
     exceeds_link = ~objective.linked
     count = len(candidates)
     reasons = []
-    frames = describe_share(objective.setting.link_share)
+    frames_text = describe_share(objective.setting.link_share)  # such as "every frame"
     if exceeds_link.any():
-        closest = int(np.flatnonzero(exceeds_link)[np.argmin(loads[exceeds_link])])
+        closest_candidate = int(np.flatnonzero(exceeds_link)[np.argmin(loads[exceeds_link])])
         excluded_count = int(exceeds_link.sum())
         reasons.append(
             f"The links exclude {excluded_count} of {count} candidates: the least that any "
-            f"of these sends in {frames} is up to {loads[closest]:.1f} kbit, over a link of "
-            f"{candidates.capacity[closest]:g} kbit."
+            f"of these sends in {frames_text} is up to {loads[closest_candidate]:.1f} kbit, over a "
+            f"link of {candidates.capacity[closest_candidate]:g} kbit."
         )
     if max_kbit is not None and (loads > max_kbit).any():
         reasons.append(
             f"The limit of {max_kbit:g} kbit per sensor and frame excludes "
             f"{int((loads > max_kbit).sum())} of {count} candidates: the least that any candidate "
-            f"sends in {frames} is up to {loads.min():.1f} kbit."
+            f"sends in {frames_text} is up to {loads.min():.1f} kbit."
         )
     is_affordable = objective.affordable(candidates.prices)
     if not is_affordable.all():

@@ -31,24 +31,22 @@ class FirstSensors:
 
     Attributes:
         site: The site with the sensors mounted.
-        poses: Number of poses that were tried.
-        covered: Share of vehicles with `LEAST` points or more from a sensor."""
+        pose_count: Number of poses that were tried.
+        covered_share: Share of vehicles with `LEAST` points or more from a sensor."""
 
     site: Site
-    poses: int
-    covered: float
+    pose_count: int
+    covered_share: float
 
     def __str__(self) -> str:
         """Sentences on how the sensors were placed, and what they see together."""
-        count = len(self.site.sensors)
-        mounts = len(self.site.mounts)
         return (
-            f"{count} sensors placed by coverage: from {self.poses} poses of the paper's camera "
-            f"on {mounts} mounts ({FIRST_HEIGHT_M:g} m up, {np.rad2deg(FIRST_TILT_RAD):.0f} "
-            f"degrees down, {FIRST_HEADINGS} headings), each in turn the pose that sees most "
-            f"vehicles with {LEAST:g} points in {FIRST_FRAMES} frames of traffic; together they "
-            f"see {self.covered:.0%}. This is a start to try the site: coview plan or coview "
-            "search says what to build"
+            f"{len(self.site.sensors)} sensors placed by coverage: from {self.pose_count} poses of "
+            f"the paper's camera on {len(self.site.mounts)} mounts ({FIRST_HEIGHT_M:g} m up, "
+            f"{np.rad2deg(FIRST_TILT_RAD):.0f} degrees down, {FIRST_HEADINGS} headings), each in "
+            f"turn the pose that sees most vehicles with {LEAST:g} points in {FIRST_FRAMES} frames "
+            f"of traffic; together they see {self.covered_share:.0%}. This is a start to try the "
+            "site: coview plan or coview search says what to build"
         )
 
 
@@ -99,6 +97,6 @@ def with_first_sensors(
     is_covered = (visibility.points[list(members)] >= LEAST).any(axis=0)
     return FirstSensors(
         site=mounted_site(site, candidates, members),
-        poses=len(candidates),
-        covered=float(is_covered.mean()) if members else 0.0,
+        pose_count=len(candidates),
+        covered_share=float(is_covered.mean()) if members else 0.0,
     )

@@ -72,7 +72,7 @@ class SearchOrder:
             raise ValueError(
                 f"confidence must lie between 0 and 1, got {self.confidence}: 0.95 is usual"
             )
-        check_search(self.method, self.fidelity, setting.pool, setting.cases)
+        check_search(self.method, self.fidelity, candidates=setting.pool, cases=setting.cases)
         setting.check_budget(self.budget)
         if setting.keep and self.method == "ppo":
             raise ValueError(

@@ -256,7 +256,7 @@ class Result(Displayed):
         if names:
             facts.append(f"sensors {', '.join(names)}")
         picture = "placement_env.report.charts:draw_history"
-        return Card(f"Result of {method}", tuple(facts), tables, picture)
+        return Card(f"Result of {method}", facts=tuple(facts), tables=tables, drawing=picture)
 
     def __str__(self) -> str:
         """One line: search, members of the best set, AP or reward, effort and certificate."""

@@ -172,7 +172,7 @@ def _build_answer(
         return Answer(objective=objective, summary=summary, lines=(line,), met=False)
     lines += describe_by_errors(by_errors)
     if order.verify is not None:
-        verification = _verify(order, order.verify, objective, result)
+        verification = _verify(order, fidelity=order.verify, objective=objective, result=result)
         members = verification.members
         summary["verified"] = verification.summary
         lines += verification.lines

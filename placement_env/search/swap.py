@@ -98,7 +98,9 @@ def search(
             if progress.spent and start_number:
                 break
             climb = _begin_climb(progress, start_number, rng=rng, start=start)
-        is_optimum = _climb_to_optimum(progress, climb, rng, lambda: checkpoint.offer(state))
+        is_optimum = _climb_to_optimum(
+            progress, climb, rng, save_state=lambda: checkpoint.offer(state)
+        )
         proven = is_optimum if progress.reward > climb.before else proven
         climb = None
     certificate = progress.unknown("stopped before all changes of one sensor were tried")

@@ -155,14 +155,14 @@ class FrameTruth:
     Attributes:
         objects: n labelled objects of the frame.
         counted: mask (n,) of the objects to find.
-        points: number of points on each object, 0 if they were not counted.
+        point_counts: number of points on each object, 0 if they were not counted.
         corners: detection area (xmin, ymin, xmax, ymax, m, world frame).
         complete: region with complete labels, None if they are complete everywhere.
     """
 
     objects: Objects
     counted: Mask
-    points: Int64[np.ndarray, " n"]
+    point_counts: Int64[np.ndarray, " n"]
     corners: Float64[np.ndarray, "4"]
     complete: Region | None = None
 
@@ -199,7 +199,7 @@ class FrameTruth:
             detections=kept_detections,
             truths=self.objects,
             counted=self.counted,
-            points=self.points,
+            point_counts=self.point_counts,
             truth_range=object_ranges,
             detection_range=detection_ranges,
             outside=is_outside[is_kept],
@@ -214,7 +214,7 @@ class Judged:
         detections: n detections, in the area or overlapping an object to find.
         truths: m objects.
         counted: mask (m,) of the objects to find.
-        points: number of points (m,) on each object.
+        point_counts: number of points (m,) on each object.
         truth_range: distance (m,) of each object from the middle of the area, in metres.
         detection_range: distance (n,) of each detection from the middle of the area, or the
             distance of the object that it overlaps most, in metres.
@@ -224,7 +224,7 @@ class Judged:
     detections: Detections
     truths: Objects
     counted: np.ndarray
-    points: np.ndarray
+    point_counts: np.ndarray
     truth_range: np.ndarray
     detection_range: np.ndarray
     outside: np.ndarray
@@ -237,11 +237,15 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
     area, in the region with complete labels, have a point on them, and are not a second label of an
     object. Other labelled objects are not misses, and a detection on one is not a false alarm."""
     boxes = frame.objects.boxes
-    points = count_points(frame.points(), boxes)
+    point_counts = count_points(frame.points(), boxes)
     is_in_area = has_centre_inside(boxes, corners) & frame.complete.covers(boxes)
-    counted = is_in_area & (points >= MIN_TRUTH_POINTS) & ~mark_repeated(frame.objects)
+    is_counted = is_in_area & (point_counts >= MIN_TRUTH_POINTS) & ~mark_repeated(frame.objects)
     return FrameTruth(
-        frame.objects, counted=counted, points=points, corners=corners, complete=frame.complete
+        frame.objects,
+        counted=is_counted,
+        point_counts=point_counts,
+        corners=corners,
+        complete=frame.complete,
     )
 
 
@@ -345,8 +349,8 @@ def _restrict_points(frame: Judged, low: float, high: float) -> Judged:
     """Return a frame in which only objects with `low` points to below `high` count.
 
     All detections stay: on other objects they are neither hits nor false alarms."""
-    has_points = (frame.points >= low) & (frame.points < high)
-    return replace(frame, counted=frame.counted & has_points)
+    is_in_group = (frame.point_counts >= low) & (frame.point_counts < high)
+    return replace(frame, counted=frame.counted & is_in_group)
 
 
 def _name_span(low: float, high: float, unit: str) -> str:

@@ -304,8 +304,8 @@ def _complete_cars(cars: list[_Rectangle], background: Points) -> list[_Rectangl
     for rectangle, _ in options:
         length, width = np.maximum(rectangle.size - 0.3, 0.1)
         boxes.append((*rectangle.centre, 0.0, length, width, 100.0, rectangle.yaw))
-    hidden_points = count_points(background, np.array(boxes).reshape(-1, 7))
-    cost = hidden_points + DOUBT_WEIGHT * np.array([option.doubt for option in options])
+    hidden_counts = count_points(background, np.array(boxes).reshape(-1, 7))
+    cost = hidden_counts + DOUBT_WEIGHT * np.array([option.doubt for option in options])
     # the cheapest option of each car, the first of several
     best = [start + int(cost[start:end].argmin()) for start, end in pairwise(starts)]
     return [options[index].rectangle for index in best]

@@ -118,7 +118,7 @@ def _pool_results(
     groups = list[GroupRow]()
     summaries: dict[str, dict[str, Any]] = {}
     for scheme_name, sensors in results[0].fused:  # the same for all frames
-        set_results = SetResults(job, results, scheme_name, sensors)
+        set_results = SetResults(job, results, scheme=scheme_name, sensors=sensors)
         for label, thresholds in ious.items():
             scores = set_results.score_class(label, thresholds)
             rows += [set_results.make_row(label, iou, scores[iou]) for iou in thresholds]

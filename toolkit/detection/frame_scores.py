@@ -163,7 +163,9 @@ class ScoringJob:
             objects = objects[is_inside]
             point_counts = point_counts[is_inside]
             is_inside = is_inside[is_inside]
-        return FrameTruth(objects, counted=is_inside, points=point_counts, corners=stand.corners)
+        return FrameTruth(
+            objects, counted=is_inside, point_counts=point_counts, corners=stand.corners
+        )
 
     def _fuse(
         self, frame: Frame, stand: Stand, memory: LinkMemory

@@ -239,7 +239,7 @@ def _pair_frames(
                 "detections, truths, counted and outside must have as many frames, but one ended "
                 f"after {number}"
             )
-        yield _FramePair(detected, objects, mask, is_outside)
+        yield _FramePair(detected, objects, counted=mask, outside=is_outside)
     extra_masks = counted is not None and next(masks, None) is not None
     if extra_masks or (outside is not None and next(outsides, None) is not None):
         raise ValueError("counted and outside must have as many frames as the detections, got more")

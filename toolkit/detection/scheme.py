@@ -106,14 +106,16 @@ def surrogate_name(scheme: Scheme) -> str:
 
 
 def estimate_bits(
-    scheme: Scheme, codec: Codec, counts: Counts, boxes: Float64[np.ndarray, " C"]
+    scheme: Scheme, codec: Codec, counts: Counts, box_counts: Float64[np.ndarray, " C"]
 ) -> Float64[np.ndarray, " C"]:
     """Expected bits that each of C candidates sends in all frames, whole numbers.
 
-    codec: codec of the messages, unless the scheme brings another; counts: points of each candidate
-    in each frame; boxes: number of detections of each candidate in all frames."""
+    codec: codec of the messages, unless the scheme brings another; counts: numbers of points of
+    each candidate in each frame; box_counts: number of detections of each candidate in all
+    frames."""
     used_codec = scheme_codec(scheme, codec)
+    # numbers of points and boxes that each candidate sends in all frames
     sent_points = scheme.sent_points(counts).sum(axis=1, dtype=np.float64)
-    sent_boxes = boxes if scheme.sends_boxes else np.zeros_like(boxes)
-    messages = counts.sent.shape[1]  # one in each frame
-    return np.rint(used_codec.bits(points=sent_points, boxes=sent_boxes, messages=messages))
+    sent_boxes = box_counts if scheme.sends_boxes else np.zeros_like(box_counts)
+    message_count = counts.sent.shape[1]  # one in each frame
+    return np.rint(used_codec.bits(points=sent_points, boxes=sent_boxes, messages=message_count))

@@ -146,7 +146,7 @@ def evaluate_tracks(
     rows: list[TrackApRow] = []
     tracks: list[ClassTracks] = []
     for label in classes:
-        rows += _score_boxes(frames, label, class_thresholds(ious, label), metric)
+        rows += _score_boxes(frames, label, ious=class_thresholds(ious, label), metric=metric)
         tracks += _score_class(frames, label, thresholds)
     return TrackEvaluation(rows=tuple(rows), tracks=tuple(tracks), frames=len(frames))
 
@@ -193,8 +193,8 @@ def _score_class(
         errors = measure_errors(
             scored_frames,
             match_clear(pairs, threshold).matches,
-            [frame.tracks for frame in frames],
-            [frame.truth for frame in frames],
+            tracks=[frame.tracks for frame in frames],
+            truths=[frame.truth for frame in frames],
         )
         rows.append(
             ClassTracks(

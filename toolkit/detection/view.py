@@ -414,7 +414,7 @@ def frame_view(
     crop = Crop.from_place(site, height)
     detect = detector if crop.slope == LEVEL else partial(detect_on_ground, detector, place=site)
     images = Images(
-        capture=lambda sensor: Captured(frame, sensor, site, height),
+        capture=lambda sensor: Captured(frame, index=sensor, area=site, height=height),
         scene=scene,
         time=_sent_time(frame),
         number=frame.index,

@@ -93,9 +93,9 @@ def measure_fits(points: Points, boxes: Float[np.ndarray, "m 7"]) -> Float64[np.
     boxes_with_surroundings = boxes + SHELL_M * one_metre_around
     boxes_with_slack = boxes + BOX_SLACK_M * one_metre_around
     all_boxes = np.concatenate([boxes_with_surroundings, boxes_with_slack, hollow_boxes])
-    # points in each of the three kinds of boxes, an array with a number for each box
-    near_counts, slack_counts, hollow_counts = count_points(points, all_boxes).reshape(3, -1)
-    face_counts = slack_counts - hollow_counts
+    counts = count_points(points, all_boxes).reshape(3, -1)  # axes: kind of box as above, box
+    near_counts = counts[0]
+    face_counts = counts[1] - counts[2]  # in the box, but not in its hollow middle
     return np.where(near_counts >= MIN_BOX_POINTS, face_counts / np.maximum(near_counts, 1), 0.0)
 
 

@@ -60,7 +60,12 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
     best = choose_clearer(best, find_offset(views, current_fits), margin)
     if best is not None:
         findings.append(
-            compare_fits(best.mistake.name, current_fits, best.fits, best.mistake.remedy)
+            compare_fits(
+                best.mistake.name,
+                fits_before=current_fits,
+                fits_after=best.fits,
+                remedy=best.mistake.remedy,
+            )
         )
         boxes = best.boxes
     findings += suspect_heights(views, boxes)
@@ -78,7 +83,14 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
         return [compare_fits(name, shift.fits_before, shift.fits_after, remedy)]
     turned = turn_each(views)
     if fits_better(current_fits, turned.fits, MIN_TURN_GAIN):
-        return [compare_fits(LOST_DEGREES.name, current_fits, turned.fits, LOST_DEGREES.remedy)]
+        return [
+            compare_fits(
+                LOST_DEGREES.name,
+                fits_before=current_fits,
+                fits_after=turned.fits,
+                remedy=LOST_DEGREES.remedy,
+            )
+        ]
     return suspect_headings([view.sample for view in views])
 
 

@@ -58,7 +58,9 @@ class DetectionArrayWriter:
         time_ns = nanoseconds(instant.time_s)
         header = self._header(time_ns)
         ids = instant.list_ids()
-        detections = [self._detection(header, instant, row, ids[row]) for row in range(len(ids))]
+        detections = [
+            self._detection(header, instant, row, track_id=ids[row]) for row in range(len(ids))
+        ]
         message = self._store.types[ARRAY](header=header, detections=detections)
         self._writer.write(self._connection, time_ns, self._store.serialize_cdr(message, ARRAY))
         velocities = [velocity for velocity in instant.known_velocities() if velocity is not None]

@@ -30,6 +30,7 @@ class KittiTrackingWriter:
     def write(self, instant: Instant) -> None:
         """Write a row for each object: `frame id type truncated occluded alpha`, image rectangle
         `left top right bottom`, sizes `h w l`, floor centre `x y z` in the camera, `ry score`."""
+        # the rectangle of every object is the whole image, as the camera does not exist
         image_width, image_height = IMAGE_PX
         rectangle = f"0.00 0.00 {image_width - 1:.2f} {image_height - 1:.2f}"
         rows = zip(
@@ -43,6 +44,7 @@ class KittiTrackingWriter:
             # a camera at the world's origin that faces along x: its x is right, y down, z forward
             floor = f"{-y:.6f} {height / 2 - z:.6f} {x:.6f}"
             name = COMMON_NAMES[LABELS[label]]
+            # not truncated, not occluded, alpha unknown
             self._file.write(
                 f"{self._frame} {track_id} {name} 0 0 -10 {rectangle} {sizes} {floor} "
                 f"{camera_turn(yaw):.6f} {score:.6f}\n"

@@ -34,7 +34,9 @@ def parse_openlabel_tracks(path: Path, content: Unchecked) -> TrackFile:
         roots = systems.list_roots()
         root = roots.pop() if len(roots) == 1 else None
         cuboids = CuboidRows.parse(content, frame, key, systems, root, problems)
-        labels = frame_labels.make_labels(cuboids.boxes, cuboids.kinds, cuboids.ids, problems)
+        labels = frame_labels.make_labels(
+            cuboids.boxes, categories=cuboids.kinds, ids=cuboids.ids, problems=problems
+        )
         objects = labels.objects
         values_by_id = _list_openlabel_values(frame)
         values = [

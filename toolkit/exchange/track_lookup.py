@@ -62,8 +62,8 @@ class TrackLookup:
             time_gaps = np.abs(self._times - key.time)
             if not len(time_gaps):
                 return None
-            nearest = int(time_gaps.argmin())
-            return nearest if time_gaps[nearest] <= MAX_TIME_GAP_S else None
+            nearest_index = int(time_gaps.argmin())
+            return nearest_index if time_gaps[nearest_index] <= MAX_TIME_GAP_S else None
         return self._index_by_key.get(key.name if self._has_names else key.number)
 
     def list_used(self) -> list[TrackFrame]:

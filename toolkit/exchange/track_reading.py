@@ -65,25 +65,28 @@ def _parse_json(path: Path, content: Unchecked) -> TrackFile:
         name = str(entry(record, "name"))
         time = as_number(entry(record, "time"), f"time of frame {name}")
         rows = as_list(entry(record, "tracks"), f"tracks of frame {name}")
-        frames.append(_make_frame(number, name, time, rows))
+        frames.append(_make_frame(number, name=name, time=time, rows=rows))
     check_rising(frames)
     return TrackFile(path, tuple(frames), is_complete=True, has_times=True, problems={})
 
 
 def _parse_csv(path: Path, text: str) -> TrackFile:
-    """Parse the CSV of `toolkit.tracking.track_files`."""
+    """Parse the CSV of `toolkit.tracking.track_files`, a row for each track in each frame.
+
+    Raises ValueError for a missing column, a wrong value, or times that do not rise."""
     table = csv.DictReader(io.StringIO(text))
-    missing = [name for name in TRACK_COLUMNS if name not in (table.fieldnames or ())]
-    if missing:
-        raise ValueError(f"it has no column {', '.join(missing)}")
+    missing_columns = [name for name in TRACK_COLUMNS if name not in (table.fieldnames or ())]
+    if missing_columns:
+        raise ValueError(f"it has no column {', '.join(missing_columns)}")
     rows_by_frame: dict[tuple[str, float], list[Unchecked]] = {}  # by the frame's name and time
     for row in table:
         time = as_number(row["time"], "time")
         rows_by_frame.setdefault((str(row["frame"]), time), []).append(row)
     frames = []
     for number, ((name, time), rows) in enumerate(rows_by_frame.items()):
-        frames.append(_make_frame(number, name, time, rows))
+        frames.append(_make_frame(number, name=name, time=time, rows=rows))
     check_rising(frames)
+    # not complete: frames without a track have no row
     return TrackFile(path, tuple(frames), is_complete=False, has_times=True, problems={})
 
 

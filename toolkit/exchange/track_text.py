@@ -33,7 +33,11 @@ def read_track_text(path: Path, world_SE3_camera: Pose) -> TrackFile:
         for number, rows in _place_text(read_track_rows(path), world_SE3_camera, problems):
             try:
                 instant = Instant(
-                    np.nan, boxes=rows.boxes, labels=rows.labels, scores=rows.scores, ids=rows.ids
+                    time_s=np.nan,
+                    boxes=rows.boxes,
+                    labels=rows.labels,
+                    scores=rows.scores,
+                    ids=rows.ids,
                 )
             except ValueError as error:
                 raise ValueError(f"frame {number}: {error}") from None
@@ -46,6 +50,7 @@ def read_track_text(path: Path, world_SE3_camera: Pose) -> TrackFile:
                     rectangles=rows.rectangles,
                 )
             )
+    # not complete: frames without an object have no row
     return TrackFile(path, tuple(frames), is_complete=False, has_times=False, problems=problems)
 
 

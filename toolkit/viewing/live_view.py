@@ -132,9 +132,9 @@ class LiveView:
             self._redraw()
 
     def _redraw(self) -> None:
-        """Replace the nodes of the previous frame by nodes of `_drawn`, in the current colouring.
+        """Replace the nodes of the previous frame by the current one's, in the current colouring.
 
-        Without a drawn frame none are added. New sensors get nodes and switches first."""
+        A frame that cannot be shown gets none. New sensors get nodes and switches first."""
         for handle in self.shown:
             handle.remove()
         self.shown = []

@@ -135,9 +135,9 @@ def add_sample(
             )
             handle = scene_parts.add_points(
                 api,
-                f"/sensors/{sensor_index}/{colouring}/{frame}",
-                cloud.points,
-                colours,
+                name=f"/sensors/{sensor_index}/{colouring}/{frame}",
+                points=cloud.points,
+                colour=colours,
                 size=SHOWN_POINT_SIZE,
                 visible=visible,
                 precision=style.precision,
@@ -193,7 +193,7 @@ def _add_boxes(
     for group, boxes_by_kind in groups:
         for kind, boxes in boxes_by_kind.items():
             node = f"/{group}/{kind}/{frame}"
-            handle = add_boxes(api, node, boxes, _STYLES[group], visible=visible)
+            handle = add_boxes(api, name=node, boxes=boxes, style=_STYLES[group], visible=visible)
             if handle is not None:  # None without boxes
                 handles.append(handle)
     return handles

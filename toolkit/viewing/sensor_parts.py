@@ -27,7 +27,7 @@ def add_housing(api: "SceneApi", name: str, position: Spot, size: Spot, colour: 
 
     name: path of the node; position: middle (m); size: sizes along x, y and z (m); colour:
     #rrggbb."""
-    add_mesh(api, name, box(size=size, centre=position), colour)
+    add_mesh(api, name, mesh=box(size=size, centre=position), colour=colour)
 
 
 def find_target(site: Site, sensor: Sensor) -> Float64[np.ndarray, "3"]:

@@ -35,25 +35,29 @@ def add_site(api: "SceneApi", site: Site, used_poles: set[str]) -> None:
 
     api: scene of viser; used_poles: names of the poles that carry a sensor, which are thicker and
     darker."""
-    scene_parts.add_mesh(api, "/site/ground", ground_mesh(site), _BARE_GROUND)
+    scene_parts.add_mesh(api, name="/site/ground", mesh=ground_mesh(site), colour=_BARE_GROUND)
     for name, outlines, lift_m, colour in (
         ("lanes", site.lanes, LANE_LIFT_M, _LANE),
         ("footways", site.footways, FOOTWAY_LIFT_M, GROUND["footways"]),
     ):
         polygons = [shapely.Polygon(outline) for outline in outlines]
-        scene_parts.add_mesh(api, f"/site/{name}", drape(site, polygons, lift=lift_m), colour)
+        scene_parts.add_mesh(
+            api, name=f"/site/{name}", mesh=drape(site, polygons, lift=lift_m), colour=colour
+        )
     meshes_by_kind: dict[str, list[Mesh]] = {}
     for solid in site.solids:
         mesh = extrude(solid.footprint, solid.base, solid.top)
         meshes_by_kind.setdefault(solid.kind, []).append(mesh)
     for kind, meshes in sorted(meshes_by_kind.items()):
-        scene_parts.add_mesh(api, f"/site/{kind}", merge(meshes), _SHADES.get(kind, OTHER_SOLID))
+        scene_parts.add_mesh(
+            api, name=f"/site/{kind}", mesh=merge(meshes), colour=_SHADES.get(kind, OTHER_SOLID)
+        )
     free_mounts = [mount for mount in site.mounts if mount.name not in used_poles]
     used_mounts = [mount for mount in site.mounts if mount.name in used_poles]
     free_poles = _pole_tubes(free_mounts, FREE_POLE_RADIUS_M)
     poles_in_use = _pole_tubes(used_mounts, USED_POLE_RADIUS_M)
-    scene_parts.add_mesh(api, "/site/free poles", free_poles, _FREE_POLE)
-    scene_parts.add_mesh(api, "/site/poles in use", poles_in_use, POLE_INK)
+    scene_parts.add_mesh(api, name="/site/free poles", mesh=free_poles, colour=_FREE_POLE)
+    scene_parts.add_mesh(api, name="/site/poles in use", mesh=poles_in_use, colour=POLE_INK)
 
 
 def _pole_tubes(mounts: Sequence[Mount], radius: float) -> Mesh:

@@ -69,7 +69,7 @@ def convert_command(
         to: Layout to write: one that --layout takes, or one of a plug-in; rosbag has no labels,
             hdf5 keeps everything.
         out: Folder to write, or file for hdf5."""
-    check_least("--frames", contents.frames, 1, "leave it out for all")
+    check_least("--frames", value=contents.frames, minimum=1, remedy="leave it out for all")
     if contents.errors is not None:
         find_profile(contents.errors)
     check_links(recording)

@@ -56,7 +56,7 @@ def label_command(
     from toolkit.exchange.track_lookup import TrackLookup
     from toolkit.runtime.writing import write_text
 
-    check_least("--frames", frames, 1, "leave it out for all")
+    check_least("--frames", value=frames, minimum=1, remedy="leave it out for all")
     is_file = out.suffix.lower() == ".json"
     target = find_layout(to)
     if target.file:

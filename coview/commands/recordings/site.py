@@ -83,7 +83,12 @@ class ImportMap:
         # None for the side of the map or its country
         lefthand = self.lefthand if self.lefthand or self.righthand else None
         (map_file,) = [path for path in (self.opendrive, self.osm) if path is not None]
-        check_least("--sensors", self.sensors, 1, "leave it out for a site without sensors")
+        check_least(
+            "--sensors",
+            value=self.sensors,
+            minimum=1,
+            remedy="leave it out for a site without sensors",
+        )
         piece = MapPiece(
             map_file,
             centre=self.centre,

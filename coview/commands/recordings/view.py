@@ -159,7 +159,9 @@ def _check_options(options: ViewOptions, out: Path | None, still: Path | None) -
     """Raise ValueError for impossible options, ImportError without viser.
 
     out: page to write; still: picture to write; None for neither."""
-    check_least("--frames", options.frames, 1, "leave it out for all")  # None passes
+    check_least(
+        "--frames", value=options.frames, minimum=1, remedy="leave it out for all"
+    )  # None passes
     check_least("--every", options.every, 1)
     check_least("--frame", options.frame, 0)
     if still is not None and out is not None:

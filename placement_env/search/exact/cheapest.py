@@ -187,20 +187,27 @@ def search(
     ImportError without OR-Tools.
     """
     progress = Progress(
-        objective, budget, DEFAULT_SOLVER_S if seconds is None else seconds, evaluations
+        objective,
+        budget,
+        seconds=DEFAULT_SOLVER_S if seconds is None else seconds,
+        evaluations=evaluations,
     )
     prices = Prices.in_units(
         objective, max(float(objective.candidates.prices.max(initial=0.0)), 1e-300) / PRICE_UNITS
     )
     limits = SolverLimits(seed=seed, effort=effort)
     if isinstance(objective.scored_by, Coverage):
-        return _search_coverage(progress, objective.scored_by, prices, demand, limits)
+        return _search_coverage(
+            progress, cover=objective.scored_by, prices=prices, demand=demand, limits=limits
+        )
     if not isinstance(objective.scored_by, Surrogate):
         raise ValueError(
             "the cheapest set is known by --fidelity coverage or surrogate, got "
             f"{objective.fidelity}"
         )
-    return _search_surrogate(progress, objective.scored_by, prices, demand, limits)
+    return _search_surrogate(
+        progress, surrogate=objective.scored_by, prices=prices, demand=demand, limits=limits
+    )
 
 
 def _search_coverage(
@@ -241,7 +248,7 @@ def _search_coverage(
         groups=np.hstack([share_rows, np.eye(len(needs), dtype=np.bool_)]),
     )
     programme = Programme.from_objective(objective, progress.budget, levels, failing=demand.failing)
-    solution = _solve(progress, programme, int(needs.max()), prices, limits)
+    solution = _solve(progress, programme, need=int(needs.max()), prices=prices, limits=limits)
     condition = f"covers {demand.at_least:.0%} of the objects{demand.describe(len(share_rows))}"
     return _build_result(progress, solution, prices.unit, condition)
 
@@ -278,7 +285,14 @@ def _search_surrogate(
     programme = Programme.from_objective(objective, progress.budget, middle, lost_cases=lost_cases)
     need = math.floor(demand.at_least * GAIN_UNITS)
     time_share = BOUND_TIME_SHARE if has_conditions else 1.0
-    relaxed = _solve(progress, relaxation, need, prices, limits, time_share)
+    relaxed = _solve(
+        progress,
+        programme=relaxation,
+        need=need,
+        prices=prices,
+        limits=limits,
+        time_share=time_share,
+    )
     if relaxed.members is None and relaxed.optimal:
         return _build_result(progress, relaxed, prices.unit, condition)
     answer = _raise_demand(progress, programme, prices, limits, demand.at_least, score_ap)
@@ -299,7 +313,7 @@ def _search_surrogate(
     if answer is None:
         unsolved = Solved(members=None, value=0, bound=relaxed.bound, optimal=False)
         return _build_result(progress, unsolved, prices.unit, condition)
-    answer = _prune(objective, answer, demand.at_least, score_ap)
+    answer = _prune(objective, members=answer, at_least=demand.at_least, score_ap=score_ap)
     remark = ""
     if has_conditions:
         worst_ap = _score_one(objective, score_ap, answer)

@@ -114,7 +114,9 @@ def search(
     share = cover.value / max(1, units)
     max_share = cover.bound / max(1, units)
     note = _describe_coverage(cover, units, members, views=views, classes=objective.classes)
-    return progress.result("CP-SAT", Certificate.from_bound(share, max_share, note, "coverage"))
+    return progress.result(
+        "CP-SAT", Certificate.from_bound(share, bound=max_share, note=note, measure="coverage")
+    )
 
 
 def _describe_coverage(
@@ -178,19 +180,30 @@ def cover_most(
     is_required = is_allowed & np.isin(poles.mount, poles.required)
     useful = drop_dominated(
         seen & is_allowed[:, None],
-        poles.exclusive_mount,
-        None if prices is None else prices.sensor + prices.per_mount,
-        is_required,
+        mount=poles.exclusive_mount,
+        prices=None if prices is None else prices.sensor + prices.per_mount,
+        is_required=is_required,
     )
     cost = None if prices is None else prices.select(useful)
     poles = poles.select(useful)
     object_worth = np.ones((1, seen.shape[1]), np.int64) if worth is None else worth
-    objects, weights = merge_objects(seen[useful], poles.exclusive_mount, views, object_worth)
+    objects, weights = merge_objects(
+        seen[useful], mount=poles.exclusive_mount, views=views, worth=object_worth
+    )
     # from here on candidates are counted among the useful ones
-    start = greedy_cover(objects, weights.sum(axis=0), poles.mount, budget, views, prices=cost)
+    start = greedy_cover(
+        objects,
+        weight=weights.sum(axis=0),
+        mount=poles.mount,
+        budget=budget,
+        views=views,
+        prices=cost,
+    )
     mount = poles.exclusive_mount
     bounds = [
-        prove_bound(objects, group_weight, mount, budget, views=views, members=start)
+        prove_bound(
+            objects, weight=group_weight, mount=mount, budget=budget, views=views, members=start
+        )
         for group_weight in weights
     ]
     bound = min(bounds)

@@ -40,7 +40,12 @@ def search(
         raise ValueError(
             f"exhaustive search takes at most {MAX_CANDIDATES} candidates, got {size}: select some"
         )
-    progress = Progress(objective, size if budget is None else budget, seconds, evaluations)
+    progress = Progress(
+        objective,
+        budget=size if budget is None else budget,
+        seconds=seconds,
+        evaluations=evaluations,
+    )
     subsets = list_sets(size, progress.budget)
     subsets = subsets[objective.feasible(subsets)]
     figures = progress.figures(subsets)
@@ -64,7 +69,7 @@ def search(
         """Scores of some rows of `subsets`."""
         return tuple(objective.score(np.flatnonzero(subsets[row]).tolist()) for row in rows)
 
-    return progress.result("exhaustive", certificate, scores(front), scores(best))
+    return progress.result("exhaustive", certificate, front=scores(front), by_size=scores(best))
 
 
 def list_sets(size: int, budget: int) -> Sets:

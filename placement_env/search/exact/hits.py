@@ -82,4 +82,6 @@ def search(
         f"{share:.4f} of the objects are expected to be hit, in steps, and no set has more than "
         f"{max_share:.4f}"
     )
-    return progress.result("hits", Certificate.from_bound(share, max_share, note, "hits"))
+    return progress.result(
+        "hits", Certificate.from_bound(share, bound=max_share, note=note, measure="hits")
+    )

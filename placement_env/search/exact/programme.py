@@ -249,11 +249,11 @@ class Poles(NamedTuple):
         for mount in np.unique(self.mount):
             on_mount = np.flatnonzero(self.mount == mount).tolist()
             variables = [built[c] for c in on_mount]
-            places = int(self.places[on_mount[0]])  # the same for all candidates on the mount
-            if places == 1:
+            place_count = int(self.places[on_mount[0]])  # the same for all candidates on the mount
+            if place_count == 1:
                 model.add_at_most_one(variables)
                 continue
-            model.add(linear.sum(variables) <= places)
+            model.add(linear.sum(variables) <= place_count)
             loads = self.load[on_mount]
             if loads.any():
                 model.add(linear.weighted_sum(variables, loads.tolist()) <= LINK_UNITS)
@@ -442,7 +442,7 @@ def solve(
         cases = cases or [is_buildable]
         worths = []
         for case in cases:
-            worths += _sum_reached_worth(model, built, levels, case)
+            worths += _sum_reached_worth(model, built, levels, is_buildable=case)
     min_worth = model.new_int_var(0, max(0, levels.max_worth), "") if cost is None else at_least
     for worth in worths:
         model.add(worth >= min_worth)

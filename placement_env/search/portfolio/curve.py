@@ -133,7 +133,7 @@ def budget_curve(
         races.save({"ended": number + 1, "winners": winners})
     if not winners:
         return ()
-    return _judge_winners(objective, winners, final_evaluator, schedule)
+    return _judge_winners(objective, winners, evaluator=final_evaluator, schedule=schedule)
 
 
 def _describe_winner(

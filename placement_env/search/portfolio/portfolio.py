@@ -253,7 +253,7 @@ def _assess(
     # fewer figures than rows if time ran out
     for n, ap in enumerate(judged.ap.tolist()):
         interval = evaluator.interval(judged[n], frames)
-        contenders.append(_build_contender(entrants, int(rows[n]), ap, interval))
+        contenders.append(_build_contender(entrants, row=int(rows[n]), ap=ap, interval=interval))
     answer = contenders[0]
     winner_row = entrants.sets[[winner]]
     object_count = evaluator.count_objects(frames)
@@ -264,7 +264,7 @@ def _assess(
         judged_figure = StageFigure(
             stage="in the judgement", ap=answer.ap, objects=object_count, frames=len(frames)
         )
-        _check_race(names, race, cost, judged_figure)
+        _check_race(names, race, cost, judged=judged_figure)
     confidence = math.nan
     if is_comparable(race_frames, object_count):
         reach = 0.0 if math.isnan(answer.low) else share_beyond_reach(judged.resamples[0] - cost)

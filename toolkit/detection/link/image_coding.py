@@ -384,7 +384,7 @@ def _padded_positions(mask: np.ndarray) -> tuple[np.ndarray, int]:
 
     Padding is one row above and one column on either side, so neighbours of edge pixels exist."""
     pixels = np.flatnonzero(mask)
-    columns = mask.shape[1]
-    row_above = columns + 2
+    column_count = mask.shape[1]
+    padded_width = column_count + 2
     # before a pixel are the row above, a column at its left, and two columns for each earlier row
-    return pixels + row_above + 1 + 2 * (pixels // columns), columns + 2
+    return pixels + padded_width + 1 + 2 * (pixels // column_count), padded_width

@@ -311,7 +311,10 @@ def test_races_and_searches_share_their_time_and_know_the_seed(street, spy):
     efforts = [call.args[1] for call in searches[1:]]
     assert efforts == [Effort((3,), 60 * 0.3 / (8 * 2), None, 3)] * 2
     budget_curve(street.objective, 1, **asked)
-    assert (searches[-1].args[1].seconds, races[-1].named["most"]) == (None, MAX_SET_FRAMES)
+    assert (searches[-1].args[1].seconds, races[-1].named["max_set_frames"]) == (
+        None,
+        MAX_SET_FRAMES,
+    )
     budget_curve(street.objective, 1, judging=asked["judging"])
     assert races[-1].named["seed"] == 0
 
