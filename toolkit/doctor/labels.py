@@ -40,12 +40,11 @@ def diagnose_boxes(views: Sequence[GroundView]) -> list[Finding]:
     full_turn_count = sum(view.sample.problems.get(problem_kinds.FULL_TURNS, 0) for view in views)
     if full_turn_count and full_turn_count >= MIN_FULL_TURN_SHARE * label_count:
         evidence = f"{full_turn_count} of {label_count} yaws are beyond a full turn in radians"
-        words = "yaw in degrees where radians belong"
         return [
             Finding(
                 severity="error",
                 where="labels",
-                suspected=words,
+                suspected="yaw in degrees where radians belong",
                 evidence=evidence,
                 remedy="multiply yaw by pi / 180",
             )

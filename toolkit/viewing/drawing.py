@@ -46,8 +46,8 @@ class _Lift:
 
         If ground was found (`Stand.ground`), they are levelled by it. Columns are x, y, z, length,
         width, height and yaw."""
-        # As in `move_points`: ground is known relative to the middle of the area. Only x, y and z
-        # of a box are shifted, not its sizes and yaw.
+        # As in `move_points`: ground is known relative to the middle of the area. Boxes are shifted
+        # in x, y and z; sizes and yaw stay.
         middle = np.array([*self.stand.middle, 0.0])
         centred_boxes = boxes - np.array([*middle, 0, 0, 0, 0])
         if self.stand.ground is not None and len(centred_boxes):

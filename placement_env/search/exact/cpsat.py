@@ -157,7 +157,7 @@ def cover_most(
     """Choose candidates that cover the most objects, each seen by at least `views` candidates.
 
     The solver starts from the set of `greedy_cover`, so the answer covers no less if that
-    set satisfies all constraints.
+    set satisfies all constraints. Returns indices of candidates, ascending, and what they cover.
 
     Args:
         seen: Candidates × objects, True if seen.
@@ -169,9 +169,6 @@ def cover_most(
         worth: Worth of covering each object, for k groups; the lowest sum counts
             (`compute_worth`); None to count objects.
         limits: Time and seed of the solver.
-
-    Returns:
-        Indices of candidates, ascending, and what they cover.
     """
     check_whole("budget", budget, least=1)
     check_whole("views", views, least=1)
@@ -191,22 +188,13 @@ def cover_most(
         seen[useful], mount=poles.exclusive_mount, views=views, worth=object_worth
     )
     # from here on candidates are counted among the useful ones
+    total_weight = weights.sum(axis=0)
     start = greedy_cover(
-        objects,
-        weight=weights.sum(axis=0),
-        mount=poles.mount,
-        budget=budget,
-        views=views,
-        prices=cost,
+        objects, weight=total_weight, mount=poles.mount, budget=budget, views=views, prices=cost
     )
-    mount = poles.exclusive_mount
-    bounds = [
-        prove_bound(
-            objects, weight=group_weight, mount=mount, budget=budget, views=views, members=start
-        )
-        for group_weight in weights
-    ]
-    bound = min(bounds)
+    bound = _prove_lowest_bound(
+        objects, weights, mount=poles.exclusive_mount, budget=budget, views=views, members=start
+    )
     model, built = _build_model(
         objects, weights, poles, budget, views=views, start=start, bound=bound
     )
@@ -225,6 +213,25 @@ def cover_most(
     return Solved(
         members=members, value=covered, bound=max(bound, covered), optimal=bound <= covered
     )
+
+
+def _prove_lowest_bound(
+    objects: _Seen,
+    weights: _Worth,
+    *,
+    mount: _PerCandidate,
+    budget: int,
+    views: int,
+    members: list[int],
+) -> int:
+    """Lowest of the bounds on the worth of each group of objects, see `prove_bound`.
+
+    weights: worth of covering each object, a row for each group."""
+    bounds = [
+        prove_bound(objects, weight, mount, budget, views=views, members=members)
+        for weight in weights
+    ]
+    return min(bounds)
 
 
 def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_Worth, int]:

@@ -421,8 +421,7 @@ def solve(
             maximise the worth.
         start: Indices of a set at which the solver may begin.
 
-    Raises ImportError without OR-Tools.
-    """
+    Raises ImportError without OR-Tools."""
     cp = load_cp_model()
     model = cp.CpModel()
     levels = programme.levels
