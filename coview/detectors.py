@@ -41,6 +41,7 @@ class CloudDetector:
     def __init__(
         self, network: "VoxelNetDetector", level: Literal["map", "plane"] | None = None
     ) -> None:
+        """Wrap a network. level: way to level clouds, None to take them as they are."""
         if level not in ("map", "plane", None):
             raise ValueError(f'level must be "map", "plane" or None, got {level!r}')
         self.network = network

@@ -28,6 +28,7 @@ class LongTasks:
     drawings of the suggested sensors; folder: folder of exports and reports."""
 
     def __init__(self, context: LiveContext, ghosts: Ghosts, folder: Path) -> None:
+        """Keep what long tasks change and show. folder: for exports and reports."""
         self._planner = context.planner
         self._jobs = context.jobs  # runs long tasks in a separate thread
         self._head = context.head  # shows notes

@@ -30,6 +30,7 @@ class GroundClicks:
     """
 
     def __init__(self, context: LiveContext, areas: AreaDrawing, folder: Path) -> None:
+        """Wait for no click at first. folder: for pictures that are laid on the ground."""
         self._planner = context.planner
         self._jobs = context.jobs  # runs functions in the page's thread
         self._head = context.head  # shows notes

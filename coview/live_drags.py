@@ -22,6 +22,7 @@ class SensorDrags:
     def __init__(
         self, context: LiveContext, drawings: SensorDrawings, choose: Callable[[str], None]
     ) -> None:
+        """Follow the sensors of a page. choose: chooses a sensor in the panel, by name."""
         self._planner = context.planner
         self._jobs = context.jobs  # runs functions in the page's thread
         self._show = context.show  # shows an answer

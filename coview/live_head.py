@@ -20,6 +20,9 @@ class PanelHead:
     """
 
     def __init__(self, server: "ViserServer", title: str, sensors: int, measured: str) -> None:
+        """Dock the panel and add its head.
+
+        title: name of the site; sensors: their number; measured: figures by the detector, or ""."""
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(68, 99, 246))
         gui.main_panel.dock_right()

@@ -43,6 +43,7 @@ class LiveJobs:
     def __init__(
         self, head: PanelHead, *, show: "Callable[[LiveAnswer], None]", redraw: Job, draw_rest: Job
     ) -> None:
+        """Queue without jobs; `start` begins its threads."""
         self._head = head  # shows notes and errors
         self._show = show  # shows an answer
         self._redraw = redraw  # draws all after a failure
@@ -213,6 +214,7 @@ class Refining:
         find_answer: "Callable[[], LiveAnswer | None]",
         show_refined: Job,
     ) -> None:
+        """Thread that waits until there is something coarse."""
         self._planner = planner
         self._jobs = jobs
         self._find_answer = find_answer  # returns the shown answer, None before the first

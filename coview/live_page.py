@@ -65,6 +65,9 @@ class LivePage:
     def __init__(
         self, server: "ViserServer", planner: LivePlanner, project: ProjectFile | None, folder: Path
     ) -> None:
+        """Add panel and scene, start the page's threads, and show the first figures.
+
+        project: file that keeps the work, None without one; folder: for files of the page."""
         self.server = server
         self.planner = planner
         self.project = project

@@ -82,6 +82,7 @@ class SensorTab:
         guard: FieldGuard,
         fill: Callable[[], None],
     ) -> None:
+        """Add the tab's fields and buttons. fill: shows the chosen sensor in the fields."""
         self._planner = planner
         self._jobs = jobs
         self._cameras = cameras
@@ -194,6 +195,7 @@ class ScoreTab:
     """Tab with the question that sensors are scored by, and figures in detail."""
 
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
+        """Add the fields of the question, with the present values."""
         self._planner = planner
         first_setting = planner.first  # at the start of the page
         setting = planner.asked  # at present
@@ -255,6 +257,7 @@ class VariantsTab:
     def __init__(
         self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs, guard: FieldGuard
     ) -> None:
+        """Add the table, the choice of the variant that is shown, and a field for a new one."""
         self._planner = planner
         self._small_maps: dict[Variant, str] = {}  # HTML by variant, so that none is drawn twice
         gui.add_html(site_html(planner.yard.site))  # hidden; the small maps show it
@@ -308,6 +311,7 @@ class ViewTab:
         draw_map: Callable[[], None],
         draw_traffic: Callable[[], None],
     ) -> None:
+        """Add the tab's fields. draw_map, draw_traffic: draw what the fields choose."""
         self._planner = planner
         self.map: Handle = gui.add_dropdown("Seen how often", ("off", *MAP_HEIGHTS))
         self.map.on_update(lambda _: jobs.do(draw_map))
@@ -367,6 +371,7 @@ class LivePanel:
         tasks: LongTasks,
         **drawing: Callable[[], None],
     ) -> None:
+        """Add all controls. drawing: functions that the tab View draws by, see `ViewTab`."""
         self._guard = FieldGuard()  # ignores changes of fields by the program
         steps = gui.add_button_group("Changes", ("Undo", "Redo"))
         steps.on_click(

@@ -46,6 +46,7 @@ class StartPage:
     is called with the name or file of the chosen site."""
 
     def __init__(self, server: "ViserServer", folder: Path, then: Callable[[str], None]) -> None:
+        """Add the fields. folder: for uploads and sites from maps; then: opens a site by name."""
         self._folder = folder  # for uploads and sites made from maps
         self._then = then  # opens a site, given by name or file
         self._busy = threading.Lock()  # held while a site is opened
@@ -174,6 +175,10 @@ class LiveSession:
         project: "ProjectFile | None" = None,
         folder: Path = Path("out/live"),
     ) -> None:
+        """Open a server, and show the planner's page on it.
+
+        planner: planner, or function that makes one and its project file for a site by name, which
+        the first page then asks for. Raises ValueError for an invalid port."""
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
         token = secrets.token_urlsafe(16)  # only who knows the URL opens the page

@@ -30,6 +30,7 @@ class Bar:
     def __init__(
         self, bar: "tqdm[object]", hidden: bool, unit: str = "", steps: Steps = NO_STEPS
     ) -> None:
+        """Wrap a bar of tqdm, which has begun now."""
         self._bar = bar
         self._hidden = hidden  # True to print nothing
         self._stage = unit  # name of the stage

@@ -113,6 +113,7 @@ class CaseFigures:
             frames: Numbers of all frames that were evaluated, also in other cases.
             max_blocks: Largest number of blocks that the resamples draw from.
             confidence: Level of the interval."""
+        # `self.frames`: number of frames of the case
         block_count = _count_blocks(int(self.frames), frames)
         return figure_interval(
             float(self.ap),
@@ -123,14 +124,14 @@ class CaseFigures:
         )
 
 
-def _count_blocks(count: int, frames: Int64[np.ndarray, " k"]) -> int:
+def _count_blocks(frame_count: int, frames: Int64[np.ndarray, " k"]) -> int:
     """Return the number of blocks that some of the frames amount to, rounded up.
 
-    count: how many frames; frames: numbers of all frames."""
+    frame_count: how many frames; frames: numbers of all frames."""
     _, frames_in_block = np.unique(frames // BLOCK_FRAMES, return_counts=True)
-    if count == len(frames):
+    if frame_count == len(frames):
         return len(frames_in_block)
-    return -(-count // int(frames_in_block.max()))  # rounded up
+    return -(-frame_count // int(frames_in_block.max()))  # rounded up
 
 
 def measure_tallies(

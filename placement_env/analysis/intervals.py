@@ -172,7 +172,8 @@ def figure_interval(
 ) -> Interval:
     """Interval of a share such as AP from its resamples, widened to hold the share.
 
-    If all resamples agree, the interval is Wilson's for objects / `LIFE` independent objects.
+    If all resamples agree, the interval is Wilson's for objects / `LIFE` independent objects, as
+    one road user is an object in about `LIFE` frames.
 
     Args:
         figure: The share, in all frames.

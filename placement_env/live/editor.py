@@ -38,6 +38,7 @@ class VariantEditor:
     """
 
     def __init__(self, yard: Yard, scorer: LiveScorer) -> None:
+        """Begin with one variant: the sensors that the site has."""
         self.yard = yard
         self.scorer = scorer
         self.history = VariantHistory(yard.place(yard.site.sensors))
@@ -50,6 +51,7 @@ class VariantEditor:
         self._notify: Callable[[bool], None] = _notify_nobody
 
     def __getstate__(self) -> dict[str, Any]:
+        """Fields to pickle, without locks and listener."""
         # the locks keep other threads from changing anything meanwhile
         with self.scorer.all_frames.fetching, self._lock:
             state = dict(self.__dict__)

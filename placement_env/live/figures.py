@@ -193,6 +193,7 @@ class Meter:
     """
 
     def __init__(self, preparation: Preparation, currency: str) -> None:
+        """Measure in a preparation's traffic. currency: "" for prices of one ordinary pole."""
         self.preparation = preparation
         self._currency = currency
         self.blocks = count_blocks(preparation.frames)

@@ -21,6 +21,7 @@ class VariantHistory:
     """
 
     def __init__(self, start: Variant) -> None:
+        """Begin with one variant, named A."""
         self.variants: dict[str, Variant] = {"A": start}
         self.current = "A"
         self._past: list[Step] = []
@@ -28,6 +29,7 @@ class VariantHistory:
         self._dragged: str | None = None
 
     def __getstate__(self) -> dict[str, Any]:
+        """Fields to pickle, with copies of those that other threads change."""
         copies = {
             "variants": self.variants.copy(),
             "_past": self._past.copy(),

@@ -46,6 +46,10 @@ class ProjectFile:
     written."""
 
     def __init__(self, path: Path, planner: LivePlanner, *, last_good: bool = False) -> None:
+        """Lock the file, load it if it is there, and save every change from now on.
+
+        last_good: True to load the state before the last save. Raises ValueError if another process
+        has the file open."""
         self.path = path
         self.planner = planner
         self._site_sha256 = sha256(format_site(planner.yard.site).encode()).hexdigest()

@@ -55,6 +55,10 @@ class LiveScorer:
         currency: str,
         max_sensors: float,
     ) -> None:
+        """Ask the question of a setting in the first frames of its traffic.
+
+        first_frames: number of frames that the first figures come from, None for all; max_sensors:
+        largest number of sensors, infinite without a limit."""
         self._yard = yard
         self._currency = currency
         self._max_sensors = max_sensors

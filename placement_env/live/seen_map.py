@@ -49,6 +49,7 @@ class SeenMaps:
     seen."""
 
     def __init__(self, preparation: Preparation, height: float) -> None:
+        """Lay a grid of cells over the site. height: places to be seen are this high (m)."""
         self._preparation = preparation
         self.height = height
         self._x, self._y, targets, self._open_cells = lay_grid(

@@ -39,6 +39,7 @@ class StockViews:
     """
 
     def __init__(self, preparation: Preparation) -> None:
+        """Group the poses of a stock by height and mount, middle heights and mounts first."""
         self._preparation = preparation
         self._stock = preparation.setting.pool
         # indices of poses in the stock, and their view
@@ -66,6 +67,7 @@ class StockViews:
             self._first_keys.setdefault(int(self._stock.mount[key]), key)
 
     def __getstate__(self) -> dict[str, object]:
+        """Fields to pickle, with copies of those that other threads change."""
         # copies, as other threads change both
         return {
             **self.__dict__,

@@ -46,6 +46,7 @@ class Suggester:
         views: SensorViews,
         estimate: Callable[[Variant], LiveAnswer],
     ) -> None:
+        """Suggest changes that the stock of a yard allows."""
         self._yard = yard  # site and stock of poses
         self._meter = meter  # scores sensors whose views are known
         self._views = views

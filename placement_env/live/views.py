@@ -53,6 +53,7 @@ class SensorViews:
     """
 
     def __init__(self, yard: Yard, meter: Meter) -> None:
+        """Keep views of sensors in the traffic of a meter, none at first."""
         self._yard = yard
         self._meter = meter
         self._preparation = meter.preparation  # its `live` holds panoramas, None without them

@@ -151,6 +151,7 @@ class KnownBackground:
     least: float = MIN_NEW_SHARE
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a share out of range."""
         if not 0 < self.least <= 1:
             raise ValueError(
                 f"least must be a share above 0, at most 1, got {self.least}: such as "

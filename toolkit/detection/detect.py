@@ -233,6 +233,9 @@ class ImportedDetector:
     for a cloud without points."""
 
     def __init__(self, name: str, site: Site) -> None:
+        """Import a detector, make it for the site if it is a factory, and try it once.
+
+        name: its import path. Raises ValueError if it cannot be made."""
         self.name = name
         self.site = site
         target = resolve_detector(name)

@@ -25,6 +25,7 @@ class PaperCodec(Parameters):
     bits_per_box: int | float = 256
 
     def __post_init__(self) -> None:
+        """Raise ValueError for numbers of bits that are negative or not finite."""
         for name, bits in vars(self).items():
             if (
                 isinstance(bits, bool)

@@ -39,6 +39,7 @@ class SetResults:
     def __init__(
         self, job: ScoringJob, results: Sequence[FrameResult], scheme: str, sensors: tuple[int, ...]
     ) -> None:
+        """Pick the results of a scheme (by name) and a set (indices of sensors) from all frames."""
         self.job = job
         self.results = results
         self.scheme = scheme

@@ -138,10 +138,10 @@ def find_motions(truth: Sequence[Objects], times: Sequence[float]) -> list[Truth
         neighbours = []  # objects and time (s) of the frames before and after
         for neighbour in (k - 1, k + 1):
             if 0 <= neighbour < len(truth):
-                gap = abs(times[neighbour] - times[k])
-                if 0 < gap <= MOST_APART:
+                gap_s = abs(times[neighbour] - times[k])
+                if 0 < gap_s <= MOST_APART:
                     neighbours.append((truth[neighbour], times[neighbour]))
-        vectors = np.full((len(objects), 3), np.nan)
+        vectors = np.full((len(objects), 3), np.nan)  # velocities along x, y and z (m/s)
         if neighbours:
             neighbour_ids = np.concatenate([others.ids for others, _ in neighbours])
             is_known = np.isin(objects.ids, neighbour_ids)

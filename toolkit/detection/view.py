@@ -202,6 +202,10 @@ class View:
         images: Images | None = None,
         memory: LinkMemory | None = None,
     ) -> None:
+        """View a frame in which nothing is computed yet, see the class for the fields.
+
+        measure: returns the cloud of a sensor by its index; run: detects in clouds; images: images
+        behind the points, None without; memory: state of the links, None for a fresh one."""
         self._memory: LinkMemory = {} if memory is None else memory
         self.site = site
         self.sensors = sensors

@@ -48,6 +48,7 @@ class Examination:
         tables: Sequence[np.ndarray],
         frames: Sequence[int],
     ) -> None:
+        """Look for mistakes in the objects first, then in each sensor, with those undone."""
         self.site = site
         self.views = views
         sensors = [view.sensor for view in views]

@@ -86,7 +86,7 @@ def _fits_moved_boxes(
     spoilt_count = int((changes < -MIN_FIT_CHANGE).sum())
     return (
         improved_count >= MIN_LATE_OBJECTS
-        and spoilt_count <= 0.1 * improved_count
+        and spoilt_count <= 0.1 * improved_count  # at most a tenth as many
         and float(changes.mean()) >= MIN_LATE_GAIN
     )
 

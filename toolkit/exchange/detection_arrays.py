@@ -40,6 +40,7 @@ class DetectionArrayWriter:
     """Writer of one bag, in a new folder."""
 
     def __init__(self, path: Path) -> None:
+        """Open a new bag for messages of detections. path: folder of the format."""
         from rosbags.rosbag2 import StoragePlugin, Writer as BagWriter
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

@@ -37,6 +37,7 @@ class FoxgloveWriter:
     """Writer of one MCAP file."""
 
     def __init__(self, path: Path) -> None:
+        """Open an MCAP file to write road users and clouds as Foxglove shows them."""
         from mcap.writer import Writer as McapWriter
 
         self.problems: Problems = {}

@@ -41,6 +41,7 @@ class GeoOrigin:
     turn: float = 0.0
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a latitude or longitude (degrees) out of range."""
         if not abs(self.latitude_deg) <= 89:
             raise ValueError(
                 f"latitude must lie within 89 degrees of the equator, got {self.latitude_deg:g}"

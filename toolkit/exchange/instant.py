@@ -53,6 +53,7 @@ class Instant:
     clouds: Sequence[SensorCloud] = ()
 
     def __post_init__(self) -> None:
+        """Check all fields, and replace them by arrays of the stated types and shapes."""
         detections = Detections(check_boxes(self.boxes), self.scores, self.labels)
         count = len(detections)
         if not (np.abs(detections.boxes[:, :6]) <= MAX_COORDINATE_M).all():

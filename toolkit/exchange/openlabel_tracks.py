@@ -54,6 +54,7 @@ class OpenLabelWriter:
     """Writer of one OpenLABEL file."""
 
     def __init__(self, path: Path) -> None:
+        """Open an OpenLABEL file, and write what precedes its frames."""
         self.problems: Problems = {}
         self._file = path.open("w", encoding="utf-8", newline="\n")
         self._frame = 0  # number of the next frame

@@ -30,6 +30,7 @@ class OsiWriter:
     """Writer of one MCAP file of OSI."""
 
     def __init__(self, path: Path) -> None:
+        """Open an MCAP file to write an instant's objects as OSI's ground truth."""
         import betterosi
 
         self.problems: Problems = {}

@@ -33,6 +33,10 @@ class PieceWriter:
     def __init__(
         self, folders: Mapping[str, Path], *, piece_s: float, origin: GeoOrigin | None = None
     ) -> None:
+        """Check the formats; files are opened with the first instant.
+
+        folders: folder of each format by its name; piece_s: time (s) that a file holds; origin:
+        place on earth of the world's origin. Raises ValueError if a format needs it."""
         if not piece_s > 0:
             raise ValueError(f"a file must hold more than 0 s, got {piece_s:g}")
         for name in folders:

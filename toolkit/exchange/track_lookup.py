@@ -39,6 +39,7 @@ class TrackLookup:
     file: the file."""
 
     def __init__(self, file: TrackFile) -> None:
+        """Index the frames of a file of tracks by time, and by name or number."""
         self.file = file
         self._times = np.array([frame.time for frame in file.frames])
         self._has_names = all(frame.name for frame in file.frames)

@@ -35,6 +35,7 @@ class OrderedWriter:
     """
 
     def __init__(self, writer: Writer, name: str, *, needs_time: bool) -> None:
+        """Wrap the writer of a format. name: the format's; needs_time: True if NaN is refused."""
         self._writer = writer
         self._name = name
         self._needs_time = needs_time

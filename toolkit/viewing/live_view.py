@@ -66,6 +66,7 @@ class LiveView:
     """
 
     def __init__(self, server: "ViserServer", samples: Part, drawing: Drawing) -> None:
+        """Fill the page's panel, and show the first frame."""
         self.server = server
         self.samples = samples
         self.drawing = drawing

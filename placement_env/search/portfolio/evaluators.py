@@ -261,6 +261,7 @@ class FastEvaluator:
     max_blocks = MAX_BATCHES  # batches of whole blocks are drawn
 
     def __init__(self, preparation: Preparation, fidelity: FidelityName, seed: int) -> None:
+        """Evaluate by a fidelity in a preparation's traffic. seed: draws the resamples."""
         self.name: FidelityName = fidelity
         self._preparation = preparation
         self._seed = seed

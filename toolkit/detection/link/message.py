@@ -59,6 +59,7 @@ class MessageHeader:
     scene: int = 0
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a number that its bits cannot hold."""
         for name, bits in _FIELD_BITS.items():
             value = getattr(self, name)
             minimum = 1 if name == "step_mm" else 0

@@ -33,6 +33,7 @@ class SensorCodec:
     scheme: Foreground = field(default_factory=Foreground)
 
     def __post_init__(self) -> None:
+        """Raise ValueError for the scene of another sensor."""
         if (self.sensor.name, self.sensor.model) != (self.scene.name, self.scene.model):
             raise ValueError(
                 f"the empty scene must be of {self.sensor.name!r}, {self.sensor.model}, got one of "
