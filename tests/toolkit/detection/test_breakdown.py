@@ -145,7 +145,7 @@ def row(rows, protocol, measure, among="all"):
 def test_truths_without_points_or_outside_do_not_count():
     each = judged(frame(), PLACES, [0.9] * 5)
     assert each.counted.tolist() == [True, True, True, False, False]
-    assert each.points.tolist() == list(POINTS)
+    assert each.point_counts.tolist() == list(POINTS)
     assert len(each.detections) == 4  # that out of the area is left out
 
 

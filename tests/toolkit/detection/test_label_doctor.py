@@ -235,9 +235,9 @@ def test_fronts_that_point_backwards_are_counted():
 def test_labels_of_another_time_along_their_tracks(late, behind):
     shift = find_shift(seen(driving(late=late)))
     assert shift is not None
-    assert (shift.amount, shift.behind) == (f"{0.1 * abs(late):g} s", behind)
-    assert shift.after.mean() == 1.0
-    assert shift.before.mean() < 0.5
+    assert (shift.amount, shift.is_behind) == (f"{0.1 * abs(late):g} s", behind)
+    assert shift.fits_after.mean() == 1.0
+    assert shift.fits_before.mean() < 0.5
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_labels_of_another_time_along_their_tracks(late, behind):
 def test_labels_of_another_time_without_times_and_tracks(late, amount, behind, place):
     shift = find_shift(seen(driving(6, late, ids=False, place=place)))
     assert shift is not None
-    assert (shift.amount, shift.behind) == (amount, behind)
+    assert (shift.amount, shift.is_behind) == (amount, behind)
 
 
 @pytest.mark.parametrize("ids", [True, False])

@@ -38,7 +38,7 @@ def test_every_frame_has_its_nodes_and_everything_a_switch(written):
         ),
         ("class and score", "/tags"),
         *(
-            (kind, " ".join(nodes_of_kind(kind, outcomes=True)))
+            (kind, " ".join(nodes_of_kind(kind, with_outcomes=True)))
             for kind in ("vehicle", "pedestrian", "others")
         ),
         ("grid of 10 m", "/grid"),
