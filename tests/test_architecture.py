@@ -80,7 +80,10 @@ def test_no_cycle_of_imports_and_no_face_below():
     # keys lose
     # sight.
     assert {
-        (name, face) for name, others in import_graph().items() for face in FLOORS[:3] if face in others
+        (name, face)
+        for name, others in import_graph().items()
+        for face in FLOORS[:3]
+        if face in others
     } == set()
     assert set(folder_cycles()) <= KNOWN_CYCLES
     assert [
