@@ -149,8 +149,8 @@ def _split_header(line: str) -> list[str]:
         return [name.strip("\"'") for name in header.split()]
     try:
         cells = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
-    except csv.Error as error:  # such as a cell of more than 131,072 characters
-        raise ValueError(f"its first line names no columns: {error}") from None
+    except csv.Error:  # such as a cell of more than 131,072 characters, which names no column
+        cells = header.split(separator)
     return [cell.strip().strip("'") for cell in cells]
 
 
