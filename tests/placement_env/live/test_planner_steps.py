@@ -376,7 +376,7 @@ def test_refining_looks_from_other_heights_the_nearest_first_unless_memory_is_fu
         further.append(True)
         return True
 
-    monkeypatch.setattr("placement_env.live.views.make_table_ahead", lambda *_: False)
+    monkeypatch.setattr("placement_env.live.views.make_table_ahead", lambda *_, **__: False)
     monkeypatch.setattr("placement_env.live.views.make_view", look)
     monkeypatch.setattr(planner.scorer.views.stock, "look_further", look_further)
     live, count = planner.preparation.live, len(planner.sensors)
