@@ -267,7 +267,7 @@ def test_scores_are_calibrated_anew_where_the_empty_site_is_known(detect_by, pac
     network = fit_calibration(VoxelNet(make_config(AREA, "fast")), packed)
     at = VoxelNetDetector(network)
     known = KnownBackground(at, Background.learn(np.zeros((1, 3))))
-    found = known._keep(
+    found = known._drop_background(
         left[0], left[0].boxes[:, :3] + [0, 0, 0.3], left[0].boxes[:, :3] + [0, 0, 0.3]
     )
     assert len(found) == 100
