@@ -358,7 +358,7 @@ class Meter:
 
         probability: probability that each object is found."""
         shape = (len(groups.names), self.blocks)  # axes: group, block of frames
-        cell = groups.index * self.blocks + self._block  # index in the flattened array
+        cell = groups.group_indices * self.blocks + self._block  # index in the flattened array
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
         found_sums = np.bincount(cell, probability, math.prod(shape)).reshape(shape)
         rows = []
@@ -412,10 +412,10 @@ class _ObjectGroups(NamedTuple):
 
     Attributes:
         names: Names of the groups.
-        index: Index in `names` of the group of each road user."""
+        group_indices: Index in `names` of the group of each road user."""
 
     names: tuple[str, ...]
-    index: Int64[np.ndarray, " O"]
+    group_indices: Int64[np.ndarray, " O"]
 
 
 def list_problems(objective: Objective) -> tuple[str, ...]:
