@@ -53,9 +53,9 @@ def test_sensors_are_placed_on_mounts_of_their_own_and_spread(imported, limits):
     headings, tilts = aims(site.sensors)
     assert np.rad2deg(tilts) == pytest.approx([15.0] * 3)
     assert len(set(np.rad2deg(headings).round() % 360)) > 1
-    assert placed.covered > 0.6
+    assert placed.covered_share > 0.6
     assert str(placed).startswith(
-        f"3 sensors placed by coverage: from {placed.poses} poses of the paper's camera"
+        f"3 sensors placed by coverage: from {placed.pose_count} poses of the paper's camera"
     )
     assert with_first_sensors(imported, 3).site == site
 
