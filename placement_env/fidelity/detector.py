@@ -535,7 +535,10 @@ class _FrameDetections:
     def _keep(self, key: bytes, detections: Detections) -> None:
         # for this frame, and for the cache, which the caller writes
         self._detected[key] = detections
-        self.new[key] = detections.boxes, detections.scores, detections.labels
+        columns = [detections.boxes, detections.scores, detections.labels]
+        if detections.doubts is not None:
+            columns.append(detections.doubts)
+        self.new[key] = tuple(columns)
 
 
 class _Unknown(Exception):
