@@ -18,6 +18,7 @@ from placement_env.report.pages.document import (
     Column,
     Content,
     Paragraph,
+    TableBlock,
     build_content,
     build_table,
 )
@@ -93,7 +94,7 @@ def _explain_traffic(motion: MotionFigures) -> str:
     )
 
 
-def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple:
+def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...]:
     """Return a table with a row for each class."""
     columns = (
         *text_columns("Class"),
@@ -116,7 +117,7 @@ def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple:
     return build_table("Road users as live tracks follow them", columns, rows)
 
 
-def _tabulate_counts(counts: Sequence[CountedGroup]) -> tuple:
+def _tabulate_counts(counts: Sequence[CountedGroup]) -> tuple[TableBlock, ...]:
     """Return a table with a row for each group of classes with trips."""
     columns = (
         *text_columns("Group"),

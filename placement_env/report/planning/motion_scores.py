@@ -7,7 +7,7 @@ import numpy as np
 
 from placement_env.analysis.intervals import mean_interval
 from placement_env.report.motion_content import CountedGroup, FollowedClass, RoadUserFigure
-from toolkit.arrays import Mask
+from toolkit.arrays import Float64, Mask
 from toolkit.counting.arms import find_arms
 from toolkit.counting.count_totals import CountedTotal, compare_totals
 from toolkit.counting.counts import GROUPS, CountError, compare_counts, count_street, pair_trips
@@ -162,7 +162,7 @@ def _find_share(part: int, whole: int) -> RoadUserFigure:
     return RoadUserFigure(share, *wilson_interval(share, whole))
 
 
-def _find_quantile_figure(values: np.ndarray, share: float) -> RoadUserFigure:
+def _find_quantile_figure(values: Float64[np.ndarray, " n"], share: float) -> RoadUserFigure:
     """Quantile of values of 0 or more, NaN without any."""
     if not len(values):
         return RoadUserFigure(float("nan"))
