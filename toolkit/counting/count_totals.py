@@ -1,12 +1,13 @@
 """Counts of groups of classes, such as all vehicles, next to the true ones."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from toolkit.counting.counts import GROUPS, StreetCounts, match_trips
 from toolkit.share_intervals import wilson_interval
 
 
-class CountedTotal(NamedTuple):
+@dataclass(frozen=True)
+class CountedTotal:
     """Whole trips of a group of classes, as counted and as they were.
 
     Attributes:

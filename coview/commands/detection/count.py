@@ -185,7 +185,7 @@ def _list_totals(counted: _CountedStreet) -> list[StreetRow]:
     from toolkit.counting.counts import GROUPS
 
     if counted.measured is not None and counted.true is not None:
-        return [total._asdict() for total in compare_totals(counted.measured, counted.true)]
+        return [asdict(total) for total in compare_totals(counted.measured, counted.true)]
     rows = []
     for group, labels in GROUPS.items():
         row: StreetRow = {

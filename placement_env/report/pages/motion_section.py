@@ -156,10 +156,17 @@ def _number_cell(figure: RoadUserFigure) -> Cell:
     """Return a number to one decimal with its interval; an infinite time reads "never"."""
     if math.isnan(figure.value):
         return Cell(UNDEFINED_MARK)
-    value_text = "never" if math.isinf(figure.value) else f"{figure.value:.1f}"
-    interval = f"{figure.low:.1f}–{figure.high:.1f}"
+    value_text = _number_text(figure.value)
     if math.isnan(figure.low):
-        interval = "no interval"
-    elif math.isinf(figure.high):
-        interval = f"{figure.low:.1f} or more" if math.isfinite(figure.low) else "never"
+        return Cell(f"{value_text} (no interval)", figure.value)
+    if math.isinf(figure.low):
+        return Cell(value_text, figure.value)
+    interval = f"{figure.low:.1f}–{figure.high:.1f}"
+    if math.isinf(figure.high):
+        interval = f"{figure.low:.1f} or more"
     return Cell(f"{value_text} ({interval})", figure.value)
+
+
+def _number_text(value: float) -> str:
+    """Format a number to one decimal; an infinite time reads "never"."""
+    return "never" if math.isinf(value) else f"{value:.1f}"
