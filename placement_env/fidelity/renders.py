@@ -396,7 +396,7 @@ class Recorded:
 
     def _frame(self, k: int) -> Frame:
         # frame k with noise and errors; the last one is kept, as its sensors are asked in turn
-        index = k if self.ways is None else self.ways[k].index
+        index = k if self.ways is None else self.ways[k].number
         if self._last is None or self._last.index != index:
             self._last = read_frame(
                 self.recording, index, errors=self.errors, noise_seed=self._noise_seed

@@ -21,10 +21,10 @@ class WayFrame(NamedTuple):
     """Frame of a recording in which some road users count.
 
     Attributes:
-        index: Its index in the recording.
+        number: Its number in the recording, from 0.
         ids: Numbers of these road users, ascending."""
 
-    index: int
+    number: int
     ids: tuple[int, ...]
 
 
@@ -51,15 +51,15 @@ def draw_way_frames(
         seed: Seed of the draws."""
     id_parts: list[Int64[np.ndarray, " n"]] = [np.zeros(0, np.int64)]
     frame_parts: list[Int64[np.ndarray, " n"]] = [np.zeros(0, np.int64)]
-    for index, objects in enumerate(frames):
+    for number, objects in enumerate(frames):
         ids = np.unique(objects.ids[scored(objects, site, labels)])
         id_parts.append(ids)
-        frame_parts.append(np.full(len(ids), index))
+        frame_parts.append(np.full(len(ids), number))
     ids = np.concatenate(id_parts)
-    indices = np.concatenate(frame_parts)
+    numbers = np.concatenate(frame_parts)
     rng = np.random.default_rng(seed)
     ids_by_frame: dict[int, list[int]] = {}
-    for number in np.unique(ids).tolist():
-        index = int(rng.choice(indices[ids == number]))
-        ids_by_frame.setdefault(index, []).append(number)
-    return tuple(WayFrame(index, tuple(ids_by_frame[index])) for index in sorted(ids_by_frame))
+    for road_user in np.unique(ids).tolist():
+        number = int(rng.choice(numbers[ids == road_user]))
+        ids_by_frame.setdefault(number, []).append(road_user)
+    return tuple(WayFrame(number, tuple(ids_by_frame[number])) for number in sorted(ids_by_frame))

@@ -88,9 +88,9 @@ def _explain_traffic(motion: MotionFigures) -> str:
     """Describe the traffic, so that it can be made again."""
     return (
         f"The chosen sensors, mounted once with errors of profile {motion.errors}, saw "
-        f"{motion.frames} frames at {1 / motion.interval_s:g} Hz that no search saw: coview "
-        f"simulate site.json --every {motion.interval_s:g} --frames {motion.frames} --seed "
-        f"{motion.seed}."
+        f"{motion.frames} frames at {1 / motion.interval_s:g} Hz that no search saw. The same "
+        f"traffic is made by: coview simulate site.json --every {motion.interval_s:g} --frames "
+        f"{motion.frames} --seed {motion.seed}."
     )
 
 
@@ -99,7 +99,7 @@ def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...
     columns = (
         *text_columns("Class"),
         Column("moving", digits=0),
-        *text_columns("mostly tracked", "first detection (s)", "of 95% (s)", "never detected"),
+        *text_columns("mostly tracked", "half within (s)", "95% within (s)", "never detected"),
         *text_columns("speed error (km/h)"),
     )
     rows = []
@@ -114,7 +114,11 @@ def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...
             _number_cell(row.speed_error_km_h),
         )
         rows.append(cells)
-    return build_table("Road users as live tracks follow them", columns, rows)
+    return build_table(
+        "Road users as live tracks follow them, and times from coming in to the first detection",
+        columns,
+        rows,
+    )
 
 
 def _tabulate_counts(counts: Sequence[CountedGroup]) -> tuple[TableBlock, ...]:
@@ -163,7 +167,7 @@ def _number_cell(figure: RoadUserFigure) -> Cell:
         return Cell(value_text, figure.value)
     interval = f"{figure.low:.1f}–{figure.high:.1f}"
     if math.isinf(figure.high):
-        interval = f"{figure.low:.1f} or more"
+        interval = f"from {figure.low:.1f}"
     return Cell(f"{value_text} ({interval})", figure.value)
 
 

@@ -31,13 +31,13 @@ def test_the_class_that_is_followed_worst_comes_first_and_intervals_are_stated(e
         "Class": "vehicle",
         "moving": "6",
         "mostly tracked": "83% (44–97%)",
-        "first detection (s)": "0.3 (0.0 or more)",
-        "of 95% (s)": "1.2 (0.3 or more)",
+        "half within (s)": "0.3 (from 0.0)",
+        "95% within (s)": "1.2 (from 0.3)",
         "never detected": "0% (0–49%)",
         "speed error (km/h)": "0.8 (no interval)",
     }
-    assert pedestrians["first detection (s)"] == "never (0.4 or more)"
-    assert pedestrians["of 95% (s)"] == "never"
+    assert pedestrians["half within (s)"] == "never (from 0.4)"
+    assert pedestrians["95% within (s)"] == "never"
     assert pedestrians["speed error (km/h)"] == "0.5 (0.4–0.6)"
     (vehicle_trips,) = texts(counted)  # nobody on foot went from entry to exit
     assert vehicle_trips["found"] == "75% (30–95%)"

@@ -61,12 +61,13 @@ def test_figures_are_kept_and_come_from_traffic_of_their_own(ask, tmp_path, spy)
     assert first.calls == 20
     (vehicles,) = figures.classes
     assert vehicles.mostly_tracked.value == 0
-    assert (figures.frames, figures.interval_s, figures.seconds) == (20, 0.1, pytest.approx(1.9))
+    assert figures.frames == 20
+    assert [figures.interval_s, figures.seconds] == pytest.approx([0.1, 1.9])
     assert (figures.seed, figures.errors) == (5 + 3 * 1_000_003, "poor")
     (call,) = calls
     traffic, candidates = call.args[:2]
     assert [sensor.name for sensor in candidates.sensors] == ["d0", "d3"]
-    assert call.kwargs["redrawn"] is False
+    assert call.named["redrawn"] is False
     job = Job(SITE, SITE.sensors, fleet_named(), frames=20, seed=figures.seed, interval=0.1)
     recorded = job.with_traffic().traffic
     for k, snapshot in enumerate(traffic.snapshots):

@@ -53,8 +53,14 @@ def street():
     return MovingStreet(SITE, TIMES.tolist(), [detect(*pair) for pair in pairs], truths)
 
 
-def test_ways_are_followed_as_they_were_detected(street):
+@pytest.fixture(scope="module")
+def followed(street):
     (row,) = follow_classes(street, ("vehicle", "pedestrian"))
+    return row
+
+
+def test_ways_are_followed_as_they_were_detected(followed):
+    row = followed
     assert (row.label, row.road_users, row.entering) == ("vehicle", CARS, CARS)
     # 8 s in the area: the late one is matched in 5 of them
     assert row.mostly_tracked.value == pytest.approx(10 / 12)
@@ -68,15 +74,14 @@ def test_ways_are_followed_as_they_were_detected(street):
     assert row.speed_error_km_h.low <= row.speed_error_km_h.value <= row.speed_error_km_h.high
 
 
-def test_shares_are_those_of_the_scores_of_tracks(street):
-    (row,) = follow_classes(street, ("vehicle",))
+def test_shares_are_those_of_the_scores_of_tracks(street, followed):
     moving = [objects[objects.ids != PARKED] for objects in street.truths]
     truths = [objects[has_centre_inside(objects.boxes, SITE.area)] for objects in moving]
     tracks = track_live(street.detections, street.times, SITE.area.tolist())
     tracks = [rows[rows.boxes[:, 1] < 10] for rows in tracks]
     scores = score_tracks(tracks, truths)
-    assert row.mostly_tracked.value == scores.mostly_tracked
-    assert row.road_users == scores.objects
+    assert followed.mostly_tracked.value == scores.mostly_tracked
+    assert followed.road_users == scores.objects
 
 
 def test_trips_are_counted_next_to_the_true_ones(street):
