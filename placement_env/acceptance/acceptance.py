@@ -137,7 +137,7 @@ def accept_street(
     Args:
         recording: Frames of the street, whose sensors have the plan's names, with their noise.
         promise: What the plan promises.
-        planned: How the plan detects.
+        planned: Place, detector, scheme and codec of the plan.
         surface: Standing surfaces by which poses are found.
         frames: Number of frames to use.
         findings: What the doctor suspects in the recording.

@@ -18,7 +18,7 @@ MIN_HALVED_SENSORS = 2  # with fewer, a set has no halves
 
 @dataclass(frozen=True)
 class PlannedDetection:
-    """How a plan detects.
+    """Place, detector, scheme and codec of a plan.
 
     Attributes:
         site: planned site, whose area is cropped.
@@ -61,7 +61,7 @@ def detect_street(
 
     Args:
         recording: Frames of the street, with the sensors' noise.
-        planned: How the plan detects.
+        planned: Place, detector, scheme and codec of the plan.
         frames: Number of frames to use.
         halved: True to detect in both halves of the sensors too.
         progress: Called with the number of frames done."""
