@@ -76,5 +76,6 @@ def test_figures_are_kept_and_come_from_traffic_of_their_own(ask, tmp_path, spy)
         assert snapshot.objects.ids.tolist() == objects.ids.tolist()
         assert snapshot.time == pytest.approx(0.1 * k)
     again = Blind()
-    assert measure_motion(question, CANDIDATES, (0, 3), again) == figures
+    # as text, since NaN is not equal to NaN
+    assert repr(measure_motion(question, CANDIDATES, (0, 3), again)) == repr(figures)
     assert again.calls == 0
