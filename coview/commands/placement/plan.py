@@ -164,7 +164,7 @@ def plan_command(
 
     A fast estimate searches the sets, the detector compares the best ones on fresh traffic, and the
     answer is judged on other traffic again. Each part has --frames frames (60, 120 and 120 when
-    left out). In as many frames of traffic that goes on at 10 Hz (120), the answer follows and
+    left out). In as many frames of traffic that goes on at 10 Hz (300), the answer follows and
     counts road users. The cases are the conditions under which sets are compared and must reach
     --min-ap. An interrupted plan resumes.
 

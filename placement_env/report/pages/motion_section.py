@@ -65,6 +65,8 @@ def describe_soonness(row: FollowedClass) -> str:
         return ""
     if math.isinf(row.first_detection_s.value):
         return "most of those that come in are never detected"
+    if row.first_detection_s.value == 0:
+        return "half of those that come in are detected in their first frame"
     return f"half of those that come in are detected within {row.first_detection_s.value:.1f} s"
 
 

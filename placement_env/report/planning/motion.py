@@ -15,7 +15,7 @@ from toolkit.objects import Detector, known_labels
 from toolkit.runtime.run import Run
 from toolkit.traffic.ways import NoPassage
 
-MOTION_FRAMES = 120  # unless the question gives the number of frames of each part
+MOTION_FRAMES = 300  # unless the question gives the number of frames of each part
 MIN_MOTION_FRAMES = 20  # in fewer, hardly anybody comes in
 MOTION_INTERVAL_S = 0.1
 
