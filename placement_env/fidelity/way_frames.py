@@ -22,7 +22,7 @@ class WayFrame(NamedTuple):
 
     Attributes:
         number: Its number in the recording, from 0.
-        ids: Numbers of these road users, ascending."""
+        ids: Numbers of the road users that count, ascending."""
 
     number: int
     ids: tuple[int, ...]

@@ -30,11 +30,11 @@ class FollowedClass:
     Attributes:
         label: Name of the class.
         road_users: Number of road users.
-        mostly_tracked: Share of them that are matched in more than 80 % of their frames.
+        mostly_tracked: Share of road users that are matched in more than 80 % of their frames.
         entering: Number of road users that come in after the first frame.
         first_detection_s: Median time from coming in to the first match (s).
-        first_detection_95_s: Time within which 95 % of them have their first match (s).
-        never_detected: Share of those that come in without any match.
+        first_detection_95_s: Time within which 95 % have their first match (s).
+        never_detected: Share of entering road users without any match.
         speed_error_km_h: Mean error of speed while a road user is matched (km/h)."""
 
     label: str
@@ -83,7 +83,7 @@ class MotionFigures:
         traffic_sha256: Digest of the traffic, "" without any.
         errors: Name of the error profile of the sensors, which are mounted once.
         classes: Results of each class that the detector knows and that was there.
-        counts: Counts of each group of these classes.
+        counts: Counts of each group with such a class.
         movements: Counts of each class by entry and exit."""
 
     refusal: str

@@ -102,10 +102,10 @@ class TrackedWay(NamedTuple):
 
     Attributes:
         id: Its number.
-        frames: Number of these frames.
-        matched_frames: Number of these in which a track matches it.
+        frames: Number of frames in which it is to be found.
+        matched_frames: Number of frames in which a track matches it too.
         comes_in: False if it is to be found in the first frame of its recording already.
-        wait_s: Seconds from the first of these frames to the first match; infinite without a match,
+        wait_s: Seconds from the first such frame to the first match; infinite without a match,
             NaN without times.
         speed_error_mps: Mean error of speed over its matches, NaN if no speed is known."""
 

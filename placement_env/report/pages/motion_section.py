@@ -64,10 +64,10 @@ def describe_soonness(row: FollowedClass) -> str:
     if not row.entering:
         return ""
     if math.isinf(row.first_detection_s.value):
-        return "most of those that come in are never detected"
+        return "most arrivals are never detected"
     if row.first_detection_s.value == 0:
-        return "half of those that come in are detected in their first frame"
-    return f"half of those that come in are detected within {row.first_detection_s.value:.1f} s"
+        return "half the arrivals are detected in their first frame"
+    return f"half the arrivals are detected within {row.first_detection_s.value:.1f} s"
 
 
 def _conclude(motion: MotionFigures) -> str:

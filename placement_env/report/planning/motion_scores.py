@@ -83,8 +83,8 @@ def mask_moving(truths: Sequence[Objects]) -> list[Mask]:
     first_places: dict[int, np.ndarray] = {}
     moving: set[int] = set()
     for objects in truths:
-        for number, place in zip(objects.ids.tolist(), objects.boxes[:, :2], strict=True):
-            offset = place - first_places.setdefault(number, place)
+        for number, xy in zip(objects.ids.tolist(), objects.boxes[:, :2], strict=True):
+            offset = xy - first_places.setdefault(number, xy)
             if np.hypot(offset[0], offset[1]) >= MIN_MOVE_M:
                 moving.add(number)
     return [np.isin(objects.ids, sorted(moving)) for objects in truths]
@@ -121,7 +121,7 @@ class StreetErrors(NamedTuple):
 def count_groups(street: MovingStreet, labels: Sequence[str], seed: int = 0) -> StreetErrors:
     """Count the trips by offline tracks, as `coview count` does, next to the true ones.
 
-    labels: names of the classes; groups and movements without any of them are left out; seed: for
+    labels: names of the classes; groups and movements of other classes are left out; seed: for
     the intervals of means."""
     site = street.site
     arms = find_arms(site)
@@ -156,10 +156,10 @@ def _summarise_total(total: CountedTotal, speed_errors: Sequence[float], seed: i
     )
 
 
-def _find_share(part: int, whole: int) -> RoadUserFigure:
+def _find_share(count: int, total: int) -> RoadUserFigure:
     """Share of a number of road users, NaN without any."""
-    share = part / whole if whole else float("nan")
-    return RoadUserFigure(share, *wilson_interval(share, whole))
+    share = count / total if total else float("nan")
+    return RoadUserFigure(share, *wilson_interval(share, total))
 
 
 def _find_quantile_figure(values: Float64[np.ndarray, " n"], share: float) -> RoadUserFigure:

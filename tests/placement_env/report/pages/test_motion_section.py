@@ -23,7 +23,7 @@ def test_the_class_that_is_followed_worst_comes_first_and_intervals_are_stated(e
     section = motion_section(example.plan)
     assert section[0] == (
         "In 15 seconds of continuous traffic, 6 of 12 moving pedestrians are mostly tracked "
-        "(25–75%); most of those that come in are never detected."
+        "(25–75%); most arrivals are never detected."
     )
     followed, counted = tables(section)
     vehicles, pedestrians = texts(followed)
