@@ -15,7 +15,6 @@ from placement_env.report.pages.decision import PLURALS
 from placement_env.report.pages.document import (
     Bullets,
     Cell,
-    Column,
     Content,
     Paragraph,
     TableBlock,
@@ -99,16 +98,21 @@ def _explain_traffic(motion: MotionFigures) -> str:
 def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...]:
     """Return a table with a row for each class."""
     columns = (
-        *text_columns("Class"),
-        Column("moving", digits=0),
-        *text_columns("mostly tracked", "half within (s)", "95% within (s)", "never detected"),
+        *text_columns(
+            "Class",
+            "moving",
+            "mostly tracked",
+            "half within (s)",
+            "95% within (s)",
+            "never detected",
+        ),
         *text_columns("speed error (km/h)"),
     )
     rows = []
     for row in classes:
         cells = (
             row.label,
-            row.road_users,
+            _count_cell(row.road_users),
             _share_cell(row.mostly_tracked),
             _number_cell(row.first_detection_s),
             _number_cell(row.first_detection_95_s),
@@ -125,25 +129,25 @@ def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...
 
 def _tabulate_counts(counts: Sequence[CountedGroup]) -> tuple[TableBlock, ...]:
     """Return a table with a row for each group of classes with trips."""
-    columns = (
-        *text_columns("Group"),
-        Column("true trips", digits=0),
-        Column("counted", digits=0),
-        *text_columns("found", "right", "speed error (km/h)"),
-    )
+    columns = text_columns("Group", "true trips", "counted", "found", "right", "speed error (km/h)")
     rows = []
     for row in counts:
         if row.true_count or row.count:
             cells = (
                 row.group,
-                row.true_count,
-                row.count,
+                _count_cell(row.true_count),
+                _count_cell(row.count),
                 _share_cell(row.found),
                 _share_cell(row.right),
                 _number_cell(row.speed_error_km_h),
             )
             rows.append(cells)
     return build_table("Trips from entry to exit, counted as by coview count", columns, rows)
+
+
+def _count_cell(count: int) -> Cell:
+    """Return a number of road users or trips, aligned as the texts next to it."""
+    return Cell(str(count), count)
 
 
 def _share_cell(figure: RoadUserFigure) -> Cell:
