@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from placement_env.acceptance.class_checks import ClassCheck, compare_classes, find_blocks
 from placement_env.acceptance.consistency import Consistency, check_consistency
 from placement_env.acceptance.sensor_checks import SensorCheck, check_sensors
-from placement_env.acceptance.street_detections import FrameBoxes, Fusion, detect_street
+from placement_env.acceptance.street_detections import FrameBoxes, PlannedDetection, detect_street
 from placement_env.report.planning.plan_folder import StatedClass
 from toolkit.calibration.reference_surface import Surface
 from toolkit.display import describe_count
@@ -122,7 +122,7 @@ class Acceptance:
 def accept_street(
     recording: Frames,
     promise: Promise,
-    fusion: Fusion,
+    planned: PlannedDetection,
     surface: Surface,
     frames: int,
     *,
@@ -131,10 +131,13 @@ def accept_street(
 ) -> Acceptance:
     """Compare a street with its plan, by the first frames of a recording.
 
+    With labels, each class is scored; without, two halves of the sensors are compared, unless there
+    is only one sensor.
+
     Args:
         recording: Frames of the street, whose sensors have the plan's names, with their noise.
         promise: What the plan promises.
-        fusion: Scheme and detector of the plan.
+        planned: Place, detector, scheme and codec of the plan.
         surface: Standing surfaces by which poses are found.
         frames: Number of frames to use.
         findings: What the doctor suspects in the recording.
@@ -150,7 +153,7 @@ def accept_street(
         )
     sensors = check_sensors(recording, promise.site, surface, frames)
     has_labels = any(len(recording[number].objects) for number in range(frames))
-    boxes = detect_street(recording, fusion, frames, halved=not has_labels, progress=progress)
+    boxes = detect_street(recording, planned, frames, halved=not has_labels, progress=progress)
     times = [frame.time for frame in boxes]
     tracks = track_boxes(boxes, promise.site)
     classes: tuple[ClassCheck, ...] = ()
@@ -173,7 +176,9 @@ def accept_street(
 
 
 def track_boxes(frames: Sequence[FrameBoxes], site: Site) -> list[Tracks] | None:
-    """Follow the detections through the frames; None if frames are too far apart or unordered."""
+    """Return the live tracks after each frame; None if frames are too far apart or unordered.
+
+    site: planned site, at whose border tracks end."""
     times = [frame.time for frame in frames]
     if len(times) < 2 or find_time_problem(times) is not None:
         return None

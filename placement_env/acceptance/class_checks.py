@@ -117,7 +117,10 @@ def find_blocks(times: Sequence[float]) -> Int64[np.ndarray, " frames"]:
 
 
 def tally_class(frames: Sequence[FrameBoxes], label: str, iou: float, site: Site) -> Tally:
-    """Tally the detections of one class that count, at one IoU threshold."""
+    """Tally the detections of one class that count, at one IoU threshold.
+
+    An object counts if its centre is in the site's area; a detection that hits another object is
+    neither a hit nor a false alarm. label: name of the class."""
     scores = []
     hits = []
     truths = []
@@ -160,7 +163,9 @@ def judge_class(
 def _score_hota(
     frames: Sequence[FrameBoxes], tracks: Sequence[Tracks], label: str, site: Site
 ) -> float:
-    """HOTA of a class in the site's area."""
+    """HOTA of the tracks and objects of a class whose centres are in the site's area.
+
+    tracks: tracks in each frame; label: name of the class."""
     inside_tracks = [
         frame_tracks[has_centre_inside(frame_tracks.boxes, site.area)] for frame_tracks in tracks
     ]

@@ -116,7 +116,7 @@ class _Confirmed(NamedTuple):
 
 
 def _count_confirmed(frame: FrameBoxes, site: Site) -> _Confirmed:
-    """Count the sure detections of both halves, and those that are confirmed."""
+    """Count the sure detections of both halves, and those that are confirmed; 0 without halves."""
     if not frame.halves:
         return _Confirmed(0, 0, 0, 0)
     first, second = frame.halves
@@ -131,7 +131,11 @@ def _count_confirmed(frame: FrameBoxes, site: Site) -> _Confirmed:
 
 
 def _confirm(detections: Detections, others: Detections, site: Site) -> Bool[np.ndarray, " n"]:
-    """Mask of the sure detections in the area that have another one nearby."""
+    """Mask of the sure detections in the area, True if the other half has one nearby.
+
+    A sure detection has a score of `MIN_PAIR_SCORE` or more, so the mask has a row for each of
+    these n, not for all. detections: by one half; others: by the other half, whatever their
+    scores."""
     is_sure = (detections.scores >= MIN_PAIR_SCORE) & has_centre_inside(detections.boxes, site.area)
     offsets = detections.boxes[is_sure, None, :2] - others.boxes[None, :, :2]
     distances = np.hypot(offsets[..., 0], offsets[..., 1])

@@ -192,6 +192,7 @@ def _sensor_texts(check: SensorCheck) -> list[str]:
 
 
 def _short_pose(error: PoseError | None) -> str:
+    """Format a difference of poses, such as "0.52° 3.1 cm"; a dash if it is unknown."""
     if error is None:
         return UNDEFINED_MARK
     return f"{error.turn_deg:.2f}° {100 * error.move_m:.1f} cm"
@@ -241,6 +242,7 @@ def _draw_classes(checks: Sequence[ClassCheck]) -> tuple[ReportBlock, ...]:
 
 
 def _class_cells(check: ClassCheck) -> tuple[Cell | str | float | None, ...]:
+    """Return a row of the table of classes: class, IoU, AP and recall twice, HOTA, objects."""
     measured = check.measured
     return (
         check.label,

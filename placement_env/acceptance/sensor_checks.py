@@ -176,7 +176,9 @@ def check_sensors(
 def count_returns(
     recording: Frames, names: Sequence[str], frames: int
 ) -> dict[str, Float64[np.ndarray, " frames"]]:
-    """Count the returns of each sensor in each of the first frames, 0 if it is missing."""
+    """Count the returns of each sensor in each of the first frames, 0 if it is missing.
+
+    names: names of the sensors; frames: number of first frames."""
     counts = {name: np.zeros(frames) for name in names}
     for number in range(frames):
         frame = recording[number]
@@ -186,7 +188,9 @@ def count_returns(
 
 
 def _learn_scenes(recording: Frames, frames: int) -> dict[str, EmptyScene]:
-    """Learn the empty scene of each sensor, by name; none for clouds that make no image."""
+    """Learn the empty scene of each sensor, by name; empty for clouds that make no image.
+
+    frames: number of first frames to learn from."""
     if recording[0].has_images:
         return {scene.name: scene for scene in learn_empty_scenes(recording, frames=frames)}
     try:
@@ -197,14 +201,19 @@ def _learn_scenes(recording: Frames, frames: int) -> dict[str, EmptyScene]:
 
 
 def _interval_of_returns(counts: Float64[np.ndarray, " n"], promised: float) -> Interval:
-    """Interval of measured by promised returns, over blocks of frames."""
+    """Interval of measured by promised returns, over blocks of frames; NaN if none is promised.
+
+    counts: returns of the sensor in each of n frames; promised: returns per frame by the plan."""
     if not promised:
         return Interval(float("nan"), float("nan"))
     return ratio_interval(counts, np.full(len(counts), promised))
 
 
 def _add_pose(check: SensorCheck, stated: FoundPose, planned: FoundPose) -> SensorCheck:
-    """Return a check with the differences of the found pose from the stated and planned ones."""
+    """Return a check with the differences of the found pose from the stated and planned ones.
+
+    stated: found pose, with the sensor as the recording states it; planned: the same pose, with the
+    sensor as planned. Without a found pose the check gets the reason."""
     if stated.registration is None:
         return replace(check, pose_note=stated.refusal)
     hidden = "; ".join(map(describe_motion, stated.registration.unobserved))
@@ -217,6 +226,7 @@ def _add_pose(check: SensorCheck, stated: FoundPose, planned: FoundPose) -> Sens
 
 
 def _measure_error(found_pose: FoundPose) -> PoseError:
+    """Return the difference of a found pose from the pose of its sensor."""
     turn_deviation, move_deviation = found_pose.deviation
     return PoseError(
         turn_deg=float(np.rad2deg(found_pose.turn)),
@@ -227,4 +237,5 @@ def _measure_error(found_pose: FoundPose) -> PoseError:
 
 
 def _describe_error(error: PoseError) -> str:
+    """Write angle and distance, such as "0.52° and 3 cm"."""
     return f"{error.turn_deg:.2f}° and {100 * error.move_m:.0f} cm"

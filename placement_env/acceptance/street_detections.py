@@ -17,8 +17,14 @@ MIN_HALVED_SENSORS = 2  # with fewer, a set has no halves
 
 
 @dataclass(frozen=True)
-class Fusion:
-    """Fusion of a plan: its place, detector, scheme and codec."""
+class PlannedDetection:
+    """Place, detector, scheme and codec of a plan.
+
+    Attributes:
+        site: planned site, whose area is cropped.
+        detector: detector of the fused points, or of each sensor's.
+        scheme: fusion scheme.
+        codec: codec of what the sensors send."""
 
     site: Site
     detector: Detector
@@ -45,7 +51,7 @@ class FrameBoxes:
 
 def detect_street(
     recording: Frames,
-    fusion: Fusion,
+    planned: PlannedDetection,
     frames: int,
     *,
     halved: bool,
@@ -55,27 +61,30 @@ def detect_street(
 
     Args:
         recording: Frames of the street, with the sensors' noise.
-        fusion: Scheme and detector of the plan.
+        planned: Place, detector, scheme and codec of the plan.
         frames: Number of frames to use.
         halved: True to detect in both halves of the sensors too.
         progress: Called with the number of frames done."""
-    needs_images = recording[0].has_images or sends_images(fusion.scheme, fusion.codec)
+    needs_images = recording[0].has_images or sends_images(planned.scheme, planned.codec)
     scenes = Scenes(recording) if needs_images else None
     memory: LinkMemory = {}
     results = []
     samples = (recording[number] for number in range(frames))
-    for frame, stand in Place().stands(samples, fusion.site):
+    for frame, stand in Place().stands(samples, planned.site):
         view = stand_view(
-            frame, fusion.detector, stand, codec=fusion.codec, scenes=scenes, memory=memory
+            frame, planned.detector, stand, codec=planned.codec, scenes=scenes, memory=memory
         )
-        results.append(_detect_frame(frame, view, fusion.scheme, halved=halved))
+        results.append(_detect_frame(frame, view, planned.scheme, halved=halved))
         if progress is not None:
             progress(len(results))
     return results
 
 
 def _detect_frame(frame: Frame, view: View, scheme: Scheme, *, halved: bool) -> FrameBoxes:
-    """Detect by all sensors of a frame, and by its halves if they are asked for."""
+    """Detect by all sensors of a frame, and by its halves if they are asked for.
+
+    view: the frame's measurements and the detector; halved: True to detect by every other sensor
+    and by the rest too, which needs `MIN_HALVED_SENSORS`."""
     sensors = range(len(frame.sensors))
     groups: list[Sequence[int]] = []
     if halved and len(sensors) >= MIN_HALVED_SENSORS:

@@ -120,6 +120,21 @@ def resample_ratio(
     return np.divide(draws @ parts, sums, out=np.full(len(sums), np.nan), where=sums != 0)
 
 
+def mean_interval(values: Sequence[float], *, seed: int = 0, confidence: float = 0.95) -> Interval:
+    """Interval of the mean of independent values; NaN for fewer than `MIN_BLOCKS`.
+
+    Args:
+        values: Finite values, such as the error of each road user.
+        seed: Seed of the resamples.
+        confidence: Share of the resamples that the interval holds."""
+    count = len(values)
+    if count < MIN_BLOCKS:
+        return Interval(math.nan, math.nan)
+    draws = draws_of_blocks(np.arange(count), seed=seed)
+    means = draws @ np.asarray(values, np.float64) / count
+    return percentiles(means, count, confidence=confidence)
+
+
 def count_blocks(frames: int) -> int:
     """Number of blocks of `BLOCK_FRAMES` consecutive frames; the last one may be shorter."""
     return -(-frames // BLOCK_FRAMES)  # rounded up

@@ -83,6 +83,14 @@ class MeasuredImages(Protocol):
         """Image of candidate c in frame k, from which its points come."""
 
 
+@runtime_checkable
+class MeasuredWays(Protocol):
+    """Measurements in frames in which not all objects of a class count."""
+
+    def counted(self, k: int) -> Bool[np.ndarray, " objects"]:
+        """Mask of the objects of frame k that count, if their class and place do."""
+
+
 class Outcome(NamedTuple):
     """The n detections of one set in one frame, matched with the frame's objects.
 
@@ -343,9 +351,10 @@ class Detected:
     def scored(self, k: int) -> Bool[np.ndarray, " objects"]:
         """Mask of the objects of frame k to be found: of the classes and centred in the area."""
         if k not in self._scored:
-            self._scored[k] = scored(
-                self.renders.objects(k), self.renders.site, self.classes.labels
-            )
+            mask = scored(self.renders.objects(k), self.renders.site, self.classes.labels)
+            if isinstance(self.renders, MeasuredWays):
+                mask = mask & self.renders.counted(k)
+            self._scored[k] = mask
         return self._scored[k]
 
     def to_find(self, k: int, label: int) -> Bool[np.ndarray, " objects"]:
@@ -526,7 +535,10 @@ class _FrameDetections:
     def _keep(self, key: bytes, detections: Detections) -> None:
         # for this frame, and for the cache, which the caller writes
         self._detected[key] = detections
-        self.new[key] = detections.boxes, detections.scores, detections.labels
+        columns = [detections.boxes, detections.scores, detections.labels]
+        if detections.doubts is not None:
+            columns.append(detections.doubts)
+        self.new[key] = tuple(columns)
 
 
 class _Unknown(Exception):

@@ -18,7 +18,8 @@ from models.training.packed import STEPS_PER_METRE, Rig
 from models.training.packing import MAX_DEPTH_M, change
 from placement_env.candidates.candidates import Candidates
 from placement_env.fidelity.traffic import Traffic, build_renderer
-from toolkit.arrays import Float32, ImageRanges, Int64, Shaped
+from placement_env.fidelity.way_frames import WayFrame
+from toolkit.arrays import Float32, ImageRanges, Int64, Mask, Shaped
 from toolkit.calibration.empty_scene import EmptyScene, SceneLearner
 from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.dataset import CoopDataset
@@ -333,7 +334,9 @@ class Recorded:
     Args:
         recording: The recording to read.
         noise_seed: Seed of noise and errors, None for no noise.
-        errors: Errors of the sensors."""
+        errors: Errors of the sensors.
+        ways: Frames to use, and the road users that count in each; None for all frames, in which
+            everybody counts."""
 
     def __init__(
         self,
@@ -341,12 +344,14 @@ class Recorded:
         noise_seed: int | None = 0,
         *,
         errors: ErrorProfile = PAPER_ERRORS,
+        ways: Sequence[WayFrame] | None = None,
     ) -> None:
         check_drawn(errors, noise_seed)
+        self.ways = ways
         self.recording = recording
         self.site = recording.site
         self.sensors = recording.sensors
-        self.frames = len(recording)
+        self.frames = len(recording) if ways is None else len(ways)
         self._noise_seed = noise_seed
         self.errors = errors
         self._last: Frame | None = None
@@ -363,6 +368,8 @@ class Recorded:
             format_site(self.site),
             *_digest_errors(self.errors),
         ]
+        if self.ways is not None:
+            parts.append(make_key(self.ways).hex())
         sha = hashlib.sha256(" ".join(map(str, parts)).encode())
         with self.recording.path.open("rb") as file:
             return hashlib.file_digest(file, lambda: sha).hexdigest()  # goes on with `sha`
@@ -380,11 +387,19 @@ class Recorded:
         """All objects in frame k, scored or not."""
         return self._frame(k).objects
 
+    def counted(self, k: int) -> Mask:
+        """Mask of the objects of frame k that count, if their class and place do."""
+        objects = self.objects(k)
+        if self.ways is None:
+            return np.ones(len(objects), np.bool_)
+        return np.isin(objects.ids, self.ways[k].ids)
+
     def _frame(self, k: int) -> Frame:
         # frame k with noise and errors; the last one is kept, as its sensors are asked in turn
-        if self._last is None or self._last.index != k:
+        index = k if self.ways is None else self.ways[k].number
+        if self._last is None or self._last.index != index:
             self._last = read_frame(
-                self.recording, k, errors=self.errors, noise_seed=self._noise_seed
+                self.recording, index, errors=self.errors, noise_seed=self._noise_seed
             )
         return self._last
 

@@ -19,6 +19,7 @@ from toolkit.sites.files import format_site
 from toolkit.sites.site import Site
 from toolkit.traffic.snapshots import Mix, Snapshot, simulate
 from toolkit.traffic.spawner import LIFE
+from toolkit.traffic.sumo import FINE_STEP_S
 
 if TYPE_CHECKING:
     from toolkit.rendering.renderer import Renderer
@@ -105,6 +106,22 @@ def simulate_traffic(site: Site, frames: int = FRAMES, seed: int = 0) -> Traffic
         if len(_KEPT) > MAX_KEPT_TRAFFIC:
             del _KEPT[next(iter(_KEPT))]  # the oldest
     return _KEPT[key]
+
+
+def simulate_continuous_traffic(
+    site: Site, frames: int, seed: int = 0, *, interval_s: float = FINE_STEP_S
+) -> Traffic:
+    """Simulate frames of traffic that goes on, as `coview simulate --every` does with this seed.
+
+    Road users come in at the border of the view and leave there; parked vehicles stay.
+
+    interval_s: time between frames, below 1 s. Raises `NoPassage` for a site without a way through,
+    and the errors of `toolkit.traffic.snapshots.simulate`."""
+    check_whole("frames", frames, least=1)
+    rng = np.random.default_rng([seed, 2])  # the seeds of `toolkit.datasets.simulation`
+    bodies = fleet_named().bodies(frames, rng)
+    snapshots = simulate(site, bodies, frames=frames, interval=interval_s, seed=rng, once=True)
+    return Traffic(site, bodies, tuple(snapshots))
 
 
 @lru_cache(maxsize=2)

@@ -19,6 +19,7 @@ from placement_env.cases import IoUs
 from placement_env.handover.ground import GroundGrid, GroundShares
 from placement_env.handover.mounted import MaterialItem, PlannedSensor, PoleLoad
 from placement_env.links import LINK_SHARE
+from placement_env.report.motion_content import MotionFigures
 from toolkit.arrays import Bool, Float32, Mask
 from toolkit.display import Card, Displayed, Table, figure_digits, format_share
 from toolkit.objects import Detections, Objects
@@ -272,6 +273,7 @@ class Plan(Displayed):
         by_drawing: Results at several drawings of the site, on the traffic of the comparison.
         by_class: Coverage of each class.
         class_ap: AP of each class.
+        motion: The chosen set on continuous traffic, None without a set.
         worth: Shapley value of each sensor.
         failures: Results after one or two failures.
         links: Load of each link.
@@ -313,6 +315,7 @@ class Plan(Displayed):
     by_drawing: tuple[DrawingResult, ...] = ()
     by_class: tuple[ClassSeen, ...] = ()
     class_ap: tuple[ClassAP, ...] = ()
+    motion: MotionFigures | None = None
     worth: tuple[SensorWorth, ...] = ()
     failures: tuple[FailureCase, ...] = ()
     links: tuple[PoleLoad, ...] = ()

@@ -223,26 +223,46 @@ def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> Trip
     """Match whole trips of some classes with true ones, by entry and exit.
 
     Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart."""
+    pairs = pair_trips(counts, truth, *labels)
+    counted = sum(_is_counted(trip, labels) for trip in counts.trips)
+    true = sum(_is_counted(trip, labels) for trip in truth.trips)
+    return TripMatches(len(pairs), counted, true)
+
+
+class TripPair(NamedTuple):
+    """Trip that was counted, and the true one that it is."""
+
+    counted: Trip
+    true: Trip
+
+
+def pair_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> list[TripPair]:
+    """Pair whole trips of some classes with true ones, as `match_trips` does."""
     from scipy.optimize import linear_sum_assignment
 
     counted = [trip for trip in counts.trips if _is_counted(trip, labels)]
     true = [trip for trip in truth.trips if _is_counted(trip, labels)]
-    right = 0
-    for gates in {(trip.entry, trip.exit) for trip in counted}:
-        spans = _list_spans(counted, gates)
-        true_spans = _list_spans(true, gates)
-        offsets = np.abs(spans[:, None] - true_spans).max(axis=2)
+    pairs = []
+    for gates in sorted({(str(trip.entry), str(trip.exit)) for trip in counted}):
+        trips = _select_movement(counted, gates)
+        true_trips = _select_movement(true, gates)
+        offsets = np.abs(_list_spans(trips)[:, None] - _list_spans(true_trips)).max(axis=2)
         is_pair = offsets <= MAX_TRIP_OFFSET_S
         rows, columns = linear_sum_assignment(np.where(is_pair, offsets - 1e3, 0.0))
-        right += int(is_pair[rows, columns].sum())
-    return TripMatches(right, len(counted), len(true))
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+            if is_pair[row, column]:
+                pairs.append(TripPair(trips[row], true_trips[column]))
+    return pairs
 
 
-def _list_spans(
-    trips: Sequence[Trip], gates: tuple[str | None, str | None]
-) -> Float64[np.ndarray, "n 2"]:
-    """Begin and end (s) of the trips of one movement. gates: names of entry and exit."""
-    spans = [[trip.begin, trip.end] for trip in trips if (trip.entry, trip.exit) == gates]
+def _select_movement(trips: Sequence[Trip], gates: tuple[str, str]) -> list[Trip]:
+    """Trips of one movement. gates: names of entry and exit."""
+    return [trip for trip in trips if (trip.entry, trip.exit) == gates]
+
+
+def _list_spans(trips: Sequence[Trip]) -> Float64[np.ndarray, "n 2"]:
+    """Begin and end (s) of each trip."""
+    spans = [[trip.begin, trip.end] for trip in trips]
     return np.array(spans, np.float64).reshape(-1, 2)
 
 

@@ -29,6 +29,7 @@ import operator
 import os
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import SupportsIndex, overload
 
@@ -161,13 +162,9 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     def _frame(self, number: int) -> Frame:
         """Read a frame by its number, from 0. Its world coordinates are the site's."""
         file, _ = self._file()
-        try:
+        with self._name_errors(number):
             measurements = self._read_images(number)
             objects = self._objects(file, number)
-        except OSError as error:
-            raise OSError(f"{self.path}: frame {number} cannot be read: {error}") from None
-        except ValueError as error:
-            raise type(error)(f"{self.path}: frame {number}: {error}") from None
         return Frame(
             sensors=self.sensors,
             measurements=measurements,
@@ -179,6 +176,27 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
             complete=self._area,  # labels are complete within this area
             map_SE3_world=self.site.map_SE3_site,
         )
+
+    def read_objects(self, number: int) -> Objects:
+        """Read the objects of a frame by its number, from 0, without its measurements."""
+        file, _ = self._file()
+        with self._name_errors(number):
+            return self._objects(file, number)
+
+    @property
+    def has_ids(self) -> bool:
+        """True if an id of an object is the same road user in all frames."""
+        return self._starts is not None
+
+    @contextmanager
+    def _name_errors(self, number: int) -> Iterator[None]:
+        """Name the file and the frame of a number in errors of reading."""
+        try:
+            yield
+        except OSError as error:
+            raise OSError(f"{self.path}: frame {number} cannot be read: {error}") from None
+        except ValueError as error:
+            raise type(error)(f"{self.path}: frame {number}: {error}") from None
 
     def _read_images(self, number: int) -> tuple[ImageRanges, ...]:
         """Read the image of each sensor (m, 0 for no return) in the frame of a number.

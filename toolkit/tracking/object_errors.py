@@ -76,17 +76,16 @@ def measure_errors(
     for overlap, match, frame_tracks, truth in frames:
         truth_rows = overlap.truth_rows[match.rows]
         track_rows = overlap.track_rows[match.columns]
-        true_speeds = np.linalg.norm(truth.velocities[truth_rows], axis=1)
-        speeds = np.linalg.norm(frame_tracks.velocities[track_rows], axis=1)
-        speed_errors.append(np.abs(speeds - true_speeds))
+        speed_errors.append(_measure_speed_errors(overlap, match, frame_tracks, truth))
         turn = frame_tracks.boxes[track_rows, 6] - truth.objects.boxes[truth_rows, 6]
         heading_errors.append(np.abs(np.arctan2(np.sin(turn), np.cos(turn))))
     speed_error = np.concatenate(speed_errors)
-    waits = _list_waits(overlaps, matches, truths)
+    ways = collect_ways(overlaps, matches, tracks, truths)
+    waits = np.array([way.wait_s for way in ways if way.comes_in], np.float64)
     median = tail = never = float("nan")
     if len(waits):
-        median = _quantile(waits, 0.5)
-        tail = _quantile(waits, 0.95)
+        median = find_quantile(waits, 0.5)
+        tail = find_quantile(waits, 0.95)
         never = float(np.isinf(waits).mean())
     return ObjectErrors(
         _mean(speed_error[np.isfinite(speed_error)]),
@@ -98,31 +97,78 @@ def measure_errors(
     )
 
 
-def _list_waits(
-    overlaps: Sequence[FrameOverlap], matches: Sequence[ClearMatch], truths: Sequence[TruthMotion]
-) -> Float64[np.ndarray, " n"]:
-    """Seconds to the first match of each object that comes in, infinite without any match.
+class TrackedWay(NamedTuple):
+    """True road user in all frames in which it is to be found, and how it was followed.
+
+    Attributes:
+        id: Its number.
+        frames: Number of frames in which it is to be found.
+        matched_frames: Number of frames in which a track matches it too.
+        comes_in: False if it is to be found in the first frame of its recording already.
+        wait_s: Seconds from the first such frame to the first match; infinite without a match,
+            NaN without times.
+        speed_error_mps: Mean error of speed over its matches, NaN if no speed is known."""
+
+    id: int
+    frames: int
+    matched_frames: int
+    comes_in: bool
+    wait_s: float
+    speed_error_mps: float
+
+
+def collect_ways(
+    overlaps: Sequence[FrameOverlap],
+    matches: Sequence[ClearMatch],
+    tracks: Sequence[Tracks],
+    truths: Sequence[TruthMotion],
+) -> list[TrackedWay]:
+    """Return the ways of one class, in the order in which they are first to be found.
 
     Arguments as in `measure_errors`."""
-    entered: dict[int, float] = {}
-    first_matches: dict[int, float] = {}
+    frame_counts: dict[int, int] = {}
+    entry_times: dict[int, float] = {}
+    match_times: dict[int, float] = {}
+    errors_by_way: dict[int, list[float]] = {}
     present_at_first: set[int] = set()
-    for overlap, match, truth in zip(overlaps, matches, truths, strict=True):
+    frames = zip(overlaps, matches, tracks, truths, strict=True)
+    for overlap, match, frame_tracks, truth in frames:
         for number in overlap.pairs.truth.tolist():
-            entered.setdefault(number, truth.time)
+            frame_counts[number] = frame_counts.get(number, 0) + 1
+            entry_times.setdefault(number, truth.time)
             if truth.is_first:
                 present_at_first.add(number)
-        for number in overlap.pairs.truth[match.rows].tolist():
-            first_matches.setdefault(number, truth.time)
-    waits = []
-    for number, time in entered.items():
-        if number not in present_at_first:
-            wait = first_matches[number] - time if number in first_matches else np.inf
-            waits.append(wait)
-    return np.array(waits, np.float64)
+        speed_errors = _measure_speed_errors(overlap, match, frame_tracks, truth).tolist()
+        matched_ids = overlap.pairs.truth[match.rows].tolist()
+        for number, error in zip(matched_ids, speed_errors, strict=True):
+            match_times.setdefault(number, truth.time)
+            errors_by_way.setdefault(number, []).append(error)
+    ways = []
+    for number, entry_time in entry_times.items():
+        errors = np.array(errors_by_way.get(number, []), np.float64)
+        way = TrackedWay(
+            id=number,
+            frames=frame_counts[number],
+            matched_frames=len(errors),
+            comes_in=number not in present_at_first,
+            wait_s=match_times[number] - entry_time if number in match_times else float("inf"),
+            speed_error_mps=_mean(errors[np.isfinite(errors)]),
+        )
+        ways.append(way)
+    return ways
 
 
-def _quantile(values: Float64[np.ndarray, " n"], share: float) -> float:
+def _measure_speed_errors(
+    overlap: FrameOverlap, match: ClearMatch, tracks: Tracks, truth: TruthMotion
+) -> Float64[np.ndarray, " k"]:
+    """Error of speed (m/s) of each match of a frame, NaN if a speed is unknown."""
+    true_velocities = truth.velocities[overlap.truth_rows[match.rows]]
+    velocities = tracks.velocities[overlap.track_rows[match.columns]]
+    speeds = np.linalg.norm(velocities, axis=1)
+    return np.abs(speeds - np.linalg.norm(true_velocities, axis=1))
+
+
+def find_quantile(values: Float64[np.ndarray, " n"], share: float) -> float:
     """Smallest value that at least this share of the values does not exceed.
 
     NaN if one of the values is unknown."""

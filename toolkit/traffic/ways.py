@@ -34,6 +34,10 @@ COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next 
 LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "walker": (PEDESTRIAN,)}
 
 
+class NoPassage(ValueError):
+    """No road leads from one border of a site's network past its area to another."""
+
+
 class Traveller(NamedTuple):
     """Road user on its way.
 
@@ -102,8 +106,8 @@ def simulate_ways(
         flow: Demand, None to draw it.
         progress: Called with the number of simulated seconds.
 
-    Raises ValueError for a network without a passage near the area, and for a flow that it has no
-    way for; the errors of `toolkit.traffic.sumo.running`."""
+    Raises `NoPassage` for a network without a passage near the area, ValueError for a flow that it
+    has no way for, and the errors of `toolkit.traffic.sumo.running`."""
     steps = round(seconds / FINE_STEP_S) + 1
     warm_up = round(WARM_UP_S / FINE_STEP_S)
     types = _describe_types(supply)
@@ -113,7 +117,7 @@ def simulate_ways(
         demand = _Demand(sumo, site, supply)
         possible = demand.possible()
         if not possible["vehicle"]:
-            raise ValueError(
+            raise NoPassage(
                 f"site {site.name!r}: no road leads from one border of its network past the area "
                 "to another: import a larger piece of the map"
             )

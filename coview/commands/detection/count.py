@@ -181,11 +181,11 @@ def _list_error(error: "CountError") -> StreetRow:
 
 def _list_totals(counted: _CountedStreet) -> list[StreetRow]:
     """Totals by group of classes, with their errors if both tracks and truth are known."""
-    from toolkit.counting.counts import GROUPS, match_trips
-    from toolkit.share_intervals import wilson_interval
+    from toolkit.counting.count_totals import compare_totals
+    from toolkit.counting.counts import GROUPS
 
-    measured = counted.measured
-    true = counted.true
+    if counted.measured is not None and counted.true is not None:
+        return [asdict(total) for total in compare_totals(counted.measured, counted.true)]
     rows = []
     for group, labels in GROUPS.items():
         row: StreetRow = {
@@ -193,17 +193,6 @@ def _list_totals(counted: _CountedStreet) -> list[StreetRow]:
             "count": counted.counts.total(*labels),
             "speed_km_h": counted.counts.mean_speed(*labels),
         }
-        if measured is not None and true is not None:
-            matches = match_trips(measured, true, *labels)
-            row |= {
-                "true_count": true.total(*labels),
-                "error": measured.total(*labels) - true.total(*labels),
-                "true_speed_km_h": true.mean_speed(*labels),
-                "found_share": matches.found_share,
-                "found_interval": wilson_interval(matches.found_share, matches.true),
-                "right_share": matches.right_share,
-                "right_interval": wilson_interval(matches.right_share, matches.counted),
-            }
         rows.append(row)
     return rows
 

@@ -101,7 +101,12 @@ def accept_command(
 
 
 class _Promised(NamedTuple):
-    """Plan as it was read, and the detector by which the street is judged."""
+    """Plan as it was read, and the detector by which the street is judged.
+
+    Attributes:
+        planned: setting and site of the plan.
+        stated: results that the plan states for each class.
+        spec: name of the detector, the plan's unless another was asked for."""
 
     planned: "PlanFolder"
     stated: "StatedResults"
@@ -118,10 +123,19 @@ def _accept(
 ) -> "Acceptance":
     """Compare an open recording with a plan.
 
-    findings: faults that the doctor found in the recording; frames: number of frames to use;
-    progress: called with the number of frames done."""
+    Poses are found by the planned site, unless `checking` names another reference.
+
+    Args:
+        opened: Open recording.
+        promised: The plan.
+        checking: Options of the command.
+        findings: Faults that the doctor found in the recording.
+        frames: Number of first frames to use.
+        progress: Called with the number of frames done.
+
+    Raises the errors of `accept_street` and of an unusable reference or detector."""
     from placement_env.acceptance.acceptance import Promise, accept_street
-    from placement_env.acceptance.street_detections import Fusion
+    from placement_env.acceptance.street_detections import PlannedDetection
     from toolkit.calibration.reference_surface import read_surface, site_surface
     from toolkit.datasets.recording_views import ReadRecording, Reads
 
@@ -131,10 +145,11 @@ def _accept(
     if checking.reference is not None:
         surface = read_surface(checking.reference)
     recall = _combine_recall(promised.planned, promised.stated)
+    detector = open_detector(promised.spec, site)
     return accept_street(
         ReadRecording(opened, Reads(checking.errors, checking.seed)),
         Promise(site, promised.stated.classes, recall),
-        Fusion(site, open_detector(promised.spec, site), setting.fusion, setting.codec),
+        PlannedDetection(site, detector, setting.fusion, setting.codec),
         surface,
         frames,
         findings=findings,
@@ -143,7 +158,9 @@ def _accept(
 
 
 def _write(acceptance: "Acceptance", out: Path, plan: Path, recording: Path) -> None:
-    """Write `ACCEPTANCE_FILES` into a folder, all or none."""
+    """Write `ACCEPTANCE_FILES` into a folder, all or none.
+
+    plan, recording: paths that the page names."""
     from placement_env.acceptance.page import build_page, describe_acceptance
     from placement_env.report.pages.typesetting import to_html
     from toolkit.runtime.text_values import replace_infinite
@@ -168,7 +185,10 @@ def _name_site(opening: Opening, recording: Path, plan: Path) -> Opening:
 
 
 def _combine_recall(planned: "PlanFolder", stated: "StatedResults") -> float:
-    """Return the recall that a plan promises, combined over the classes that count."""
+    """Return the recall that a plan promises, combined over the classes that count.
+
+    Classes without a result in the plan are left out; NaN if all are, which nothing falls short
+    of."""
     import numpy as np
 
     counted = planned.setting.counted

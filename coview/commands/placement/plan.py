@@ -39,6 +39,7 @@ PLAN_STEPS = {
     "frames of the chosen set": 0.1,
     "frames of the fusion schemes": 0.1,
     "frames of the order of building": 0.05,
+    "frames followed": 0.15,
 }
 # likewise, of a plan with --min-ap
 PRICE_STEPS = {
@@ -49,6 +50,7 @@ PRICE_STEPS = {
     "frames of the chosen set": 0.08,
     "frames of the fusion schemes": 0.18,
     "frames of the order of building": 0.04,
+    "frames followed": 0.15,
 }
 DEFAULT_CLASSES = ClassOptions()
 DEFAULT_OUTPUT = Output(out=Path("out/plan"))
@@ -164,8 +166,9 @@ def plan_command(
 
     A fast estimate searches the sets, the detector compares the best ones on fresh traffic, and the
     answer is judged on other traffic again. Each part has --frames frames (60, 120 and 120 when
-    left out). The cases are the conditions under which sets are compared and must reach --min-ap.
-    An interrupted plan resumes.
+    left out). In as many frames of traffic that goes on at 10 Hz (300), the answer follows and
+    counts road users. The cases are the conditions under which sets are compared and must reach
+    --min-ap. An interrupted plan resumes.
 
     Example: coview plan tjunction --budget 4 --min-ap 0.9 --out out/plan
 
@@ -242,12 +245,29 @@ def _describe(plan: "Plan") -> str:
         lines.append(
             f"  {draws.profile}: mean AP {mean} of {len(draws.aps)} draws, a tenth below {tenth}"
         )
+    lines += _describe_motion(plan)
     if plan.confidence is not None:
         lines.append(
             f"  {describe_sureness(plan.confidence)} sure that no other compared set of as many "
             f"sensors is better by more than {AP_TOLERANCE:g}"
         )
     return "\n".join(lines)
+
+
+def _describe_motion(plan: "Plan") -> list[str]:
+    """Return a line for each class in continuous traffic, or one with the reason for a refusal."""
+    from placement_env.report.pages.motion_section import describe_followed, describe_soonness
+
+    motion = plan.motion
+    if motion is None:
+        return []
+    if motion.refusal:
+        return [f"  {motion.refusal}"]
+    lines = []
+    for row in motion.classes:
+        texts = (describe_followed(row), describe_soonness(row))
+        lines.append(f"  {'; '.join(filter(None, texts))}, in {motion.seconds:.0f} s of traffic")
+    return lines
 
 
 def _describe_judgement(name: str, judged: "Judgement", *, iou: str = "", frames: str = "") -> str:

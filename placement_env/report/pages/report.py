@@ -20,6 +20,7 @@ from placement_env.report.pages.installation_sections import (
     views_section,
 )
 from placement_env.report.pages.method_section import method_section
+from placement_env.report.pages.motion_section import motion_section
 from placement_env.report.pages.others_section import others_section
 from placement_env.report.pages.printable_names import drop_unset, settle_names, use_pole_names
 from placement_env.report.pages.scene import build_plan_scene
@@ -62,6 +63,7 @@ def build_document(
             "views": views_section(plan, site, moments),
             "materials": materials_section(plan),
             "detection": detection_section(plan),
+            "motion": motion_section(plan),
             "failures": failures_section(plan, plan.chosen),
             "links": links_section(plan),
             "order": order_section(plan),

@@ -1,7 +1,10 @@
 """`plan`: from a question to a plan. The cache keeps its stages, so an interrupted plan resumes.
 
 There are three parts of traffic with different seeds. Searches see the first, the detector compares
-the entrants on the second, and the plan's figures for the chosen set are from the third."""
+the entrants on the second, and the plan's figures for the chosen set are from the third. The last
+stage follows road users on continuous traffic with a fourth seed."""
+
+from dataclasses import replace
 
 from placement_env.candidates.candidates import NoCandidates
 from placement_env.fidelity.preparation import check_scorable
@@ -14,6 +17,7 @@ from placement_env.report.planning.choosing import choose_at_drawings, choose_se
 from placement_env.report.planning.entrant_search import prepare_search, search_entrants
 from placement_env.report.planning.findings import Findings
 from placement_env.report.planning.moments import pick_moments
+from placement_env.report.planning.motion import measure_motion
 from placement_env.report.planning.prepared_judge import (
     check_objects,
     prepare_final_judge,
@@ -87,8 +91,11 @@ def _answer(question: Question) -> content.Planned:
     )
     candidates = objective.candidates
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
+    unfollowed_plan = build_plan(findings, final.judge, ground)
+    detector = final.judge.detected.detector
+    motion = measure_motion(question, candidates, choice.members, detector)
     return content.Planned(
-        plan=build_plan(findings, final.judge, ground),
+        plan=replace(unfollowed_plan, motion=motion),
         site=mounted.mounted_site(question.site, candidates, choice.members),
         candidates=candidates,
         ground=ground,

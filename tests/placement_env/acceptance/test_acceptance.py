@@ -8,7 +8,7 @@ import pytest
 
 from placement_env.acceptance.acceptance import Promise, accept_street
 from placement_env.acceptance.page import build_page, describe_acceptance
-from placement_env.acceptance.street_detections import Fusion
+from placement_env.acceptance.street_detections import PlannedDetection
 from placement_env.report.content import Judgement
 from placement_env.report.pages.typesetting import to_html
 from placement_env.report.planning.plan_folder import StatedClass
@@ -62,10 +62,10 @@ def sees(cars):
 
 def accept(objects, cars, surface, frames=FRAMES, findings=()):
     stated = StatedClass("vehicle", 1.0, 0.7, Judgement(0.98, 0.95, 1.0, 0.98, 1.0, 240, 120))
-    fusion = Fusion(SITE, sees(cars), Early(), PAPER)
+    planned = PlannedDetection(SITE, sees(cars), Early(), PAPER)
     promise = Promise(SITE, (stated,), recall=0.98)
     return accept_street(
-        record(objects, frames), promise, fusion, surface, frames, findings=findings
+        record(objects, frames), promise, planned, surface, frames, findings=findings
     )
 
 
@@ -112,6 +112,6 @@ def test_without_labels_the_halves_are_compared(surface):
 
 def test_a_recording_of_other_sensors_is_refused(surface):
     other = replace(SITE, sensors=tuple(replace(s, name=f"x{s.name}") for s in SITE.sensors))
-    fusion = Fusion(other, sees(CARS), Early(), PAPER)
+    planned = PlannedDetection(other, sees(CARS), Early(), PAPER)
     with pytest.raises(ValueError, match="none of the plan's sensors xd0, xd1, but d0, d1"):
-        accept_street(record(Objects(CARS), 6), Promise(other, (), recall=1.0), fusion, surface, 6)
+        accept_street(record(Objects(CARS), 6), Promise(other, (), recall=1.0), planned, surface, 6)

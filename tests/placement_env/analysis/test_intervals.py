@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest, norm
+from scipy.stats import binomtest, norm, t
 
 from placement_env.analysis.intervals import (
     BLOCK_FRAMES,
@@ -15,6 +15,7 @@ from placement_env.analysis.intervals import (
     figure_interval,
     frames_for_width,
     is_as_good,
+    mean_interval,
     percentiles,
     ratio_interval,
 )
@@ -310,3 +311,12 @@ def test_blocks_are_two_lives_and_words_say_how_many_are_needed():
 def test_a_loss_of_the_tolerance_itself_is_as_good():
     assert is_as_good(np.zeros(1000), np.full(1000, 0.01), 15)
     assert not is_as_good(np.zeros(1000), np.full(1000, 0.0101), 15)
+
+
+def test_the_interval_of_a_mean_is_nearly_student_s():
+    values = np.random.default_rng(4).normal(3.0, 1.0, 40)
+    half = t.ppf(0.975, 39) * values.std(ddof=1) / np.sqrt(40)
+    low, high = mean_interval(values.tolist(), seed=2)
+    assert (low, high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.06)
+    assert mean_interval([1.0] * 10) == (1.0, 1.0)
+    assert np.isnan(mean_interval([1.0] * 9)).all()

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from toolkit.counting.arms import find_arms, find_crossing
-from toolkit.counting.counts import compare_counts, count_street, match_trips
+from toolkit.counting.count_totals import compare_totals
+from toolkit.counting.counts import compare_counts, count_street, match_trips, pair_trips
 from toolkit.counting.trajectories import collect_trajectories, split_trajectories
 from toolkit.objects import CYCLIST, HEAVY, VEHICLE, Objects
 from toolkit.sites.files import load_site
@@ -103,6 +105,16 @@ def test_errors_are_counts_minus_true_counts():
     assert (rows["heavy"].count, rows["heavy"].true_count) == (0, 1)
     assert np.isnan(rows["heavy"].speed_km_h)
     assert match_trips(counts, truth, "vehicle", "heavy") == (1, 1, 2)
+    (pair,) = pair_trips(counts, truth, "vehicle", "heavy")
+    assert [pair.true.begin, pair.counted.begin] == pytest.approx([0.0, 0.5])
+    vehicles = compare_totals(counts, truth)[0]
+    assert (vehicles.group, vehicles.count, vehicles.true_count, vehicles.error) == (
+        *("vehicles", 1),
+        *(2, -1),
+    )
+    assert (vehicles.found_share, vehicles.right_share) == (0.5, 1.0)
+    expected = binomtest(1, 2).proportion_ci(method="wilson")
+    assert vehicles.found_interval == pytest.approx(tuple(expected))
     much_later = through[0], through[1], through[2], through[3] + 20
     counts = count_street(join(much_later), SITE, ARMS, TIMES.tolist())
     assert match_trips(counts, truth, "vehicle", "heavy") == (0, 1, 2)

@@ -119,6 +119,17 @@ def test_frames_come_back(path, sensors):
         assert dataset.site == SITE
         assert len(dataset) == 3
         assert all(same(read, frame) for read, frame in zip(dataset, made, strict=True))
+        objects = [dataset.read_objects(k) for k in range(3)]
+    for alone, frame in zip(objects, made, strict=True):
+        np.testing.assert_allclose(alone.boxes, frame.objects.boxes, atol=1e-9)
+        np.testing.assert_array_equal(alone.ids, frame.objects.ids)
+
+
+def test_ids_last_only_if_the_file_holds_them(path, published):
+    assert not CoopDataset(path, load_site("tjunction")).has_ids
+    path.unlink()
+    write(path, (NORTH,))
+    assert CoopDataset(path).has_ids
 
 
 def test_joined_parts_are_one_recording(tmp_path, path):

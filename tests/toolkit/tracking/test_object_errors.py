@@ -5,14 +5,14 @@ import pytest
 
 from toolkit.objects import Objects
 from toolkit.tracking.frame_overlap import measure_overlap
-from toolkit.tracking.object_errors import TruthMotion, measure_errors
+from toolkit.tracking.object_errors import TruthMotion, collect_ways, measure_errors
 from toolkit.tracking.scores import match_clear
 from toolkit.tracking.tracks import Tracks
 
 CAR = np.array([0.0, 0, 0.75, 4.5, 1.9, 1.5, 0.0])
 
 
-def measure(frames):
+def measure(frames, figures=measure_errors):
     """frames: places of objects by id, places of tracks by id, at 10 Hz; cars drive 2 m/s."""
     overlaps, tracks, truths = [], [], []
     for number, (true_places, places) in enumerate(frames):
@@ -28,7 +28,7 @@ def measure(frames):
         tracks.append(found)
         overlaps.append(measure_overlap(found, objects, 0))
     matches = match_clear([overlap.pairs for overlap in overlaps]).matches
-    return measure_errors(overlaps, matches, tracks, truths)
+    return figures(overlaps, matches, tracks, truths)
 
 
 def boxes(places, yaw=0.0):
@@ -58,6 +58,21 @@ def test_waits_of_those_that_come_in():
     assert found.first_detection_s == pytest.approx(0.1)
     assert found.first_detection_95_s == np.inf
     assert found.never_found == 0.5
+
+
+def test_ways_say_how_each_road_user_was_followed():
+    frames = [
+        ({1: 0.0}, {7: 0.0}),
+        ({1: 0.0, 2: 20.0}, {}),
+        ({1: 0.0, 2: 20.0, 3: 40.0}, {7: 0.0, 8: 20.0}),
+    ]
+    first, second, third = measure(frames, collect_ways)
+    assert first[:4] == (1, 3, 2, False)
+    assert second[:4] == (2, 2, 1, True)
+    assert third[:4] == (3, 1, 0, True)
+    assert [second.wait_s, third.wait_s] == [pytest.approx(0.1), np.inf]
+    assert first.speed_error_mps == pytest.approx(0.5)
+    assert np.isnan(third.speed_error_mps)
 
 
 def test_unknown_motion_stays_unknown():

@@ -10,13 +10,15 @@ from toolkit.bodies.fleet import catalogue
 from toolkit.boxes import footprints
 from toolkit.objects import LABELS, PEDESTRIAN
 from toolkit.sites.files import load_site
+from toolkit.sites.network import build_network, street
+from toolkit.sites.site import Site
 from toolkit.traffic.body_motion import move_driver, move_walker, smooth_motion
 from toolkit.traffic.continuous import simulate_continuously
 from toolkit.traffic.flow import Flow, Movement
 from toolkit.traffic.road_lanes import distance_to_area
 from toolkit.traffic.snapshots import simulate
 from toolkit.traffic.supply import Supply
-from toolkit.traffic.ways import possible_movements
+from toolkit.traffic.ways import NoPassage, possible_movements
 
 needs_sumo = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 BODIES = catalogue()
@@ -160,3 +162,14 @@ def test_smoothing_keeps_ends_and_straight_lines(steps):
     np.testing.assert_allclose(smoothed[[0, -1]], noise[[0, -1]], atol=1e-9)
     if steps > 100:
         assert np.diff(smoothed, 2, axis=0).std() < 0.1 * np.diff(noise, 2, axis=0).std()
+
+
+@needs_sumo
+def test_a_site_without_a_road_through_is_refused_by_name():
+    """The only road begins and ends inside the area."""
+    nodes = [{"id": "a", "x": -10, "y": 0}, {"id": "b", "x": 10, "y": 0}]
+    edges = [{"id": "ab", "from": "a", "to": "b", "lanes": street(1, footway=0.0)}]
+    area = np.array([-30.0, -30.0, 30.0, 30.0])
+    site = Site("inside", area, network=build_network(nodes, edges))
+    with pytest.raises(NoPassage, match="import a larger piece of the map"):
+        simulate_continuously(site, supply_of(1), frames=2, interval=0.1, max_parked=0)

@@ -9,7 +9,14 @@ import shapely
 from placement_env.handover.ground import GroundGrid, GroundShares
 from placement_env.handover.mounted import MaterialItem, PlannedSensor, PoleLoad
 from placement_env.report import content
+from placement_env.report.motion_content import (
+    CountedGroup,
+    FollowedClass,
+    MotionFigures,
+    RoadUserFigure,
+)
 from placement_env.report.pages.report import build_document
+from toolkit.counting.counts import CountError
 from toolkit.objects import Detections, Objects
 from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
@@ -21,6 +28,51 @@ HOSTILE = '<script>document.title="owned"</script>#eval("1") $x^2$ `raw` \\ @ref
 def judged(ap, half=0.03, vehicles=412):
     return content.Judgement(
         ap, max(ap - half, 0.0), min(ap + half, 1.0), min(ap + 0.01, 1.0), 0.97, vehicles, 60
+    )
+
+
+def example_motion():
+    """Vehicles that are followed well, and pedestrians half of whom are never detected."""
+    vehicles = FollowedClass(
+        label="vehicle",
+        road_users=6,
+        mostly_tracked=RoadUserFigure(5 / 6, 0.4365, 0.9699),
+        entering=4,
+        first_detection_s=RoadUserFigure(0.3, 0.0, np.inf),
+        first_detection_95_s=RoadUserFigure(1.2, 0.3, np.inf),
+        never_detected=RoadUserFigure(0.0, 0.0, 0.4899),
+        speed_error_km_h=RoadUserFigure(0.84),
+    )
+    pedestrians = FollowedClass(
+        label="pedestrian",
+        road_users=12,
+        mostly_tracked=RoadUserFigure(0.5, 0.2538, 0.7462),
+        entering=3,
+        first_detection_s=RoadUserFigure(np.inf, 0.4, np.inf),
+        first_detection_95_s=RoadUserFigure(np.inf, np.inf, np.inf),
+        never_detected=RoadUserFigure(2 / 3, 0.2077, 0.9385),
+        speed_error_km_h=RoadUserFigure(0.5, 0.4, 0.6),
+    )
+    vehicle_trips = CountedGroup(
+        group="vehicles",
+        count=3,
+        true_count=4,
+        error=-1,
+        found=RoadUserFigure(0.75, 0.3006, 0.9544),
+        right=RoadUserFigure(1.0, 0.4385, 1.0),
+        speed_error_km_h=RoadUserFigure(-0.24),
+    )
+    no_trips = CountedGroup("pedestrians", 0, 0, 0, *[RoadUserFigure(np.nan, 0.0, 1.0)] * 3)
+    return MotionFigures(
+        refusal="",
+        seed=3000009,
+        frames=150,
+        interval_s=0.1,
+        traffic_sha256="5b" * 32,
+        errors="paper",
+        classes=(vehicles, pedestrians),
+        counts=(vehicle_trips, no_trips),
+        movements=(CountError("vehicle", "north", "south", 3, 4, 21.0, 21.2, 9.1, 9.0),),
     )
 
 
@@ -129,6 +181,7 @@ def example_plan(site, ground):
             ),
             content.ClassSeen("heavy", 0, 10, None),
         ),
+        motion=example_motion(),
         worth=worth,
         failures=failures,
         links=tuple(

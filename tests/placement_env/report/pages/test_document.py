@@ -91,7 +91,7 @@ def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert [len(outline.all(tag)) for tag in ("title", "h1", "main", "nav", "header")] == [1] * 5
     links = [each["href"] for each in outline.all("a") if "class" not in each]
     assert links == [f"#{section['id']}" for section in outline.all("section")]
-    assert len(links) == 13
+    assert len(links) == 14
     pictures = outline.all("img")
     assert len(pictures) == 17  # four of them views of sensors
     assert all(

@@ -80,7 +80,12 @@ def staged(ask, street, spy, monkeypatch):
     monkeypatch.setattr(questions, "choose_candidates", lambda *_, **__: street.candidates)
     traffic = Traffic(site, (), (Snapshot(Objects.empty(), np.zeros(0, np.int64)),))
     noted = SimpleNamespace(
-        searched=[], others=[], parts=[], labels=np.array([0, 0, 2]), judge=street.judge
+        searched=[],
+        others=[],
+        parts=[],
+        followed=[],
+        labels=np.array([0, 0, 2]),
+        judge=street.judge,
     )
 
     class Prepared:
@@ -120,6 +125,8 @@ def staged(ask, street, spy, monkeypatch):
     monkeypatch.setattr(entrant_search, "keep_entrants", searched)
     monkeypatch.setattr(planning, "prepare_judge", judged)
     monkeypatch.setattr(prepared_judge, "prepare_judge", judged)
+    # its traffic needs a real network
+    monkeypatch.setattr(planning, "measure_motion", lambda *given: noted.followed.append(given))
     noted.chosen, noted.moments = spy(planning, "choose_set"), spy(planning, "pick_moments")
 
     def made(**options):
@@ -142,6 +149,9 @@ def test_every_stage_has_its_seed_and_its_part_of_the_traffic(staged, tmp_path):
     assert [(run.seed, run.frames) for run in staged.parts] == [(1000010, 120), (2000013, 120)]
     ((given, asked),) = staged.moments
     assert (given[1], asked) == ((0,), {"seed": 7})  # the cheapest that finds two of five
+    ((_, candidates, members, detector),) = staged.followed
+    assert (candidates, members) == (objective.candidates, (0,))
+    assert detector is staged.judge.detected.detector
 
 
 def test_a_plan_has_sensors_traffic_and_pictures_of_its_stages(staged):
@@ -544,7 +554,7 @@ def test_no_part_of_a_plan_is_left_out(staged, street):
     catalogue = SensorCatalogue(models, "EUR", 1.0, rates=rates, report={"title": "Street"})
     made = staged.plan(catalogue=catalogue).plan
     asked = {"by_level", "by_errors", "by_draw", "by_drawing", "near_optimal", "blind_streets"}
-    asked.add("confidence")  # of 8 frames
+    asked |= {"confidence", "motion"}  # of 8 frames; the street has no network
     assert {each.name for each in fields(made) if not getattr(made, each.name)} == asked
     assert (made.currency, made.head) == ("EUR", {"title": "Street"})
     assert [sensor.model for sensor in made.sensors] == ["narrow", "narrow"]
