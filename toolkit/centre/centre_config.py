@@ -2,6 +2,7 @@
 
 coview_run = 1                  # version of this format
 detector = "general"            # as in coview detect
+detect_every = 2                # in every second frame; as often as it can when left out
 
 [[input]]                       # one recording or junction, or several lidars
 kind = "recording"              # replayed at its pace
@@ -57,6 +58,7 @@ from typing import Any, Literal, cast
 
 from toolkit.calibration.place import LEVELS, Level, Place
 from toolkit.centre.health import HEALTH_EVERY_S
+from toolkit.centre.pace import MAX_EVERY
 from toolkit.centre.sensor_message import SensorSetup
 from toolkit.datasets.pose_files import parse_pose
 from toolkit.exchange.geo_origin import GeoOrigin
@@ -72,6 +74,8 @@ _MAX_ROWS = 64  # inputs or sensors
 _MAX_SPEED = 1000.0
 _MAX_S = 1e7
 InputKind = Literal["recording", "junction", "velodyne"]
+_TABLES = ("input", "replay", "sensor", "place", "output", "page", "health")
+_KEYS = ("coview_run", "detector", "detect_every", *_TABLES)
 _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "recording": ("path", "layout", "poses", "errors", "site"),
     "junction": ("site", "seconds", "seed"),
@@ -138,6 +142,7 @@ class CentreConfig:
     Attributes:
         inputs: Sources of messages.
         detector: Name of the detector, with its suffixes.
+        detect_every: 2 to detect in every second frame, and so on; None for as often as it can.
         setups: Poses and clock offsets by sensor.
         backgrounds: Files of empty scenes by sensor.
         place: Area and ground.
@@ -151,6 +156,7 @@ class CentreConfig:
 
     inputs: tuple[InputConfig, ...]
     detector: str = "general"
+    detect_every: int | None = None
     setups: dict[str, SensorSetup] = field(default_factory=dict)
     backgrounds: dict[str, Path] = field(default_factory=dict)
     place: Place = field(default_factory=lambda: Place(still=True))
@@ -178,9 +184,7 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
         raise ValueError(
             f"coview_run {version} is of another coview: this one reads {CONFIG_VERSION}"
         )
-    document.check_keys(
-        ("coview_run", "detector", "input", "replay", "sensor", "place", "output", "page", "health")
-    )
+    document.check_keys(_KEYS)
     inputs = tuple(_parse_input(row, folder) for row in document.nodes("input", _MAX_ROWS))
     _check_inputs(inputs)
     rows = list(document.nodes("sensor", _MAX_ROWS)) if "sensor" in document.value else []
@@ -191,6 +195,9 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
     return CentreConfig(
         inputs,
         detector=_take(document, "detector", str, "general"),
+        detect_every=document.whole("detect_every", 1, MAX_EVERY)
+        if "detect_every" in document.value
+        else None,
         setups={name: _parse_setup(row) for name, row in sensors.items()},
         backgrounds={
             name: folder / row.get("background", str)

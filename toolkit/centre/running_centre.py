@@ -2,8 +2,9 @@
 
 Every frame is fused from the messages of one moment (`toolkit.centre.synchroniser`), its points are
 moved to one time (`toolkit.centre.sweep_motion`), road users are detected and tracked, and the
-tracks are written. When frames come faster than they can be worked on, the oldest that wait are
-dropped and counted, so that what comes out stays new."""
+tracks are written. A centre that is too slow for that detects less often and predicts the tracks
+between (`toolkit.centre.pace`). When frames still come faster than they can be worked on, the
+oldest that wait are dropped and counted, so that what comes out stays new."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,6 +16,7 @@ import numpy as np
 from toolkit.calibration.place import Place
 from toolkit.centre.clock import Clock
 from toolkit.centre.message_queue import MessageSource
+from toolkit.centre.pace import PaceEvent, PaceKeeper
 from toolkit.centre.sensor_monitor import Fault
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
 from toolkit.centre.sweep_motion import move_to_frame
@@ -31,6 +33,7 @@ from toolkit.tracking.tracks import Tracks
 
 MAX_WAITING_FRAMES = 2
 MAX_PAUSE_S = 0.02  # longest wait for a message before the watch looks again
+CentreEvent = FaultEvent | PaceEvent
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +42,16 @@ class CentreFrame:
 
     Attributes:
         frame: Measurements, all at `Frame.time`.
-        detections: Detections, world frame.
+        detections: Detections, world frame; None if the tracks are predicted.
         tracks: Tracks after them.
         faults: Faults of sensors by name.
-        stage_ms: Milliseconds of each stage: wait, fuse, level, detect, track, write.
+        stage_ms: Milliseconds of each stage: wait, fuse, level, detect, track, write; without
+            level and detect if the tracks are predicted.
         latency_ms: Milliseconds from the last point to the written tracks.
     """
 
     frame: Frame
-    detections: Detections
+    detections: Detections | None
     tracks: Tracks
     faults: Mapping[str, Fault]
     stage_ms: Mapping[str, float]
@@ -63,12 +67,14 @@ class Detection:
         place: Area and ground.
         site: Known site, None without one.
         scene: Standing scene whose detections are left out, None to keep all.
+        detect_every: 2 to detect in every second frame, and so on; None for as often as it can.
     """
 
     detector: Detector
     place: Place = field(default_factory=Place)
     site: Site | None = None
     scene: StandingScene | None = None
+    detect_every: int | None = None
 
     def detect(self, frames: Iterable[Frame]) -> Iterator[FrameDetections]:
         """Yield the detections in each frame."""
@@ -83,16 +89,19 @@ class LeftOut:
         frames: Frames that were dropped because later ones waited.
         messages: Messages that a full queue dropped, by sensor.
         late: Messages whose frame was out already, by sensor.
+        predicted: Frames that came out without detection, with predicted tracks.
     """
 
     frames: int
     messages: Mapping[str, int]
     late: Mapping[str, int]
+    predicted: int = 0
 
     def as_dict(self) -> dict[str, object]:
         """Return the numbers as plain values."""
         return {
             "dropped_frames": self.frames,
+            "predicted_frames": self.predicted,
             "dropped_messages": dict(self.messages),
             "late_messages": dict(self.late),
         }
@@ -108,11 +117,12 @@ class RunningCentre:
         watch: Names sensors that fail.
         clock: Time of the sensors.
         write: Called with the tracks of each frame.
-        tick: Called with the time and the faults that began or ended, many times a second.
+        tick: Called with the time and new events, many times a second.
         with_clouds: True to pass clouds to `write`, too.
 
     Attributes:
         dropped_frames: Number of frames that were dropped because later ones waited.
+        predicted_frames: Number of frames that came out with predicted tracks.
     """
 
     def __init__(
@@ -124,10 +134,11 @@ class RunningCentre:
         watch: SensorWatch,
         clock: Clock,
         write: Callable[[Instant], None] = lambda instant: None,
-        tick: Callable[[float, list[FaultEvent]], None] = lambda now_s, events: None,
+        tick: Callable[[float, list[CentreEvent]], None] = lambda now_s, events: None,
         with_clouds: bool = False,
     ) -> None:
         self.dropped_frames = 0
+        self.predicted_frames = 0
         self._sensors = sensors
         self._detection = detection
         self._synchroniser = synchroniser
@@ -136,7 +147,10 @@ class RunningCentre:
         self._write = write
         self._tick = tick
         self._with_clouds = with_clouds
+        self._pace = PaceKeeper(synchroniser.interval_s, detection.detect_every)
+        self._pace_events: list[PaceEvent] = []  # since the last tick
         self._tracker = Tracker()
+        self._has_area = False  # whether the tracker knows the area of detection
         self._last_time_s = -np.inf  # time of the last frame
         self._number = 0  # number of the next frame
 
@@ -145,37 +159,51 @@ class RunningCentre:
 
         Raises the errors of the detector and the writers."""
         stages = _Stages(self._clock)
-        for result in self._detection.detect(self._fuse_groups(source, stages)):
-            stages.end_detection(result)
-            if self._number == 1:
-                self._tracker = Tracker(result.stand.corners.tolist())
-            tracks = self._tracker.update(result.detections, result.frame.time)
-            stages.end("track")
-            clouds = result.frame.clouds if self._with_clouds else ()
-            self._write(Instant.from_tracks(result.frame.time, tracks, clouds))
-            stages.end("write")
-            yield CentreFrame(
-                result.frame,
-                result.detections,
-                tracks,
-                dict(self._watch.faults),
-                dict(stages.times_ms),
-                stages.latency_ms(result.frame.time),
-            )
-
-    def count_left_out(self, source: MessageSource) -> LeftOut:
-        """Return the numbers of what was left out; source: source of the messages."""
-        return LeftOut(self.dropped_frames, source.drops, self._synchroniser.late)
-
-    def _fuse_groups(self, source: MessageSource, stages: "_Stages") -> Iterator[Frame]:
-        """Yield a fused frame of each group of messages, the newest if several wait."""
+        handed_frames = _HandedFrames()
+        results = iter(self._detection.detect(handed_frames))
         for group in self._take_groups(source):
             stages.begin(group.time_s)
             frame = self._fuse(group)
             stages.end("fuse")
-            yield frame
+            detections = None
+            if self._pace.is_due():
+                handed_frames.frame = frame
+                result = next(results)
+                stages.end_detection(result)
+                detections = result.detections
+                tracks = self._track(result)
+            else:
+                self.predicted_frames += 1
+                tracks = self._tracker.at(frame.time)
+            stages.end("track")
+            clouds = frame.clouds if self._with_clouds else ()
+            self._write(Instant.from_tracks(frame.time, tracks, clouds))
+            stages.end("write")
+            faults = dict(self._watch.faults)
+            latency_ms = stages.latency_ms(frame.time)
+            yield CentreFrame(frame, detections, tracks, faults, dict(stages.times_ms), latency_ms)
             for message in group.messages.values():
                 self._watch.read(message)  # after the frame is out, so that it does not wait
+            if detections is not None:
+                self._judge_pace(stages.work_s())
+
+    def _track(self, result: FrameDetections) -> Tracks:
+        """Return the tracks after the detections of a frame."""
+        if not self._has_area:
+            self._has_area = True
+            self._tracker = Tracker(result.stand.corners.tolist())
+        return self._tracker.update(result.detections, result.frame.time)
+
+    def _judge_pace(self, work_s: float) -> None:
+        """Let the pace follow from the work on a frame with detection (s)."""
+        event = self._pace.add_work(work_s, self._clock.now())
+        if event is not None:
+            self._pace_events.append(event)
+
+    def count_left_out(self, source: MessageSource) -> LeftOut:
+        """Return the numbers of what was left out; source: source of the messages."""
+        late = self._synchroniser.late
+        return LeftOut(self.dropped_frames, source.drops, late, self.predicted_frames)
 
     def _take_groups(self, source: MessageSource) -> Iterator[MessageGroup]:
         """Yield groups of messages in the order of time, and look at the sensors meanwhile."""
@@ -185,7 +213,8 @@ class RunningCentre:
                 self._watch.hear(message)
                 self._synchroniser.add(message)
             now_s = self._clock.now()
-            self._tick(now_s, self._watch.look(now_s))
+            self._tick(now_s, [*self._watch.look(now_s), *self._pace_events])
+            self._pace_events.clear()
             waiting += self._synchroniser.take(now_s, self._watch.in_time)
             while len(waiting) > MAX_WAITING_FRAMES:
                 waiting.popleft()
@@ -235,6 +264,20 @@ class _FusedFrames:
         return iter(self._frames)
 
 
+class _HandedFrames:
+    """Frames that detection takes one by one: each time, the frame that was handed over last.
+
+    Attributes:
+        frame: Frame that is taken next.
+    """
+
+    frame: Frame
+
+    def __iter__(self) -> Iterator[Frame]:
+        while True:
+            yield self.frame
+
+
 class _Stages:
     """Times of the stages of the frame that is worked on.
 
@@ -245,12 +288,18 @@ class _Stages:
     def __init__(self, clock: Clock) -> None:
         self.times_ms: dict[str, float] = {}
         self._clock = clock
+        self._begin_s = 0.0
         self._last_s = 0.0
 
     def begin(self, time_s: float) -> None:
         """Begin with a frame; time_s: time of its last point."""
         self.times_ms = {"wait": self.latency_ms(time_s)}
+        self._begin_s = self._clock.now()
         self._last_s = perf_counter()
+
+    def work_s(self) -> float:
+        """Time since the frame was begun, on the clock of the sensors (s)."""
+        return self._clock.now() - self._begin_s
 
     def end(self, stage: str) -> None:
         """End a stage, which began when the last one ended."""

@@ -136,7 +136,7 @@ def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
 
 
 def _place_backgrounds(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
-    """Return parts with the configuration's files, poses, clocks and empty scenes."""
+    """Return parts with the configuration's rate, files, poses, clocks and empty scenes."""
     from toolkit.calibration.scene_files import load_empty_scenes
 
     given = []
@@ -147,6 +147,7 @@ def _place_backgrounds(parts: "CentreParts", config: "CentreConfig") -> "CentreP
         given += scenes
     return replace(
         parts,
+        detection=replace(parts.detection, detect_every=config.detect_every),
         setups=config.setups,
         output=config.output,
         scenes={**parts.scenes, **_wrap_scenes(given)},
