@@ -50,7 +50,7 @@ class PaceEvent:
         )
         if self.needed_every > self.detect_every:
             return (
-                f"{times}, so frames are dropped: set detect_every = {self.needed_every} in the "
+                f"{times}, so some will be dropped: set detect_every = {self.needed_every} in the "
                 "configuration, or leave it out"
             )
         if self.detect_every == 1:
@@ -96,18 +96,25 @@ class PaceKeeper:
             return None
         median_s = float(np.median(self._works_s))
         needed_every = self._find_every(median_s, MAX_LOAD)
-        is_overloaded = needed_every > self.detect_every
+        slow_s = float(np.percentile(self._works_s, 95))
+        spare_every = self._find_every(slow_s, MAX_SPARE_LOAD)
         if self._is_fixed:
-            begins = is_overloaded and not self._is_overloaded
-            self._is_overloaded = is_overloaded
-            return self._describe(time_s, median_s, needed_every) if begins else None
-        if not is_overloaded:
-            slow_s = float(np.percentile(self._works_s, 95))
-            needed_every = self._find_every(slow_s, MAX_SPARE_LOAD)
-            if needed_every >= self.detect_every:
-                return None
-        self.detect_every = needed_every
+            return self._report_overload(time_s, median_s, needed_every, spare_every)
+        if needed_every <= self.detect_every <= spare_every:
+            return None
+        self.detect_every = max(needed_every, min(spare_every, self.detect_every))
         self._works_s.clear()
+        return self._describe(time_s, median_s, needed_every)
+
+    def _report_overload(
+        self, time_s: float, median_s: float, needed_every: int, spare_every: int
+    ) -> PaceEvent | None:
+        """Return an event when a fixed rate is too high, once until there is time to spare."""
+        if spare_every <= self.detect_every:
+            self._is_overloaded = False
+        if needed_every <= self.detect_every or self._is_overloaded:
+            return None
+        self._is_overloaded = True
         return self._describe(time_s, median_s, needed_every)
 
     def _find_every(self, work_s: float, load: float) -> int:
