@@ -3,6 +3,7 @@
 coview_run = 1                  # version of this format
 detector = "general"            # as in coview detect
 detect_every = 2                # in every second frame; as often as it can when left out
+parallel = 2                    # detections at the same time; 2, or as many as cores, if left out
 
 [[input]]                       # one recording or junction, or several lidars
 kind = "recording"              # replayed at its pace
@@ -70,12 +71,13 @@ from toolkit.runtime.text_values import parse_toml
 
 CONFIG_VERSION = 1
 PIECE_S = 60.0
+MAX_PARALLEL = 16
 _MAX_ROWS = 64  # inputs or sensors
 _MAX_SPEED = 1000.0
 _MAX_S = 1e7
 InputKind = Literal["recording", "junction", "velodyne"]
 _TABLES = ("input", "replay", "sensor", "place", "output", "page", "health")
-_KEYS = ("coview_run", "detector", "detect_every", *_TABLES)
+_KEYS = ("coview_run", "detector", "detect_every", "parallel", *_TABLES)
 _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "recording": ("path", "layout", "poses", "errors", "site"),
     "junction": ("site", "seconds", "seed"),
@@ -143,6 +145,7 @@ class CentreConfig:
         inputs: Sources of messages.
         detector: Name of the detector, with its suffixes.
         detect_every: 2 to detect in every second frame, and so on; None for as often as it can.
+        parallel: Number of detections at the same time; None for 2, or as many as cores.
         setups: Poses and clock offsets by sensor.
         backgrounds: Files of empty scenes by sensor.
         place: Area and ground.
@@ -157,6 +160,7 @@ class CentreConfig:
     inputs: tuple[InputConfig, ...]
     detector: str = "general"
     detect_every: int | None = None
+    parallel: int | None = None
     setups: dict[str, SensorSetup] = field(default_factory=dict)
     backgrounds: dict[str, Path] = field(default_factory=dict)
     place: Place = field(default_factory=lambda: Place(still=True))
@@ -195,9 +199,8 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
     return CentreConfig(
         inputs,
         detector=_take(document, "detector", str, "general"),
-        detect_every=document.whole("detect_every", 1, MAX_EVERY)
-        if "detect_every" in document.value
-        else None,
+        detect_every=_take_whole(document, "detect_every", MAX_EVERY),
+        parallel=_take_whole(document, "parallel", MAX_PARALLEL),
         setups={name: _parse_setup(row) for name, row in sensors.items()},
         backgrounds={
             name: folder / row.get("background", str)
@@ -329,6 +332,11 @@ def _take_table(document: JsonObject, key: str, keys: Collection[str]) -> JsonOb
 def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
     """Return a member of a kind, or a default if it is missing."""
     return row.get(key, kind) if key in row.value else default
+
+
+def _take_whole(row: JsonObject, key: str, most: int) -> int | None:
+    """Return a whole number from 1 on, None if it is missing."""
+    return row.whole(key, 1, most) if key in row.value else None
 
 
 def _take_number(row: JsonObject, key: str, default: Any, limits: tuple[float, float]) -> Any:

@@ -10,11 +10,12 @@ from typing import Any
 
 from toolkit.calibration.recording_scenes import LearntScene
 from toolkit.centre.centre_config import OutputConfig
+from toolkit.centre.detection_pool import Detection
 from toolkit.centre.health import HealthLog
 from toolkit.centre.input_process import read_in_process
 from toolkit.centre.input_pumps import InputPumps, Reader
 from toolkit.centre.message_queue import MessageQueue
-from toolkit.centre.running_centre import CentreEvent, CentreFrame, Detection, RunningCentre
+from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
 from toolkit.centre.sensor_message import SensorInput, SensorSetup, name_sensors
 from toolkit.centre.sensor_watch import SensorWatch
 from toolkit.centre.synchroniser import Synchroniser

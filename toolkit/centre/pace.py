@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_EVERY = 10
-MAX_LOAD = 0.9  # median work of a frame, as a share of the time from detection to detection
+MAX_LOAD = 0.9  # median work of a frame, as a share of the time that there is for it
 MAX_SPARE_LOAD = 0.75  # such a share in 95 % of the frames at which it detects more often again
 WORK_FRAMES = 20  # frames with detection whose work counts
 
@@ -45,8 +45,8 @@ class PaceEvent:
 
     def __str__(self) -> str:
         times = (
-            f"{self.time_s:.2f} s: a frame takes {self.work_ms:.0f} ms of the "
-            f"{self.interval_ms:.0f} ms to the next"
+            f"{self.time_s:.2f} s: a frame takes {self.work_ms:.0f} ms, and the next comes after "
+            f"{self.interval_ms:.0f} ms"
         )
         if self.needed_every > self.detect_every:
             return (
@@ -66,15 +66,19 @@ class PaceKeeper:
     Args:
         interval_s: Time from a frame to the next (s).
         detect_every: 1 for detection in every frame, 2 in every second one; None to choose it.
+        parallel: Number of frames in which a centre detects at the same time.
 
     Attributes:
         detect_every: The present number.
     """
 
-    def __init__(self, interval_s: float, detect_every: int | None = None) -> None:
+    def __init__(
+        self, interval_s: float, detect_every: int | None = None, *, parallel: int = 1
+    ) -> None:
         self.detect_every = 1 if detect_every is None else detect_every
         self._is_fixed = detect_every is not None
         self._interval_s = interval_s
+        self._parallel = parallel
         self._works_s: deque[float] = deque(maxlen=WORK_FRAMES)
         self._frames_to_wait = 0  # before the next detection
         self._is_overloaded = False  # at a fixed rate
@@ -119,7 +123,8 @@ class PaceKeeper:
 
     def _find_every(self, work_s: float, load: float) -> int:
         """Return how often detection may take place; load: share of the time that it may take."""
-        return min(max(1, int(np.ceil(work_s / (load * self._interval_s)))), MAX_EVERY)
+        share_s = load * self._parallel * self._interval_s  # if detection is in every frame
+        return min(max(1, int(np.ceil(work_s / share_s))), MAX_EVERY)
 
     def _describe(self, time_s: float, median_s: float, needed_every: int) -> PaceEvent:
         """Return an event at a time (s); median_s: work on a frame (s)."""

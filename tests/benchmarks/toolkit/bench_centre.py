@@ -1,7 +1,7 @@
 """A running centre: latency of every frame at the recording's own pace, faults named, memory.
 
     python tests/benchmarks/toolkit/bench_centre.py [--sites tjunction roundabout] [--frames 1000]
-        [--minutes 0] [--detect-every 1] [--no-pace] [--no-faults] [--threads] [--plot latency.png]
+        [--minutes 0] [--detect-every 1] [--parallel 2] [--no-pace] [--no-faults] [--threads] [--plot latency.png]
         [--folder recordings]
 
 Street traffic is simulated at 10 Hz at the T-junction and at 5 Hz at the roundabout, unless the
@@ -10,7 +10,8 @@ its background, and tracks written to MCAP. Then a sensor falls silent, one is d
 by 300 ms, and one is turned by 2 degrees about each axis, each in a run of its own.
 
 --minutes repeats the recording for so long, for the growth of memory. --detect-every 2 detects in
-every second frame, and so on; the centre chooses it when left out. --threads reads the recording by
+every second frame, and so on; --parallel detects in some frames at the same time; the centre
+chooses both when left out. --threads reads the recording by
 a thread of the centre's process instead of a process, to see what that is for. Times depend on what
 else the machine does, and on OMP_NUM_THREADS.
 """
@@ -61,6 +62,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--detect-every", type=int)
+    parser.add_argument("--parallel", type=int)
     parser.add_argument("--no-pace", action="store_true")
     parser.add_argument("--no-faults", action="store_true")
     parser.add_argument("--threads", action="store_true")
@@ -116,14 +118,11 @@ def turn_about(axis: int, angle: float) -> np.ndarray:
     return turn
 
 
-def configure(
-    site: str, path: Path, folders: dict[str, Path], detect_every: int | None = None
-) -> CentreConfig:
+def configure(site: str, path: Path, folders: dict[str, Path]) -> CentreConfig:
     """Configuration of a centre at a site."""
     return CentreConfig(
         (InputConfig("recording", path=path, layout="hdf5"),),
         detector=f"{site}+background",
-        detect_every=detect_every,
         output=OutputConfig(folders),
     )
 
@@ -137,8 +136,9 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
         latencies.append(frame.latency_ms)
         memory_mb.append(read_memory_mb())
 
-    folders = {"mcap": folder / f"{site}-tracks"}
-    with open_centre(configure(site, path, folders, options.detect_every)) as parts:
+    config = configure(site, path, {"mcap": folder / f"{site}-tracks"})
+    config = replace(config, detect_every=options.detect_every, parallel=options.parallel)
+    with open_centre(config) as parts:
         if options.minutes:
             (recorded,) = parts.inputs
             assert isinstance(recorded, RecordingInput)

@@ -9,8 +9,9 @@ import pytest
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.place import Place
 from toolkit.calibration.recording_scenes import LearntScene
+from toolkit.centre.detection_pool import Detection
 from toolkit.centre.pace import PaceEvent
-from toolkit.centre.running_centre import CentreEvent, CentreFrame, Detection, RunningCentre
+from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
 from toolkit.centre.synchroniser import Synchroniser
@@ -53,6 +54,9 @@ class ScriptedSource:
         self._clock = clock
         self._end_s = self._messages[-1].arrival_s + 1.0
 
+    def wake(self) -> None:
+        """Nothing to do, as nobody waits on a manual clock."""
+
     def take(self, wait_s: float) -> list[SensorMessage] | None:
         if self._clock.time_s > self._end_s:
             return None
@@ -84,6 +88,7 @@ class Run:
         clock: ManualClock | None = None,
         patience_s: float = 0.05,
         detect_every: int | None = None,
+        parallel: int = 1,
     ) -> None:
         clock = clock or ManualClock()
         self.events: list[FaultEvent] = []
@@ -97,7 +102,10 @@ class Run:
         self.centre = RunningCentre(
             SENSORS,
             Detection(
-                detector, Place("none", area=(-20.0, -20.0, 20.0, 20.0)), detect_every=detect_every
+                detector,
+                Place("none", area=(-20.0, -20.0, 20.0, 20.0)),
+                detect_every=detect_every,
+                parallel=parallel,
             ),
             synchroniser=self.synchroniser,
             watch=SensorWatch(SENSORS, start_s=0.0, interval_s=INTERVAL_S, scenes=scenes),

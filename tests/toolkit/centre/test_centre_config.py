@@ -16,6 +16,7 @@ WHOLE = """
 coview_run = 1
 detector = "tjunction+background"
 detect_every = 2
+parallel = 3
 [[input]]
 kind = "velodyne"
 name = "north"
@@ -69,7 +70,7 @@ def test_every_key_is_read(tmp_path):
         ("north", 2369, "192.168.1.201"),
         ("south", 2368, None),
     ]
-    assert (config.interval_s, config.detect_every) == (0.2, 2)
+    assert (config.interval_s, config.detect_every, config.parallel) == (0.2, 2, 3)
     north = config.setups["north"]
     assert np.array_equal(north.pose[:3, 3], [5, 0, 6])
     assert north.clock_offset_s == 0.02
