@@ -1,10 +1,9 @@
 """Inputs that another process reads, so that unpacking does not hold up detection.
 
-The process reads some messages ahead and gives way to the centre, so that it unpacks while no
-detection needs the processor."""
+The process reads some messages ahead, so that they are there in time when detection needs all
+cores for a while."""
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import suppress
@@ -17,7 +16,6 @@ from toolkit.centre.sensor_message import SensorInput, SensorMessage
 MAX_AHEAD_MESSAGES = 24  # that are read before their time
 _END_S = 2.0  # in which a stopped process must end
 _POLL_S = 0.2
-_NICENESS = 5  # lower priority than detection, higher than the search for turned sensors
 _Content = SensorMessage | str | None  # a message, the text of an error, or the end
 
 
@@ -54,8 +52,6 @@ def _send_messages(source: SensorInput, sender: Connection) -> None:
 
     A thread reads them ahead. If it dies of an unexpected error, the process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
-    if hasattr(os, "nice"):
-        os.nice(_NICENESS)
     contents: Queue[_Content] = Queue(MAX_AHEAD_MESSAGES)
     reader = Thread(target=_read_messages, args=(source, contents), daemon=True)
     reader.start()
