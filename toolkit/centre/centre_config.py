@@ -3,7 +3,7 @@
 coview_run = 1                  # version of this format
 detector = "general"            # as in coview detect
 detect_every = 2                # in every second frame; as often as it can when left out
-parallel = 2                    # detections at the same time; 2, or as many as cores, if left out
+parallel = 2                    # frames in which it detects at the same time; 1 when left out
 
 [[input]]                       # one recording or junction, or several lidars
 kind = "recording"              # replayed at its pace
@@ -145,7 +145,7 @@ class CentreConfig:
         inputs: Sources of messages.
         detector: Name of the detector, with its suffixes.
         detect_every: 2 to detect in every second frame, and so on; None for as often as it can.
-        parallel: Number of detections at the same time; None for 2, or as many as cores.
+        parallel: Number of frames in which it detects at the same time.
         setups: Poses and clock offsets by sensor.
         backgrounds: Files of empty scenes by sensor.
         place: Area and ground.
@@ -160,7 +160,7 @@ class CentreConfig:
     inputs: tuple[InputConfig, ...]
     detector: str = "general"
     detect_every: int | None = None
-    parallel: int | None = None
+    parallel: int = 1
     setups: dict[str, SensorSetup] = field(default_factory=dict)
     backgrounds: dict[str, Path] = field(default_factory=dict)
     place: Place = field(default_factory=lambda: Place(still=True))
@@ -200,7 +200,7 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
         inputs,
         detector=_take(document, "detector", str, "general"),
         detect_every=_take_whole(document, "detect_every", MAX_EVERY),
-        parallel=_take_whole(document, "parallel", MAX_PARALLEL),
+        parallel=_take_whole(document, "parallel", MAX_PARALLEL) or 1,
         setups={name: _parse_setup(row) for name, row in sensors.items()},
         backgrounds={
             name: folder / row.get("background", str)

@@ -1,8 +1,8 @@
 """`DetectionPool`: detection in the frames of a centre, in several of them at the same time.
 
-One detection hardly uses two cores: parts of it run on one, and the others wait for the slowest. So
-detections of successive frames run side by side, each in a thread, and none waits for the frame
-before."""
+One detection does not use all of several cores: parts of it run on one. If detections of successive
+frames run side by side, each in a thread and on its share of the cores, more frames are detected,
+but each takes longer."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor

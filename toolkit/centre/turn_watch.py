@@ -29,7 +29,7 @@ from toolkit.sensors.sensor import Sensor
 
 MIN_TURN_RAD = float(np.deg2rad(0.7))
 MIN_TURNED_CHECKS = 2  # in a row
-MAX_ROUND_S = 18.0  # in which every sensor is checked once; one that seems turned is soon again
+MAX_ROUND_S = 14.0  # in which every sensor is checked once; one that seems turned is soon again
 IMAGE_EVERY_S = 0.5  # between two images that are kept
 KEPT_IMAGES = 8
 _NICENESS = 10  # lower priority, so that detection comes first

@@ -1,6 +1,5 @@
 """Parts of a running centre, opened as its configuration asks for them."""
 
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from toolkit.sites.site import Site
 
 _INTERVAL_S = 0.1  # if neither input nor configuration states it
-_PARALLEL = 2  # detections at the same time, if there are as many cores
 _LEARNT_IMAGES = 64  # from which a sensor's empty scene is learnt
 
 
@@ -167,10 +165,11 @@ def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
         if not scenes:
             raise ValueError(f"{path} has no empty scene of {name!r}: learn it again")
         given += scenes
-    parallel = config.parallel or min(_PARALLEL, os.cpu_count() or 1)
     return replace(
         parts,
-        detection=replace(parts.detection, detect_every=config.detect_every, parallel=parallel),
+        detection=replace(
+            parts.detection, detect_every=config.detect_every, parallel=config.parallel
+        ),
         setups=config.setups,
         output=config.output,
         scenes={**parts.scenes, **_wrap_scenes(given)},

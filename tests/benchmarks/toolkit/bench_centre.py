@@ -10,8 +10,8 @@ its background, and tracks written to MCAP. Then a sensor falls silent, one is d
 by 300 ms, and one is turned by 2 degrees about each axis, each in a run of its own.
 
 --minutes repeats the recording for so long, for the growth of memory. --detect-every 2 detects in
-every second frame, and so on; --parallel detects in some frames at the same time; the centre
-chooses both when left out. --threads reads the recording by
+every second frame, and so on; the centre chooses it when left out. --parallel 2 detects in two
+frames at the same time. --threads reads the recording by
 a thread of the centre's process instead of a process, to see what that is for. Times depend on what
 else the machine does, and on OMP_NUM_THREADS.
 """
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--detect-every", type=int)
-    parser.add_argument("--parallel", type=int)
+    parser.add_argument("--parallel", type=int, default=1)
     parser.add_argument("--no-pace", action="store_true")
     parser.add_argument("--no-faults", action="store_true")
     parser.add_argument("--threads", action="store_true")
