@@ -135,16 +135,16 @@ def print_street(street: str, evaluations: list[Evaluation], frames: int) -> Non
     if shares[-1] < MIN_SHARE:
         print(f"  MISSED: {100 * shares[-1]:.2f} % in one packet")
     cells += [f"{100 * share:.1f} %" for share in shares[1:]]
-    record("one-packet", TITLES[street], cells, network="site")
+    record("one-packet", TITLES[street], cells, network="`site`")
 
 
 def join_figures(values: np.ndarray) -> str:
     """Join figures at the thresholds.
 
     >>> join_figures(np.array([0.5, -0.25]))
-    '0.5000 / -0.2500'
+    '0.5000/-0.2500'
     """
-    return " / ".join(f"{value:.4f}" for value in values)
+    return "/".join(f"{value:.4f}" for value in values)
 
 
 if __name__ == "__main__":

@@ -171,13 +171,13 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
     print(f"  false alarms {figures['faults']}", flush=True)
     latency_ms = figures["ms"]["latency"]
     cells = [
-        f"{figures['frames']} of {expected}",
+        f"{figures['frames']}/{expected}",
         f"{figures['predicted_frames']}",
         f"{100 * in_time:.1f} %",
-        " / ".join(f"{latency_ms[name]:.0f}" for name in ("median", "p95", "p99")),
+        "/".join(f"{latency_ms[name]:.0f}" for name in ("median", "p95", "p99")),
         f"{figures['ms']['detect']['median']:.0f}",
     ]
-    record("centre", f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="site")
+    record("centre", f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="`site`")
     return latencies
 
 
