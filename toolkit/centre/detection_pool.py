@@ -59,9 +59,10 @@ class DetectionPool:
             self._threads = ThreadPoolExecutor(detection.parallel)
 
     def submit(self, frame: Frame) -> "Future[FrameDetections]":
-        """Begin to detect in a frame, whose ground is found at once."""
+        """Find the ground of a frame, then begin to detect in it."""
         self._next_frame = frame
-        job = (*next(self._stands), self._detection.detector, self._detection.scene)
+        levelled_frame = next(self._stands)  # frame, with its ground and area
+        job = (*levelled_frame, self._detection.detector, self._detection.scene)
         if self._threads is not None:
             future = self._threads.submit(detect_frame, *job)
             future.add_done_callback(lambda future: self._wake())

@@ -63,7 +63,7 @@ class MessageQueue:
             self._changed.notify()
 
     def wake(self) -> None:
-        """Let a `take` that waits, or else the next one, return at once."""
+        """Let a `take` that waits, or else the next one, return without a wait."""
         with self._changed:
             self._is_woken = True
             self._changed.notify()

@@ -2,7 +2,7 @@
 
 If detection takes longer than there is time between two frames, frames queue and are dropped. A
 centre then detects in every second frame only, or every third, and predicts the tracks in the
-frames between, which takes a few milliseconds. It does so by itself unless the rate is fixed."""
+frames between, which takes a few milliseconds. The rate may also be fixed."""
 
 from collections import deque
 from dataclasses import dataclass

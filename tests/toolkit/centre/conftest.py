@@ -158,5 +158,5 @@ def empty_image():
 
 @pytest.fixture(scope="session")
 def car():
-    """Box of a car that stands (a row)."""
+    """Box of a standing car (a row)."""
     return np.array([[3.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.0]])

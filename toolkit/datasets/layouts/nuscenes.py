@@ -491,7 +491,7 @@ def compute_quaternion(pose: Pose) -> Float64[np.ndarray, "4"]:
 def compute_quaternions(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 4"]:
     """Unit quaternions w x y z of rotation matrices, w not negative.
 
-    Many at once take little more time than one."""
+    Many of them take little more time than one."""
     from scipy.spatial.transform import Rotation
 
     if not len(rotations):
