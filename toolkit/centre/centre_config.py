@@ -334,9 +334,9 @@ def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
     return row.get(key, kind) if key in row.value else default
 
 
-def _take_whole(row: JsonObject, key: str, most: int) -> int | None:
+def _take_whole(row: JsonObject, key: str, maximum: int) -> int | None:
     """Return a whole number from 1 on, None if it is missing."""
-    return row.whole(key, 1, most) if key in row.value else None
+    return row.whole(key, 1, maximum) if key in row.value else None
 
 
 def _take_number(row: JsonObject, key: str, default: Any, limits: tuple[float, float]) -> Any:

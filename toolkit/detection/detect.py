@@ -90,7 +90,7 @@ def detect_frame(
 ) -> FrameDetections:
     """Detect in all points of a frame together, on level ground.
 
-    stand: ground and area of the frame; detector, scene: as in `detect_frames`."""
+    Ground and area are in `stand`; detector, scene: as in `detect_frames`."""
     begin = perf_counter()
     site = stand.area if isinstance(stand.area, Site) else None
     # all points of the frame, which a known site needs only to leave out a standing scene
