@@ -86,32 +86,32 @@ def detect_frames(
 
 
 def detect_frame(
-    frame: Frame, stand: Stand, detector: Detector, scene: StandingScene | None = None
+    frame: Frame, ground: Stand, detector: Detector, scene: StandingScene | None = None
 ) -> FrameDetections:
     """Detect in all points of a frame together, on level ground.
 
-    Ground and area are in `stand`; detector, scene: as in `detect_frames`."""
+    ground: ground and area of the frame; detector, scene: as in `detect_frames`."""
     begin = perf_counter()
-    site = stand.area if isinstance(stand.area, Site) else None
+    site = ground.area if isinstance(ground.area, Site) else None
     # all points of the frame, which a known site needs only to leave out a standing scene
     world_points = frame.points() if site is None or scene is not None else np.zeros((0, 3))
     if site is None:
-        points = stand.lift(world_points)
+        points = ground.lift(world_points)
     else:
         points = np.concatenate(frame_points(frame, area=site))
     start = perf_counter()
     lifted_detections = Detections.empty()
     if len(points):
-        lifted_detections = detect_on_ground(detector, points, stand.area)
+        lifted_detections = detect_on_ground(detector, points, ground.area)
     detect_ms = 1e3 * (perf_counter() - start)
-    detections = stand.put_back(lifted_detections)
+    detections = ground.put_back(lifted_detections)
     kept_detections = detections
     if scene is not None and len(detections):
         kept_detections = scene.leave_out(detections, world_points)
     return FrameDetections(
         frame,
         detections=kept_detections,
-        stand=stand,
+        stand=ground,
         detect_ms=detect_ms,
         left_out=len(detections) - len(kept_detections),
         fuse_ms=1e3 * (perf_counter() - begin) - detect_ms,
