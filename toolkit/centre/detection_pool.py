@@ -53,7 +53,7 @@ class DetectionPool:
         self._detection = detection
         self._wake = wake
         self._next_frame: Frame | None = None
-        self._stands = detection.place.stands(self._hand_over(), detection.site)
+        self._stands = detection.place.stands(self._yield_frames(), detection.site)
         self._threads: ThreadPoolExecutor | None = None
         if detection.parallel > 1:
             self._threads = ThreadPoolExecutor(detection.parallel)
@@ -76,7 +76,7 @@ class DetectionPool:
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
-    def _hand_over(self) -> Iterator[Frame]:
+    def _yield_frames(self) -> Iterator[Frame]:
         """Yield the frame of each `submit`."""
         while self._next_frame is not None:
             yield self._next_frame
