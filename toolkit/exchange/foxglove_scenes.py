@@ -180,8 +180,8 @@ def _pose_message(
     from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
     from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 
-    w, x, y, z = quaternion.tolist()
-    return PoseMessage(position=_vector(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+    turn = dict(zip("wxyz", quaternion.tolist(), strict=True))
+    return PoseMessage(position=_vector(position), orientation=Quaternion(**turn))
 
 
 def _vector(numbers: Float64[np.ndarray, "3"]) -> _Message:
