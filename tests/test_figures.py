@@ -102,7 +102,7 @@ def test_results_of_evaluate_become_rows_of_schemes(documents, environment):
     ]
     figures.record_result("T-junction", {"rows": rows}, "`site`")
     (row,) = figures.read_tables()["schemes"]["rows"]
-    assert row["cells"] == ["T-junction, early", "0.9000 / 0.8000", "520.00"]
+    assert row["cells"] == ["T-junction, early", "0.9000/0.8000", "520.00"]
     assert row["network"] == "`site`"
 
 

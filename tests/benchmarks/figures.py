@@ -175,7 +175,7 @@ def record_result(site: str, result: dict[str, Any], network: str) -> None:
 def _record_schemes(site: str, rows: Sequence[Row], network: str) -> None:
     for scheme in dict.fromkeys(row["scheme"] for row in rows):
         of_scheme = [row for row in rows if row["scheme"] == scheme]
-        share = " / ".join(f"{row['ap']:.4f}" for row in of_scheme)
+        share = "/".join(f"{row['ap']:.4f}" for row in of_scheme)
         kbit = f"{of_scheme[0]['kbit_per_sensor']:.2f}"
         record("schemes", f"{site}, {scheme}", [share, kbit], network)
 

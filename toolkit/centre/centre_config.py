@@ -2,6 +2,8 @@
 
 coview_run = 1                  # version of this format
 detector = "general"            # as in coview detect
+detect_every = 2                # in every second frame; as often as it can when left out
+parallel = 2                    # frames in which it detects at the same time; 1 when left out
 
 [[input]]                       # one recording or junction, or several lidars
 kind = "recording"              # replayed at its pace
@@ -57,6 +59,7 @@ from typing import Any, Literal, cast
 
 from toolkit.calibration.place import LEVELS, Level, Place
 from toolkit.centre.health import HEALTH_EVERY_S
+from toolkit.centre.pace import MAX_EVERY
 from toolkit.centre.sensor_message import SensorSetup
 from toolkit.datasets.pose_files import parse_pose
 from toolkit.exchange.geo_origin import GeoOrigin
@@ -68,10 +71,13 @@ from toolkit.runtime.text_values import parse_toml
 
 CONFIG_VERSION = 1
 PIECE_S = 60.0
+MAX_PARALLEL = 16
 _MAX_ROWS = 64  # inputs or sensors
 _MAX_SPEED = 1000.0
 _MAX_S = 1e7
 InputKind = Literal["recording", "junction", "velodyne"]
+_TABLES = ("input", "replay", "sensor", "place", "output", "page", "health")
+_KEYS = ("coview_run", "detector", "detect_every", "parallel", *_TABLES)
 _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "recording": ("path", "layout", "poses", "errors", "site"),
     "junction": ("site", "seconds", "seed"),
@@ -138,6 +144,8 @@ class CentreConfig:
     Attributes:
         inputs: Sources of messages.
         detector: Name of the detector, with its suffixes.
+        detect_every: 2 to detect in every second frame, and so on; None for as often as it can.
+        parallel: Number of frames in which it detects at the same time.
         setups: Poses and clock offsets by sensor.
         backgrounds: Files of empty scenes by sensor.
         place: Area and ground.
@@ -151,6 +159,8 @@ class CentreConfig:
 
     inputs: tuple[InputConfig, ...]
     detector: str = "general"
+    detect_every: int | None = None
+    parallel: int = 1
     setups: dict[str, SensorSetup] = field(default_factory=dict)
     backgrounds: dict[str, Path] = field(default_factory=dict)
     place: Place = field(default_factory=lambda: Place(still=True))
@@ -178,9 +188,7 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
         raise ValueError(
             f"coview_run {version} is of another coview: this one reads {CONFIG_VERSION}"
         )
-    document.check_keys(
-        ("coview_run", "detector", "input", "replay", "sensor", "place", "output", "page", "health")
-    )
+    document.check_keys(_KEYS)
     inputs = tuple(_parse_input(row, folder) for row in document.nodes("input", _MAX_ROWS))
     _check_inputs(inputs)
     rows = list(document.nodes("sensor", _MAX_ROWS)) if "sensor" in document.value else []
@@ -191,6 +199,8 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
     return CentreConfig(
         inputs,
         detector=_take(document, "detector", str, "general"),
+        detect_every=_take_whole(document, "detect_every", MAX_EVERY),
+        parallel=_take_whole(document, "parallel", MAX_PARALLEL) or 1,
         setups={name: _parse_setup(row) for name, row in sensors.items()},
         backgrounds={
             name: folder / row.get("background", str)
@@ -322,6 +332,11 @@ def _take_table(document: JsonObject, key: str, keys: Collection[str]) -> JsonOb
 def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
     """Return a member of a kind, or a default if it is missing."""
     return row.get(key, kind) if key in row.value else default
+
+
+def _take_whole(row: JsonObject, key: str, maximum: int) -> int | None:
+    """Return a whole number from 1 on, None if it is missing."""
+    return row.whole(key, 1, maximum) if key in row.value else None
 
 
 def _take_number(row: JsonObject, key: str, default: Any, limits: tuple[float, float]) -> Any:

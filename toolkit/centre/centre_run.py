@@ -10,13 +10,14 @@ from typing import Any
 
 from toolkit.calibration.recording_scenes import LearntScene
 from toolkit.centre.centre_config import OutputConfig
+from toolkit.centre.detection_pool import Detection
 from toolkit.centre.health import HealthLog
 from toolkit.centre.input_process import read_in_process
 from toolkit.centre.input_pumps import InputPumps, Reader
 from toolkit.centre.message_queue import MessageQueue
-from toolkit.centre.running_centre import CentreFrame, Detection, RunningCentre
+from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
 from toolkit.centre.sensor_message import SensorInput, SensorSetup, name_sensors
-from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
+from toolkit.centre.sensor_watch import SensorWatch
 from toolkit.centre.synchroniser import Synchroniser
 from toolkit.centre.turn_watch import TurnFinder, TurnProcess, TurnWatch
 from toolkit.exchange.instant import Instant
@@ -98,7 +99,7 @@ def run_centre(
     *,
     seconds: float | None = None,
     show: Callable[[CentreFrame], None] = lambda frame: None,
-    report: Callable[[FaultEvent], None] = lambda event: None,
+    report: Callable[[CentreEvent], None] = lambda event: None,
 ) -> dict[str, Any]:
     """Run a centre until its inputs end, `stop` is set or some seconds have passed.
 
@@ -108,7 +109,7 @@ def run_centre(
         stop: Ends the run after the frame that it works on.
         seconds: Longest time of the sensors that it runs, None for no limit.
         show: Called with each frame.
-        report: Called with each fault that begins or ends.
+        report: Called with each fault that begins or ends, and when the rate of detection changes.
 
     Returns the figures of the run. Raises the errors of inputs, detector and writers, after the
     files are complete."""
@@ -128,7 +129,7 @@ def run_centre(
         start_s = clock.now()
         watch = parts.make_watch(sensors, start_s, turn_process)
 
-        def tick(now_s: float, events: list[FaultEvent]) -> None:
+        def tick(now_s: float, events: list[CentreEvent]) -> None:
             for event in events:
                 health.add_event(event)
                 report(event)

@@ -1,8 +1,9 @@
 """`HealthLog`: state of a running centre, a line of JSON every few seconds.
 
-A line holds the time, the numbers of frames and of what was left out since the start, the present
-faults, and median, p95 and p99 of latency and stages since the line before. Lines are flushed one
-by one, so that a killed process leaves all but the line it was writing."""
+A line holds the time, the numbers of frames and of what was left out since the start, among it
+frames that were dropped and frames with predicted tracks, the present faults, and median, p95 and
+p99 of latency and stages since the line before. Lines are flushed one by one, so that a killed
+process leaves all but the line it was writing."""
 
 import json
 import resource
@@ -11,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
-from toolkit.centre.running_centre import CentreFrame, LeftOut
+from toolkit.centre.running_centre import CentreEvent, CentreFrame, LeftOut
 from toolkit.centre.sensor_monitor import Fault
 from toolkit.centre.sensor_watch import FaultEvent
 from toolkit.runtime.stage_times import StageTimes
@@ -56,9 +57,9 @@ class HealthLog:
             times.add(LATENCY, frame.latency_ms)
             times.add_all(frame.stage_ms)
 
-    def add_event(self, event: FaultEvent) -> None:
+    def add_event(self, event: CentreEvent) -> None:
         """Count a fault that began."""
-        if event.fault is not None:
+        if isinstance(event, FaultEvent) and event.fault is not None:
             self.named[f"{event.sensor} {event.fault.value}"] += 1
 
     def write_line(

@@ -1,20 +1,26 @@
-"""Inputs that another process reads, so that unpacking does not hold up detection."""
+"""Inputs that another process reads, so that unpacking does not hold up detection.
+
+The process reads some messages ahead, so that they are there in time when detection needs all
+cores for a while."""
 
 import multiprocessing
 import signal
 from collections.abc import Iterator
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from threading import Event
+from queue import Empty, Queue
+from threading import Event, Thread
 
 from toolkit.centre.sensor_message import SensorInput, SensorMessage
 
+MAX_AHEAD_MESSAGES = 24  # that are read before their time
 _END_S = 2.0  # in which a stopped process must end
 _POLL_S = 0.2
+_Content = SensorMessage | str | None  # a message, the text of an error, or the end
 
 
 def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]:
-    """Yield the messages of an input, which another process reads ahead by a message.
+    """Yield the messages of an input, which another process reads ahead.
 
     Raises ValueError with the text of an error in that process, and if the process dies."""
     context = multiprocessing.get_context("spawn")  # forking would copy locks of threads
@@ -27,7 +33,7 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
             if not receiver.poll(_POLL_S):
                 continue
             try:
-                content = receiver.recv()
+                content: _Content = receiver.recv()
             except EOFError:
                 raise ValueError("the process that reads the input died: start again") from None
             if content is None:
@@ -42,14 +48,24 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
 
 
 def _send_messages(source: SensorInput, sender: Connection) -> None:
-    """Send all messages of an input, then None; the text of an error instead."""
+    """Send all messages of an input, then None; the text of an error instead.
+
+    A thread reads them ahead. If it dies of an unexpected error, the process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    contents: Queue[_Content] = Queue(MAX_AHEAD_MESSAGES)
+    reader = Thread(target=_read_messages, args=(source, contents), daemon=True)
+    reader.start()
     with suppress(BrokenPipeError, ConnectionResetError):  # the parent has ended
-        try:
-            for message in source.messages(Event()):
-                sender.send(message)
-            sender.send(None)
-        except (ValueError, OSError, ImportError) as error:
-            if isinstance(error, BrokenPipeError | ConnectionResetError):
-                raise
-            sender.send(f"the input cannot be read on: {error}")
+        while reader.is_alive() or not contents.empty():
+            with suppress(Empty):
+                sender.send(contents.get(timeout=_POLL_S))
+
+
+def _read_messages(source: SensorInput, contents: "Queue[_Content]") -> None:
+    """Read all messages of an input, then None; the text of an error instead."""
+    try:
+        for message in source.messages(Event()):
+            contents.put(message)
+        contents.put(None)
+    except (ValueError, OSError, ImportError) as error:
+        contents.put(f"the input cannot be read on: {error}")

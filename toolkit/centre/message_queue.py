@@ -19,6 +19,9 @@ class MessageSource(Protocol):
     def take(self, wait_s: float) -> list[SensorMessage] | None:
         """Return the messages that arrive within some seconds, None after the last one."""
 
+    def wake(self) -> None:
+        """End the wait of `take`, from another thread."""
+
 
 class MessageQueue:
     """Queue of messages that several threads fill and one empties.
@@ -39,6 +42,7 @@ class MessageQueue:
         self._max_messages = max_messages
         self._messages: deque[SensorMessage] = deque()
         self._is_closed = False
+        self._is_woken = False
         self._changed = Condition()
 
     def __len__(self) -> int:
@@ -58,13 +62,20 @@ class MessageQueue:
             self._is_closed = True
             self._changed.notify()
 
+    def wake(self) -> None:
+        """Let a `take` that waits, or else the next one, return without a wait."""
+        with self._changed:
+            self._is_woken = True
+            self._changed.notify()
+
     def take(self, wait_s: float) -> list[SensorMessage] | None:
         """Return all waiting messages, after a wait of at most `wait_s` for the first one.
 
         None if the queue is closed and empty, or was stopped."""
         with self._changed:
-            if not self._messages and not self._is_closed:
+            if not (self._messages or self._is_closed or self._is_woken):
                 self._changed.wait(wait_s)
+            self._is_woken = False
             is_finished = self._is_closed and not self._messages
             if is_finished or self._stop.is_set():
                 return None

@@ -47,12 +47,14 @@ class Synchroniser:
         patience_s: Wait for missing sensors from a group's first message (s).
 
     Attributes:
+        interval_s: As given.
         late: Numbers of late messages by sensor.
     """
 
     def __init__(self, interval_s: float, patience_s: float) -> None:
         if not 0 < interval_s < np.inf:
             raise ValueError(f"the interval must be seconds above 0, got {interval_s:g}")
+        self.interval_s = interval_s
         self.late: Counter[str] = Counter()
         self._before_s = interval_s / 2
         self._after_s = MAX_AFTER_SHARE * interval_s

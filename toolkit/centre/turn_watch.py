@@ -29,7 +29,7 @@ from toolkit.sensors.sensor import Sensor
 
 MIN_TURN_RAD = float(np.deg2rad(0.7))
 MIN_TURNED_CHECKS = 2  # in a row
-MAX_ROUND_S = 10.0  # in which every sensor is checked once
+MAX_ROUND_S = 14.0  # in which every sensor is checked once; one that seems turned is soon again
 IMAGE_EVERY_S = 0.5  # between two images that are kept
 KEPT_IMAGES = 8
 _NICENESS = 10  # lower priority, so that detection comes first
@@ -149,17 +149,26 @@ class TurnWatch:
             self.turned.discard(name)
 
     def _start_job(self, time_s: float) -> None:
-        """Register the sensor whose turn it is, if no job is running and one is due."""
-        if self._job is not None or time_s < self._next_job_s or not self._waiting:
+        """Register the sensor whose turn it is, if no job is running and one is due.
+
+        Sensors that seemed turned once go first, as soon as they have enough new images."""
+        if self._job is not None or time_s < self._next_job_s:
             return
-        name = self._waiting[0]
-        self._waiting.rotate(-1)
+        ready = [name for name in self._waiting if len(self._images[name]) == KEPT_IMAGES]
+        if not ready:
+            return
+        name = max(ready, key=self._seems_turned)  # the first of equal ones
+        self._waiting.remove(name)
+        self._waiting.append(name)
         images = list(self._images[name])
+        self._images[name].clear()
         self._next_job_s = time_s + self._job_every_s
-        if len(images) == KEPT_IMAGES:
-            self._images[name].clear()
-            self._job_name = name
-            self._job = self._finder.submit(self._scenes[name], self._poses[name], images)
+        self._job_name = name
+        self._job = self._finder.submit(self._scenes[name], self._poses[name], images)
+
+    def _seems_turned(self, name: str) -> bool:
+        """Return True if a sensor was found turned once, which another check must confirm."""
+        return 0 < self._turned_checks[name] < MIN_TURNED_CHECKS
 
 
 class TurnProcess:

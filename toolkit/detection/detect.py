@@ -9,7 +9,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
 from time import perf_counter
@@ -80,34 +80,42 @@ def detect_frames(
     detections."""
     end = perf_counter()  # of the frame before
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
-        begin = perf_counter()
-        read_ms = 1e3 * (begin - end) - stand.ms
-        site = stand.area if isinstance(stand.area, Site) else None
-        # all points of the frame, which a known site needs only to leave out a standing scene
-        world_points = frame.points() if site is None or scene is not None else np.zeros((0, 3))
-        if site is None:
-            points = stand.lift(world_points)
-        else:
-            points = np.concatenate(frame_points(frame, area=site))
-        start = perf_counter()
-        lifted_detections = Detections.empty()
-        if len(points):
-            lifted_detections = detect_on_ground(detector, points, stand.area)
-        detect_ms = 1e3 * (perf_counter() - start)
-        detections = stand.put_back(lifted_detections)
-        kept_detections = detections
-        if scene is not None and len(detections):
-            kept_detections = scene.leave_out(detections, world_points)
-        yield FrameDetections(
-            frame,
-            detections=kept_detections,
-            stand=stand,
-            detect_ms=detect_ms,
-            left_out=len(detections) - len(kept_detections),
-            read_ms=read_ms,
-            fuse_ms=1e3 * (perf_counter() - begin) - detect_ms,
-        )
+        read_ms = 1e3 * (perf_counter() - end) - stand.ms
+        yield replace(detect_frame(frame, stand, detector, scene), read_ms=read_ms)
         end = perf_counter()
+
+
+def detect_frame(
+    frame: Frame, ground: Stand, detector: Detector, scene: StandingScene | None = None
+) -> FrameDetections:
+    """Detect in all points of a frame together, on level ground.
+
+    ground: ground and area of the frame; detector, scene: as in `detect_frames`."""
+    begin = perf_counter()
+    site = ground.area if isinstance(ground.area, Site) else None
+    # all points of the frame, which a known site needs only to leave out a standing scene
+    world_points = frame.points() if site is None or scene is not None else np.zeros((0, 3))
+    if site is None:
+        points = ground.lift(world_points)
+    else:
+        points = np.concatenate(frame_points(frame, area=site))
+    start = perf_counter()
+    lifted_detections = Detections.empty()
+    if len(points):
+        lifted_detections = detect_on_ground(detector, points, ground.area)
+    detect_ms = 1e3 * (perf_counter() - start)
+    detections = ground.put_back(lifted_detections)
+    kept_detections = detections
+    if scene is not None and len(detections):
+        kept_detections = scene.leave_out(detections, world_points)
+    return FrameDetections(
+        frame,
+        detections=kept_detections,
+        stand=ground,
+        detect_ms=detect_ms,
+        left_out=len(detections) - len(kept_detections),
+        fuse_ms=1e3 * (perf_counter() - begin) - detect_ms,
+    )
 
 
 def write_detections(

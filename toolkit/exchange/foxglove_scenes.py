@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.arrays import Float64, Pose
-from toolkit.datasets.layouts.nuscenes import compute_quaternion
+from toolkit.arrays import Float64
+from toolkit.datasets.layouts.nuscenes import compute_quaternions
 from toolkit.datasets.problem_kinds import Problems
 from toolkit.exchange.instant import Instant
 from toolkit.exchange.writer import nanoseconds
@@ -30,6 +30,7 @@ POINTS_TOPIC = "/points"
 _OPACITY_SHARE = 0.5
 _TEXT_HEIGHT_M = 0.5
 _NS_PER_S = 10**9
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])  # quaternion w x y z of a body that is not turned
 _Message = Any  # generated classes of protobuf have no types
 
 
@@ -95,6 +96,8 @@ def scene_message(instant: Instant, gone_ids: list[int], time_ns: int) -> _Messa
         deletion = update.deletions.add(id=str(track_id), type=SceneEntityDeletion.MATCHING_ID)
         _set_time(deletion.timestamp, time_ns)
     velocities = instant.known_velocities()
+    rotations = [pose(yaw=yaw)[:3, :3] for yaw in instant.boxes[:, 6]]
+    quaternions = compute_quaternions(np.reshape(rotations, (-1, 3, 3)))
     for row, track_id in enumerate(instant.list_ids()):
         label = LABELS[instant.labels[row]]
         score = float(instant.scores[row])
@@ -102,7 +105,7 @@ def scene_message(instant: Instant, gone_ids: list[int], time_ns: int) -> _Messa
         _set_time(entity.timestamp, time_ns)
         box = instant.boxes[row]  # x y z length width height yaw
         entity.cubes.add(
-            pose=_pose_message(pose(*box[:3], yaw=box[6])),
+            pose=_pose_message(box[:3], quaternions[row]),
             size=_vector(box[3:6]),
             color=_colour(CLASS[label], _OPACITY_SHARE),
         )
@@ -116,9 +119,9 @@ def scene_message(instant: Instant, gone_ids: list[int], time_ns: int) -> _Messa
             caption += f" {3.6 * speed_m_s:.0f} km/h"
         for key, value in metadata.items():
             entity.metadata.add(key=key, value=value)
-        text_z = box[2] + box[5] / 2 + _TEXT_HEIGHT_M
+        above = np.array([box[0], box[1], box[2] + box[5] / 2 + _TEXT_HEIGHT_M])
         entity.texts.add(
-            pose=_pose_message(pose(box[0], box[1], text_z)),
+            pose=_pose_message(above, _UPRIGHT),
             text=caption,
             billboard=True,
             font_size=_TEXT_HEIGHT_M,
@@ -142,7 +145,9 @@ def cloud_message(cloud: SensorCloud, stamp_ns: int) -> _Message:
     table = np.column_stack(columns).astype("<f4")  # 4 bytes a number
     message = PointCloud(frame_id=ROOT_FRAME, point_stride=4 * len(names), data=table.tobytes())
     _set_time(message.timestamp, stamp_ns)
-    message.pose.CopyFrom(_pose_message(cloud.world_SE3_sensor))
+    world_SE3_sensor = cloud.world_SE3_sensor
+    (quaternion,) = compute_quaternions(world_SE3_sensor[None, :3, :3])
+    message.pose.CopyFrom(_pose_message(world_SE3_sensor[:3, 3], quaternion))
     for column, name in enumerate(names):
         message.fields.add(name=name, offset=4 * column, type=PackedElementField.FLOAT32)
     return message
@@ -171,15 +176,15 @@ def _set_time(stamp: _Message, time_ns: int) -> None:
     stamp.nanos = time_ns % _NS_PER_S
 
 
-def _pose_message(world_SE3_body: Pose) -> _Message:
-    """Return message Pose; its quaternion would be zero if it stayed unset."""
+def _pose_message(
+    position: Float64[np.ndarray, "3"], quaternion: Float64[np.ndarray, "4"]
+) -> _Message:
+    """Return a Pose. position: m, world frame; quaternion: w x y z."""
     from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
     from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 
-    w, x, y, z = compute_quaternion(world_SE3_body).tolist()
-    return PoseMessage(
-        position=_vector(world_SE3_body[:3, 3]), orientation=Quaternion(x=x, y=y, z=z, w=w)
-    )
+    turn = dict(zip("wxyz", quaternion.tolist(), strict=True))
+    return PoseMessage(position=_vector(position), orientation=Quaternion(**turn))
 
 
 def _vector(numbers: Float64[np.ndarray, "3"]) -> _Message:

@@ -1,7 +1,8 @@
 """Parts of a running centre, opened as its configuration asks for them."""
 
+import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from toolkit.calibration.recording_scenes import LearntScene
     from toolkit.centre.centre_config import CentreConfig, InputConfig
     from toolkit.centre.centre_run import CentreParts
-    from toolkit.centre.running_centre import Detection
+    from toolkit.centre.detection_pool import Detection
     from toolkit.frame import Recording
     from toolkit.sites.site import Site
 
@@ -30,14 +31,33 @@ def open_centre(config: "CentreConfig") -> "Iterator[CentreParts]":
     spec = DetectorSpec.from_name(config.detector)
     check_detector(spec)
     config.output.make_writer()  # refuses wrong formats before long work
-    match config.inputs[0].kind:
-        case "recording":
-            with _open_recording(config.inputs[0]) as recording:
-                yield _place_backgrounds(_replay(config, spec, recording), config)
-        case "junction":
-            yield _place_backgrounds(_simulate(config, spec), config)
-        case "velodyne":
-            yield _place_backgrounds(_listen(config, spec), config)
+    with ExitStack() as stack:
+        match config.inputs[0].kind:
+            case "recording":
+                recording = stack.enter_context(_open_recording(config.inputs[0]))
+                parts = _replay(config, spec, recording)
+            case "junction":
+                parts = _simulate(config, spec)
+            case "velodyne":
+                parts = _listen(config, spec)
+        parts = _configure(parts, config)
+        stack.enter_context(_share_cores(parts.detection.parallel))
+        yield parts
+
+
+@contextmanager
+def _share_cores(parallel: int) -> "Iterator[None]":
+    """Give each of some parallel detections its share of the cores for a block."""
+    torch = sys.modules.get("torch")  # loaded by detectors that need it
+    if torch is None:
+        yield
+        return
+    threads = torch.get_num_threads()
+    torch.set_num_threads(max(1, threads // parallel))
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 @contextmanager
@@ -53,8 +73,8 @@ def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") 
     from coview.commands.detection.placed_detectors import Detectors
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.centre.centre_run import CentreParts
+    from toolkit.centre.detection_pool import Detection
     from toolkit.centre.recording_input import RecordingInput
-    from toolkit.centre.running_centre import Detection
     from toolkit.datasets.recording_views import ReadRecording, Reads
     from toolkit.detection.standing import learn_standing_scene
 
@@ -109,7 +129,7 @@ def _simulate(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
 def _detect_at_site(spec: DetectorSpec, site: "Site") -> "Detection":
     """Return the detector of a known site."""
     from coview.detectors import open_detector
-    from toolkit.centre.running_centre import Detection
+    from toolkit.centre.detection_pool import Detection
 
     return Detection(open_detector(spec.in_bfloat16(), site), site=site)
 
@@ -118,7 +138,7 @@ def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
     """Return the parts of a centre of lidars that send packets."""
     from coview.detectors import open_detector
     from toolkit.centre.centre_run import CentreParts
-    from toolkit.centre.running_centre import Detection
+    from toolkit.centre.detection_pool import Detection
     from toolkit.centre.sensor_message import SensorSetup
     from toolkit.centre.velodyne_input import VelodyneInput
 
@@ -135,8 +155,8 @@ def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
     )
 
 
-def _place_backgrounds(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
-    """Return parts with the configuration's files, poses, clocks and empty scenes."""
+def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
+    """Return parts with the configuration's rate, files, poses, clocks and empty scenes."""
     from toolkit.calibration.scene_files import load_empty_scenes
 
     given = []
@@ -147,6 +167,9 @@ def _place_backgrounds(parts: "CentreParts", config: "CentreConfig") -> "CentreP
         given += scenes
     return replace(
         parts,
+        detection=replace(
+            parts.detection, detect_every=config.detect_every, parallel=config.parallel
+        ),
         setups=config.setups,
         output=config.output,
         scenes={**parts.scenes, **_wrap_scenes(given)},

@@ -12,7 +12,7 @@ from coview.commands.detection.centre_parts import open_centre
 from coview.outputs import OK, print_result, say
 
 if TYPE_CHECKING:
-    from toolkit.centre.sensor_watch import FaultEvent
+    from toolkit.centre.running_centre import CentreEvent
 
 
 def run_command(
@@ -39,7 +39,7 @@ def run_command(
     settings = load_centre_config(config)
     stop = Event()
 
-    def report(event: "FaultEvent") -> None:
+    def report(event: "CentreEvent") -> None:
         if json:
             print_result(event.as_dict(), "", as_json=True)
         else:
@@ -73,4 +73,6 @@ def _describe(figures: dict[str, Any]) -> str:
     from toolkit.runtime.stage_times import describe_times
 
     counts = f"{figures['frames']} frames, {figures['dropped_frames']} dropped"
+    if figures["predicted_frames"]:
+        counts += f", {figures['predicted_frames']} with predicted tracks"
     return f"{counts}\n{describe_times(figures['ms'])}".rstrip()

@@ -1,15 +1,19 @@
 """A running centre: latency of every frame at the recording's own pace, faults named, memory.
 
     python tests/benchmarks/toolkit/bench_centre.py [--sites tjunction roundabout] [--frames 1000]
-        [--minutes 0] [--no-faults] [--threads] [--plot latency.svg] [--folder recordings]
+        [--minutes 0] [--detect-every 1] [--parallel 2] [--no-pace] [--no-faults] [--threads] [--plot latency.png]
+        [--folder recordings]
 
 Street traffic is simulated at 10 Hz at the T-junction and at 5 Hz at the roundabout, unless the
 folder has it. It is replayed at its own pace through `coview run`'s parts with the site's network,
 its background, and tracks written to MCAP. Then a sensor falls silent, one is delayed
 by 300 ms, and one is turned by 2 degrees about each axis, each in a run of its own.
 
---minutes repeats the recording for so long, for the growth of memory. --threads reads the recording
-by a thread of the centre's process instead of a process, to see what that is for.
+--minutes repeats the recording for so long, for the growth of memory. --detect-every 2 detects in
+every second frame, and so on; the centre chooses it when left out. --parallel 2 detects in two
+frames at the same time. --threads reads the recording by
+a thread of the centre's process instead of a process, to see what that is for. Times depend on what
+else the machine does, and on OMP_NUM_THREADS.
 """
 
 import argparse
@@ -24,12 +28,13 @@ from threading import Event
 import numpy as np
 
 from coview.commands.detection.centre_parts import open_centre
+from tests.benchmarks.figures import record
 from toolkit.centre.centre_config import CentreConfig, InputConfig, OutputConfig
 from toolkit.centre.centre_run import run_centre
 from toolkit.centre.health import HealthLog, read_memory_mb
 from toolkit.centre.input_pumps import read_in_thread
 from toolkit.centre.recording_input import RecordingInput
-from toolkit.centre.running_centre import CentreFrame
+from toolkit.centre.running_centre import CentreEvent, CentreFrame
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_watch import FaultEvent
 from toolkit.datasets.recording_views import ReadRecording, Reads
@@ -40,6 +45,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.sites.files import load_site
 
 INTERVALS_S = {"tjunction": 0.1, "roundabout": 0.2}
+TITLES = {"tjunction": "T-junction", "roundabout": "roundabout"}
 MAX_LATENCY_MS = 120.0
 MIN_SHARE = 0.995
 SEED = 31
@@ -55,6 +61,9 @@ def main() -> None:
     parser.add_argument("--sites", nargs="+", default=["tjunction", "roundabout"])
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=0.0)
+    parser.add_argument("--detect-every", type=int)
+    parser.add_argument("--parallel", type=int, default=1)
+    parser.add_argument("--no-pace", action="store_true")
     parser.add_argument("--no-faults", action="store_true")
     parser.add_argument("--threads", action="store_true")
     parser.add_argument("--plot", type=Path)
@@ -65,7 +74,8 @@ def main() -> None:
         folder = options.folder or Path(temporary)
         for site in options.sites:
             path = simulate_street(site, options.frames, folder)
-            latencies[site] = measure_pace(site, path, Path(temporary), options)
+            if not options.no_pace:
+                latencies[site] = measure_pace(site, path, Path(temporary), options)
             if not options.no_faults:
                 for name in ("silent", "late"):
                     time_naming(site, path, name, FAULTS[name])
@@ -126,7 +136,9 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
         latencies.append(frame.latency_ms)
         memory_mb.append(read_memory_mb())
 
-    with open_centre(configure(site, path, {"mcap": folder / f"{site}-tracks"})) as parts:
+    config = configure(site, path, {"mcap": folder / f"{site}-tracks"})
+    config = replace(config, detect_every=options.detect_every, parallel=options.parallel)
+    with open_centre(config) as parts:
         if options.minutes:
             (recorded,) = parts.inputs
             assert isinstance(recorded, RecordingInput)
@@ -134,21 +146,38 @@ def measure_pace(site: str, path: Path, folder: Path, options: argparse.Namespac
         if options.threads:
             parts = replace(parts, read=read_in_thread)
         seconds = 60 * options.minutes or None
-        figures = run_centre(parts, HealthLog(None), Event(), seconds=seconds, show=show)
+        figures = run_centre(
+            parts, HealthLog(None), Event(), seconds=seconds, show=show, report=print
+        )
     expected = options.frames if not options.minutes else figures["frames"]
     in_time = float(np.sum(np.array(latencies) <= MAX_LATENCY_MS) / expected)
     verdict = "" if in_time >= MIN_SHARE and not figures["dropped_frames"] else "  MISSED"
     print(
         f"{site}: {figures['frames']} of {expected} frames out, {figures['dropped_frames']} "
-        f"dropped, {100 * in_time:.2f} % within {MAX_LATENCY_MS:g} ms{verdict}"
+        f"dropped, {figures['predicted_frames']} with predicted tracks, {100 * in_time:.2f} % "
+        f"within {MAX_LATENCY_MS:g} ms{verdict}"
     )
     for stage, row in figures["ms"].items():
         print(
             f"  {stage:8} median {row['median']:6.1f}  p95 {row['p95']:6.1f}  p99 {row['p99']:6.1f}"
         )
     tenth = max(1, len(memory_mb) // 10)
-    print(f"  memory {memory_mb[tenth]:.0f} MB after a tenth, {memory_mb[-1]:.0f} MB at the end")
+    hours = parts.interval_s * np.arange(len(memory_mb)) / 3600
+    slope = float(np.polyfit(hours[tenth:], memory_mb[tenth:], 1)[0])
+    print(
+        f"  memory {memory_mb[tenth]:.0f} MB after a tenth, {memory_mb[-1]:.0f} MB at the end, "
+        f"{slope:+.0f} MB an hour"
+    )
     print(f"  false alarms {figures['faults']}", flush=True)
+    latency_ms = figures["ms"]["latency"]
+    cells = [
+        f"{figures['frames']}/{expected}",
+        f"{figures['predicted_frames']}",
+        f"{100 * in_time:.1f} %",
+        "/".join(f"{latency_ms[name]:.0f}" for name in ("median", "p95", "p99")),
+        f"{figures['ms']['detect']['median']:.0f}",
+    ]
+    record("centre", f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz", cells, network="`site`")
     return latencies
 
 
@@ -159,7 +188,9 @@ def time_naming(
     events: list[FaultEvent] = []
     stop = Event()
 
-    def report(event: FaultEvent) -> None:
+    def report(event: CentreEvent) -> None:
+        if not isinstance(event, FaultEvent):
+            return
         events.append(event)
         if event.sensor == FAILING and event.fault and event.fault.value == fault:
             stop.set()
@@ -280,18 +311,29 @@ class Repeated:
 
 
 def plot_latencies(latencies: dict[str, list[float]], out: Path) -> None:
-    """Draw the share of frames by their latency."""
+    """Draw the share of frames that are out by a latency."""
     from toolkit.plots.canvas import house_style, write_figure
     from toolkit.plots.curves import curve_axes, name_curves
+    from toolkit.plots.palette import FAINT
 
     with house_style():
         figure, axes = curve_axes("From the last point to the written tracks", len(latencies))
+        longest_ms = MAX_LATENCY_MS
         for values in latencies.values():
             ordered = np.sort(values)
             axes.plot(ordered, 100 * np.arange(1, len(ordered) + 1) / len(ordered))
+            longest_ms = max(longest_ms, ordered[-1])
+        axes.axvline(MAX_LATENCY_MS, color=FAINT, linestyle="--")
+        axes.text(MAX_LATENCY_MS, 4.0, f" {MAX_LATENCY_MS:g} ms")
+        axes.set_xlim(0.0, 1.15 * longest_ms)
+        axes.set_ylim(0.0, 101.0)
         axes.set_xlabel("latency (ms)")
-        axes.set_ylabel("frames (%)")
-        name_curves(axes, list(latencies))
+        axes.set_ylabel("frames that are out (%)")
+        names = [
+            f"{TITLES[site]}, {1 / INTERVALS_S[site]:g} Hz, {len(values):,} frames"
+            for site, values in latencies.items()
+        ]
+        name_curves(axes, names)
         write_figure(figure, out)
 
 

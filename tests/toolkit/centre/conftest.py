@@ -9,7 +9,9 @@ import pytest
 from toolkit.calibration.empty_scene import EmptyScene
 from toolkit.calibration.place import Place
 from toolkit.calibration.recording_scenes import LearntScene
-from toolkit.centre.running_centre import CentreFrame, Detection, RunningCentre
+from toolkit.centre.detection_pool import Detection
+from toolkit.centre.pace import PaceEvent
+from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
 from toolkit.centre.synchroniser import Synchroniser
@@ -52,6 +54,9 @@ class ScriptedSource:
         self._clock = clock
         self._end_s = self._messages[-1].arrival_s + 1.0
 
+    def wake(self) -> None:
+        """Nothing to do, as nobody waits on a manual clock."""
+
     def take(self, wait_s: float) -> list[SensorMessage] | None:
         if self._clock.time_s > self._end_s:
             return None
@@ -82,9 +87,12 @@ class Run:
         detector: Callable[[np.ndarray], Detections] = nobody,
         clock: ManualClock | None = None,
         patience_s: float = 0.05,
+        detect_every: int | None = None,
+        parallel: int = 1,
     ) -> None:
         clock = clock or ManualClock()
         self.events: list[FaultEvent] = []
+        self.pace_events: list[PaceEvent] = []
         scenes = {
             name: LearntScene(EmptyScene.from_render(sensor, EMPTY))
             for name, sensor in SENSORS.items()
@@ -93,14 +101,26 @@ class Run:
         self.synchroniser = Synchroniser(INTERVAL_S, patience_s)
         self.centre = RunningCentre(
             SENSORS,
-            Detection(detector, Place("none", area=(-20.0, -20.0, 20.0, 20.0))),
+            Detection(
+                detector,
+                Place("none", area=(-20.0, -20.0, 20.0, 20.0)),
+                detect_every=detect_every,
+                parallel=parallel,
+            ),
             synchroniser=self.synchroniser,
             watch=SensorWatch(SENSORS, start_s=0.0, interval_s=INTERVAL_S, scenes=scenes),
             clock=clock,
             write=lambda instant: self.written.append(instant.time_s),
-            tick=lambda now_s, events: self.events.extend(events),
+            tick=self._take_events,
         )
         self.frames: list[CentreFrame] = list(self.centre.run(ScriptedSource(messages, clock)))
+
+    def _take_events(self, now_s: float, events: list[CentreEvent]) -> None:
+        for event in events:
+            if isinstance(event, FaultEvent):
+                self.events.append(event)
+            else:
+                self.pace_events.append(event)
 
     def named(self) -> list[tuple[str, str | None, float]]:
         """Sensor, fault and time of each event before the source fell silent."""
@@ -134,3 +154,9 @@ def manual_clock():
 def empty_image():
     """Image of each camera without road users."""
     return EMPTY
+
+
+@pytest.fixture(scope="session")
+def car():
+    """Box of a standing car (a row)."""
+    return np.array([[3.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.0]])

@@ -15,6 +15,8 @@ path = "street.hdf5"
 WHOLE = """
 coview_run = 1
 detector = "tjunction+background"
+detect_every = 2
+parallel = 3
 [[input]]
 kind = "velodyne"
 name = "north"
@@ -58,6 +60,7 @@ def test_a_small_configuration_has_the_usual_values(tmp_path):
     assert config.detector == "general"
     assert config.place == Place(still=True)
     assert (config.speed, config.interval_s, config.page_port) == (1.0, None, None)
+    assert config.detect_every is None
     assert config.output.folders == {}
 
 
@@ -67,7 +70,7 @@ def test_every_key_is_read(tmp_path):
         ("north", 2369, "192.168.1.201"),
         ("south", 2368, None),
     ]
-    assert config.interval_s == 0.2
+    assert (config.interval_s, config.detect_every, config.parallel) == (0.2, 2, 3)
     north = config.setups["north"]
     assert np.array_equal(north.pose[:3, 3], [5, 0, 6])
     assert north.clock_offset_s == 0.02
@@ -84,6 +87,11 @@ def test_every_key_is_read(tmp_path):
         ("coview_run = 1", "", "coview_run is missing"),
         ("coview_run = 1", "coview_run = 2", "coview_run 2 is of another coview: this one reads 1"),
         ("coview_run = 1", "coview_run = 1\nspeed = 2", "speed is unknown"),
+        (
+            "coview_run = 1",
+            "coview_run = 1\ndetect_every = 0",
+            "detect_every must be a whole number from 1 to 10",
+        ),
         ('kind = "recording"', 'kind = "bag"', "input\\[0\\].kind must be one of recording"),
         ('path = "street.hdf5"', "", "input\\[0\\].path is missing"),
         ('path = "street.hdf5"', 'path = "x"\nport = 3', "input\\[0\\].port is unknown"),

@@ -22,16 +22,17 @@ class FewFrames:
 
     site = None
 
-    def __init__(self, count, damaged_from=None):
+    def __init__(self, count, damaged_from=None, error=ValueError):
         self.count = count
         self.damaged_from = damaged_from
+        self.error = error
 
     def __len__(self):
         return self.count
 
     def __getitem__(self, k):
         if self.damaged_from is not None and k >= self.damaged_from:
-            raise ValueError(f"frame {k} is damaged")
+            raise self.error(f"frame {k} is damaged")
         cloud = SensorCloud("north", np.full((3, 3), k, np.float32), np.eye(4))
         return Frame.of_clouds(f"{k}", [cloud], Objects.empty(), time=7.0 + 0.05 * k)
 
@@ -104,14 +105,18 @@ def test_a_recording_is_replayed_in_order_with_poses_and_clocks(read):
     assert np.array_equal(received[0].measurement.world_SE3_sensor, moved)
 
 
-def test_damage_in_another_process_is_an_error_here():
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [(ValueError, "frame 25 is damaged"), (KeyError, "the process that reads the input died")],
+)
+def test_damage_in_another_process_is_an_error_here(error, words):
     stop = Event()
     queue = MessageQueue(stop)
-    source = RecordingInput(FewFrames(30, damaged_from=25))
+    source = RecordingInput(FewFrames(30, damaged_from=25, error=error))
     pumps = InputPumps([source], {}, queue, stop, speed=100.0)
     pumps.start()
     assert len(drain(queue)) == 25
-    with pytest.raises(ValueError, match="frame 25 is damaged"):
+    with pytest.raises(ValueError, match=words):
         pumps.check()
     pumps.stop()
 

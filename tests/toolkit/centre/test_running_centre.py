@@ -11,7 +11,6 @@ NAMES = "abc"
 FRAMES = 40
 ONSET = 15  # frame from which a sensor fails
 ONSET_S = 1.5
-CAR = np.array([[3.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.0]])
 
 
 def everybody(message, leaves_out=lambda name, k: False, frames=FRAMES):
@@ -35,9 +34,9 @@ def test_stages_are_timed(scripted, message):
     assert all(ms > -1e-6 for ms in frame.stage_ms.values())
 
 
-def test_tracks_keep_their_numbers(scripted, message):
+def test_tracks_keep_their_numbers(scripted, message, car):
     def detect(points):
-        return Detections(CAR, np.array([0.9]))
+        return Detections(car, np.array([0.9]))
 
     run = scripted(everybody(message), detect)
     assert {tuple(frame.tracks.ids.tolist()) for frame in run.frames} == {(0,)}

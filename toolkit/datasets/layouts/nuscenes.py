@@ -484,7 +484,17 @@ def _format_pose(pose: np.ndarray) -> dict[str, list[float]]:
 
 def compute_quaternion(pose: Pose) -> Float64[np.ndarray, "4"]:
     """Unit quaternion w x y z of a pose's rotation, w not negative."""
+    (quaternion,) = compute_quaternions(pose[None, :3, :3])
+    return quaternion
+
+
+def compute_quaternions(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 4"]:
+    """Unit quaternions w x y z of rotation matrices, w not negative.
+
+    Many of them take little more time than one."""
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
-    return np.array([w, x, y, z]) + 0.0
+    if not len(rotations):
+        return np.zeros((0, 4))
+    quaternions = Rotation.from_matrix(rotations).as_quat(canonical=True)  # x y z w
+    return np.roll(quaternions, 1, axis=1) + 0.0

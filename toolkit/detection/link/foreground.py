@@ -18,13 +18,20 @@ from toolkit.detection.link import message as wire
 from toolkit.detection.link.foreground_pixels import draw_scene, standing_out
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
 from toolkit.detection.link.packets import PACKET_BYTES
-from toolkit.detection.link.range_images import RangeImages, from_steps, sent_header, to_steps
+from toolkit.detection.link.range_images import (
+    BITS_PER_PIXEL,
+    RangeImages,
+    from_steps,
+    sent_header,
+    to_steps,
+)
 from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import Counts, DetectsOnce
 from toolkit.detection.view import Cloud, Fused, Sent, View
 from toolkit.sensors.sensor import is_return
 
 MAX_STEP_M = 0.32  # coarsest step of a message that does not fit one packet otherwise
+FULL_PACKET_PX = 8 * (PACKET_BYTES - wire.OVERHEAD_BYTES) / BITS_PER_PIXEL  # expected, at 2 cm
 STEPS_PER_DOUBLING = 2  # from one tried step to the next, the step grows by this root of 2
 
 
@@ -108,6 +115,16 @@ class Foreground(SendsForeground):
             raise ValueError(
                 f"sigmas must be above 0, got {self.sigmas}: 4 leaves one background pixel in 16000"
             )
+
+    def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:
+        """Return the points on objects that count, at most as many as fill a packet.
+
+        More points are sent in coarser steps, and still take about one packet in all. counts:
+        numbers of points of C candidates in F frames."""
+        points = super().sent_points(counts)
+        if self.max_step <= self.step:
+            return points
+        return np.minimum(points, np.float32(FULL_PACKET_PX))
 
     def exchange(
         self, view: View, sensor: int, image: RangeImage, missing: ImageMask

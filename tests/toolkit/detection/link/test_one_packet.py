@@ -1,12 +1,14 @@
 """Foreground messages that fit one packet, and the codec that other programs call."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.toolkit.detection.link import page_reader
 from toolkit.calibration.empty_scene import EmptyScene
+from toolkit.detection.codec import PAPER
 from toolkit.detection.link.foreground import (
     Foreground,
     decode_foreground,
@@ -16,8 +18,10 @@ from toolkit.detection.link.foreground import (
 )
 from toolkit.detection.link.message import read_message
 from toolkit.detection.link.packets import PACKET_BYTES, count_packets, find_airtime_us
+from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.link.sensor_codec import SensorCodec
 from toolkit.detection.messages import RangeImage
+from toolkit.detection.scheme import estimate_bits
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import look
 from toolkit.objects import Objects
@@ -78,6 +82,20 @@ def test_steps_are_whole_millimetres_up_to_the_coarsest():
         list_steps(0.0205, 0.16)
     with pytest.raises(ValueError, match="step must be"):
         Foreground(max_step=0.0)
+
+
+@pytest.mark.parametrize("pixels", [100, 1000, 2100, 2300, 4000])
+def test_estimates_fill_one_packet_at_most(pixels):
+    """What is estimated for each frame is bounded, so a mean over frames is too."""
+    on_objects = np.array([[pixels, 10]], np.float32)
+    counts = SimpleNamespace(sent=on_objects, on_objects=on_objects, far=on_objects)
+    adaptive = estimate_bits(Foreground(), PAPER, counts, np.zeros(1))
+    by_frame = np.minimum(272 + 5 * np.array([pixels, 10]), 8 * 1398)
+    assert adaptive == pytest.approx([by_frame.sum()], abs=1)
+    whole = RangeImages().bits(points=Foreground().sent_points(counts)).astype(int)
+    assert count_packets(whole).tolist() == [[1, 1]]
+    one_step = estimate_bits(Foreground(max_step=0.02), PAPER, counts, np.zeros(1))
+    assert one_step == pytest.approx([2 * 272 + 5 * (pixels + 10)])
 
 
 def test_airtime_is_that_of_802_11p():
