@@ -13,8 +13,13 @@ from toolkit.tracking.face_doubts import (
     turn_faces,
     weigh_sizes,
 )
-from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
+from toolkit.tracking.motion_model import FIRST_SPEEDS_M_S, constant_velocities
 
+# by class of `LABELS`, standard deviation from step to step: more than the smoother needs, which
+# sees what comes next, so that a filtered track does not lag behind a car that brakes
+FILTER_ACCELERATIONS_M_S2 = np.array([6.0, 3.0, 2.0, 4.0])
+# weight of a size by that of its surest detection: what looks sure at the border is forgotten
+MAX_SIZE_MEMORY = 6.0
 MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
 MIN_EVIDENCE = 2.0  # sum of the scores of its detections that confirms a track
 SURE_HITS = 10  # detections that confirm a track, however low their scores
@@ -177,7 +182,7 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
 def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
     """Return tracks some seconds later, moved with their velocity."""
     (step,), (noise,) = constant_velocities(np.array([seconds]))
-    variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
+    variance = FILTER_ACCELERATIONS_M_S2[tracks.label()] ** 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
     turn = tracks.yaw_rate * min(seconds, MAX_TURNING_S)
     return tracks._replace(
@@ -198,8 +203,9 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
     weight = weigh_sizes(doubts)
-    size_weight = tracks.size_weight + weight
-    size = (tracks.size_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
+    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
+    size_weight = earlier_weight + weight
+    size = (earlier_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
     centre = anchor_centres(boxes, yaw, size, doubts)
     # Kalman's update by the anchored centre
     noise = centre_covariance(yaw, doubts)

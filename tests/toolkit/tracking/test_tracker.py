@@ -70,6 +70,14 @@ def test_a_front_that_is_not_seen_follows_from_the_size():
         assert tracks[step].doubts[0, 0] < 0.1
 
 
+def test_a_wrong_size_at_the_border_is_forgotten():
+    way = drive(33)
+    cut = way.copy()
+    cut[:3, 3] -= 1.6  # as sure as all others
+    last = follow([seen(box) for box in cut])[-1]
+    assert last.boxes[0, 3] == pytest.approx(CAR[0], abs=0.05)
+
+
 def test_a_half_turn_in_a_detection_is_no_turn_of_the_car():
     way = drive(20)
     way[7, 6] += np.pi
