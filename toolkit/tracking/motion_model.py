@@ -5,7 +5,7 @@ import numpy as np
 from toolkit.arrays import Float64
 
 # by class of `LABELS`: vehicle, cyclist, pedestrian, heavy
-ACCELERATIONS_M_S2 = np.array([3.0, 3.0, 2.0, 2.0])  # standard deviation, of a smoother's steps
+ACCELERATIONS_M_S2 = np.array([3.0, 3.0, 2.0, 2.0])  # standard deviation, from step to step
 FIRST_SPEEDS_M_S = np.array([9.0, 5.0, 1.5, 8.0])  # standard deviation, of a new track
 
 

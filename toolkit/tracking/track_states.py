@@ -13,11 +13,8 @@ from toolkit.tracking.face_doubts import (
     turn_faces,
     weigh_sizes,
 )
-from toolkit.tracking.motion_model import FIRST_SPEEDS_M_S, constant_velocities
+from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
 
-# by class of `LABELS`, standard deviation from step to step: more than the smoother needs, which
-# sees what comes next, so that a filtered track does not lag behind a car that brakes
-FILTER_ACCELERATIONS_M_S2 = np.array([6.0, 3.0, 2.0, 4.0])
 # weight of a size by that of its surest detection: what looks sure at the border is forgotten
 MAX_SIZE_MEMORY = 6.0
 MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
@@ -182,7 +179,7 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
 def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
     """Return tracks some seconds later, moved with their velocity."""
     (step,), (noise,) = constant_velocities(np.array([seconds]))
-    variance = FILTER_ACCELERATIONS_M_S2[tracks.label()] ** 2
+    variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
     turn = tracks.yaw_rate * min(seconds, MAX_TURNING_S)
     return tracks._replace(
