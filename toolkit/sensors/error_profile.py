@@ -8,7 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.runtime.cache import make_key
+from toolkit.sensors.error_terms import Calibration
 from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
+
+USUAL_DISTANCE_M = 15.0  # of a road user from the sensor that sees it best
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,19 @@ class ErrorProfile:
     def needs_velocities(self) -> bool:
         """True if a term depends on the velocity of objects."""
         return any(term.needs_velocities for term in self.terms)
+
+    @property
+    def place_error(self) -> float:
+        """Expected error (m) of places in one direction that all frames share.
+
+        Places are `USUAL_DISTANCE_M` from one sensor with an error of calibration, and the
+        direction is across its line of sight. Other terms vary in time, and are left out."""
+        variance = 0.0
+        for term in self.terms:
+            if isinstance(term, Calibration):
+                turned = term.rotation * USUAL_DISTANCE_M
+                variance += (turned**2 + term.translation**2) / 3  # along one of three axes
+        return float(np.sqrt(2 / np.pi * variance))  # mean of a normal error's size
 
     @property
     def origin(self) -> dict[str, str]:

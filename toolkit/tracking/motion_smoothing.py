@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.arrays import Bool, Float64, Int64
-from toolkit.tracking.tracker import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
+from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
 
 MAX_GROUP_ROWS = 60_000  # frames of the longest track, times tracks, that are held at a time
 

@@ -26,13 +26,15 @@ class DetectionsInOrder:
         times: time of each frame (s).
         detections: detections in each frame, world frame.
         truths: true objects in each frame, empty without truth.
-        area: xmin, ymin, xmax, ymax (m) of the detections, None if unknown."""
+        area: xmin, ymin, xmax, ymax (m) of the detections, None if unknown.
+        place_error: expected error of places (m) that all frames share, see `Tracker`."""
 
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     detections: "list[Detections]" = field(default_factory=list)
     truths: "list[Objects]" = field(default_factory=list)
     area: list[float] | None = None
+    place_error: float = 0.0
 
     def add(self, name: str, time: float, detections: "Detections", truth: "Objects") -> None:
         """Add a frame.
@@ -55,7 +57,7 @@ class DetectionsInOrder:
         from toolkit.tracking.tracker import track_live
 
         follow = smooth_tracks if offline else track_live
-        return follow(self.detections, self.times, self.area)
+        return follow(self.detections, self.times, self.area, place_error=self.place_error)
 
 
 def detect_in_order(
@@ -82,8 +84,9 @@ def detect_in_order(
     from toolkit.detection.standing import learn_standing_scene
     from toolkit.sites.site import Site
 
-    in_order = DetectionsInOrder()
-    samples = Part(ReadRecording(recording, Reads(errors)), frames)
+    reads = Reads(errors)
+    in_order = DetectionsInOrder(place_error=reads.profile().place_error)
+    samples = Part(ReadRecording(recording, reads), frames)
     # the first frames show most mistakes in times before the long work
     first_frames = range(min(_FIRST_FRAMES, len(samples)))
     check_times([find_frame_time(k, recording[k].time, rate_hz) for k in first_frames])

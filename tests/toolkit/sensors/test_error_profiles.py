@@ -153,6 +153,16 @@ def test_calibration_is_what_the_name_says(name, degrees, metres):
     assert not any(type(term) is ClockOffset for term in PROFILES[name].terms)
 
 
+def test_place_errors_are_the_mean_displacement_of_a_point_across_the_line_of_sight():
+    rng = np.random.default_rng(0)
+    turns, moves = rng.normal(0, 1 / np.sqrt(3), (2, 20_000, 3))
+    point = np.array([15.0, 0.0, 0.0])
+    displaced = np.cross(np.deg2rad(0.2) * turns, point) + 0.03 * moves  # small angles
+    assert TYPICAL.place_error == pytest.approx(np.abs(displaced[:, 1]).mean(), rel=0.02)
+    assert PAPER_ERRORS.place_error == 0
+    assert SURVEYED.place_error < TYPICAL.place_error < POOR.place_error
+
+
 def test_glare_blinds_a_quarter_of_the_columns_of_each_sensor_for_good(street):
     said = [
         BlindSector(share=0.25).apply(Reading.from_truth(street), Draws(5, 1, frame, 2))

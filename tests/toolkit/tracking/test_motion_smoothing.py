@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from toolkit.tracking import motion_smoothing
+from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S
 from toolkit.tracking.motion_smoothing import MeasuredCourse, smooth_motions
-from toolkit.tracking.tracker import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S
 
 
 def smooth_alone(course):

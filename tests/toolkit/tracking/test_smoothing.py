@@ -73,17 +73,28 @@ def test_a_direction_follows_the_motion_if_the_detector_is_always_wrong():
     )
 
 
-def test_single_detections_stay_as_they_are():
+def test_single_detections_stay_if_they_are_sure():
     box = straight_drive(1)[0]
-    (found,) = smooth_tracks([detected(box, score=0.3)], [4.0])
+    (found,) = smooth_tracks([detected(box, score=0.9)], [4.0], place_error=0.1)
     assert found.boxes == pytest.approx(box[None])
-    assert found.scores.tolist() == [0.3]
+    assert found.scores.tolist() == [0.9]
+    assert (found.doubts > np.hypot(DOUBTS, 0.1) - 1e-9).all()
+    (nothing,) = smooth_tracks([detected(box, score=0.3)], [4.0])
+    assert len(nothing) == 0
     assert smooth_tracks([], []) == []
     assert [len(found) for found in smooth_tracks([Detections.empty()] * 3, [0.0, 1.0, 2.0])] == [
         0,
         0,
         0,
     ]
+
+
+def test_tracks_of_few_unsure_detections_are_left_out():
+    boxes = straight_drive(8)
+    few = [detected(box, score=0.5) for box in boxes[:3]] + [Detections.empty()] * 5
+    assert sum(map(len, smooth_tracks(few, times_of(few)))) == 0
+    more = [detected(box, score=0.5) for box in boxes]
+    assert [len(found) for found in smooth_tracks(more, times_of(more))] == [1] * 8
 
 
 def test_times_must_fit_the_frames():

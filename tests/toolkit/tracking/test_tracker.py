@@ -70,6 +70,14 @@ def test_a_front_that_is_not_seen_follows_from_the_size():
         assert tracks[step].doubts[0, 0] < 0.1
 
 
+def test_a_wrong_size_at_the_border_is_forgotten():
+    way = drive(33)
+    cut = way.copy()
+    cut[:3, 3] -= 1.6  # as sure as all others
+    last = follow([seen(box) for box in cut])[-1]
+    assert last.boxes[0, 3] == pytest.approx(CAR[0], abs=0.05)
+
+
 def test_a_half_turn_in_a_detection_is_no_turn_of_the_car():
     way = drive(20)
     way[7, 6] += np.pi
@@ -97,7 +105,29 @@ def test_a_standing_car_lives_on_behind_what_hides_it_and_a_flicker_does_not():
     tracks = follow(frames)
     assert len(tracks[-1]) == 1
     flicker = [seen(standing), *[Detections.empty()] * 5]
-    assert [len(found) for found in follow(flicker)][:3] == [1, 1, 0]
+    assert [len(found) for found in follow(flicker)] == [1, 0, 0, 0, 0, 0]
+
+
+def test_unsure_detections_are_reported_once_others_confirm_them():
+    box = drive(1, speed=0.0)[0]
+    faint = follow([seen(box, score=0.3) for _ in range(10)])
+    assert [len(found) for found in faint] == [0] * 6 + [1] * 4
+    assert faint[-1].ages[0] == pytest.approx(0.9)  # since the first detection
+    scarcely = follow([seen(box, score=0.05) for _ in range(12)])
+    assert [len(found) for found in scarcely] == [0] * 9 + [1] * 3
+    places = [drive(1, start=(5.0 * k, 0.0))[0] for k in range(10)]
+    flickers = [seen(place, score=0.7) for place in places]
+    assert sum(map(len, follow(flickers))) == 0
+
+
+def test_doubts_of_tracks_hold_what_no_mean_removes():
+    frames = [seen(box) for box in drive(30)]
+    plain = follow(frames)[-1].doubts
+    assert (plain >= SURE * 0.6).all()  # thirty detections are not thirty independent ones
+    off = follow(frames, Tracker(place_error=0.1))[-1].doubts
+    assert off == pytest.approx(np.hypot(plain, 0.1))
+    hidden = follow([*frames, *[Detections.empty()] * 3])[-1].doubts
+    assert (hidden[:, :4] > 2 * plain[:, :4]).all()
 
 
 def test_a_track_ends_at_the_border():

@@ -1,0 +1,92 @@
+"""Assignment of detections to tracks: at the least cost in all, sure detections first.
+
+The two rounds follow ByteTrack (Zhang et al., ECCV 2022). Distances count less along the heading of
+a track. After a gap, a body must have the size that went: a difference costs, but is no wall.
+"""
+
+import numpy as np
+
+from toolkit.arrays import Bool, Float64, Int64
+from toolkit.objects import PEDESTRIAN
+from toolkit.tracking.face_doubts import rotate_variances
+from toolkit.tracking.track_states import MeasuredRows, TrackStates
+
+# by class of `LABELS`: standard deviations
+GATE_ALONG_M = np.array([0.8, 0.5, 0.35, 1.2])
+GATE_ACROSS_M = np.array([0.4, 0.35, 0.35, 0.5])
+MAX_SQUARED_DISTANCE = 12.0  # of a detection from a track, in such standard deviations
+OTHER_CLASS_COST = 3.0  # added to the squared distance
+SIZE_COST_M = 0.3  # difference of sizes that costs 1 after a gap
+GAP_S = 0.5  # longer without a detection, the size of what returns counts
+SURE_SCORE = 0.35  # of the detections that are assigned in the first round
+
+_UNLIKE = np.array(  # True for two classes that cannot be one road user
+    [
+        [False, True, True, False],
+        [True, False, False, True],
+        [True, False, False, True],
+        [False, True, True, False],
+    ]
+)
+_IMPOSSIBLE_COST = 1e6
+
+
+def find_unlike(
+    labels: Int64[np.ndarray, " m"], other_labels: Int64[np.ndarray, " n"]
+) -> Bool[np.ndarray, "m n"]:
+    """Mask of the pairs of classes that cannot be one road user."""
+    return _UNLIKE[labels][:, other_labels]
+
+
+def assign_detections(
+    tracks: TrackStates, detections: MeasuredRows, time: float
+) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
+    """Return rows of tracks, ascending, and of the detection of each.
+
+    Args:
+        tracks: Tracks as predicted for the time of the detections.
+        detections: Detections of a frame.
+        time: Time of the frame (s)."""
+    from scipy.optimize import linear_sum_assignment
+
+    assigned = np.full(len(tracks.ids), -1)  # detection of each track
+    if not len(tracks.ids) or not len(detections.rows):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    cost = _measure_costs(tracks, detections, time)
+    is_sure = detections.scores >= SURE_SCORE
+    for is_of_round in (is_sure, ~is_sure):
+        columns = np.flatnonzero(is_of_round)
+        free = np.flatnonzero(assigned < 0)
+        round_cost = cost[free[:, None], columns]
+        mine, theirs = linear_sum_assignment(round_cost)
+        is_possible = round_cost[mine, theirs] < _IMPOSSIBLE_COST
+        assigned[free[mine[is_possible]]] = columns[theirs[is_possible]]
+    assigned_tracks = np.flatnonzero(assigned >= 0)
+    return assigned_tracks, assigned[assigned_tracks]
+
+
+def _measure_costs(
+    tracks: TrackStates, detections: MeasuredRows, time: float
+) -> Float64[np.ndarray, "m n"]:
+    """Cost of each detection for each track, `_IMPOSSIBLE_COST` if they cannot be one.
+
+    Arguments as in `assign_detections`."""
+    labels = tracks.label()
+    boxes = detections.boxes
+    gates = rotate_variances(tracks.yaw, GATE_ALONG_M[labels] ** 2, GATE_ACROSS_M[labels] ** 2)
+    inverse = np.linalg.inv(tracks.covariance[:, :2, :2] + gates)
+    x = boxes[:, 0] - tracks.motion[:, :1]
+    y = boxes[:, 1] - tracks.motion[:, 1:2]
+    cost = inverse[:, 0, 0, None] * x * x
+    cost += 2 * inverse[:, 0, 1, None] * x * y
+    cost += inverse[:, 1, 1, None] * y * y
+    is_impossible = cost > MAX_SQUARED_DISTANCE
+    is_impossible |= find_unlike(labels, detections.labels)
+    cost += OTHER_CLASS_COST * (labels[:, None] != detections.labels)
+    is_returning = (time - tracks.last_time > GAP_S) & (labels != PEDESTRIAN)
+    if is_returning.any():
+        sizes = tracks.size[is_returning, None, :2]
+        size_difference = np.abs(boxes[:, 3:5] - sizes).max(axis=2)
+        cost[is_returning] += np.square(size_difference / SIZE_COST_M)
+    cost[is_impossible] = _IMPOSSIBLE_COST
+    return cost

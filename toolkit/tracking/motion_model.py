@@ -1,0 +1,27 @@
+"""Motion of road users between frames: constant velocity with white acceleration (Kalman 1960)."""
+
+import numpy as np
+
+from toolkit.arrays import Float64
+
+# by class of `LABELS`: vehicle, cyclist, pedestrian, heavy
+ACCELERATIONS_M_S2 = np.array([3.0, 3.0, 2.0, 2.0])  # standard deviation, from step to step
+FIRST_SPEEDS_M_S = np.array([9.0, 5.0, 1.5, 8.0])  # standard deviation, of a new track
+
+
+def constant_velocities(
+    seconds: Float64[np.ndarray, " n"],
+) -> tuple[Float64[np.ndarray, "n 4 4"], Float64[np.ndarray, "n 4 4"]]:
+    """Transition of x, y and their velocities, and its covariance by white acceleration of 1 m/s².
+
+    seconds: times that pass, a transition for each."""
+    count = len(seconds)
+    steps = np.zeros((count, 4, 4))
+    steps[:, [0, 1, 2, 3], [0, 1, 2, 3]] = 1.0
+    steps[:, 0, 2] = seconds
+    steps[:, 1, 3] = seconds
+    noise = np.zeros((count, 4, 4))
+    noise[:, [0, 1], [0, 1]] = seconds[:, None] ** 4 / 4
+    noise[:, [2, 3], [2, 3]] = seconds[:, None] ** 2
+    noise[:, [0, 1, 2, 3], [2, 3, 0, 1]] = seconds[:, None] ** 3 / 2
+    return steps, noise

@@ -1,0 +1,248 @@
+"""State of tracks: what a tracker knows of each, and how a detection changes it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.arrays import Bool, BoxRows, Float64, Int64
+from toolkit.objects import LABELS, Detections
+from toolkit.tracking.face_doubts import (
+    anchor_centres,
+    centre_covariance,
+    get_doubts,
+    turn_faces,
+    weigh_sizes,
+)
+from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
+
+# weight of a size by that of its surest detection: what looks sure at the border is forgotten
+MAX_SIZE_MEMORY = 6.0
+MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
+MIN_EVIDENCE = 2.0  # sum of the scores of its detections that confirms a track
+SURE_HITS = 10  # detections that confirm a track, however low their scores
+MIN_HITS = 3  # detections from which the velocity of a track is trusted
+STANDING_M_S = 0.5
+SCORE_MEMORY_HITS = 8.0  # detections over which a score is averaged
+YAW_GAIN = 0.55  # share of the difference to a detection's yaw that is taken over
+YAW_RATE_GAIN = 0.12
+MIN_HEADED_M_S = 1.5  # faster, the motion of a vehicle or cyclist says where its front is
+
+
+class MeasuredRows(NamedTuple):
+    """Detections of one frame that a tracker can follow.
+
+    Attributes:
+        boxes: Boxes (m, rad), world frame.
+        scores: Score of each, 0 to 1.
+        labels: Class of each.
+        doubts: Doubts of the faces (m).
+        rows: Row of each among the frame's detections."""
+
+    boxes: BoxRows
+    scores: Float64[np.ndarray, " n"]
+    labels: Int64[np.ndarray, " n"]
+    doubts: Float64[np.ndarray, "n 5"]
+    rows: Int64[np.ndarray, " n"]
+
+    @staticmethod
+    def from_detections(detections: Detections) -> "MeasuredRows":
+        """Take the detections whose boxes and scores are finite."""
+        is_finite = np.isfinite(detections.boxes).all(axis=1) & np.isfinite(detections.scores)
+        measured = MeasuredRows(
+            detections.boxes,
+            detections.scores,
+            detections.labels,
+            get_doubts(detections),
+            np.arange(len(detections)),
+        )
+        return measured if is_finite.all() else measured.select(is_finite)
+
+    def select(self, rows: np.ndarray) -> "MeasuredRows":
+        """Select detections by row numbers or a mask."""
+        return MeasuredRows(*(column[rows] for column in self))
+
+
+class TrackStates(NamedTuple):
+    """Tracks, a row for each.
+
+    Attributes:
+        ids: Number of each track.
+        motion: x, y (m) and velocity along both (m/s).
+        covariance: Of the motion.
+        floor: z of the underside (m).
+        yaw: Heading (rad).
+        yaw_rate: Its change (rad/s).
+        size: Length, width, height (m).
+        size_weight: Sum of the weights (1/m²) of the detections behind each.
+        max_weight: Largest such weight.
+        votes: Scores of the detections of each class.
+        score: Averaged score.
+        hits: Number of detections.
+        front_votes: Detections that faced the same way, minus those that faced the other way.
+        doubts: Of front, rear, left, right and top in the last detection (m).
+        first_time: Time of the first detection (s).
+        last_time: Time of the last detection (s).
+        detection: Row of the track's detection in the last frame, -1 without one.
+    """
+
+    ids: Int64[np.ndarray, " m"]
+    motion: Float64[np.ndarray, "m 4"]
+    covariance: Float64[np.ndarray, "m 4 4"]
+    floor: Float64[np.ndarray, " m"]
+    yaw: Float64[np.ndarray, " m"]
+    yaw_rate: Float64[np.ndarray, " m"]
+    size: Float64[np.ndarray, "m 3"]
+    size_weight: Float64[np.ndarray, "m 3"]
+    max_weight: Float64[np.ndarray, "m 3"]
+    votes: Float64[np.ndarray, "m classes"]
+    score: Float64[np.ndarray, " m"]
+    hits: Int64[np.ndarray, " m"]
+    front_votes: Float64[np.ndarray, " m"]
+    doubts: Float64[np.ndarray, "m 5"]
+    first_time: Float64[np.ndarray, " m"]
+    last_time: Float64[np.ndarray, " m"]
+    detection: Int64[np.ndarray, " m"]
+
+    def select(self, rows: np.ndarray) -> "TrackStates":
+        """Select tracks by row numbers or a mask."""
+        return TrackStates(*(column[rows] for column in self))
+
+    def label(self) -> Int64[np.ndarray, " m"]:
+        """Class of each track, by its votes."""
+        return self.votes.argmax(axis=1)
+
+    def is_confirmed(self) -> Bool[np.ndarray, " m"]:
+        """Mask of tracks with enough detections to be no false alarm of the detector."""
+        return has_evidence(self.votes.sum(axis=1), self.hits)
+
+
+def has_evidence(
+    evidence: Float64[np.ndarray, " m"], hits: Int64[np.ndarray, " m"]
+) -> Bool[np.ndarray, " m"]:
+    """Mask of tracks that are confirmed by the sum of the scores of their detections, or number."""
+    return (evidence >= MIN_EVIDENCE) | (hits >= SURE_HITS)
+
+
+def join_tracks(first: TrackStates, second: TrackStates) -> TrackStates:
+    """Return the rows of both, those of the first before those of the second."""
+    columns = zip(first, second, strict=True)
+    return TrackStates(*(np.concatenate(pair) for pair in columns))
+
+
+def is_standing(tracks: TrackStates) -> Bool[np.ndarray, " m"]:
+    """Mask of tracks that hardly move."""
+    return np.hypot(tracks.motion[:, 2], tracks.motion[:, 3]) < STANDING_M_S
+
+
+def make_track_boxes(tracks: TrackStates) -> BoxRows:
+    """Boxes (m 7) of tracks, with headings within a half turn of 0."""
+    middle = tracks.floor + tracks.size[:, 2] / 2
+    yaw = np.arctan2(np.sin(tracks.yaw), np.cos(tracks.yaw))
+    return np.column_stack([tracks.motion[:, :2], middle, tracks.size, yaw])
+
+
+def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackStates:
+    """New tracks, one for each detection. first_id: number of the first one."""
+    boxes = detections.boxes
+    count = len(boxes)
+    doubts = detections.doubts
+    weight = weigh_sizes(doubts)
+    votes = np.zeros((count, len(LABELS)))
+    votes[np.arange(count), detections.labels] = detections.scores
+    covariance = np.zeros((count, 4, 4))
+    covariance[:, :2, :2] = centre_covariance(boxes[:, 6], doubts)
+    speed_variance = FIRST_SPEEDS_M_S[detections.labels] ** 2
+    covariance[:, 2, 2] = speed_variance
+    covariance[:, 3, 3] = speed_variance
+    times = np.full(count, time)
+    return TrackStates(
+        ids=first_id + np.arange(count),
+        motion=np.column_stack([boxes[:, :2], np.zeros((count, 2))]),
+        covariance=covariance,
+        floor=boxes[:, 2] - boxes[:, 5] / 2,
+        yaw=boxes[:, 6].copy(),
+        yaw_rate=np.zeros(count),
+        size=boxes[:, 3:6].copy(),
+        size_weight=weight,
+        max_weight=weight,
+        votes=votes,
+        score=detections.scores.copy(),
+        hits=np.ones(count, np.int64),
+        front_votes=np.ones(count),
+        doubts=doubts,
+        first_time=times,
+        last_time=times,
+        detection=detections.rows,
+    )
+
+
+def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
+    """Return tracks some seconds later, moved with their velocity."""
+    (step,), (noise,) = constant_velocities(np.array([seconds]))
+    variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
+    covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
+    turn = tracks.yaw_rate * min(seconds, MAX_TURNING_S)
+    return tracks._replace(
+        motion=tracks.motion @ step.T, covariance=covariance, yaw=tracks.yaw + turn
+    )
+
+
+def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -> TrackStates:
+    """Return tracks after a detection of each, in the same order. time: of the detections (s)."""
+    boxes = detections.boxes
+    doubts = detections.doubts
+    # a detection that faces the other way is turned, and its faces with it
+    residual = np.arctan2(np.sin(boxes[:, 6] - tracks.yaw), np.cos(boxes[:, 6] - tracks.yaw))
+    is_turned = np.abs(residual) > np.pi / 2
+    residual = np.where(is_turned, residual - np.pi * np.sign(residual), residual)
+    doubts = turn_faces(doubts, is_turned)
+    seconds = np.maximum(time - tracks.last_time, 1e-3)
+    yaw = tracks.yaw + YAW_GAIN * residual
+    yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
+    weight = weigh_sizes(doubts)
+    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
+    size_weight = earlier_weight + weight
+    size = (earlier_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
+    centre = anchor_centres(boxes, yaw, size, doubts)
+    # Kalman's update by the anchored centre
+    noise = centre_covariance(yaw, doubts)
+    gain = tracks.covariance[:, :, :2] @ np.linalg.inv(tracks.covariance[:, :2, :2] + noise)
+    innovation = (centre - tracks.motion[:, :2])[:, :, None]
+    motion = tracks.motion + (gain @ innovation)[:, :, 0]
+    covariance = tracks.covariance - gain @ tracks.covariance[:, :2]
+    votes = tracks.votes.copy()
+    votes[np.arange(len(boxes)), detections.labels] += detections.scores
+    share = 1 / np.minimum(tracks.hits + 1, SCORE_MEMORY_HITS)
+    floor = boxes[:, 2] - boxes[:, 5] / 2
+    corrected = tracks._replace(
+        motion=motion,
+        covariance=covariance,
+        floor=tracks.floor + np.maximum(share, 0.2) * (floor - tracks.floor),
+        yaw=yaw,
+        yaw_rate=yaw_rate,
+        size=size,
+        size_weight=size_weight,
+        max_weight=np.maximum(tracks.max_weight, weight),
+        votes=votes,
+        score=tracks.score + share * (detections.scores - tracks.score),
+        hits=tracks.hits + 1,
+        front_votes=tracks.front_votes + np.where(is_turned, -1.0, 1.0),
+        doubts=doubts,
+        last_time=np.full(len(boxes), time),
+        detection=detections.rows,
+    )
+    return _turn_round(corrected)
+
+
+def _turn_round(tracks: TrackStates) -> TrackStates:
+    """Turn tracks that face backwards, by their motion or by the votes of their detections."""
+    along = tracks.motion[:, 2] * np.cos(tracks.yaw) + tracks.motion[:, 3] * np.sin(tracks.yaw)
+    moves_backwards = (along < -MIN_HEADED_M_S) & (tracks.hits >= MIN_HITS)
+    is_backwards = moves_backwards | ((tracks.front_votes < 0) & (along < MIN_HEADED_M_S))
+    if not is_backwards.any():
+        return tracks
+    return tracks._replace(
+        yaw=np.where(is_backwards, tracks.yaw + np.pi, tracks.yaw),
+        front_votes=np.where(is_backwards, np.abs(tracks.front_votes), tracks.front_votes),
+        doubts=turn_faces(tracks.doubts, is_backwards),
+    )
