@@ -1,0 +1,54 @@
+"""Trajectories with rows at least ten times a second, so that no place between two is missed.
+
+Frames may be lost or far apart, and a hidden road user has no rows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.arrays import Float64
+from toolkit.counting.trajectories import Trajectory
+
+STEP_S = 0.1
+MAX_STEP_S = 0.15  # longer steps are divided
+MAX_FILLED_S = 4.0  # longer gaps of one road user stay
+
+
+def refine_trajectories(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
+    """Trajectories with rows at most `MAX_STEP_S` apart, on straight lines between known ones.
+
+    Known rows stay, and new ones are at the same times in all. A trajectory that needs none is
+    returned as it is."""
+    if not trajectories:
+        return []
+    known = np.unique(np.concatenate([trajectory.times for trajectory in trajectories]))
+    times = _divide_steps(known)
+    return [_refine(trajectory, times) for trajectory in trajectories]
+
+
+def _divide_steps(times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
+    """Times (s, ascending) with more in equal parts of each step above `MAX_STEP_S`."""
+    steps = np.diff(times)
+    parts = np.where(steps > MAX_STEP_S, np.rint(steps / STEP_S), 1).astype(np.int64)
+    begin = np.repeat(np.cumsum(parts) - parts, parts)
+    number = np.arange(len(begin)) - begin  # of each part in its step
+    inner = np.repeat(times[:-1], parts) + number * np.repeat(steps / parts, parts)
+    return np.append(inner, times[-1])
+
+
+def _refine(trajectory: Trajectory, times: Float64[np.ndarray, " m"]) -> Trajectory:
+    """Trajectory at all of some times within its own, but in gaps above `MAX_FILLED_S`."""
+    own_times = trajectory.times
+    first, last = np.searchsorted(times, own_times[[0, -1]])
+    wanted = times[first : last + 1]
+    if len(wanted) == len(own_times):
+        return trajectory
+    next_row = np.searchsorted(own_times, wanted)
+    gaps = own_times[next_row] - own_times[np.maximum(next_row - 1, 0)]
+    is_known = own_times[next_row] == wanted
+    wanted = wanted[is_known | (gaps <= MAX_FILLED_S)]
+    columns = np.column_stack(
+        [trajectory.boxes[:, :6], np.unwrap(trajectory.boxes[:, 6]), trajectory.velocities]
+    )
+    filled = np.stack([np.interp(wanted, own_times, column) for column in columns.T], axis=1)
+    return trajectory._replace(times=wanted, boxes=filled[:, :7], velocities=filled[:, 7:])
