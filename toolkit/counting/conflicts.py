@@ -23,7 +23,7 @@ from toolkit.objects import LABELS, PEDESTRIAN
 
 MAX_PET_S = 5.0
 MIN_CROSSING_DEG = 20.0
-MIN_KNOWN_S = 1.0  # of a road user; what is seen for less is often none
+MIN_KNOWN_S = 1.0  # most road users that are seen for less are false
 TTC_SPAN_S = 4.0  # before a conflict, in which the time to collision is looked for
 MAX_PLACE_OFFSET_M = 4.0  # between a conflict and its true one
 MAX_TIME_OFFSET_S = 1.5

@@ -15,7 +15,7 @@ from toolkit.objects import HEAVY, VEHICLE
 MAX_MOVING_GAP_S = 4.0  # between fragments that move
 MAX_STANDING_GAP_S = 30.0
 MAX_OVERLAP_S = 2.0  # that a fragment goes on after the next one has begun
-SHADOW_SHARE = 0.5  # of the rows of a track within the body of a longer one, which it belongs to
+SHADOW_SHARE = 0.5  # rows of a second track within the body of a longer one, per row
 MAX_BREAK_M = 1.0  # from the place that is expected, more for each second of the gap
 MAX_DRIFT_M_S = 1.0
 MAX_BODY_M = 20.0
@@ -175,7 +175,7 @@ def _join(fragments: Sequence[Trajectory]) -> Trajectory:
     ]
     parts.append(fragments[-1])
     return longest._replace(
-        times=np.concatenate([part.times for part in parts]),
-        boxes=np.concatenate([part.boxes for part in parts]),
-        velocities=np.concatenate([part.velocities for part in parts]),
+        times=np.concatenate([piece.times for piece in parts]),
+        boxes=np.concatenate([piece.boxes for piece in parts]),
+        velocities=np.concatenate([piece.velocities for piece in parts]),
     )

@@ -17,12 +17,12 @@ MAX_FILLED_S = 4.0  # longer gaps of one road user stay
 def refine_trajectories(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
     """Trajectories with rows at most `MAX_STEP_S` apart, on straight lines between known ones.
 
-    Known rows stay, and new ones are at the same times in all. A trajectory that needs none is
+    Known rows stay, and new ones are at the same times in all. One that needs no new rows is
     returned as it is."""
     if not trajectories:
         return []
-    known = np.unique(np.concatenate([trajectory.times for trajectory in trajectories]))
-    times = _divide_steps(known)
+    frame_times = np.unique(np.concatenate([user.times for user in trajectories]))
+    times = _divide_steps(frame_times)
     return [_refine(trajectory, times) for trajectory in trajectories]
 
 
@@ -37,18 +37,18 @@ def _divide_steps(times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]
 
 
 def _refine(trajectory: Trajectory, times: Float64[np.ndarray, " m"]) -> Trajectory:
-    """Trajectory at all of some times within its own, but in gaps above `MAX_FILLED_S`."""
-    own_times = trajectory.times
-    first, last = np.searchsorted(times, own_times[[0, -1]])
-    wanted = times[first : last + 1]
-    if len(wanted) == len(own_times):
+    """Trajectory at some times, without those in its gaps above `MAX_FILLED_S`."""
+    user_times = trajectory.times
+    first, last = np.searchsorted(times, user_times[[0, -1]])
+    new_times = times[first : last + 1]
+    if len(new_times) == len(user_times):
         return trajectory
-    next_row = np.searchsorted(own_times, wanted)
-    gaps = own_times[next_row] - own_times[np.maximum(next_row - 1, 0)]
-    is_known = own_times[next_row] == wanted
-    wanted = wanted[is_known | (gaps <= MAX_FILLED_S)]
+    next_row = np.searchsorted(user_times, new_times)
+    gaps = user_times[next_row] - user_times[np.maximum(next_row - 1, 0)]
+    is_row = user_times[next_row] == new_times
+    new_times = new_times[is_row | (gaps <= MAX_FILLED_S)]
     columns = np.column_stack(
         [trajectory.boxes[:, :6], np.unwrap(trajectory.boxes[:, 6]), trajectory.velocities]
     )
-    filled = np.stack([np.interp(wanted, own_times, column) for column in columns.T], axis=1)
-    return trajectory._replace(times=wanted, boxes=filled[:, :7], velocities=filled[:, 7:])
+    filled = np.stack([np.interp(new_times, user_times, column) for column in columns.T], axis=1)
+    return trajectory._replace(times=new_times, boxes=filled[:, :7], velocities=filled[:, 7:])

@@ -69,7 +69,7 @@ def collect_trajectories(
     if not (steps > 0).all():
         number = int(np.argmin(steps > 0)) + 1
         raise ValueError(
-            "trajectories need frames in the order of time, each with its own, got "
+            "trajectories need frames in the order of time, one at each time, got "
             f"{times[number]:g} s after {times[number - 1]:g} s at frame {number}"
         )
     counts = [len(objects) for objects in frames]

@@ -75,15 +75,15 @@ class TrackLookup:
 
         Raises ValueError for a frame that a complete file lacks, and for frames of the file that
         are not among these."""
-        found = [self.find(key) for key in keys]
+        matches = [self.find(key) for key in keys]
         self.check_all_used(len(keys), keys[-1] if is_part else None)
-        missing = [key for key, tracks in zip(keys, found, strict=True) if tracks is None]
+        missing = [key for key, tracks in zip(keys, matches, strict=True) if tracks is None]
         if self.file.is_complete and missing:
             raise ValueError(
                 f"{self.file.path} lacks {len(missing)} of {describe_count(len(keys), 'frame')}, "
                 f"the first {missing[0].describe()}: track the whole recording, or pass --frames"
             )
-        return [Tracks.empty() if tracks is None else tracks for tracks in found]
+        return [Tracks.empty() if tracks is None else tracks for tracks in matches]
 
     def list_used(self) -> list[TrackFrame]:
         """List the frames of the file that were found, in its order."""

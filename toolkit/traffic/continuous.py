@@ -159,7 +159,7 @@ def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> li
     no way through sets out later."""
     labels = supply.labels[[way.traveller.body for way in ways]].tolist() if ways else []
     order = sorted(range(len(ways)), key=lambda number: RANK[labels[number]])
-    kept = {}
+    ways_by_number = {}
     for number in order:
         way = ways[number]
         size = supply.sizes[way.traveller.body]
@@ -167,6 +167,6 @@ def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> li
             first = way.first + delay
             poses = give_way(Course(first, way.poses, size, labels[number]), occupancy)
             if poses is not None:
-                kept[number] = way._replace(first=first, poses=poses)
+                ways_by_number[number] = way._replace(first=first, poses=poses)
                 break
-    return [kept[number] for number in sorted(kept)]
+    return [ways_by_number[number] for number in sorted(ways_by_number)]

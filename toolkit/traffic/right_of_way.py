@@ -214,7 +214,7 @@ class _Costs(NamedTuple):
 
     Attributes:
         totals: least cost of being there at each moment.
-        waits: cost of a wait there, without that of its moment."""
+        waits: cost of a wait there, but for the factor of its moment."""
 
     totals: Float64[np.ndarray, "m l+2 r+2"]
     waits: Float64[np.ndarray, "l+2 r+2"]
@@ -248,12 +248,12 @@ def _find_moves(
         waits = waits + costs.waits[:, 1 : reached + 1] * costs.weigh_waits(moment)
         onward = np.minimum(before[:, :reached], waits)
         now = costs.totals[moment, 1:-1, 1:]
-        least = now[:, :reached]
-        least[:] = onward[1:-1]
+        cheapest = now[:, :reached]
+        cheapest[:] = onward[1:-1]
         if lines > 1:
             aside = onward + ASIDE_COST
-            np.minimum(least, aside[:-2], out=least)
-            np.minimum(least, aside[2:], out=least)
+            np.minimum(cheapest, aside[:-2], out=cheapest)
+            np.minimum(cheapest, aside[2:], out=cheapest)
         inside = now[:, : min(reached, rows)]
         inside += offset_costs
         inside[blocked[moment, :, : inside.shape[1]]] = np.inf
@@ -282,10 +282,10 @@ def _trace(costs: _Costs, last: int, end: int) -> _Moves:
             weight = costs.weigh_waits(moment)
             options = []
             for ahead, left in moves:
-                place = line - left + 1, row - ahead + 1
-                option = costs.totals[moment - 1][place]
+                origin = line - left + 1, row - ahead + 1
+                option = costs.totals[moment - 1][origin]
                 if not ahead:
-                    option = option + costs.waits[place] * weight
+                    option = option + costs.waits[origin] * weight
                 options.append(option + ASIDE_COST if left else option)
             ahead, left = moves[int(np.argmin(options))]
             row -= ahead

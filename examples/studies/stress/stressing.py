@@ -367,8 +367,8 @@ class Trial:
         Args:
             detections: Detections in the newest measurements that have arrived.
             now: Time of the frame (s).
-            age: Age of these measurements (s), NaN if none has arrived; those that are no newer
-                than the last ones change nothing.
+            age: Age of these measurements (s), NaN without any; if they are no newer than the
+                last ones, nothing changes.
             begins: True to begin without tracks, as traffic restarts."""
         if begins:
             self._tracker = Tracker(self._area)
