@@ -23,14 +23,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code."""
-    _open_streams()
+    _replace_closed_streams()
     debug = "--debug" in arguments
     options = [argument for argument in arguments if argument != "--debug"]
+    # no other module of coview is imported before packages that would hide it are refused
     try:
         if options[:1] in ([], ["-h"], ["--help"], ["--version"]):
             return _answer(options[:1])
         refuse_hidden_packages()
-    except ValueError as error:  # before any other module of coview is imported
+    except ValueError as error:
         print(f"coview: {error}", file=sys.stderr)
         return 2
     except OSError as error:
@@ -49,8 +50,8 @@ def run(arguments: Sequence[str]) -> int:
     return code
 
 
-def _open_streams() -> None:
-    """Open standard streams that are closed, so that no file takes their numbers."""
+def _replace_closed_streams() -> None:
+    """Open the null device for closed standard streams, so that no file takes their numbers."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))

@@ -13,7 +13,7 @@ def import_study(module: str) -> ModuleType:
 
     Raises ImportError if coview was installed from a wheel, and if another package hides the
     studies."""
-    home = Path(__file__).resolve().parents[1]
+    home = Path(__file__).resolve().parents[1]  # the root of the clone
     folder = home.joinpath(*PACKAGE.split("."))
     if not folder.is_dir():
         raise ImportError(
@@ -22,7 +22,7 @@ def import_study(module: str) -> ModuleType:
         )
     try:
         spec = find_spec(PACKAGE)
-    except ModuleNotFoundError:  # a module, not a folder, has the name
+    except ModuleNotFoundError:  # a module, not a package, has the parent's name
         spec = None
     if spec is None or Path(str(spec.origin)).resolve().parent != folder:
         raise ImportError(

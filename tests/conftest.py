@@ -6,6 +6,7 @@ import importlib
 import os
 import shutil
 import sys
+from collections import Counter
 from typing import Any, NamedTuple
 
 import pytest
@@ -20,6 +21,21 @@ os.environ.setdefault("COVIEW_NUMBERS", "float32")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@pytest.hookimpl(tryfirst=True)  # before slow tests are left out
+def pytest_collection_modifyitems(items):
+    """Make the cases of tests that are marked `one_in(n)` slow, but the first of each n."""
+    cases = Counter()
+    for item in items:
+        mark = item.get_closest_marker("one_in")
+        if mark is None:
+            continue
+        (n,) = mark.args
+        name = item.nodeid.partition("[")[0]
+        if cases[name] % n:
+            item.add_marker(pytest.mark.slow)
+        cases[name] += 1
 
 
 @pytest.fixture

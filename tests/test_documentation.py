@@ -68,6 +68,7 @@ def run_block(page, number, folder, work_in):
     )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("page", "number"), python_blocks(lasting=False))
 def test_a_python_block_runs_alone(page, number, tmp_path, work_in):
     run_block(page, number, tmp_path, work_in)

@@ -14,6 +14,7 @@ EXAMPLES = sorted([*FOLDER.glob("*.py"), *FOLDER.glob("*/__main__.py")])
 SLOW = ("02", "10")
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "example",
     [

@@ -31,7 +31,9 @@ _LAYER_SHAPE = MapShape(channels=48, height=64, width=96)  # of a map like the n
 
 
 def convert_to_bfloat16(network: SparseVoxelNet, library: Library) -> SparseVoxelNet:
-    """Copy of a network whose proposal part is computed in bfloat16 by a library."""
+    """Copy of a network whose proposal part (`rpn`) is computed in bfloat16 by a library.
+
+    That part casts the map that it gets."""
     converted = copy.deepcopy(network)
     if library == "openvino":
         converted.rpn = OpenVinoProposal(converted.rpn, "bf16")  # type: ignore[assignment]

@@ -186,7 +186,7 @@ def _convolve(x: _Node, layer: Any) -> _Node:
     """Output of a convolution or a transposed one, without ReLU."""
     from openvino import opset13 as ops
 
-    weight = ops.constant(_numbers(layer.weight))
+    weight = ops.constant(_to_float32(layer.weight))
     strides = list(layer.stride)
     padding = list(layer.padding)
     if isinstance(layer, nn.ConvTranspose2d):
@@ -194,10 +194,12 @@ def _convolve(x: _Node, layer: Any) -> _Node:
             x, weight, strides, pads_begin=padding, pads_end=padding, dilations=[1, 1]
         )
     else:
-        convolved = ops.convolution(x, weight, strides, padding, padding, [1, 1])
+        convolved = ops.convolution(
+            x, weight, strides, pads_begin=padding, pads_end=padding, dilations=[1, 1]
+        )
     if layer.bias is None:
         return convolved
-    return ops.add(convolved, ops.constant(_numbers(layer.bias)[:, None, None]))
+    return ops.add(convolved, ops.constant(_to_float32(layer.bias)[:, None, None]))
 
 
 def _relu(x: _Node) -> _Node:
@@ -207,6 +209,6 @@ def _relu(x: _Node) -> _Node:
     return ops.relu(x)
 
 
-def _numbers(tensor: Tensor) -> Float32[np.ndarray, "..."]:
+def _to_float32(tensor: Tensor) -> Float32[np.ndarray, "..."]:
     """Weights as an array of their own."""
     return np.ascontiguousarray(tensor.detach().float().cpu().numpy())

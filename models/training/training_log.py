@@ -6,7 +6,8 @@ from pathlib import Path
 from toolkit.runtime.writing import write_text
 
 LOG = "log.csv"
-_HEADER = "step,epoch,name,value"
+_COLUMNS = ("step", "epoch", "name", "value")
+_HEADER = ",".join(_COLUMNS)
 
 
 def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
@@ -17,12 +18,12 @@ def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) 
 
 
 def cut_log(path: Path, step: int) -> None:
-    """Drop log rows after `step`, the last checkpoint."""
+    """Drop log rows after `step`, the last checkpoint, and a last row that was cut off."""
     if path.exists():
         kept_rows = []
         for row in path.read_text().splitlines()[1:]:
             cells = row.split(",")
-            is_whole = len(cells) == 4 and cells[0].isdigit()
+            is_whole = len(cells) == len(_COLUMNS) and cells[0].isdigit()
             if is_whole and int(cells[0]) <= step:
                 kept_rows.append(row)
         write_text(path, "\n".join([_HEADER, *kept_rows, ""]))

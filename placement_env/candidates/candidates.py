@@ -136,9 +136,10 @@ class Candidates(Displayed):
         prices: tuple[float, ...] = ()
         if pool.axes.prices:
             prices = tuple(pool.axes.prices[pool.axes.models.index(model)] for model in models)
-        number = np.arange(len(sensors))
-        # mount, height, heading, tilt and model
-        factors = np.column_stack([mount, number, number, number, model_index]).astype(np.int64)
+        # each sensor has its own entry in the axes of heights, headings and tilts
+        entry = np.arange(len(sensors))
+        # columns: indices of mount, height, heading, tilt and model
+        factors = np.column_stack([mount, entry, entry, entry, model_index]).astype(np.int64)
         heights, headings, tilts = aim.T
         return Candidates(
             sensors=tuple(sensors),

@@ -212,13 +212,15 @@ class _Fitting:
             for p, observation, site_weights in zip(
                 self._probabilities(model), self._observed, weights, strict=True
             ):
+                # no object of a site that was not drawn has weight
                 is_test_site = is_only_site or not site_weights.objects.any()
-                left_out = (site_weights.sets == 0) & is_test_site
+                left_out = (site_weights.sets == 0) & is_test_site  # mask of the sets
                 ranked = -np.sort(-p[left_out], axis=1)  # each row in descending order
                 ap, _ = compute_expected_ap(ranked, model.false_alarms)
+                # `observation.ap`: measured AP of each set
                 squares += float(np.square(ap - observation.ap[left_out]).sum())
                 scale += float((ap * (1 - ap)).sum())
-        _, max_error = RANGES["error"]
+        _, max_error = RANGES["error"]  # least and largest error that a model states
         return min(float(np.sqrt(squares / scale)), max_error)
 
     def _build_model(

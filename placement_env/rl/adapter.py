@@ -102,7 +102,8 @@ class SB3VecEnv(VecEnv):
         options = list(self._options)
         self._rng = np.random.default_rng(seeds[0])
         observations, _ = self.vector.reset(seed=seeds, options=options[0])
-        # one reset takes one set of options: rows with others are reset once more
+        # one reset takes one set of options: rows with others are reset once more; the other rows
+        # of the observations stay as they are
         for row in range(self.num_envs):
             if options[row] == options[0]:
                 continue

@@ -248,7 +248,8 @@ class _Climb:
     def step(self, strategy: Any) -> None:
         """Score the vectors that the strategy asks for, and keep the best.
 
-        A step that the checkpoint holds takes its costs from there and scores nothing.
+        A step that the checkpoint holds takes its costs from there and scores nothing; after the
+        last such step, `_save_or_resume` restores the score of the best set.
 
         strategy: a `cma.CMAEvolutionStrategy`, which then gets the costs of its vectors."""
         # asked even if costs are saved: the strategy must draw the same random numbers
@@ -258,16 +259,17 @@ class _Climb:
             costs = self._saved_costs.pop(0).tolist()
             scores: Sequence[Score | None] = [None] * len(costs)  # unknown, only the costs are kept
         else:
-            count = int(min(len(vectors), self._limits.evaluations - self._limits.count))
-            scores = self._score_poses(sets[:count])
-            self._limits.count += count
+            # sets that may still be scored, of `evaluations` in all
+            scorable = int(min(len(vectors), self._limits.evaluations - self._limits.count))
+            scores = self._score_poses(sets[:scorable])
+            self._limits.count += scorable
             costs = [INFEASIBLE_COST if score is None else -score.reward for score in scores]
         best_index = int(np.argmin(costs))
         if -costs[best_index] > self.reward:
             self.reward = -costs[best_index]
             self.sensors = sets[best_index]
             self.vector = vectors[best_index]
-            self.score = scores[best_index] or self.score
+            self.score = scores[best_index] or self.score  # unknown while saved steps are repeated
             self._limits.record(self.reward)
         if len(costs) == len(vectors):  # fewer if the limit ended the step
             strategy.tell(vectors, costs)

@@ -186,3 +186,9 @@ def test_poses_that_end_in_their_quaternion(tmp_path):
         warnings.simplefilter("error")
         (tmp_path / "plain.txt").write_text("north 1 0 0 0 0 0 1\nsouth 0.8 0 0 0.6 5 3 6\n")
         read_poses(tmp_path / "plain.txt")
+
+
+def test_a_header_with_a_very_long_cell_still_names_its_axes(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{'n' * 200_000},x,y,z\n1,2,3,4\n")
+    np.testing.assert_array_equal(read_recorded(path)["positions"], [[2, 3, 4]])

@@ -75,6 +75,7 @@ def is_same(one, other) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one[:4], other[:4], strict=True))
 
 
+@pytest.mark.one_in(3)
 @both_ways
 @scalar_quickly
 @pytest.mark.parametrize("name", ENVIRONMENTS)
@@ -111,6 +112,7 @@ def test_panoramas_are_shared_by_copies_and_go_along_when_pickled():
     assert len(live.surrounds)
 
 
+@pytest.mark.one_in(2)
 @both_ways
 def test_a_copied_planner_goes_its_own_way(duplicate):
     planner, changes = LivePlanner("tjunction", frames=2), []

@@ -191,6 +191,7 @@ def test_clouds_without_stamps_that_are_50_ms_apart(tmp_path, name):
     assert found.startswith(f"sensor {name}: its clouds are about 0.05 s ahead of the labels and ")
 
 
+@pytest.mark.slow
 def test_sensors_at_two_rates(sound, tmp_path):
     slow = change(sound, "south", lambda k, cloud: None if k % 2 else cloud)
     assert findings_of(slow, tmp_path / "stamped") == ["clouds: sensors of two rates"]
@@ -198,6 +199,7 @@ def test_sensors_at_two_rates(sound, tmp_path):
     assert findings_of(plain, tmp_path / "plain") == ["sensor south: it is slower than the frames"]
 
 
+@pytest.mark.slow
 def test_a_slow_sensor_whose_clouds_are_repeated(sound, tmp_path):
     def repeat(k, cloud):
         return next(former for former in sound[k - k % 2].clouds if former.name == "south")
@@ -210,6 +212,7 @@ def test_a_slow_sensor_whose_clouds_are_repeated(sound, tmp_path):
     assert "sensor south: it is slower than the frames" in findings_of(repeated, tmp_path)
 
 
+@pytest.mark.slow
 def test_boxes_that_hold_no_point_of_one_sensor(sound, tmp_path):
     boxes = [frame.objects.boxes + np.array([0, 0, 0, 0.4, 0.4, 0.2, 0]) for frame in sound]
 
@@ -227,6 +230,7 @@ def test_boxes_that_hold_no_point_of_one_sensor(sound, tmp_path):
     assert found == ["sensor north: boxes hold points of other sensors, and none of this one"]
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "turn", [pose(0.0, 0.0, 0.0, yaw=1.0), pose(9.0, -6.0, 0.0)], ids=["turned", "moved"]
 )
@@ -238,6 +242,7 @@ def test_a_sensor_that_is_elsewhere(sound, tmp_path, turn):
     )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("offset", [(2.0, 0.0), (0.0, -1.0), (0.5, 0.4)])
 def test_labels_at_one_offset_from_the_points(sound, tmp_path, offset):
     """Counted from the vehicle's rear axle or another point of the map: named as an offset, with
@@ -253,6 +258,7 @@ def test_labels_at_one_offset_from_the_points(sound, tmp_path, offset):
     np.testing.assert_allclose([float(named[1]), float(named[2])], offset, atol=0.25)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("labelled", [True, False])
 @pytest.mark.parametrize(
     "wrong",

@@ -40,6 +40,13 @@ def packed(whole=WHOLE, scales=SCALES, offsets=OFFSETS, count=None, records=b"")
     return header + records + b"".join(rows)
 
 
+def with_number(content: bytes, byte: int, form: str, number: int) -> bytes:
+    """A file with another number at a byte."""
+    changed = bytearray(content)
+    struct.pack_into(form, changed, byte, number)
+    return bytes(changed)
+
+
 def record(kind: int, content: bytes) -> bytes:
     """A variable length record of LASF_Projection."""
     return struct.pack("<H16sHH32s", 0, b"LASF_Projection", kind, len(content), b"") + content
@@ -100,9 +107,12 @@ def test_scans_fuse(tmp_path):
     [
         (b"", "it is empty"),
         (b"PK\3\4" + bytes(400), "does not begin with LASF"),
-        (packed()[:150], "too? small"),
+        (packed()[:150], "cut off in its header"),
         (packed()[:-20], "cut off: 3 points of 20 bytes begin at byte 227, but it has 267"),
         (packed()[:-7], "cut off"),
+        (with_number(packed(), 94, "<H", 9999), "header is said to have 9999 bytes"),
+        (with_number(packed(), 96, "<I", 10**9), "points to begin at byte 1000000000"),
+        (with_number(packed(), 100, "<I", 2**32 - 1), "4294967295 records are said to be"),
         (packed(count=2**31), "unpacks to 40.0 GiB"),
         (packed(scales=(0.01, 0.0, 0.1)), r"scales must be finite and scales positive, got \[0.01"),
         (packed(scales=(0.01, float("nan"), 0.1)), "scales must be finite"),
@@ -186,3 +196,47 @@ def test_without_laspy_the_extra_is_named(tmp_path, without_packages):
     (tmp_path / "a.las").write_bytes(packed())
     with pytest.raises(ImportError, match=r"needs laspy: pip install coview\[scans\]"):
         read_recorded(Path(tmp_path / "a.las"))
+
+
+@pytest.fixture
+def packed_scan(tmp_path):
+    """Content of a LAZ file that laspy writes, and the byte of its first point."""
+    header = laspy.LasHeader(point_format=3, version="1.4")
+    scan = laspy.LasData(header)
+    scan.x, scan.y, scan.z = np.random.default_rng(0).uniform(0, 9, (3, 500))
+    scan.write(tmp_path / "sound.laz")
+    content = (tmp_path / "sound.laz").read_bytes()
+    return content, struct.unpack_from("<I", content, 96)[0]
+
+
+def test_tables_of_chunks_are_checked_before_memory_is_reserved(tmp_path, packed_scan):
+    sound, first = packed_scan
+    (table,) = struct.unpack_from("<q", sound, first)
+    path = tmp_path / "a.laz"
+    for content, reason in (
+        (with_number(sound, table + 4, "<I", 10**9), "1000000000 chunks are said to be"),
+        (with_number(sound, first, "<q", 10**9), "chunks is said to begin at byte 1000000000"),
+        (with_number(sound, 235, "<Q", 10**9), ""),  # no record is there
+        (with_number(sound, 243, "<I", 10**9), "1000000000 extended records are said to begin"),
+        (sound[: first + 4], "cut off|is there"),
+        (sound[:-200], "holds no points that can be read"),
+    ):
+        path.write_bytes(content)
+        if not reason:
+            assert len(read_recorded(path)["positions"]) == 500
+            continue
+        with pytest.raises(ValueError, match=reason):
+            read_recorded(path)
+
+
+def test_tables_of_chunks_at_the_end_are_found(tmp_path, packed_scan):
+    sound, first = packed_scan
+    (table,) = struct.unpack_from("<q", sound, first)
+    streamed = with_number(sound, first, "<q", -1) + struct.pack("<q", table)
+    (tmp_path / "a.laz").write_bytes(streamed)
+    (tmp_path / "b.laz").write_bytes(sound)
+    streamed_scan, scan = (read_recorded(tmp_path / name) for name in ("a.laz", "b.laz"))
+    np.testing.assert_array_equal(streamed_scan["positions"], scan["positions"])
+    (tmp_path / "a.laz").write_bytes(with_number(streamed, len(streamed) - 8, "<q", 10**9))
+    with pytest.raises(ValueError, match="chunks is said to begin at byte 1000000000"):
+        read_recorded(tmp_path / "a.laz")

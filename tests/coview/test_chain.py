@@ -337,6 +337,7 @@ def tabulate(name, said):
     return rows
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_every_tool_says_the_same_of_the_same_set(tmp_path, capsys):
     said = follow(FORK, tmp_path, capsys, sensors=1, frames=1)

@@ -144,6 +144,7 @@ def engine():
     return LivePlanner("tjunction", frames=FRAMES, seed=3)
 
 
+@pytest.mark.slow
 def test_a_plan_is_made_by_hand(page, engine):
     variant = page.variant
     hung = {sensor.name: engine.yard.build_sensor(variant, sensor) for sensor in variant.sensors}

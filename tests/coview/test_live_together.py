@@ -79,6 +79,7 @@ def drag(page, job):
     settle(page)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("move", ["turn", "carry", "lift"])
 def test_a_sensor_that_is_dragged_may_be_removed_by_another(page, move):
     where = 5.0 if move == "lift" else spot(3.0, 4.0)
@@ -90,6 +91,7 @@ def test_a_sensor_that_is_dragged_may_be_removed_by_another(page, move):
     check_alive(page)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("move", ["turn", "carry", "lift"])
 def test_a_step_may_be_undone_during_a_drag(page, move):
     page.change(page.planner.add, "post05") if "post05" in page.planner.yard.mounts else None
@@ -105,6 +107,7 @@ def test_a_step_may_be_undone_during_a_drag(page, move):
     check_alive(page)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("pole", ["moon", None, 7, ""])
 def test_an_unknown_pole_in_a_message_is_said(page, pole):
     page.panel.sensor.pole = SimpleNamespace(value=pole)
@@ -114,6 +117,7 @@ def test_an_unknown_pole_in_a_message_is_said(page, pole):
     check_alive(page)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "typed", [("95", 20.0, 5.0), (10.0, 95.0, 5.0), ("NW", 20.0, 5.0), (0.0, [], None)]
 )

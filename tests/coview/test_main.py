@@ -83,6 +83,7 @@ def test_an_output_that_is_full_is_one_line(tmp_path):
         assert (done.returncode, done.stderr) == (2, "coview: [Errno 28] No space left on device\n")
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("closed", ["<&- >&-", "2>&-", "<&- >&- 2>&-", "2>/dev/full"])
 def test_streams_that_are_closed_or_full_change_no_code(closed, tmp_path):
     for arguments, code in (("--version", 0), ("site show tjunction", 0), ("site show nowhere", 2)):

@@ -129,6 +129,7 @@ def test_detect_and_convert(recording, layouts, tmp_path, printed):
     assert (converted["samples"], converted["problems"]) == (4, {})
 
 
+@pytest.mark.slow
 def test_survey_and_doctor(recording, layouts, printed):
     found = printed("survey", recording, "--sensors", "all", "0,2")
     assert found["objects_per_frame"] == near(

@@ -25,6 +25,7 @@ def test_an_unknown_place_asks_for_site(recording, tmp_path, run, refused):
     assert run("survey", elsewhere, "--site", "tjunction")[0] == 0
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "command",
     [

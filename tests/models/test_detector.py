@@ -279,6 +279,7 @@ def assert_unions(detector, clouds, unions):
 EIGHT = np.array(list(np.ndindex(2, 2, 2)), bool)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "config",
     [

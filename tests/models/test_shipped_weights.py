@@ -73,6 +73,7 @@ def test_they_detect_what_they_detected(name):
     assert set(found.labels) == {0}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("site", ["tjunction", "roundabout"])
 def test_they_detect_at_their_site_and_the_general_ones_at_both(site, tmp_path):
     simulate_dataset(site, tmp_path / "few.hdf5", run=Run(frames=4, seed=31))

@@ -26,6 +26,7 @@ def cars(rng, low, high, count):
     return np.concatenate(parts).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_blocks_find_what_one_grid_finds(limits):
     limits(module, BLOCK_CELLS=256)
     area = (-70.0, -60.0, 66.0, 70.0)

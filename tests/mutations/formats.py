@@ -24,6 +24,7 @@ import plan_formats as plans
 import point_formats as points
 import shapely
 import structured
+import track_formats as tracks
 from mutants import BYTES, HDF5, JSON, SAFETENSORS, TEXT, Mutation
 
 from models.training.packed import PackedFrames
@@ -133,6 +134,8 @@ def _formats() -> dict[str, Format]:
         "compressed.pcd": points.pcd("binary_compressed"),
         "open3d.pcd": points.open3d_pcd,
         "cloud.npz": points.open3d_pcd,
+        "cloud.las": points.las,
+        "cloud.laz": points.las,
         "cloud.xyz": points.xyz,
         "cloud.csv": points.csv,
         "cloud.npy": points.npy,
@@ -200,6 +203,7 @@ def _formats() -> dict[str, Format]:
             for name, make in meshes.items()
         },
         "mesh.gltf": Format(points.text_mesh, _read_mesh, JSON, 0.7),
+        **{name: Format(*file) for name, file in tracks.FILES.items()},
         **{
             name: Format(layouts.maker(name), layouts.reader(name), mutations, 0.4)
             for name, (_, _, mutations) in layouts.FILES.items()

@@ -24,6 +24,8 @@ from toolkit.datasets.recording_views import Part
 from toolkit.datasets.recordings import open_recording, write_recording
 from toolkit.detection.survey import survey
 from toolkit.doctor.labels import diagnose_labels
+from toolkit.exchange.instant import Instant
+from toolkit.exchange.standards import open_writer
 from toolkit.frame import Frame, SensorCloud
 from toolkit.geometry import pose
 from toolkit.objects import Objects
@@ -69,6 +71,10 @@ FILES: dict[
     "in-rosbag-metadata": ("ros2", "bag/metadata.yaml", TEXT),
     "in-rosbag-db3": ("sqlite", "bag/bag.db3", BYTES),
     "in-hdf5-clouds": ("hdf5", "clouds.hdf5", HDF5),
+    "in-pcap": ("pcap", "turns.pcap", BYTES),
+    "in-foxglove": ("foxglove", "clouds.mcap", BYTES),
+    "in-tracking-label_02": ("kitti-tracking", "training/label_02/0000.txt", TEXT),
+    "in-tracking-calib": ("kitti-tracking", "training/calib/0000.txt", TEXT),
 }
 # recordings that are not layouts
 NAMED = {"pair": "dair", "ros1": "rosbag", "ros2": "rosbag", "sqlite": "rosbag"}
@@ -117,12 +123,43 @@ def write(layout: str, folder: Path) -> Path:
         "ros1": _ros1,
         "ros2": _ros2,
         "sqlite": partial(_ros2, sqlite=True),
+        "pcap": _pcap,
+        "foxglove": _foxglove,
+        "kitti-tracking": _kitti_tracking,
     }
     if layout in own:
         return own[layout](folder)
     where = folder / "clouds.hdf5" if layout == "hdf5" else folder
     write_recording(samples(), where, layout)
     return where
+
+
+def _pcap(folder: Path) -> Path:
+    """Some turns of a Velodyne."""
+    from tests.toolkit.datasets.layouts.test_pcap import capture, turning
+
+    return capture(folder / "turns.pcap", turning(160))
+
+
+def _foxglove(folder: Path) -> Path:
+    path = folder / "clouds.mcap"
+    with open_writer("mcap", path) as writer:
+        for frame in samples():
+            found = frame.objects
+            scores = np.ones(len(found))
+            writer.write(
+                Instant(
+                    frame.time, found.boxes, found.labels, scores, found.ids, clouds=frame.clouds
+                )
+            )
+    return path
+
+
+def _kitti_tracking(folder: Path) -> Path:
+    from tests.toolkit.datasets.layouts import test_kitti_sequences as sequences
+
+    rows = "\n".join([sequences.CAR, sequences.LATER, sequences.WALKER, sequences.DONT_CARE, ""])
+    return sequences.folder(folder, rows, sequences=("0000",))
 
 
 def read(layout: str, opened: Path) -> None:

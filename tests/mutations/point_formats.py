@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import laspy
 import numpy as np
 import open3d as o3d
 import pyarrow
@@ -33,6 +34,18 @@ def ply(path: Path) -> None:
 
 def ply_text(path: Path) -> None:
     o3d.t.io.write_point_cloud(path, cloud(), write_ascii=True)
+
+
+def las(path: Path) -> None:
+    """LAS 1.2 with colours and times, packed as LAZ by the file's ending."""
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales, header.offsets = np.full(3, 0.001), np.array([1000.0, 2000.0, 0.0])
+    scan = laspy.LasData(header)
+    scan.x, scan.y, scan.z = points().T + header.offsets[:, None]
+    scan.intensity = np.arange(200)
+    scan.gps_time = np.linspace(0, 1, 200)
+    scan.red = np.arange(200) * 256
+    scan.write(path)
 
 
 def open3d_pcd(path: Path) -> None:

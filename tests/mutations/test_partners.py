@@ -59,6 +59,7 @@ def count(some: list[Frame]) -> list[tuple[int, int]]:
     return [(len(frame.points()), len(frame.objects)) for frame in some]
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_one_file_is_gone(tmp_path, write, layout):
     opened = write(layout, tmp_path / "sound")

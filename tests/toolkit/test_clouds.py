@@ -191,6 +191,7 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         load(tmp_path / "damaged.ply")
 
 
+@pytest.mark.slow
 def test_clouds_own_their_memory_and_keep_points_when_thinned():
     clouds = [from_points(np.full((1000, 3), k, np.float32), k) for k in range(200)]
     gc.collect()

@@ -107,9 +107,10 @@ def _make_proportions(row: _CatalogueRow) -> Proportions:
 
 
 def _make_rails(row: _CatalogueRow) -> list[Mesh]:
-    """Rails on both sides of a roof."""
+    """Meshes of the left and right rail on a car's roof, as tubes."""
+    # `lean`: share of the width by which both sides lean in, 0.48 keeps the rail on the roof's edge
     y = row.width * (0.5 - 0.48 * row.lean)
-    # heights of the rail's feet, and of the rail (m)
+    # the height is that of the rail's top, nearly: heights of the feet and of the tube's axis (m)
     low = row.height - 0.08
     high = row.height - 0.08 + 0.05
     points = [  # x, y, z from the front to the rear

@@ -75,6 +75,7 @@ class EmptyScene:
     frames: int
 
     def __post_init__(self) -> None:
+        """Check the images of the empty scene, and make them read-only."""
         shape = self.model.shape
         for name in SCENE_IMAGES:
             image: Float[np.ndarray, "..."] = getattr(self, name)

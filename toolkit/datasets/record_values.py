@@ -3,6 +3,7 @@
 Damage becomes one line that names a file. Numbers may be strings (DAIR-V2X, and YAML's 1e-05), and
 rotations may be slightly off; anything worse is a ValueError."""
 
+import csv
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ from toolkit.runtime.text_values import parse_json
 Unchecked = Any  # a value of a file
 MAX_ROTATION_ERROR = 0.05  # largest entry of R Rᵀ - 1 of a rotation
 _DAMAGE = (
+    csv.Error,
     ValueError,
     TypeError,
     KeyError,

@@ -147,7 +147,10 @@ def _split_header(line: str) -> list[str]:
     separator = next((mark for mark in (";", ",", "\t") if mark in header), None)
     if separator is None:
         return [name.strip("\"'") for name in header.split()]
-    cells = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
+    try:
+        cells = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
+    except csv.Error:  # such as a cell of more than 131,072 characters, which names no column
+        cells = header.split(separator)
     return [cell.strip().strip("'") for cell in cells]
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from toolkit.arrays import Float64
 from toolkit.point_columns import Attributes, name_attributes
+from toolkit.point_files.las_sizes import check_chunks, check_records
 from toolkit.runtime.array_files import MAX_CLOUD_BYTES, check_unpacked
 from toolkit.runtime.reading import read_plain
 
@@ -54,21 +55,28 @@ def read_las(path: str | Path) -> Attributes:
         raise ImportError("reading .las needs laspy: pip install coview[scans]") from None
     content = read_plain(path)
     try:
-        _check_size(content)
+        _check_begin(content)
+        check_records(content)
         header = laspy.LasHeader.read_from(BytesIO(content), read_evlrs=True)
         _check_header(header, len(content))
-        if header.are_points_compressed and not laspy.LazBackend.detect_available():
-            raise ImportError("reading .laz needs lazrs: pip install coview[scans]")
-        points = laspy.read(BytesIO(content))
+        if header.are_points_compressed:
+            if not laspy.LazBackend.Lazrs.is_available():
+                raise ImportError("reading .laz needs lazrs: pip install coview[scans]")
+            check_chunks(content, header)
+        # in one thread: lazrs's threads reserve what the table of chunks says
+        points = laspy.read(BytesIO(content), laz_backend=laspy.LazBackend.Lazrs)
         return _attributes(header, points)
     except ImportError:
         raise
-    except Exception as error:  # laspy and lazrs raise errors of any kind
+    except BaseException as error:
+        # laspy raises errors of any kind, and lazrs's are no exceptions if its code panics
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"{path} holds no points that can be read: {reason}") from None
 
 
-def _check_size(content: bytes) -> None:
+def _check_begin(content: bytes) -> None:
     """Raise ValueError for an empty file, and one of another format."""
     if not content:
         raise ValueError("it is empty")

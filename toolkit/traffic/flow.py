@@ -5,11 +5,11 @@ is the compass direction in which it lies from the middle of the detection area,
 "south-east 2" for the second of two."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -92,13 +92,13 @@ class Flow:
         path = Path(path)
         lines = read_text(path).splitlines()
         rows = csv.reader(lines)
-        header = tuple(name.strip() for name in next(rows, []))
+        header = tuple(name.strip() for name in next(_read_rows(path, rows), []))
         if header != _COLUMNS:
             raise ValueError(
                 f"{path} must begin with the columns {','.join(_COLUMNS)}, got {','.join(header)}"
             )
         movements = []
-        for row in rows:
+        for row in _read_rows(path, rows):
             if not any(cell.strip() for cell in row):
                 continue
             where = f"{path}, line {rows.line_num}"
@@ -138,3 +138,14 @@ class Flow:
                 raise ValueError(
                     f"no {kind} can go from {entry!r} to {exit_name!r}: exits there are {exits}"
                 )
+
+
+def _read_rows(path: Path, rows: Any) -> Iterator[list[str]]:
+    """Yield the cells of each row of a table.
+
+    rows: a `csv.reader`. Raises ValueError, with the line, for a row that it cannot split, such as
+    one with a cell of more than 131,072 characters."""
+    try:
+        yield from rows
+    except csv.Error as error:
+        raise ValueError(f"{path}, line {rows.line_num}: {error}") from None

@@ -119,7 +119,9 @@ class StockOptions:
     """Detector, as in coview evaluate except cluster; a shipped one when left out."""
 
     def build(self, site: Site) -> Stock:
-        """Build the stock. Raises ValueError and OSError for unusable files."""
+        """Build the stock from the files that `sensors` and `keep_out` name.
+
+        Raises ValueError and OSError for unusable files."""
         return Stock(
             candidates=self.candidates,
             catalogue=None if self.sensors is None else load_sensor_catalogue(self.sensors),

@@ -53,6 +53,7 @@ SMALL = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", SMALL)
 @pytest.mark.parametrize("n", [0, 1, 3000])
 def test_sparse_is_dense(name, n, trained, cloud, assert_same):

@@ -72,6 +72,7 @@ def test_stopped_anywhere_and_gone_on_with_gives_the_same_weights(
     assert same_weights(undisturbed, again)
 
 
+@pytest.mark.slow
 def test_another_seed_gives_other_weights_and_workers_the_same(packed_file, tmp_path, same_weights):
     config, settings = presets.make_config(AREA, "fast"), replace(FAST, epochs=1.0)
     first = loop.train(packed_file, config, settings, tmp_path / "a")
@@ -189,6 +190,7 @@ def test_it_learns_two_frames_by_heart(frames, tmp_path):
     assert ap["AP@0.8"] > 0.9
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_other_weights_and_learns_in_bfloat16(packed_file, tmp_path):
     config, settings = (
         presets.make_config(AREA, "fast"),

@@ -109,6 +109,7 @@ def rush(street):
     return Detected(renders, street.detected.detector, "early")
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("failing", "levels", "combine"), product((0, 1, 2), (1, 2), ("worst", "mean"))
 )

@@ -117,6 +117,7 @@ def test_places_of_one_are_as_ever(make):
     assert replace(candidates, mounts=mounts).digest() != candidates.digest()
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("capacity", [2000.0, 1200.0])
 @pytest.mark.parametrize("most", [np.inf, 2.2])
 def test_searches_reach_the_best_of_all_sets(make, capacity, most):

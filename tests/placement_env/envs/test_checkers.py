@@ -35,6 +35,7 @@ def test_both_checkers_pass(name: str, fidelity: FidelityName) -> None:
     check_env_sb3(env)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("fidelity", SCORED_BY[:-1])
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_pass_moving_sensors(fidelity: FidelityName) -> None:

@@ -46,6 +46,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("vector", [False, True])
 @pytest.mark.parametrize("case", list(CASES))
 def test_it_answers_as_it_did(case: str, vector: bool) -> None:

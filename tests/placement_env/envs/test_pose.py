@@ -55,6 +55,7 @@ def test_rigs_stand_within_ranges_and_links_are_relieved():
     assert len(set(illegal)) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_pass_without_a_warning(env: gym.Env[Any, Any]) -> None:
     check_env(env.unwrapped, skip_close_check=True, skip_render_check=True)

@@ -14,6 +14,7 @@ LIGHT = "import sys; assert not {'torch', 'open3d', 'libsumo'} & set(sys.modules
 ROOT = Path(__file__).parents[3]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "code",
     [

@@ -27,6 +27,7 @@ def test_pictures_and_text(objective: Any, name: str) -> None:
     assert "no sensors" in str(text.render())
 
 
+@pytest.mark.slow
 def test_pictures_are_of_one_size_and_darker_with_points():
     env = gym.make(
         "coview/SensorPose-v0",

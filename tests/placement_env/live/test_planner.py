@@ -47,6 +47,7 @@ def test_figures_are_those_of_the_objective(planner) -> None:
     assert found == pytest.approx(answer.recall, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_an_interval_needs_five_blocks_and_holds_the_figure() -> None:
     planner = LivePlanner("tjunction", frames=40, seed=3)
     answer = planner.answer()
@@ -99,6 +100,7 @@ def test_a_lift_makes_no_panorama_and_refining_waits_while_somebody_moves() -> N
     assert list(live._iterate_frames()) == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_figures_of_few_frames_are_coarse_until_those_of_all_follow(planner) -> None:
     """They say their number, are followed whatever is done meanwhile, and no change is counted
     between them."""

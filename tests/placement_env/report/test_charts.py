@@ -92,6 +92,7 @@ def order(names):
     )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("chart", [bars, front, schemes, links, worth, failures, order])
 @pytest.mark.parametrize("names", [MANY[:1], MANY], ids=["one", "thirty"])
 def test_charts_are_sound_small_and_the_same_each_time(chart, names):

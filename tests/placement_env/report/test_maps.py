@@ -110,6 +110,7 @@ def test_means_are_of_counted_cells():
     assert not smooth(values, counted & False, 0.5).any()
 
 
+@pytest.mark.slow
 def test_plan_views_show_poles_none_or_thirty_sensors():
     bare = plan_view(SITE, SENSORS)
     assert bare == plan_view(SITE, SENSORS)

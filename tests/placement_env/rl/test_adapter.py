@@ -151,6 +151,7 @@ def test_returns_are_those_of_the_scalar_environment(make):
     assert native == pytest.approx(scalar, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_pose_environments_train_too():
     vector = as_sb3(
         gym.make_vec(

@@ -104,6 +104,7 @@ def test_what_was_stopped_goes_on_unless_cut_or_unknown(trained, tmp_path):
     assert not (tmp_path / learning.POLICY_FILE).exists()
 
 
+@pytest.mark.slow
 def test_continuous_actions_get_ppo_which_learns_to_an_end(tmp_path):
     told = []
     quick = Learning(

@@ -29,6 +29,7 @@ def test_a_pool_that_can_be_searched_stays_whole(few):
     assert narrow_pool(few.setting, few.run) is None
 
 
+@pytest.mark.slow
 def test_poles_and_poses_that_see_most_go_on(few, limits):
     limits(first_look, MAX_POSES=200)
     pool = few.setting.pool

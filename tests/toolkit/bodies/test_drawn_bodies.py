@@ -1,4 +1,5 @@
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,22 +14,26 @@ from toolkit.bodies.drawn_two_wheelers import TWO_WHEELERS, draw_two_wheeler
 from toolkit.mesh import box, stand
 from toolkit.objects import CYCLIST, HEAVY, LABELS, PEDESTRIAN, VEHICLE
 
-BUILT = [draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
+
+@cache
+def built():
+    """Heavy vehicles: kind, mesh and mirrors of each."""
+    return [draw_heavy(np.random.default_rng([1, k])) for k in range(250)]
 
 
 def of(*ends: str) -> list:
-    return [mesh for kind, mesh, _ in BUILT if kind.startswith(ends) or kind.endswith(ends)]
+    return [mesh for kind, mesh, _ in built() if kind.startswith(ends) or kind.endswith(ends)]
 
 
 def test_buses_and_all_superstructures_are_built():
     assert sum(SUPERSTRUCTURES.values()) == pytest.approx(1)
-    kinds = {kind for kind, _, _ in BUILT}
+    kinds = {kind for kind, _, _ in built()}
     assert set(BUSES) <= kinds
     assert {f"{load}_truck" for load in SUPERSTRUCTURES} <= kinds
 
 
 def test_mirrors_stick_out_on_both_sides_at_the_front():
-    for kind, mesh, mirrors in BUILT:
+    for kind, mesh, mirrors in built():
         body, out = np.abs(mesh.vertices[:, 1]).max(), mirrors.vertices
         assert 0.05 < np.abs(out[:, 1]).max() - body < 0.3, kind
         assert np.allclose(np.sort(out[:, 1]), np.sort(-out[:, 1]))
@@ -68,15 +73,18 @@ def test_sizes_are_those_of_the_kind(kinds, lengths, heights):
         assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
 
 
-DRAWN = [draw_person(np.random.default_rng([1, k])) for k in range(400)]
+@cache
+def drawn():
+    """People: kind, mesh and the rest of each."""
+    return [draw_person(np.random.default_rng([1, k])) for k in range(400)]
 
 
 def heights(kind: str) -> np.ndarray:
-    return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh, _ in DRAWN if each == kind])
+    return np.array([np.ptp(mesh.vertices[:, 2]) for each, mesh, _ in drawn() if each == kind])
 
 
 def test_people_have_their_shares():
-    counts = Counter(kind for kind, _, _ in DRAWN)
+    counts = Counter(kind for kind, _, _ in drawn())
     assert set(counts) == set(PEOPLE)
     for kind, share in {
         "adult": 0.73,
@@ -85,7 +93,7 @@ def test_people_have_their_shares():
         "walker": 0.02,
         "wheelchair": 0.035,
     }.items():
-        assert counts[kind] / len(DRAWN) == pytest.approx(share, abs=0.05)
+        assert counts[kind] / len(drawn()) == pytest.approx(share, abs=0.05)
 
 
 def test_people_have_the_heights_of_their_kind():
@@ -98,8 +106,10 @@ def test_people_have_the_heights_of_their_kind():
 
 
 def test_people_stand_on_the_ground_and_stride():
-    assert max(abs(mesh.vertices[:, 2].min()) for _, mesh, _ in DRAWN) < 1e-9
-    lengths = np.array([np.ptp(mesh.vertices[:, 0]) for kind, mesh, _ in DRAWN if kind == "adult"])
+    assert max(abs(mesh.vertices[:, 2].min()) for _, mesh, _ in drawn()) < 1e-9
+    lengths = np.array(
+        [np.ptp(mesh.vertices[:, 0]) for kind, mesh, _ in drawn() if kind == "adult"]
+    )
     assert lengths.min() < 0.4
     assert lengths.max() > 0.9
 
@@ -231,6 +241,7 @@ def test_only_mirrors_stick_out_of_the_box_which_is_tight(label):
     assert expected[0] <= with_mirrors / COUNT <= expected[1]
 
 
+@pytest.mark.slow
 def test_kinds_of_every_class_follow_the_seed():
     kinds = {
         label: {

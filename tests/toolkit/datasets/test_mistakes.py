@@ -74,6 +74,7 @@ MISTAKES = (
 )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("change", "suspected", "published"),
     [*((*m, False) for m in MISTAKES), *((*m, True) for m in MISTAKES[::4])],

@@ -28,6 +28,7 @@ def recording():
     return random_recording(seed=4, number=1, frames=3)
 
 
+@pytest.mark.slow
 def test_a_recording_is_whole_by_seed_and_number(recording):
     assert len(recording.frames) == 3
     sensors = recording.frames[0].sensors
@@ -192,6 +193,7 @@ def test_no_sites_are_refused_before_anything_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("number", range(3))
 def test_what_moves_touches_nothing_that_stands(number):
     """A minute and more of traffic at sites with works, crowns and bays: every body is clear of

@@ -166,6 +166,7 @@ def test_killed_and_started_again_it_writes_the_same_bytes(tmp_path, undisturbed
     assert out.read_bytes() == undisturbed.read_bytes()
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("share", [0.1, 0.8])
 def test_no_room_on_the_disk(tmp_path, undisturbed, share):
     """A file may not grow beyond a share of what is needed: too little for a part, and enough for
@@ -264,6 +265,7 @@ def test_a_ray_cluster_writes_the_same_bytes(tmp_path, undisturbed):
     assert told == [FRAMES_PER_BLOCK, 2 * FRAMES_PER_BLOCK, FRAMES]
 
 
+@pytest.mark.slow
 def test_progress_is_told_while_processes_work(tmp_path):
     told: list[int] = []
     job = small_job(workers=2, progress=lambda _, done, total: told.append(done))

@@ -518,6 +518,7 @@ def check(written, layout, mistake):
     assert bench.verdict(mistake, said) == "found", said
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("layout", LABELLED)
 def test_nothing_is_suspected_of_untouched_files(written, layout):
     path, terms = written(layout), mistakes.TERMS.get(layout)
@@ -540,6 +541,7 @@ def test_boxes_are_read_within_a_millimetre_and_a_hundredth_of_a_degree(samples,
         assert np.rad2deg(np.abs(np.angle(np.exp(1j * (a[:, 6] - b[:, 6]))))).max() < 0.01
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("layout", "mistake"), SOME)
 def test_mistakes_are_found(written, layout, mistake):
     check(written, layout, mistake)

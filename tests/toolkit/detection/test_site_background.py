@@ -36,6 +36,7 @@ def place(request):
     )
 
 
+@pytest.mark.one_in(2)
 def test_the_site_is_background(place):
     site, frames, background = place
     clouds = frame_points(frames[0], area=site, rng=np.random.default_rng(0))
@@ -55,6 +56,7 @@ def test_space_above_the_ground_is_no_background(place):
     assert background.holds(clear).mean() < 0.1  # there are crowns, fences and works
 
 
+@pytest.mark.one_in(2)
 def test_what_is_behind_all_that_moves_is_background(place):
     site, _, background = place
     assert site_background(site).digest == background.digest

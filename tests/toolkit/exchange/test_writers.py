@@ -542,6 +542,7 @@ def extreme(seed: int) -> list[dict]:
     return instants
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", [name for name in READERS if name != "mf-json"])
 @pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 200), marks=pytest.mark.slow)])

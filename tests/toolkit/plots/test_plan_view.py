@@ -84,6 +84,7 @@ def test_frames_are_drawn_the_same_again(tmp_path):
         )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "shown",
     [
@@ -106,6 +107,7 @@ def test_a_frame_shows_what_is_handed_over(tmp_path, bare, shown):
     assert one.shape != bare.shape or (one != bare).any()
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("outcome", "there"),
     [

@@ -22,6 +22,7 @@ def texts(spy):
     return lambda: {text.get_text() for text in calls[-1].args[0].findobj(Text)}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("ending", ["png", "svg"])
 def test_counts_and_arms_are_in_the_picture(tmp_path, texts, ending):
     out = tmp_path / f"counts.{ending}"

@@ -57,6 +57,7 @@ def test_ponds_lie_below_the_ground_up_to_their_banks():
     )
 
 
+@pytest.mark.slow
 def test_meshes_of_sites_repeat_and_are_of_moderate_size():
     for name in ("tjunction", "roundabout"):
         first, second = build_scenery(load_site(name)), build_scenery(load_site(name))

@@ -46,6 +46,7 @@ def restore(sources):
         path.write_bytes(source)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("job", JOBS.values(), ids=JOBS)
 def test_every_module_that_the_job_runs_counts_and_no_other(tree, job):
     closure, _ = import_closure((job,), tree)

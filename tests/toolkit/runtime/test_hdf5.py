@@ -135,6 +135,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("early", [[], ["early"]])
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, size, early):

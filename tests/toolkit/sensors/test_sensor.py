@@ -373,6 +373,7 @@ def test_what_a_fidelity_counts_is_what_was_rendered(model):
     assert np.allclose(np.mean(sent, axis=0), found.sent, rtol=0.05, atol=15)
 
 
+@pytest.mark.one_in(2)
 @models
 def test_objectives_and_environments_take_it(model):
     pytest.importorskip("libsumo")

@@ -429,6 +429,7 @@ def low(site, below):
     return [s for s, foot in zip(site.solids, feet, strict=True) if s.base - foot < below]
 
 
+@pytest.mark.slow
 def test_what_is_drawn_keeps_off_what_the_map_has(bare):
     house = Solid(furniture.rectangle(10.0, 10.0, 30.0, 30.0), 0.0, 7.0)
     lamp = Mount("lamp99", np.array([9.0, 9.0, 0.0]))

@@ -36,6 +36,7 @@ def north(site):
     return site.parking[site.parking[:, 1] > 0]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("tags", "sides"),
     [
@@ -66,6 +67,7 @@ def test_sides_of_the_street(tmp_path, imported, east_west, tags, sides):
     assert np.cos(north(site)[:, 2]) == pytest.approx(-1, abs=1e-3), "as its traffic goes"
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("orientation", "angle", "wide"), [("diagonal", 45, 4.8), ("perpendicular", 90, 5.2)]
 )

@@ -96,6 +96,7 @@ def check_traffic(site: Site, tmp_path) -> None:
         libsumo.close()
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("seed", range(5))
 def test_site_is_valid(seed, tmp_path):
     check(random_site(seed), tmp_path)
@@ -107,6 +108,7 @@ def test_many_sites_are_valid(seed, tmp_path):
     check(random_site(np.random.default_rng(1000 + seed)), tmp_path)
 
 
+@pytest.mark.slow
 def test_random_sites_repeat_with_the_seed():
     assert format_site(random_site(3)) == format_site(random_site(np.random.default_rng(3)))
     assert format_site(random_site(3)) != format_site(random_site(4))

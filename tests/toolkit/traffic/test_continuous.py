@@ -45,6 +45,7 @@ def tracks(traffic):
     return {name: (label, first, np.array(boxes)) for name, (label, first, boxes) in found.items()}
 
 
+@pytest.mark.one_in(2)
 @needs_sumo
 def test_all_classes_come_in_at_the_border_and_leave_there(traffic, tracks):
     parked = set(traffic.parked_ids.tolist())

@@ -38,6 +38,7 @@ def test_a_drawn_flow_has_all_movements_and_survives_a_table(tmp_path):
             "line 3: per_hour must be a number, got 'many'",
         ),
         ("kind,entry,exit,per_hour\ntram,east,west,3\n", "got 'tram'"),
+        ("kind,entry,exit,per_hour\n" + "x" * 200_000, "line 2: field larger than field limit"),
         ("kind,entry,exit,per_hour\nvehicle,east,west,-1\n", "0 to 3600, got -1"),
         ("kind,entry,exit,per_hour\nvehicle,east,west,nan\n", "0 to 3600, got nan"),
         ("kind,entry,exit,per_hour\nvehicle,a,b,1\nvehicle,a,b,2\n", "listed twice"),

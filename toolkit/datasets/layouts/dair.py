@@ -131,18 +131,21 @@ def _read_place(folder: Path, name: str, problems: problem_kinds.Problems) -> Po
 
 
 def _read_stamps(side: Path) -> dict[str, float]:
-    """Times of a side's clouds by name (s), if its data_info.json gives one."""
+    """Times of a side's clouds by name (s), if its data_info.json gives one.
+
+    side: folder of the vehicle's or the infrastructure's part of the dataset."""
     index = side / "data_info.json"
-    if not lexists(index):
+    if not lexists(index):  # a broken link is damage, not absence
         return {}
     stamps = {}
     with name_damage(index, "list of clouds"):
         for row in record_values.as_list(record_values.load_json(index)):
             cloud_path = str(row.get("pointcloud_path") or row.get("frame_id") or "")
             name = PureWindowsPath(cloud_path).stem
-            ticks = frame_times.finite_time(row.get("pointcloud_timestamp"), "pointcloud_timestamp")
-            if ticks is not None:
-                stamps[name] = parse_microseconds(ticks)
+            stamp_us = row.get("pointcloud_timestamp")
+            time_us = frame_times.finite_time(stamp_us, "pointcloud_timestamp")
+            if time_us is not None:
+                stamps[name] = parse_microseconds(time_us)
     return stamps
 
 

@@ -228,6 +228,7 @@ def test_bytes_and_what_they_put_on_a_link(recording, tmp_path, run):
     )
 
 
+@pytest.mark.slow
 def test_times_of_stages_are_stated_by_scheme_when_asked_for(ours, recording, tmp_path, run):
     asked = ("evaluate", recording, "--detector", "our_detectors:detect", "--schemes", "early")
     _, said, _ = run(*asked, "--timings", "--out", tmp_path / "a", "--json")

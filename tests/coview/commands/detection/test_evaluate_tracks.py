@@ -51,6 +51,7 @@ def write(path, truth):
     return path
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", ["tracks.json", "tracks.csv", "tracks.txt", "openlabel.json"])
 def test_the_truth_scores_one_in_every_format(street, truth, tmp_path, run, name):
     path = write(tmp_path / name, truth)

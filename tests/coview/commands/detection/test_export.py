@@ -17,14 +17,8 @@ pytest.importorskip("onnxscript")
 onnx = pytest.importorskip("onnx")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "tjunction",
-        pytest.param("general", marks=pytest.mark.slow),
-        pytest.param("roundabout", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tjunction", "general", "roundabout"])
 def test_shipped_networks_detect_the_same(name, recording, tmp_path, run):
     site = CoopDataset(recording).site
     area = site.area.tolist() if name == "general" else None

@@ -211,6 +211,7 @@ def test_a_missing_package_is_named_before_anything_is_rendered(method, without_
     assert "pip install coview[" in err
 
 
+@pytest.mark.slow
 def test_sensor_models_by_name(run, refused, tmp_path):
     site, two_poles = load_site("tjunction"), tmp_path / "two-poles.json"
     save_site(replace(site, mounts=site.mounts[:2]), two_poles)

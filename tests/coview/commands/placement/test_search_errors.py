@@ -5,6 +5,7 @@ import json
 import pytest
 
 
+@pytest.mark.slow
 def test_it_searches_and_verifies_over_error_profiles(tmp_path, run):
     few = (
         "--candidates",

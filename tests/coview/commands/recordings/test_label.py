@@ -41,6 +41,7 @@ def tracks(tmp_path):
     return path
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("layout", ["sustech", "openlabel", "folder", "kitti"])
 def test_labels_come_back_with_their_numbers(clouds, tracks, tmp_path, run, layout):
     out = tmp_path / "labelled"

@@ -81,6 +81,7 @@ def made(tmp_path_factory, table):
     return result, detector, out, stages
 
 
+@pytest.mark.slow
 def test_every_experiment_has_its_files(made):
     result, _, out, _ = made
     assert tuple(each.name for each in result.experiments) == NAMES

@@ -40,6 +40,7 @@ def rows(driving, tops):
     return both + ask(driving(), tops(), schemes=["foreground"], kinds=("delay", "rate"))
 
 
+@pytest.mark.slow
 def test_bytes_are_those_of_an_evaluation_after_the_first_second(rows, driving, tops):
     class Later:
         site, sensors = driving.site, driving.sensors

@@ -85,6 +85,7 @@ def outline(document):
     return Outline(to_html(document, SCENE))
 
 
+@pytest.mark.slow
 def test_outlines_have_title_navigation_and_pictures_of_their_own(outline):
     assert outline.all("html") == [{"lang": "en"}]
     assert [len(outline.all(tag)) for tag in ("title", "h1", "main", "nav", "header")] == [1] * 5

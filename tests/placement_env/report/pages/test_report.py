@@ -105,6 +105,7 @@ def magenta(image):
     return int(((red > 190) & (green < 110) & (blue > 120)).sum())
 
 
+@pytest.mark.slow
 def test_the_scene_turns_and_hides_what_is_switched_off(page):
     page.locator("#scene-frame").scroll_into_view_if_needed()
     page.wait_for_selector("#scene[data-ready]")
@@ -218,6 +219,7 @@ FAINT = """() => {  // texts whose contrast is below 4.5 (WCAG 2.1 AA)
 }"""
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("width", [390, 768, 1280])
 def test_nothing_is_cut_or_overlaps_at_any_width_and_all_is_legible(page, width):
     page.set_viewport_size({"width": width, "height": 800})
@@ -238,6 +240,7 @@ def test_nothing_is_cut_or_overlaps_at_any_width_and_all_is_legible(page, width)
         assert (bright[0] > bright[1]) == (scheme == "dark")
 
 
+@pytest.mark.slow
 def test_the_tabulator_goes_down_the_page(page):
     page.set_viewport_size({"width": 1280, "height": 800})
     order = "a[href], button, input, summary, iframe"

@@ -116,6 +116,7 @@ def test_by_a_surrogate_the_answer_reaches_it_and_no_set_is_cheaper_than_the_bou
 CONDITIONS = [{"failing": 1}, {"levels": 2}, {"parts": 2}, {"failing": 1, "levels": 2}]
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("asked", CONDITIONS)
 def test_by_a_surrogate_whichever_sensor_fails_and_at_each_level(junction, asked):
     """What the answer leaves is counted here frame by frame, not by the demand's own means."""
