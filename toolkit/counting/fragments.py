@@ -148,9 +148,9 @@ def _drop_shadows(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 
 def _measure_shadow(trajectory: Trajectory, longer: Trajectory) -> float:
     """Share of the rows of a trajectory that are within the body of a longer one then."""
-    _, rows, longer_rows = np.intersect1d(
-        trajectory.times, longer.times, assume_unique=True, return_indices=True
-    )
+    common = np.intersect1d(trajectory.times, longer.times, assume_unique=True, return_indices=True)
+    rows = common[1]
+    longer_rows = common[2]
     points = trajectory.boxes[rows, :2]
     boxes = longer.boxes[longer_rows]
     dx = points[:, 0] - boxes[:, 0]

@@ -9,7 +9,7 @@ import numpy as np
 from toolkit.arrays import Float64
 from toolkit.counting.trajectories import Trajectory
 
-STEP_S = 0.1
+REFINED_STEP_S = 0.1
 MAX_STEP_S = 0.15  # longer steps are divided
 MAX_FILLED_S = 4.0  # longer gaps of one road user stay
 
@@ -29,7 +29,7 @@ def refine_trajectories(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 def _divide_steps(times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
     """Times (s, ascending) with more in equal parts of each step above `MAX_STEP_S`."""
     steps = np.diff(times)
-    parts = np.where(steps > MAX_STEP_S, np.rint(steps / STEP_S), 1).astype(np.int64)
+    parts = np.where(steps > MAX_STEP_S, np.rint(steps / REFINED_STEP_S), 1).astype(np.int64)
     begin = np.repeat(np.cumsum(parts) - parts, parts)
     number = np.arange(len(begin)) - begin  # of each part in its step
     inner = np.repeat(times[:-1], parts) + number * np.repeat(steps / parts, parts)

@@ -132,7 +132,10 @@ def test_times_that_go_back_are_refused():
 
 def test_new_rows_are_between_known_ones_and_even_steps_stay():
     times = EVEN[::5].tolist()
-    truths = [Objects(*place(time), list_ids(place(time)[0])) for time in times]
+    truths = []
+    for time in times:
+        boxes, labels = place(time)
+        truths.append(Objects(boxes, labels, list_ids(boxes)))
     coarse = collect_trajectories(truths, times)
     fine = refine_trajectories(coarse)
     for before, after in zip(coarse, fine, strict=True):
