@@ -17,11 +17,13 @@ import numpy as np
 
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.boxes import are_close
+from toolkit.counting.resampling import refine_trajectories
 from toolkit.counting.trajectories import MOVING_M_S, Trajectory
 from toolkit.objects import LABELS, PEDESTRIAN
 
 MAX_PET_S = 5.0
 MIN_CROSSING_DEG = 20.0
+MIN_KNOWN_S = 1.0  # most road users that are seen for less are false
 TTC_SPAN_S = 4.0  # before a conflict, in which the time to collision is looked for
 MAX_PLACE_OFFSET_M = 4.0  # between a conflict and its true one
 MAX_TIME_OFFSET_S = 1.5
@@ -60,8 +62,15 @@ def find_conflicts(
 ) -> list[Conflict]:
     """Conflicts with a PET of at most `max_pet` seconds, in the order of time.
 
+    Between frames that are lost or far apart, road users go straight on.
+
     area: xmin, ymin, xmax, ymax (m) in which their places are, None for anywhere."""
-    moving = [trajectory for trajectory in trajectories if (trajectory.speeds > MOVING_M_S).any()]
+    moving = [
+        trajectory
+        for trajectory in trajectories
+        if (trajectory.speeds > MOVING_M_S).any() and trajectory.known_s >= MIN_KNOWN_S
+    ]
+    moving = refine_trajectories(moving)
     conflicts = []
     for user, partner in _list_pairs(moving, max_pet):
         conflict = _find_conflict(user, partner, max_pet)

@@ -13,6 +13,7 @@ from toolkit.tracking.tracks import Tracks
 MIN_TRACK_SCORE = 0.3  # mean score of a track that counts
 SPEED_SMOOTHING_S = 0.3  # standard deviation of the mean over time of measured positions
 MOVING_M_S = 0.5  # slower is standing
+MAX_EVEN_STEPS = 1.5  # median steps between rows, above which some are missing
 
 
 class Trajectory(NamedTuple):
@@ -36,6 +37,12 @@ class Trajectory(NamedTuple):
         """Speed at each time (m/s)."""
         return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
 
+    @property
+    def known_s(self) -> float:
+        """Seconds in which it is known, without gaps; 0 for a single time."""
+        steps = np.diff(self.times)
+        return len(self.times) * float(np.median(steps)) if len(steps) else 0.0
+
     def select(self, rows: slice) -> "Trajectory":
         """Part of the trajectory."""
         return self._replace(
@@ -55,9 +62,16 @@ def collect_trajectories(
         frames: Road users in each frame, with ids that last.
         times: Time of each frame (s), ascending.
 
-    Raises ValueError for another number of times than of frames."""
+    Raises ValueError for another number of times than of frames, and for times that do not rise."""
     if len(frames) != len(times):
         raise ValueError(f"each frame needs a time, got {len(frames)} and {len(times)}")
+    steps = np.diff(times)
+    if not (steps > 0).all():
+        number = int(np.argmin(steps > 0)) + 1
+        raise ValueError(
+            "trajectories need frames in the order of time, one at each time, got "
+            f"{times[number]:g} s after {times[number - 1]:g} s at frame {number}"
+        )
     counts = [len(objects) for objects in frames]
     seconds = np.repeat(np.asarray(times, np.float64), counts)
     if not len(seconds):
@@ -114,6 +128,23 @@ def _find_velocities(
     """Velocity at each time (m/s), 0 for a single one. points: x, y (m); seconds: their times."""
     if len(points) < 2:
         return np.zeros((len(points), 2))
-    sigma = SPEED_SMOOTHING_S / float(np.median(np.diff(seconds)))
-    smoothed = smooth_rows(points, sigma)
+    steps = np.diff(seconds)
+    step = float(np.median(steps))
+    sigma = SPEED_SMOOTHING_S / step
+    if steps.max() > MAX_EVEN_STEPS * step:
+        # rows are smoothed at equal distances in time
+        even = np.arange(seconds[0], seconds[-1] + step, step)
+        smoothed = smooth_rows(_interpolate(even, seconds, points), sigma)
+        smoothed = _interpolate(seconds, even, smoothed)
+    else:
+        smoothed = smooth_rows(points, sigma)
     return np.stack([np.gradient(smoothed[:, axis], seconds) for axis in (0, 1)], axis=1)
+
+
+def _interpolate(
+    times: Float64[np.ndarray, " k"],
+    seconds: Float64[np.ndarray, " n"],
+    points: Float64[np.ndarray, "n 2"],
+) -> Float64[np.ndarray, "k 2"]:
+    """Points (x, y) at some times on straight lines between those known. seconds: their times."""
+    return np.stack([np.interp(times, seconds, points[:, axis]) for axis in (0, 1)], axis=1)

@@ -13,7 +13,6 @@ from toolkit.arrays import Float64, Mask
 from toolkit.calibration.place import Place, Stand
 from toolkit.detection.breakdown import select_truth
 from toolkit.detection.track_evaluation import ScoredFrame
-from toolkit.display import describe_count
 from toolkit.exchange.track_frames import TrackFile
 from toolkit.exchange.track_lookup import FrameKey, TrackLookup
 from toolkit.frame import Recording, Region
@@ -21,7 +20,6 @@ from toolkit.objects import Objects
 from toolkit.points import has_centre_inside
 from toolkit.sensors.track_velocities import MOST_APART, velocities
 from toolkit.tracking.object_errors import TruthMotion
-from toolkit.tracking.tracks import Tracks
 
 MAX_NEAR_M = 5.0  # between a track and a true object of one place
 
@@ -98,7 +96,7 @@ def pair_with_truth(
         is_part: True if the recording goes on after these frames; later tracks are left out.
 
     Raises ValueError, by name, for what does not match (see above)."""
-    tracks = _order_tracks(TrackLookup(file), [frame.key for frame in truth], is_part=is_part)
+    tracks = TrackLookup(file).list_tracks([frame.key for frame in truth], is_part=is_part)
     motions = find_motions([frame.objects for frame in truth], [frame.key.time for frame in truth])
     scored_frames = []
     for frame_tracks, frame, motion in zip(tracks, truth, motions, strict=True):
@@ -109,22 +107,6 @@ def pair_with_truth(
         )
     check_near(str(file.path), scored_frames)
     return scored_frames
-
-
-def _order_tracks(lookup: TrackLookup, keys: Sequence[FrameKey], *, is_part: bool) -> list[Tracks]:
-    """Tracks of each frame of a recording, empty in frames that the file does not list.
-
-    lookup: tracks of the file; keys: frames of the recording; is_part: as in `pair_with_truth`."""
-    tracks_by_key = [lookup.find(key) for key in keys]
-    lookup.check_all_used(len(keys), keys[-1] if is_part else None)
-    missing_keys = [key for key, tracks in zip(keys, tracks_by_key, strict=True) if tracks is None]
-    if lookup.file.is_complete and missing_keys:
-        frames_text = describe_count(len(keys), "frame")
-        raise ValueError(
-            f"{lookup.file.path} lacks {len(missing_keys)} of {frames_text}, the first "
-            f"{missing_keys[0].describe()}: track the whole recording, or pass --frames"
-        )
-    return [Tracks.empty() if tracks is None else tracks for tracks in tracks_by_key]
 
 
 def find_motions(truth: Sequence[Objects], times: Sequence[float]) -> list[TruthMotion]:

@@ -1,9 +1,11 @@
 """Tracks of a file by the frames of a recording."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from toolkit.display import describe_count
 from toolkit.exchange.track_frames import TrackFile, TrackFrame
 from toolkit.tracking.tracks import Tracks
 
@@ -66,6 +68,25 @@ class TrackLookup:
             nearest_index = int(time_gaps.argmin())
             return nearest_index if time_gaps[nearest_index] <= MAX_TIME_GAP_S else None
         return self._index_by_key.get(key.name if self._has_names else key.number)
+
+    def list_tracks(self, keys: Sequence[FrameKey], *, is_part: bool = False) -> list[Tracks]:
+        """List the tracks of each frame of a recording, empty in frames that the file leaves out.
+
+        Args:
+            keys: Frames of the recording.
+            is_part: True if the recording goes on after these frames; later tracks are left out.
+
+        Raises ValueError for a frame that a complete file lacks, and for frames of the file that
+        are not among these."""
+        matches = [self.find(key) for key in keys]
+        self.check_all_used(len(keys), keys[-1] if is_part else None)
+        missing = [key for key, tracks in zip(keys, matches, strict=True) if tracks is None]
+        if self.file.is_complete and missing:
+            raise ValueError(
+                f"{self.file.path} lacks {len(missing)} of {describe_count(len(keys), 'frame')}, "
+                f"the first {missing[0].describe()}: track the whole recording, or pass --frames"
+            )
+        return [Tracks.empty() if tracks is None else tracks for tracks in matches]
 
     def list_used(self) -> list[TrackFrame]:
         """List the frames of the file that were found, in its order."""

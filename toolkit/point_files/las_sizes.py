@@ -8,7 +8,8 @@ https://github.com/ASPRSorg/LAS, and https://github.com/tmontaigu/laz-rs for the
 import struct
 from typing import Any
 
-_HEADER_SIZE_BYTE = 94  # bytes of the header, byte of the first point, number of records
+_HEADER_SIZE_BYTE = 94  # bytes of the header, then byte of the first point
+_RECORD_COUNT_BYTE = 100
 _EXTENDED_BYTE = 235  # byte of the first extended record, and their number, from LAS 1.4 on
 _MIN_HEADER_BYTES = 227
 _EXTENDED_HEADER_BYTES = 375
@@ -22,7 +23,8 @@ def check_records(content: bytes) -> None:
     content: whole file, which begins with LASF."""
     if len(content) < _MIN_HEADER_BYTES:
         raise ValueError(f"it is cut off in its header, after {len(content)} bytes")
-    header_bytes, first_point, records = struct.unpack_from("<HII", content, _HEADER_SIZE_BYTE)
+    header_bytes, first_point = struct.unpack_from("<HI", content, _HEADER_SIZE_BYTE)
+    (records,) = struct.unpack_from("<I", content, _RECORD_COUNT_BYTE)
     if not _MIN_HEADER_BYTES <= header_bytes <= first_point <= len(content):
         raise ValueError(
             f"its header is said to have {header_bytes} bytes and its points to begin at byte "

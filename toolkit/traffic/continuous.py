@@ -1,8 +1,8 @@
 """Continuous traffic: frames of ways through a site that never overlap.
 
 Frames may be any number of steps of 0.1 s apart. A road user that would overlap another, a parked
-vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`). It is refused as a whole
-if that does not help, so that nobody appears or vanishes inside the view."""
+vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`), or sets out later. It is
+refused as a whole if that does not help, so that nobody appears or vanishes inside the view."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from toolkit.arrays import Int64
+from toolkit.arrays import Bool, Float64, Int64
 from toolkit.boxes import footprints
 from toolkit.objects import CYCLIST, HEAVY, PEDESTRIAN, VEHICLE, Objects
 from toolkit.sites.site import Site
@@ -19,11 +19,13 @@ from toolkit.traffic.obstacles import LevelBoxes, Obstacles
 from toolkit.traffic.occupancy import Occupancy, size_boxes
 from toolkit.traffic.parked import Parked
 from toolkit.traffic.right_of_way import Course, give_way
-from toolkit.traffic.road_lanes import outline_view
+from toolkit.traffic.road_lanes import distance_to_area, outline_view
 from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply
 from toolkit.traffic.ways import Journey, Traveller, simulate_ways
 
+# by which a road user that finds no way through sets out later, one tried after the other
+DELAYS_STEPS = (0, 50, 100, 200, 400)
 # rank of each class; lower ones do not give way to higher ones
 RANK = {VEHICLE: 0, HEAVY: 0, CYCLIST: 1, PEDESTRIAN: 2}
 
@@ -105,7 +107,6 @@ def simulate_continuously(
     last = max(0, frames - 1) * stride
     occupancy = Occupancy(site.area, obstacles, parked_boxes, last)
     kept_ways = _keep_apart(ways, supply, occupancy)
-    view = outline_view(site.area)
     frame_parts = [np.zeros(0, np.int64)]
     box_parts = [np.zeros((0, 7))]
     way_parts = [np.zeros(0, np.int64)]
@@ -113,7 +114,7 @@ def simulate_continuously(
         steps = way.first + np.arange(len(way.poses))
         rows = np.flatnonzero((steps % stride == 0) & (steps >= 0) & (steps < frames * stride))
         boxes = size_boxes(way.poses[rows], supply.sizes[way.traveller.body])
-        is_seen = shapely.intersects(shapely.polygons(footprints(boxes)), view)
+        is_seen = _mask_seen(boxes, site.area)
         frame_parts.append(steps[rows][is_seen] // stride)
         box_parts.append(boxes[is_seen])
         way_parts.append(np.full(int(is_seen.sum()), number))
@@ -138,19 +139,34 @@ def simulate_continuously(
     )
 
 
+def _mask_seen(boxes: LevelBoxes, area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
+    """Mask of boxes that touch the view of an area.
+
+    area: xmin, ymin, xmax, ymax (m)."""
+    view = outline_view(area)
+    distances = distance_to_area(boxes[:, :2], np.array(view.bounds))
+    is_seen = distances <= 0
+    is_open = ~is_seen & (distances <= np.hypot(boxes[:, 3], boxes[:, 4]))
+    outlines = shapely.polygons(footprints(boxes[is_open]))
+    is_seen[is_open] = shapely.intersects(outlines, view)
+    return is_seen
+
+
 def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> list[Journey]:
     """Ways without overlaps, in the same order; those that find no way through are left out.
 
-    Vehicles go before cyclists and these before walkers, in each class who set out first."""
+    Vehicles go before cyclists and these before walkers, in each class who set out first. Who finds
+    no way through sets out later."""
     labels = supply.labels[[way.traveller.body for way in ways]].tolist() if ways else []
     order = sorted(range(len(ways)), key=lambda number: RANK[labels[number]])
-    poses_by_number = {}
+    ways_by_number = {}
     for number in order:
         way = ways[number]
         size = supply.sizes[way.traveller.body]
-        poses = give_way(Course(way.first, way.poses, size, labels[number]), occupancy)
-        if poses is not None:
-            poses_by_number[number] = poses
-    return [
-        ways[number]._replace(poses=poses_by_number[number]) for number in sorted(poses_by_number)
-    ]
+        for delay in DELAYS_STEPS:
+            first = way.first + delay
+            poses = give_way(Course(first, way.poses, size, labels[number]), occupancy)
+            if poses is not None:
+                ways_by_number[number] = way._replace(first=first, poses=poses)
+                break
+    return [ways_by_number[number] for number in sorted(ways_by_number)]

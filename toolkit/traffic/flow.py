@@ -7,12 +7,13 @@ is the compass direction in which it lies from the middle of the detection area,
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from toolkit.arrays import Rng
+from toolkit.arrays import Float64, Rng
 from toolkit.runtime.reading import read_text
 
 ROAD_USER_KINDS = ("vehicle", "cyclist", "walker")
@@ -63,6 +64,11 @@ class Flow:
                     f"{movement.kind}s from {movement.entry} to {movement.exit} are listed twice"
                 )
             listed.add(movement[:3])
+
+    @cached_property
+    def per_hour(self) -> Float64[np.ndarray, " movements"]:
+        """Mean number of road users in an hour, for each movement."""
+        return np.array([movement.per_hour for movement in self.movements], np.float64)
 
     @staticmethod
     def draw(possible: Mapping[str, Mapping[str, Sequence[str]]], rng: Rng) -> "Flow":

@@ -42,8 +42,17 @@ class Obstacles:
         """Mask of boxes that touch an obstacle, or come within half of `BODY_GAP_M` of it.
 
         A box may be under a solid that begins above its top, such as a tree's crown."""
+        # outlines are drawn only for boxes whose circles touch an obstacle
+        radii = np.hypot(boxes[:, 3] + BODY_GAP_M, boxes[:, 4] + BODY_GAP_M) / 2
+        middles = shapely.points(boxes[:, :2])
+        reach = radii.max(initial=0.0) + BODY_GAP_M
+        is_near = np.zeros(len(boxes), bool)
+        is_near[self.tree.query(middles, predicate="dwithin", distance=reach)[0]] = True
+        near = np.flatnonzero(is_near)
         # row of the box and index of the obstacle of each pair that touches, seen from above
-        rows, obstacles = self.tree.query(outline_boxes(boxes), predicate="intersects")
+        pairs = self.tree.query(outline_boxes(boxes[near]), predicate="intersects")
+        rows = near[pairs[0]]
+        obstacles = pairs[1]
         centre_z, height = boxes[rows, 2], boxes[rows, 5]
         box_tops = centre_z + height / 2
         is_hit = np.zeros(len(boxes), bool)

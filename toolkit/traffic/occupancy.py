@@ -9,6 +9,7 @@ from toolkit.boxes import are_close
 from toolkit.traffic.obstacles import BODY_GAP_M, LevelBoxes, Obstacles, place_boxes
 from toolkit.traffic.road_lanes import VIEW_MARGIN_M, distance_to_area
 
+ROUNDING_M = 1e-6
 _FIRST_CAPACITY = 256  # bodies for which memory is set aside at first
 
 
@@ -82,12 +83,15 @@ class Occupancy:
         if not len(rows):
             return None
         steps = first + rows
+        radius = _radius(boxes)
         conflicts = [int(step) for step in steps[self.is_obstructed(boxes[rows])][:1]]
         for body in self._list_near(_bounds(boxes[rows]), int(steps[0]), int(steps[-1])):
             body_first = int(self._extents[body, 0])
             body_track = self._boxes[body]
             is_common = (steps >= body_first) & (steps < body_first + len(body_track))
             common = steps[is_common]
+            offsets = boxes[common - first, :2] - body_track[common - body_first, :2]
+            common = common[np.square(offsets).sum(axis=1) < (radius + _radius(body_track)) ** 2]
             is_close = are_close(boxes[common - first], body_track[common - body_first], BODY_GAP_M)
             conflicts += common[is_close][:1].tolist()
         return min(conflicts, default=None)
@@ -139,9 +143,16 @@ class Occupancy:
             dy = boxes[near, 1] - body_boxes[:, 1, None]
             cos = np.cos(body_boxes[:, 6, None])
             sin = np.sin(body_boxes[:, 6, None])
-            is_beside = np.abs(dx * cos + dy * sin) < reach[0]
-            is_beside &= np.abs(dy * cos - dx * sin) < reach[1]
-            moment, column = np.nonzero(is_beside)
+            ahead = np.abs(dx * cos + dy * sin)
+            aside = np.abs(dy * cos - dx * sin)
+            # a box whose middle is so near is close, whatever its yaw
+            half = (body_boxes[0, 3:5] + gap) / 2
+            inner = half + (boxes[0, 3:5].min() + gap) / 2 - ROUNDING_M
+            is_close = (ahead < inner[0]) & (aside < half[1])
+            is_close |= (ahead < half[0]) & (aside < inner[1])
+            blocked[np.ix_(rows, near)] |= is_close
+            is_open = (ahead < reach[0]) & (aside < reach[1]) & ~is_close
+            moment, column = np.nonzero(is_open)
             box = near[column]
             is_close = are_close(body_boxes[moment], boxes[box], gap)
             blocked[rows[moment[is_close]], box[is_close]] = True
@@ -169,6 +180,13 @@ class Occupancy:
 def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]) -> LevelBoxes:
     """Boxes of one body on level ground. poses: x, y (m), yaw (rad); size: as `place_boxes`."""
     return place_boxes(poses, np.tile(size, (len(poses), 1)))
+
+
+def _radius(boxes: LevelBoxes) -> float:
+    """Largest distance (m) from the middle of a body to any place that is close to it.
+
+    boxes: boxes of the body."""
+    return float(np.hypot(boxes[0, 3], boxes[0, 4])) / 2 + BODY_GAP_M
 
 
 def _bounds(boxes: LevelBoxes) -> Float64[np.ndarray, "4"]:

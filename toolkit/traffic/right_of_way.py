@@ -6,7 +6,6 @@ to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A plan i
 the cheapest sequence of moments to go on, to wait or to step aside in which no body comes near
 another, found by dynamic programming in a window of time around each conflict."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
@@ -184,10 +183,15 @@ def _plan_window(
 
 def _widen(mask: Bool[np.ndarray, "n *k"], margin: int) -> Bool[np.ndarray, "n *k"]:
     """Mask of rows that are marked, or within a margin of such a row, which smoothing needs."""
-    widened = mask.copy()
-    for shift in range(1, margin + 1):
-        widened[shift:] |= mask[:-shift]
-        widened[:-shift] |= mask[shift:]
+    widened = mask
+    reach = 0
+    while reach < margin:
+        shift = min(reach + 1, margin - reach)  # no farther, so that no row is left out
+        doubled = widened.copy()
+        doubled[shift:] |= widened[:-shift]
+        doubled[:-shift] |= widened[shift:]
+        widened = doubled
+        reach += shift
     return widened
 
 
@@ -200,6 +204,24 @@ def _join(before: _Plan, planned: _Plan, count: int) -> _Plan:
     aside = np.concatenate([before.aside, planned.aside, np.full(len(onward), planned.aside[-1])])
     is_under_way = progress <= count - 1
     return _Plan(progress[is_under_way], aside[is_under_way])
+
+
+class _Costs(NamedTuple):
+    """Costs of a window with m moments, l lines and r rows of the course.
+
+    Lines have a border on both sides and rows one before the first, all infinite. The last row is
+    all of the course that is farther on, in which nothing costs anything.
+
+    Attributes:
+        totals: least cost of being there at each moment.
+        waits: cost of a wait there, but for the factor of its moment."""
+
+    totals: Float64[np.ndarray, "m l+2 r+2"]
+    waits: Float64[np.ndarray, "l+2 r+2"]
+
+    def weigh_waits(self, moment: int) -> float:
+        """Factor of the cost of a wait up to a moment; early ones cost a little more."""
+        return 1 + EARLY_WAIT_COST * (len(self.totals) - moment)
 
 
 def _find_moves(
@@ -215,64 +237,61 @@ def _find_moves(
         start_line: Line at the first moment; the row is 0."""
     moments = len(blocked)
     lines, rows = blocked.shape[1:]
-    # the last row is all of the course that is farther on, in which nothing costs anything;
-    # a border of infinite costs is round the lines and before the first row
-    costs = np.full((lines + 2, rows + 2), np.inf)
-    costs[start_line + 1, 1] = 0.0
-    inner = costs[1:-1, 1:]
-    waits = np.full(costs.shape, np.inf)
-    wait_costs = np.zeros((lines, rows + 1))
-    wait_costs[:, :-1] = np.where(is_crossed, CROSSED_WAIT_COST, WAIT_COST)
+    costs = _Costs(np.full((moments, lines + 2, rows + 2), np.inf), np.zeros((lines + 2, rows + 2)))
+    costs.totals[0, start_line + 1, 1] = 0.0
+    costs.waits[1:-1, 1:-1] = np.where(is_crossed, CROSSED_WAIT_COST, WAIT_COST)
     offset_costs = OFFSET_COST * np.abs(np.arange(lines) - lines // 2)[:, None]
-    moves = MOVES if lines > 1 else MOVES[:2]
-    choices = np.empty((moments, lines, rows + 1), np.int8)
-    options = np.empty((len(moves), lines, rows + 1))
     for moment in range(1, moments):
-        early = EARLY_WAIT_COST * (moments - moment)
-        waits[1:-1, 1:] = inner + wait_costs * (1 + early)
-        for number, (ahead, left) in enumerate(moves):
-            source = costs if ahead else waits
-            first = 1 - left
-            options[number] = source[first : first + lines, 1 - ahead : rows + 2 - ahead]
-            if left:
-                options[number] += ASIDE_COST
-        choices[moment] = options.argmin(axis=0)
-        inner[:] = options.min(axis=0)
-        inner[:, :-1] += offset_costs
-        inner[:, :-1][blocked[moment]] = np.inf
-        cheapest_inside = inner[:, :-1].min()
-        cheapest_beyond = inner[:, -1].min()
-        if cheapest_beyond <= cheapest_inside:  # nothing better can follow, or nothing at all
+        reached = min(moment + 1, rows + 1)  # rows that can be reached until then
+        before = costs.totals[moment - 1]
+        waits = before[:, 1 : reached + 1]
+        waits = waits + costs.waits[:, 1 : reached + 1] * costs.weigh_waits(moment)
+        onward = np.minimum(before[:, :reached], waits)
+        now = costs.totals[moment, 1:-1, 1:]
+        cheapest = now[:, :reached]
+        cheapest[:] = onward[1:-1]
+        if lines > 1:
+            aside = onward + ASIDE_COST
+            np.minimum(cheapest, aside[:-2], out=cheapest)
+            np.minimum(cheapest, aside[2:], out=cheapest)
+        inside = now[:, : min(reached, rows)]
+        inside += offset_costs
+        inside[blocked[moment, :, : inside.shape[1]]] = np.inf
+        if now[:, -1].min() <= inside.min():  # nothing better can follow, or nothing at all
             break
-    end = int(inner.argmin())
-    if not np.isfinite(inner.flat[end]):
-        return None
-    return _trace(choices[: moment + 1], moves, end)
+    end = int(now.argmin())
+    return _trace(costs, moment, end) if np.isfinite(now.flat[end]) else None
 
 
-def _trace(
-    choices: Int64[np.ndarray, "moments lines rows"], moves: Sequence[tuple[int, int]], end: int
-) -> _Moves:
+def _trace(costs: _Costs, last: int, end: int) -> _Moves:
     """Moves that lead to an end.
 
     Args:
-        choices: Number of the move that led to each state; the last row is all that follows.
-        moves: Rows ahead and lines to the left of each move.
-        end: Line and row at the last moment, as a flat index."""
-    moments = len(choices)
-    rows = choices.shape[2]
+        costs: Costs of the window.
+        last: Last moment.
+        end: Line and row then, as a flat index."""
+    rows = costs.waits.shape[1] - 1
+    moves = MOVES if len(costs.waits) > 3 else MOVES[:2]
     line, row = divmod(end, rows)
-    progress = np.empty(moments, np.int64)
-    lines = np.empty(moments, np.int64)
-    for moment in range(moments - 1, -1, -1):
+    progress = np.empty(last + 1, np.int64)
+    lines = np.empty(last + 1, np.int64)
+    for moment in range(last, -1, -1):
         progress[moment] = row
         lines[moment] = line
         if moment:
-            ahead, left = moves[int(choices[moment, line, row])]
+            weight = costs.weigh_waits(moment)
+            options = []
+            for ahead, left in moves:
+                origin = line - left + 1, row - ahead + 1
+                option = costs.totals[moment - 1][origin]
+                if not ahead:
+                    option = option + costs.waits[origin] * weight
+                options.append(option + ASIDE_COST if left else option)
+            ahead, left = moves[int(np.argmin(options))]
             row -= ahead
             line -= left
     arrival = int(np.searchsorted(progress, rows - 1))
-    progress[arrival:] = rows - 1 + np.arange(moments - arrival)
+    progress[arrival:] = rows - 1 + np.arange(last + 1 - arrival)
     return _Moves(progress, lines)
 
 

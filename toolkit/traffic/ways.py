@@ -206,8 +206,10 @@ class _Demand:
     def add_due(self, flow: Flow, courses: dict[int, _Course]) -> None:
         """Add the road users that set out in this step, and their courses."""
         rng = self._supply.rng
-        rates = np.array([movement.per_hour for movement in flow.movements]) * FINE_STEP_S / 3600
-        for number in np.repeat(np.arange(len(rates)), rng.poisson(rates)).tolist():
+        numbers = rng.poisson(flow.per_hour * FINE_STEP_S / 3600)
+        if not numbers.any():
+            return
+        for number in np.repeat(np.arange(len(numbers)), numbers).tolist():
             kind, entry, leave, _ = flow.movements[number]
             labels = LABELS_OF_KIND[kind]
             is_heavy = len(labels) > 1 and rng.random() < HEAVY_SHARE
@@ -254,14 +256,16 @@ class _Demand:
 def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None:
     """Add the present positions of all objects to their courses."""
     for domain in (sumo.vehicle, sumo.person):
+        find_position = domain.getPosition
         for name in domain.getIDList():
             course = courses[int(name)]
-            if not course.points:
+            points = course.points
+            if not points:
                 course.first = step
                 angle = domain.getAngle(name)
                 if np.isfinite(angle):  # not of some vehicles that change lanes
                     course.yaw = float(np.pi / 2 - np.radians(angle))
-            course.points.append(domain.getPosition(name))
+            points.append(find_position(name))
 
 
 def _make_ways(course: _Course, supply: Supply) -> list[Journey]:

@@ -15,11 +15,13 @@ from coview.detector_spec import DetectorSpec
 from coview.detectors import check_detector
 from coview.progress_bar import progress_bar
 from coview.recordings import Opening
+from coview.tracks import find_sequence, number_frames, read_tracks
 from toolkit.calibration.place import Place
 from toolkit.runtime.run import Simulation
 
 if TYPE_CHECKING:
     from toolkit.counting.trajectories import Trajectory
+    from toolkit.exchange.track_frames import TrackFile
     from toolkit.frame import Recording
     from toolkit.sites.site import Site
     from toolkit.traffic.flow import Flow
@@ -203,9 +205,10 @@ def observe_street(
     """Find the road users of a recording, by tracks of a file or of a detector.
 
     hidden: True to show no progress. Raises ValueError for a recording of an unknown site, and for
-    tracks of other times."""
+    tracks of other frames."""
     from toolkit.counting.fragments import join_fragments
     from toolkit.counting.trajectories import collect_trajectories
+    from toolkit.datasets.recording_views import Part
 
     check_least("--frames", measuring.frames, 1, "leave it out for all")
     spec = DetectorSpec.from_name(measuring.detector)
@@ -218,7 +221,11 @@ def observe_street(
                 f"{recording} does not say which site it shows, whose arms are counted: give --site"
             )
         if measuring.tracks is not None:
-            return _read_street(opened, site, measuring.tracks, measuring.frames)
+            sequence = find_sequence(recording, opening)
+            track_file = read_tracks(measuring.tracks, sequence)
+            samples = Part(number_frames(opened, sequence), measuring.frames)
+            is_part = len(samples) < len(opened)
+            return _read_street(samples, site, track_file, is_part=is_part)
         in_order = detect_in_order(
             opened,
             Detectors(spec, place),
@@ -236,29 +243,35 @@ def observe_street(
     )
 
 
-def _read_street(recording: "Recording", site: "Site", path: Path, frames: int | None) -> Street:
+def _read_street(
+    samples: "Recording", site: "Site", track_file: "TrackFile", *, is_part: bool
+) -> Street:
     """Road users of a file of tracks, next to the truth of its recording.
 
-    frames: number of first frames to use, None for all."""
+    Args:
+        samples: First frames of the recording, with the numbers that texts of tracks know them by.
+        site: Its site.
+        track_file: Its tracks.
+        is_part: True if the recording goes on after these frames.
+
+    Raises ValueError for times out of order or too far apart, and for tracks of other frames."""
     from toolkit.counting.fragments import join_fragments
     from toolkit.counting.trajectories import collect_trajectories
-    from toolkit.exchange.track_reading import read_track_file
+    from toolkit.exchange.track_lookup import FrameKey, TrackLookup
 
-    tracked = read_track_file(path).frames[:frames]
-    count = len(tracked)
-    recorded = [recording[k] for k in range(min(count, len(recording)))]
-    times = [frame.time for frame in recorded]
+    keys = []
+    truths = []
+    for k in range(len(samples)):
+        frame = samples[k]
+        keys.append(FrameKey(frame.index, frame.name, frame.time))
+        truths.append(frame.objects)
+    times = [key.time for key in keys]
     check_times(times)
-    track_times = [frame.time for frame in tracked]
-    if len(times) != count or not np.allclose(times, track_times, atol=FRAME_S / 10):
-        raise ValueError(
-            f"{path} has other times than the recording: give the tracks that coview track made of "
-            "this recording"
-        )
-    has_truth = any(len(frame.objects) for frame in recorded)
+    ordered = TrackLookup(track_file).list_tracks(keys, is_part=is_part)
+    has_truth = any(len(objects) for objects in truths)
     return Street(
         site,
         times,
-        join_fragments(collect_trajectories([frame.tracks for frame in tracked], times)),
-        collect_trajectories([frame.objects for frame in recorded], times) if has_truth else None,
+        join_fragments(collect_trajectories(ordered, times)),
+        collect_trajectories(truths, times) if has_truth else None,
     )

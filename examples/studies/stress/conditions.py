@@ -8,12 +8,13 @@
     pairs     two sensors send nothing, each pair in turn
     blinded   a sensor sends and sees nothing, each in turn
     frozen    a sensor repeats its first measurement, each in turn
-    delay     messages arrive 0.1, 0.2 or 0.3 s late, with a jitter of a tenth; with and without
-              tracks
-    loss      10 and 30 % of the messages are lost, singly, and 30 % in bursts of 5; with and
-              without tracks
-    rate      sensors send every 2nd or 5th frame; with and without tracks
+    delay     messages arrive 0.1, 0.2 or 0.3 s late, with a jitter of a tenth
+    loss      10 and 30 % of the messages are lost, singly, and 30 % in bursts of 5
+    rate      sensors send every 2nd or 5th frame
     clock     sensors' clocks are off by 20, 50 or 100 ms (standard deviation)
+
+From delay to rate, and with failing sensors in frames close together, each level is tried without
+and with tracks (`toolkit.tracking.tracker`), which the centre moves to the present.
 
 Pose errors are root mean squares. They are drawn for each sensor, and again for every block of
 frames used by the bootstrap, so that the intervals cover other draws too. The last four kinds need
@@ -79,7 +80,7 @@ class Condition:
         level: Level in words.
         errors: Errors of the sensors.
         channel: Channel of their messages.
-        tracks: True if the centre moves old detections to their present places.
+        tracks: True if the centre follows road users and moves them to the present.
         silent: Indices of sensors that send nothing.
         blinded: Indices of sensors that see nothing.
         frozen: Indices of sensors that repeat their first measurement.
@@ -98,10 +99,13 @@ class Condition:
     redrawn: bool = False
 
 
-def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
+def make_conditions(
+    kind: str, names: Sequence[str], *, in_sequence: bool = False
+) -> list[Condition]:
     """Return the conditions of a kind for sensors with these names.
 
-    Raises ValueError for an unknown kind."""
+    in_sequence: True for frames close together in time, in which failing sensors are tried with
+    tracks too. Raises ValueError for an unknown kind."""
     numbers = range(len(names))
     match kind:
         case "bytes":
@@ -109,29 +113,38 @@ def make_conditions(kind: str, names: Sequence[str]) -> list[Condition]:
         case "pose" | "mounting":
             return [_make_pose_condition(kind, level) for level in POSE_LEVELS]
         case "silent":
-            return [Condition(kind, names[k], silent=(k,)) for k in numbers]
+            conditions = [Condition(kind, names[k], silent=(k,)) for k in numbers]
         case "blinded":
-            return [Condition(kind, names[k], blinded=(k,)) for k in numbers]
+            conditions = [Condition(kind, names[k], blinded=(k,)) for k in numbers]
         case "frozen":
-            return [Condition(kind, names[k], frozen=(k,)) for k in numbers]
+            conditions = [Condition(kind, names[k], frozen=(k,)) for k in numbers]
         case "pairs":
-            return [
+            conditions = [
                 Condition(kind, f"{names[first]} and {names[second]}", silent=(first, second))
                 for first, second in combinations(numbers, 2)
             ]
         case "clock":
             return [_make_clock_condition(kind, offset) for offset in CLOCK_OFFSETS_S]
         case "delay" | "loss" | "rate":
-            conditions = []
-            for level, channel in _list_channels(kind).items():
-                conditions.append(Condition(kind, level, channel=channel))
-                tracked = Condition(kind, f"{level}, tracks", channel=channel, tracks=True)
-                conditions.append(tracked)
-            return conditions
+            levels = _list_channels(kind)
+            channels = [
+                Condition(kind, level, channel=channel) for level, channel in levels.items()
+            ]
+            return _add_tracks(channels)
         case _:
             raise ValueError(
                 f"there is no kind of stress {kind!r}: choose among {', '.join(KINDS)}"
             )
+    return _add_tracks(conditions) if in_sequence else conditions
+
+
+def _add_tracks(conditions: Sequence[Condition]) -> list[Condition]:
+    """Return each condition without and with tracks."""
+    doubled = []
+    for condition in conditions:
+        tracked = replace(condition, level=f"{condition.level}, tracks", tracks=True)
+        doubled += [condition, tracked]
+    return doubled
 
 
 def _make_pose_condition(kind: str, level: float) -> Condition:

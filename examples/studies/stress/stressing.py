@@ -22,10 +22,9 @@ from examples.studies.stress.conditions import (
     make_conditions,
     make_systems,
 )
-from examples.studies.stress.tracks import Tracks
 from placement_env.analysis.intervals import Tally
 from placement_env.report.content import Judgement
-from toolkit.arrays import Float32
+from toolkit.arrays import Float32, Float64
 from toolkit.calibration.recording_scenes import Scenes
 from toolkit.datasets.recording_views import ReadRecording, Reads, block_seed, read_frame
 from toolkit.detection.metrics import matches
@@ -41,6 +40,7 @@ from toolkit.sensors.error_profile import ErrorProfile
 from toolkit.sensors.error_profiles import PAPER_ERRORS
 from toolkit.sensors.track_velocities import MOST_APART
 from toolkit.sites.site import Site
+from toolkit.tracking.tracker import Tracker
 from toolkit.traffic.spawner import LIFE
 
 # called with the number of a message; returns the numbers of all messages needed to read it
@@ -145,12 +145,14 @@ class KeptDetections:
     def __call__(self, points: Float32[np.ndarray, "n 3"], /) -> Detections:
         """Return the detections for these points; the same points in another order are new."""
         content = sha256(np.ascontiguousarray(points).tobytes()).hexdigest()
-        key = make_key("detections", *self._depends_on, len(points), content)
+        key = make_key("detections, doubts", *self._depends_on, len(points), content)
         arrays = self._cache.get([key])[0]
         if arrays is None:
             self.asked += 1
             detections = self._detector(points)
             arrays = detections.boxes, detections.scores, detections.labels
+            if detections.doubts is not None:
+                arrays += (detections.doubts,)
             self._cache.put({key: arrays})
         return Detections(*arrays)
 
@@ -174,7 +176,7 @@ def run_stress(
     names = [sensor.name for sensor in recording.sensors]
     conditions: list[Condition] = []
     for kind in choose_kinds(recording, question.kinds):
-        conditions += make_conditions(kind, names)
+        conditions += make_conditions(kind, names, in_sequence=is_sequence(recording))
     count = min(len(recording), run.frames_or(len(recording)))
     _check_scored(recording, count)
     report = run.stage("frames under stress", count * len(conditions))
@@ -236,7 +238,8 @@ class _ConditionJob:
         settled_s = _settling_time(self.recording)
         schemes = [find_scheme(scheme) for scheme in self.question.schemes]
         systems = make_systems(schemes, condition.kind)
-        trials = [Trial(system, self.question.label, self.question.iou) for system in systems]
+        area = self.recording.site.area
+        trials = [Trial(system, self.question.label, self.question.iou, area) for system in systems]
         groups = _group_trials(trials)
         for group_index, (group_trials, needed) in enumerate(groups):
             memory: LinkMemory = {}
@@ -337,33 +340,43 @@ def _group_trials(trials: Sequence["Trial"]) -> list[tuple[list["Trial"], Needed
 class Trial:
     """Detections of one system under one condition, by frame.
 
-    system: scheme and codec; label: class of the road users to find; ious: IoU thresholds."""
+    Args:
+        system: Scheme and codec.
+        label: Class of the road users to find.
+        ious: IoU thresholds.
+        area: Detection area: xmin, ymin, xmax, ymax (m)."""
 
-    def __init__(self, system: System, label: str, ious: Sequence[float]) -> None:
+    def __init__(
+        self, system: System, label: str, ious: Sequence[float], area: Float64[np.ndarray, "4"]
+    ) -> None:
         self.system = system
         self._label = label
         self._ious = tuple(ious)
+        self._area = area.tolist()
         # for each IoU: scores of the detections of each frame, and masks of the hits
         self._found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in ious]
         self._truths: list[int] = []
         self._kbit: list[float] = []
         self._ages: list[float] = []
-        self._tracks = Tracks()
+        self._tracker = Tracker(self._area)
         self._last = -np.inf  # time (s) of the newest measurement in the tracks
 
     def track(self, detections: Detections, now: float, age: float, *, begins: bool) -> Detections:
-        """Move detections of old measurements to their present places, by tracks.
+        """Return the tracks of all measurements so far, moved to the present.
 
-        now: time of the frame (s); age: age of the measurements (s), NaN to change nothing; begins:
-        True to begin without tracks, as traffic restarts."""
+        Args:
+            detections: Detections in the newest measurements that have arrived.
+            now: Time of the frame (s).
+            age: Age of these measurements (s), NaN without any; if they are no newer than the
+                last ones, nothing changes.
+            begins: True to begin without tracks, as traffic restarts."""
         if begins:
-            self._tracks = Tracks()
+            self._tracker = Tracker(self._area)
             self._last = -np.inf
-        if np.isnan(age):
-            return detections
-        self._last = max(self._last, now - age)
-        self._tracks.update(detections, self._last)
-        return self._tracks.at(now)
+        if now - age > self._last:
+            self._last = now - age
+            self._tracker.update(detections, self._last)
+        return self._tracker.at(now)
 
     def add(
         self, frame: Frame, site: Site, detections: Detections, kbit: float, age: float

@@ -54,6 +54,15 @@ def test_a_long_pet_counts_up_to_the_limit():
     assert find_conflicts(users, np.array([5.0, 5.0, 9.0, 9.0])) == []
 
 
+def test_who_is_seen_for_a_moment_is_in_no_conflict():
+    car = straight(1, VEHICLE, (-30, 0), (10, 0))
+    seen = {}
+    for seconds in (0.5, 3.0):
+        walker = straight(2, PEDESTRIAN, (0, -1.5), (0, 1.4), seconds=seconds, delay=4.0)
+        seen[seconds] = len(find_conflicts(join(car, walker), max_pet=3.0))
+    assert seen == {0.5: 0, 3.0: 1}
+
+
 def test_who_follows_goes_beside_or_walks_too_is_in_no_conflict():
     first = straight(1, VEHICLE, (-30, 0), (10, 0))
     follower = straight(2, VEHICLE, (-40, 0), (10, 0))

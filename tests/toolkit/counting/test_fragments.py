@@ -49,6 +49,32 @@ def test_long_gaps_other_places_and_other_classes_stay_apart():
     assert len(join_fragments([ahead, behind._replace(label=CYCLIST)])) == 2
     away = behind._replace(boxes=behind.boxes + np.eye(7)[1] * 9)
     assert len(join_fragments([ahead, away])) == 2
+    back = behind._replace(velocities=-behind.velocities, boxes=behind.boxes.copy())
+    back.boxes[:, 0] = ahead.boxes[-1, 0] - 8 * (back.times - back.times[0])
+    assert len(join_fragments([ahead, back])) == 2
     standing = moving(3, (5, 5), (0, 0))
     assert len(join_fragments(cut(standing, (0, 20), (180, 200)))) == 1
     assert join_fragments([]) == []
+
+
+def test_a_track_that_begins_before_the_last_one_ends_goes_on():
+    car = moving(1, (0, 0), (8, 0))
+    (joined,) = join_fragments(cut(car, (0, 110), (100, 200)))
+    np.testing.assert_allclose(joined.times, TIMES)
+    assert len(join_fragments(cut(car, (0, 140), (100, 200)))) == 2
+
+
+def test_the_nearest_fragment_comes_first():
+    fragments = cut(moving(1, (0, 0), (8, 0)), (0, 60), (70, 90), (99, 200))
+    fragments[1] = fragments[1]._replace(boxes=fragments[1].boxes + 0.4 * np.eye(7)[1])
+    (joined,) = join_fragments(fragments)
+    assert len(joined.times) == 181
+
+
+def test_second_tracks_of_one_body_are_left_out():
+    car = moving(1, (0, 0), (8, 0))
+    car.boxes[:, 3:6] = (4.5, 1.9, 1.5)
+    part = car.select(slice(50, 90))
+    shadow = part._replace(id=2, boxes=part.boxes + 0.5 * np.eye(7)[0])
+    beside = part._replace(id=3, boxes=part.boxes + 2.5 * np.eye(7)[1])
+    assert [user.id for user in join_fragments([shadow, car, beside])] == [1, 3]

@@ -4,10 +4,14 @@ import csv
 import json
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 
+from toolkit.datasets.recordings import open_recording
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.runtime.run import Simulation
+from toolkit.tracking.track_files import write_tracks
+from toolkit.tracking.tracks import Tracks
 
 needs_sumo = pytest.mark.skipif(find_spec("libsumo") is None, reason="traffic needs SUMO")
 
@@ -57,6 +61,35 @@ def test_a_recording_is_counted_next_to_its_truth(street, tmp_path, run):
     assert row["error"] == row["count"] - row["true_count"]
     code, said, _ = run("count", street, "--tracks", tracks)
     assert "counted by tracks" in said
+
+
+@needs_sumo
+def test_tracks_may_leave_out_frames_without_road_users_and_must_be_of_the_recording(
+    street, tmp_path, run, refused
+):
+    recording = open_recording(street)
+    frames = [recording[k] for k in range(len(recording))]
+    names = [frame.name for frame in frames]
+    times = [frame.time for frame in frames]
+    tracks = [Tracks(frame.objects.boxes, np.ones(len(frame.objects))) for frame in frames]
+    tracks[2] = Tracks.empty()
+    results = []
+    for name in ("tracks.json", "tracks.csv"):
+        path = tmp_path / name
+        write_tracks(path, names, times, tracks)
+        code, said, _ = run("count", street, "--tracks", path, "--json")
+        assert code == 0
+        results.append(json.loads(said))
+    assert results[0] == results[1]
+    path = tmp_path / "tracks.csv"
+    write_tracks(path, names, [time + 3 for time in times], tracks)
+    assert "which is not among the recording's 6" in refused("count", street, "--tracks", path)
+    path = tmp_path / "tracks.json"
+    write_tracks(path, names[:4], times[:4], tracks[:4])
+    assert "lacks 2 of 6 frames" in refused("conflicts", street, "--tracks", path)
+    code, said, _ = run("count", street, "--tracks", path, "--frames", 4, "--json")
+    assert code == 0
+    assert json.loads(said)["seconds"] == pytest.approx(1.5)
 
 
 @needs_sumo

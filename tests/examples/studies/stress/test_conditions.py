@@ -64,6 +64,10 @@ def test_sensors_fail_in_turn():
         made = make_conditions(kind, ["a", "b"])
         assert [(each.level, getattr(each, kind)) for each in made] == [("a", (0,)), ("b", (1,))]
         assert all(each.channel == PERFECT and not each.tracks for each in made)
+        followed = make_conditions(kind, ["a", "b"], in_sequence=True)
+        assert followed[::2] == made
+        assert [each.level for each in followed[1::2]] == ["a, tracks", "b, tracks"]
+        assert all(each.tracks and getattr(each, kind) for each in followed[1::2])
 
 
 def test_channels_come_in_their_kinds():

@@ -87,7 +87,9 @@ def test_delays_rates_and_silent_sensors_cost_what_drives(rows):
     rate = by(rows, kind="rate", level="every 5 frames")[0]
     assert rate.age == pytest.approx(0.2, abs=0.01)
     assert rate.judged.ap < by(rows, kind="rate", level="every 5 frames, tracks")[0].judged.ap
-    assert [row.level for row in by(rows, kind="silent", scheme="early")] == ["a", "b"]
+    assert [row.level for row in by(rows, kind="silent", scheme="early")] == [
+        *("a", "a, tracks", "b", "b, tracks")
+    ]
     assert all(row.judged.ap > 0.5 for row in by(rows, kind="silent"))
     assert all(row.judged.ap < 0.5 for row in by(rows, kind="frozen", scheme="early"))
 
@@ -203,7 +205,7 @@ TRUTH = np.array([[0.0, 0, 1, 4, 2, 2, 0], [10, 0, 1, 4, 2, 2, 0], [30, 0, 1, 4,
 
 
 def trial(ious=(0.7,)):
-    return Trial(make_systems([Early()], "pose")[0], "vehicle", ious)
+    return Trial(make_systems([Early()], "pose")[0], "vehicle", ious, SITE.area)
 
 
 def frame(time=0.0):
@@ -244,8 +246,13 @@ def test_tracks_go_on_and_restart():
         moved = Detections(TRUTH[:1] + np.array([1.0 * k, 0, 0, 0, 0, 0, 0]), np.array([0.9]))
         last = counted.track(moved, 0.1 * k + 0.2, 0.2, begins=k == 0)
     assert last.boxes[0, 0] == pytest.approx(9 + 2, abs=0.3)
-    assert counted.track(here, 1.2, np.nan, begins=False) is here
+    # nothing new has arrived: the track goes on, and what is no newer is no second measurement
+    for age in (np.nan, 0.3):
+        onward = counted.track(here, 1.2, age, begins=False)
+        assert len(onward) == 1
+        assert onward.boxes[0, 0] == pytest.approx(9 + 3, abs=0.4)
     assert counted.track(here, 0.2, 0.2, begins=True).boxes[0, 0] == 0
+    assert len(counted.track(here, 0.3, np.nan, begins=True)) == 0
 
 
 class Counting:
