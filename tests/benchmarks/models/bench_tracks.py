@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from models import load_detector
+from models.detector import VoxelNetDetector
 from tests.benchmarks.models.way_intervals import PooledHits, collect_hits, interval, measure_ap
 from toolkit.boxes import iou_3d
 from toolkit.datasets.recording_views import ReadRecording, Reads
@@ -135,6 +136,7 @@ def detect_frames(name: str, path: Path, reads: Reads) -> list[Detections]:
     recording = open_recording(path)
     site = recording.site
     assert site is not None
+    detect: VoxelNetDetector | KnownBackground
     if Path(name).exists():
         general = load_detector("general", area=site.area)
         detect = KnownBackground(general, site_background(site))
