@@ -3,4 +3,5 @@
 collect_ignore = [
     *("formats.py", "layout_formats.py", "map_formats.py", "mutants.py", "named_damage.py"),
     *("network_formats.py", "plan_formats.py", "point_formats.py", "run.py", "structured.py"),
+    "track_formats.py",
 ]

@@ -62,8 +62,8 @@ class Tracker:
         place_error: Expected error (m) of places that all frames share, as from the sensors' poses
             (`ErrorProfile.place_error`). No mean over frames removes it; it is in all doubts.
 
-    A track is reported once its detections confirm it, or while a detection is sure. So it is known
-    later than its first detection, but a detector's flickers are not reported.
+    A track is reported once its detections confirm it, or while the last one is sure. So it may be
+    known later than its first detection, but a detector's flickers are not reported.
     """
 
     def __init__(self, area: Sequence[float] | None = None, place_error: float = 0.0) -> None:
@@ -129,8 +129,9 @@ class Tracker:
         )
         unseen = time - tracks.last_time
         fading = np.where(is_standing(tracks), STANDING_FADING_S, FADING_S)
-        is_reported = tracks.is_confirmed() & (unseen <= fading)
-        is_reported |= (unseen == 0) & (tracks.score >= TENTATIVE_SCORE)
+        is_detected = tracks.last_time == self._time  # in the last frame
+        is_sure = is_detected & (tracks.score >= TENTATIVE_SCORE)
+        is_reported = (tracks.is_confirmed() | is_sure) & (unseen <= fading)
         tracks = tracks.select(is_reported)
         unseen = unseen[is_reported]
         fading = fading[is_reported]

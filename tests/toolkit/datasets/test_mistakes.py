@@ -136,7 +136,7 @@ def test_rows_that_belong_to_the_frames_are_given_back():
     suspicion, own = suspect_frames(
         [side(10.0 * (k + 2)) for k in (0, 2, 4)], tables, [0, 2, 4], LEVEL
     )
-    assert (suspicion.before, suspicion.after) == (0.0, 1.0)
+    assert (suspicion.fit_before, suspicion.fit_after) == (0.0, 1.0)
     assert [table[0, 0] if len(table) else None for table in own] == [20.0, 40.0, None]
     sound, own = suspect_frames([side(10.0 * k) for k in (0, 2, 4)], tables, [0, 2, 4], LEVEL)
     assert sound is None
