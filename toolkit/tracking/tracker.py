@@ -129,8 +129,7 @@ class Tracker:
         )
         unseen = time - tracks.last_time
         fading = np.where(is_standing(tracks), STANDING_FADING_S, FADING_S)
-        is_detected = tracks.last_time == self._time  # in the last frame
-        is_sure = is_detected & (tracks.score >= TENTATIVE_SCORE)
+        is_sure = (tracks.detection >= 0) & (tracks.score >= TENTATIVE_SCORE)
         is_reported = (tracks.is_confirmed() | is_sure) & (unseen <= fading)
         tracks = tracks.select(is_reported)
         unseen = unseen[is_reported]
