@@ -227,8 +227,6 @@ def _parse_calibration(text: str) -> KittiCalibration:
         projection=projection,
         map_SE3_lidar=map_SE3_lidar,
     )
-    camera_SE3_lidar = rectification @ unrectified_SE3_lidar
-    return KittiCalibration(camera_SE3_lidar, projection, map_SE3_lidar)
 
 
 def read_image_size(image: Path) -> tuple[int, int]:
