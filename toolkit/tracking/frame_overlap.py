@@ -81,12 +81,16 @@ class FrameOverlap:
         return self.select(np.ones(len(self.counted), np.bool_), np.array(is_above, np.bool_))
 
     def scored(self, threshold: float) -> "FrameOverlap":
-        """Return the overlap without what does not count, as defined at the top of the module.
+        """Return the overlap without the true objects and tracks that do not count.
+
+        These are the objects that are not to be found, the tracks that match one of them, and the
+        tracks outside without a match.
 
         threshold: similarity from which an object and a track match."""
         if self.counted.all() and not self.outside.any():
             return self
         matched_rows, matched_columns = match_similar(self.pairs.similarity, threshold)
+        # of tracks; a match decides for a track, also for one outside
         is_ignored = self.outside.copy()
         is_ignored[matched_columns] = ~self.counted[matched_rows]
         return self.select(self.counted, ~is_ignored)
@@ -97,7 +101,9 @@ def match_similar(
 ) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
     """Return rows and columns of the one-to-one pairs of greatest similarity in all.
 
-    Pairs below the threshold do not match."""
+    Pairs below the threshold do not match.
+
+    similarity: of n true objects and m tracks, 0 to 1."""
     from scipy.optimize import linear_sum_assignment
 
     score = np.where(similarity >= threshold - SIMILARITY_TOLERANCE, similarity, 0.0)

@@ -50,5 +50,5 @@ class Tracks(Detections):
 
     @staticmethod
     def empty() -> "Tracks":
-        """No tracks."""
+        """Tracks without any row."""
         return Tracks(np.zeros((0, 7)), np.zeros(0))
