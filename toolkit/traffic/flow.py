@@ -72,7 +72,7 @@ class Flow:
 
     @staticmethod
     def draw(possible: Mapping[str, Mapping[str, Sequence[str]]], rng: Rng) -> "Flow":
-        """Draw the demand of each gate, and the shares of its exits.
+        """Draw the demand of each kind at each gate, and the shares of its exits.
 
         possible: by kind and entry, the exits that can be reached."""
         movements = []

@@ -170,7 +170,14 @@ def check_interval(interval: float) -> None:
 def _run_continuously(
     site: Site, supply: Supply, mix: Mix, frames: int, interval: float
 ) -> Generator[Snapshot, None, None]:
-    """Yield the snapshots of continuous traffic. Arguments are as in `simulate`."""
+    """Yield the snapshots of continuous traffic, simulated in full before the first one.
+
+    Args:
+        site: Site with a network.
+        supply: Gives bodies, ids and random numbers.
+        mix: Demand, and the largest number of parked vehicles.
+        frames: Number of frames.
+        interval: Time between frames (s)."""
     traffic = simulate_continuously(
         site, supply, frames=frames, interval=interval, max_parked=mix.most_parked, flow=mix.demand
     )
@@ -187,9 +194,15 @@ def take_continuous(traffic: ContinuousTraffic, k: int) -> Snapshot:
 def _run(
     site: Site, supply: Supply, obstacles: Obstacles, mix: Mix, frames: int, interval: float
 ) -> Generator[Snapshot, None, None]:
-    """Yield the snapshots of `simulate` while SUMO runs.
+    """Yield a snapshot of each frame while SUMO runs; road users are spawned near the area.
 
-    interval: time between frames (s)."""
+    Args:
+        site: Site with a network.
+        supply: Gives bodies, ids and random numbers.
+        obstacles: Solids of the site.
+        mix: Numbers of objects.
+        frames: Number of frames.
+        interval: Time between frames (s)."""
     # all draw from the supply's one generator: the order of draws decides the results
     parked = Parked.draw(site, obstacles, supply, max_parked=mix.most_parked)
     parked_count = len(parked.ids)
@@ -223,9 +236,15 @@ def _take_snapshot(
     *,
     time: float,
 ) -> Snapshot:
-    """Objects near the area now; those that cannot be kept apart are removed.
+    """Objects that touch the view of the area now; those that cannot be kept apart are removed.
 
-    time: seconds since the first frame."""
+    Args:
+        site: Site.
+        spawner: Moving road users, which are told which ones were seen.
+        obstacles: Solids of the site.
+        parked: Parked vehicles.
+        strays: Road users at unusual places.
+        time: Seconds since the first frame."""
     moving_ids, moving_bodies, moving_poses = spawner.state()
     ids = np.concatenate([parked.ids, moving_ids, strays.ids])
     bodies = np.concatenate([parked.bodies, moving_bodies, strays.bodies])

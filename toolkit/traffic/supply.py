@@ -88,7 +88,9 @@ class Supply:
         self._taken[row] = is_used
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int) -> Int64[np.ndarray, " m"]:
-        """Draw `number` of these rows of bodies, with repeats if need be, and take them."""
+        """Draw `number` of these rows of bodies, with repeats if need be, and take them.
+
+        With `once`, no row comes again before all others have been drawn."""
         drawn = [] if self.once else self.rng.choice(rows, number).tolist()
         while len(drawn) < number:
             drawn.append(self.offer(rows))
