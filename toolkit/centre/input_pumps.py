@@ -98,7 +98,9 @@ class InputPumps:
                 thread.join(_END_S)
 
     def _pump(self, source: SensorInput, number: int) -> None:
-        """Hand over the messages of an input; number: its number."""
+        """Put the messages of an input into the queue, and close it after the last input's.
+
+        Of a replay, the first message waits until all inputs are ready. number: the input's."""
         try:
             is_first = True
             for message in self._read(source, self._stop):

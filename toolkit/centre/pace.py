@@ -92,9 +92,9 @@ class PaceKeeper:
         return True
 
     def add_work(self, work_s: float, time_s: float) -> PaceEvent | None:
-        """Take the work on a frame with detection (s); return what changes by it, if anything.
+        """Take the time of work on a frame with detection (s); return what it changes, if anything.
 
-        time_s: present time (s)."""
+        "Every k" below means to detect in every k-th frame. time_s: present time (s)."""
         self._works_s.append(work_s)
         if len(self._works_s) < WORK_FRAMES:
             return None

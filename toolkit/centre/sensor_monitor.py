@@ -130,7 +130,8 @@ class SensorMonitor:
     def _read(self, newest: Shown, covered: Callable[[], ImageMask] | None) -> None:
         """Read new data, and count messages in a row that show the sensor frozen, blind or shifted.
 
-        covered: see `look`."""
+        With `sent`, only part of the pixels was sent (a foreground). covered: returns the mask of
+        the pixels in which objects that others see are in front of the empty scene."""
         self._newest = newest.time
         is_returned = is_return(newest.image, self._scene.model.max_range)
         is_returned &= True if newest.sent is None else newest.sent
@@ -194,7 +195,7 @@ def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageM
         nothing,
     )
     rays = sensor.world_rays.astype(np.float64)  # ray for a measurement of 1 m; axes: xyz, pixel
-    hit = np.zeros(behind.size, bool)
+    is_hit = np.zeros(behind.size, bool)
     for x, y, z, *size, yaw in boxes:
         cos = np.cos(yaw)
         sin = np.sin(yaw)
@@ -207,10 +208,10 @@ def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageM
         ends = np.stack([(-half - start[:, None]) / along, (half - start[:, None]) / along])
         near = ends.min(axis=0).max(axis=0)
         far = ends.max(axis=0).min(axis=0)
-        hit |= (
+        is_hit |= (
             (near < far)
             & (near > 0)
             & (near < sensor.model.max_range)
             & (near + _SCENE_GAP_M < behind.ravel())
         )
-    return hit.reshape(behind.shape)
+    return is_hit.reshape(behind.shape)

@@ -63,7 +63,10 @@ class Synchroniser:
         self._last_anchor_s = -np.inf  # anchor of the last group given out
 
     def add(self, message: SensorMessage) -> None:
-        """Add a message to its group, or count it as late."""
+        """Add a message to its group, or count it as late.
+
+        A group takes messages from half an interval before its first one on. A second message of a
+        sensor in one group is late if it is near the group's first one, else it opens a group."""
         if message.time_s < self._last_anchor_s + self._before_s - _TOLERANCE_S:
             self.late[message.sensor] += 1
             return

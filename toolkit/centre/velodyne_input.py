@@ -102,7 +102,9 @@ class VelodyneInput:
                     yield time.time(), data
 
     def _make_message(self, stamp: Any, table: Any) -> SensorMessage:
-        """Return a decoded turn as a message."""
+        """Return a decoded turn as a message.
+
+        stamp: time of the turn, of velodyne-decoder; table: its points, a row for each."""
         columns = list_sweep_columns(np.array(table))
         cloud: SensorCloud = build_cloud(
             columns, self.name, self._pose, {}, stamp_s=float(stamp.host)
