@@ -151,7 +151,7 @@ def progress_bar(
     unit: name of what is counted, and of the first stage; total: number to do, None if unknown;
     hidden: True to print nothing; steps: usual share of the time of each main stage."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
-        bar = Bar(inner, hidden, unit, steps)
+        bar = Bar(bar=inner, hidden=hidden, unit=unit, steps=steps)
         has_ended = Event()
 
         def print_lines() -> None:

@@ -186,7 +186,7 @@ class FoldedRegionProposal(nn.Module):
     def classify(self, features: Float[Tensor, "B K H W"]) -> "ClassifiedCells":
         """Class maps of the head from the feature map of the joined blocks."""
         class_logits = cell_by_cell(self.classes, features).float()
-        return ClassifiedCells(class_logits, features, self.details, self.detail_channels)
+        return ClassifiedCells(class_logits, features, self.details, channels=self.detail_channels)
 
 
 class ClassifiedCells(NamedTuple):
@@ -525,7 +525,11 @@ class SparseMiddle(nn.Module):
         for conv, norm, _ in layers:
             weight, bias = fold_norm(conv, norm)
             empty = F.conv3d(empty, weight, bias, conv.stride, conv.padding)
-            self.layers.append(SparseConvolution(weight, empty[0], conv.stride[0], conv.padding[0]))
+            self.layers.append(
+                SparseConvolution(
+                    weight, empty=empty[0], stride=conv.stride[0], padding=conv.padding[0]
+                )
+            )
             empty = torch.relu(empty)
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)

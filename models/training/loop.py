@@ -77,7 +77,7 @@ def train(
     check_fit(config, preset)
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
-    samples = Samples(frames, config, preset.examples, preset.seed)
+    samples = Samples(frames, config, recipe=preset.examples, seed=preset.seed)
     per_epoch = max(1, len(samples) // preset.readings)
     total = max(1, round(preset.epochs * per_epoch))
     if machine.seconds:

@@ -340,7 +340,9 @@ def read_sample_points(
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
     if errors and rng.random() < errors and not frames.is_recorded(k):
         profile = random_errors(rng)
-        return np.concatenate(apply_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
+        return np.concatenate(
+            apply_errors(frames, k, errors=profile, seed=int(rng.integers(2**31)), sensors=sensors)
+        )
     return np.concatenate(frames.points(k, rng, sensors))
 
 

@@ -99,7 +99,7 @@ class Coverage:
         self.classes = classes
         # sums over a set are the number of its sensors that see each object
         self._view_sums = MemberSums((counted.points >= min_points).astype(np.uint16))
-        self._sent = SentData(counted, scheme, codec, min_points)
+        self._sent = SentData(visibility=counted, scheme=scheme, codec=codec, min_points=min_points)
         masks = [counted.labels == label for label in classes.labels]
         # for each class, the columns of its objects and their number
         self._class_columns = [

@@ -154,7 +154,7 @@ class SensorRays:
         pixels, sensors = self._list_pixels(windows)
         if not len(pixels):
             return Silhouette(
-                pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
+                pixels, sensors, depth=np.zeros(0, np.float32), points=np.zeros((0, 3), np.float32)
             )
         body_from_world = self._renderer.body_from_world(box)
         rotation = body_from_world[:3, :3]

@@ -258,7 +258,10 @@ class Preparation:
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
             return tuple(
-                TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious
+                TableFidelity(
+                    table=self._table, scheme=scheme, iou=iou, codec=codec, classes=classes
+                )
+                for iou in ious
             )
         radius = setting.place.hybrid_radius
         surrogates = []

@@ -327,7 +327,15 @@ def build_load(
 
     limited: as in `link_loads`."""
     fits = load <= max_load(capacity) or not limited
-    return PoleLoad(pole, mean, peak, capacity, load / capacity, fits, load)
+    return PoleLoad(
+        pole,
+        mbit_s=mean,
+        peak_mbit_s=peak,
+        capacity_mbit_s=capacity,
+        share=load / capacity,
+        fits=fits,
+        load_mbit_s=load,
+    )
 
 
 def measure_links(
@@ -354,7 +362,9 @@ def measure_links(
         load = float(sensor_loads[on_mount].sum())
         pole = candidates.mounts[mount]
         capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
-        pole_load = build_load(pole.name, mean, peak, load, capacity, limited=limited)
+        pole_load = build_load(
+            pole=pole.name, mean=mean, peak=peak, load=load, capacity=capacity, limited=limited
+        )
         packets = float(radio.packets[on_mount].sum())
         airtime_us = float(radio.airtime_us[on_mount].sum())
         loads.append(_add_radio(pole_load, packets=packets, airtime_us=airtime_us))
@@ -435,7 +445,11 @@ def bill_of_rates(
         unit, is_yearly = RATES[name]
         unit_price = price * (catalogue.years if is_yearly else 1)
         item = f"{name} for {catalogue.years:g} years" if is_yearly else name
-        items.append(MaterialItem(item, count[unit], unit_price, count[unit] * unit_price))
+        items.append(
+            MaterialItem(
+                item, count=count[unit], unit_price=unit_price, price=count[unit] * unit_price
+            )
+        )
     return tuple(items)
 
 
@@ -451,7 +465,7 @@ def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem,
         earlier_poles.add(sensor.pole)
     items = []
     for (model, price), count in sorted(models.items()):
-        items.append(MaterialItem(model, count, price, count * price))
+        items.append(MaterialItem(item=model, count=count, unit_price=price, price=count * price))
     for price, count in sorted(poles.items()):
-        items.append(MaterialItem("pole", count, price, count * price))
+        items.append(MaterialItem(item="pole", count=count, unit_price=price, price=count * price))
     return tuple(items)

@@ -73,7 +73,9 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     if shape.kind in _TAXIS and chance < 0.135:
         return "roof_box", _draw_roof_box(middle, roof_width, z, rng)
     if shape.kind in _RACKS and chance < 0.2:
-        return "rack", _draw_rack(middle, 0.8 * roof_length, roof_width, z, rng)
+        return "rack", _draw_rack(
+            x=middle, length=0.8 * roof_length, roof_width=roof_width, z=z, rng=rng
+        )
     if shape.kind in _RAILS and chance < 0.5:
         return "rails", _make_rails(front, rear, 0.42 * roof_width, z)
     if shape.kind == "offroader" and chance < 0.6:

@@ -48,7 +48,13 @@ class CentrePage:
 
     def __init__(self, server: "ViserServer", sensors: Mapping[str, Sensor]) -> None:
         self._server = server
-        self._style = SceneStyle(tuple(sensors), ("sensor",), Scales(), MAX_PAGE_POINTS, "float16")
+        self._style = SceneStyle(
+            sensors=tuple(sensors),
+            colourings=("sensor",),
+            scales=Scales(),
+            max_points=MAX_PAGE_POINTS,
+            precision="float16",
+        )
         positions = np.array([sensor.position for sensor in sensors.values()])
         self._origin = np.array([*np.round(positions[:, :2].mean(axis=0)), 0.0])
         self._newest: CentreFrame | None = None
@@ -123,7 +129,14 @@ def _make_tags(tracks: Tracks, boxes: Float64[np.ndarray, "n 7"]) -> tuple[Tag, 
         kind = LABELS[tracks.labels[row]]
         x, y, z = boxes[row, :3].tolist()
         place = (x, y, z + float(boxes[row, 5]) / 2)
-        tags.append(Tag(kind, "detection", f"{kind} {number} {speeds[row]:.0f} km/h", place))
+        tags.append(
+            Tag(
+                kind,
+                outcome="detection",
+                text=f"{kind} {number} {speeds[row]:.0f} km/h",
+                place=place,
+            )
+        )
     return tuple(tags)
 
 

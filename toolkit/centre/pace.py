@@ -129,5 +129,9 @@ class PaceKeeper:
     def _describe(self, time_s: float, median_s: float, needed_every: int) -> PaceEvent:
         """Return an event at a time (s); median_s: work on a frame (s)."""
         return PaceEvent(
-            time_s, self.detect_every, needed_every, 1e3 * median_s, 1e3 * self._interval_s
+            time_s,
+            self.detect_every,
+            needed_every,
+            work_ms=1e3 * median_s,
+            interval_ms=1e3 * self._interval_s,
         )

@@ -207,7 +207,9 @@ class RunningCentre:
         stages.end("write")
         faults = dict(self._watch.faults)
         latency_ms = stages.latency_ms(frame.time)
-        yield CentreFrame(frame, detections, tracks, faults, dict(stages.times_ms), latency_ms)
+        yield CentreFrame(
+            frame, detections, tracks, faults, stage_ms=dict(stages.times_ms), latency_ms=latency_ms
+        )
         for message in entry.messages:
             self._watch.read(message)
         if detections is not None:
@@ -229,7 +231,12 @@ class RunningCentre:
     def count_left_out(self, source: MessageSource) -> LeftOut:
         """Return the numbers of what was left out; source: source of the messages."""
         late = self._synchroniser.late
-        return LeftOut(self.dropped_frames, source.drops, late, self.predicted_frames)
+        return LeftOut(
+            frames=self.dropped_frames,
+            messages=source.drops,
+            late=late,
+            predicted=self.predicted_frames,
+        )
 
     def _fuse(self, group: MessageGroup) -> Frame:
         """Return the messages of a group as one frame, with all points at its time."""

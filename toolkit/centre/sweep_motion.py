@@ -37,7 +37,13 @@ def move_to_frame(frame: Frame, times_s: Float64[np.ndarray, " sensors"], tracks
         if isinstance(measurement, SensorCloud):
             measurements[row] = _move_cloud(measurement, last_age_s, moving)
         elif last_age_s >= MIN_APART_S:
-            shift = _shift_image(frame.sensors[row], measurement, shift, last_age_s, moving)
+            shift = _shift_image(
+                sensor=frame.sensors[row],
+                image=measurement,
+                shift=shift,
+                age_s=last_age_s,
+                moving=moving,
+            )
         shifts[row] = shift
     is_shifted = any(shift is not None for shift in shifts)
     return replace(

@@ -111,4 +111,4 @@ class VelodyneInput:
         )
         last_s = 0.0 if cloud.time is None else float(cloud.time.max(initial=0.0))
         time_s = float(stamp.host) + last_s
-        return SensorMessage(self.name, time_s, time_s, cloud)
+        return SensorMessage(sensor=self.name, time_s=time_s, arrival_s=time_s, measurement=cloud)

@@ -302,5 +302,9 @@ def match_conflicts(
     ]
     errors = [true_partners[row].pet_s - true[row].pet_s for row in recalled]
     return ConflictMatches(
-        len(counted), len(right), len(counted_true), len(recalled), tuple(errors)
+        found=len(counted),
+        right=len(right),
+        true=len(counted_true),
+        detected=len(recalled),
+        pet_errors_s=tuple(errors),
     )

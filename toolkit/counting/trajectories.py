@@ -113,7 +113,11 @@ def split_trajectories(
             continue
         label = int(np.bincount(labels[rows], weights, len(LABELS)).argmax())
         velocities = _find_velocities(boxes[rows, :2], seconds[rows])
-        trajectories.append(Trajectory(name, label, seconds[rows], boxes[rows], velocities))
+        trajectories.append(
+            Trajectory(
+                id=name, label=label, times=seconds[rows], boxes=boxes[rows], velocities=velocities
+            )
+        )
     return trajectories
 
 

@@ -63,14 +63,14 @@ class FrameOverlap:
         """Return the overlap of some true objects and some tracks. truth, tracks: masks."""
         pairs = self.pairs
         return FrameOverlap(
-            FramePairs(
+            pairs=FramePairs(
                 pairs.truth[truth], pairs.tracks[tracks], pairs.similarity[truth][:, tracks]
             ),
-            self.scores[tracks],
-            self.counted[truth],
-            self.outside[tracks],
-            self.truth_rows[truth],
-            self.track_rows[tracks],
+            scores=self.scores[tracks],
+            counted=self.counted[truth],
+            outside=self.outside[tracks],
+            truth_rows=self.truth_rows[truth],
+            track_rows=self.track_rows[tracks],
         )
 
     def above(self, score: float, mean_scores: dict[int, float]) -> "FrameOverlap":
@@ -148,10 +148,10 @@ def measure_overlap(
     else:
         similarity = iou_3d(true_boxes, boxes)
     return FrameOverlap(
-        FramePairs(objects.ids[truth_rows], tracks.ids[track_rows], similarity),
-        tracks.scores[track_rows],
-        is_of_class[truth_rows],
-        is_outside[track_rows],
-        truth_rows,
-        track_rows,
+        pairs=FramePairs(objects.ids[truth_rows], tracks.ids[track_rows], similarity),
+        scores=tracks.scores[track_rows],
+        counted=is_of_class[truth_rows],
+        outside=is_outside[track_rows],
+        truth_rows=truth_rows,
+        track_rows=track_rows,
     )

@@ -55,11 +55,11 @@ class _Group(NamedTuple):
         shape = (int(lengths[0]), len(courses))
         group = _Group(
             lengths,
-            np.empty(shape),
-            np.zeros(shape, np.bool_),
-            np.zeros((*shape, 2)),
-            np.zeros((*shape, 2, 2)),
-            np.array([course.label for course in courses]),
+            seconds=np.empty(shape),
+            is_seen=np.zeros(shape, np.bool_),
+            centres=np.zeros((*shape, 2)),
+            noise=np.zeros((*shape, 2, 2)),
+            labels=np.array([course.label for course in courses]),
         )
         for column, course in enumerate(courses):
             length = len(course.seconds)

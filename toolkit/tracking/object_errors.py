@@ -88,12 +88,12 @@ def measure_errors(
         tail = find_quantile(waits, 0.95)
         never = float(np.isinf(waits).mean())
     return ObjectErrors(
-        _mean(speed_error[np.isfinite(speed_error)]),
-        float(np.rad2deg(_mean(np.concatenate(heading_errors)))),
-        median,
-        tail,
-        never,
-        len(waits),
+        speed_error_mps=_mean(speed_error[np.isfinite(speed_error)]),
+        heading_error_deg=float(np.rad2deg(_mean(np.concatenate(heading_errors)))),
+        first_detection_s=median,
+        first_detection_95_s=tail,
+        never_found=never,
+        entering=len(waits),
     )
 
 

@@ -92,7 +92,16 @@ def score_pairs(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD
     numbered = numbers.frames
     if not len(truth_ids):
         nan = float("nan")
-        return TrackScores(nan, nan, nan, nan, nan, 0, nan, 0)
+        return TrackScores(
+            hota=nan,
+            deta=nan,
+            assa=nan,
+            mota=nan,
+            idf1=nan,
+            switches=0,
+            mostly_tracked=nan,
+            objects=0,
+        )
     truth_frames = np.zeros(len(truth_ids))
     track_frames = np.zeros(len(track_ids))
     for pairs in numbered:
@@ -222,7 +231,13 @@ def match_clear(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD
     matched = sum(len(match.rows) for match in matches)
     objects = sum(len(pairs.truth) for pairs in frames)
     tracks = sum(len(pairs.tracks) for pairs in frames)
-    return ClearCounts(matches, tracks - matched, objects - matched, switches, objects)
+    return ClearCounts(
+        matches,
+        false_positives=tracks - matched,
+        misses=objects - matched,
+        switches=switches,
+        objects=objects,
+    )
 
 
 def _match_in_order(

@@ -231,7 +231,7 @@ def _settle_track(
         seconds=times[frames],
         label=label,
     )
-    return _Settled(name, label, size, frames, yaw, doubts, weights, course)
+    return _Settled(name, label, size, frames, yaw, doubts, size_weights=weights, course=course)
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:
@@ -244,7 +244,13 @@ def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRo
     boxes = detections.boxes.copy()
     boxes[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
     weight = weigh_sizes(detections.doubts)
-    doubts = combine_doubts(detections.doubts, weight, weight, detections.labels, place_error)
+    doubts = combine_doubts(
+        detections.doubts,
+        size_weight=weight,
+        max_weight=weight,
+        labels=detections.labels,
+        place_error=place_error,
+    )
     return _TrackRows(
         frame=detections.frame,
         boxes=boxes,
@@ -294,10 +300,10 @@ def _make_rows(
     weights = settled.size_weights
     doubts = combine_doubts(
         settled.doubts,
-        weights.sum(axis=0)[None],
-        weights.max(axis=0)[None],
-        labels[seen],
-        place_error,
+        size_weight=weights.sum(axis=0)[None],
+        max_weight=weights.max(axis=0)[None],
+        labels=labels[seen],
+        place_error=place_error,
     )
     return _TrackRows(
         frame=frames,

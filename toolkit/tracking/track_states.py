@@ -53,8 +53,8 @@ class MeasuredRows(NamedTuple):
             detections.boxes,
             detections.scores,
             detections.labels,
-            get_doubts(detections),
-            np.arange(len(detections)),
+            doubts=get_doubts(detections),
+            rows=np.arange(len(detections)),
         )
         return measured if is_finite.all() else measured.select(is_finite)
 

@@ -166,7 +166,7 @@ def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> li
         size = supply.sizes[way.traveller.body]
         for delay in DELAYS_STEPS:
             first = way.first + delay
-            poses = give_way(Course(first, way.poses, size, labels[number]), occupancy)
+            poses = give_way(Course(first, way.poses, size, label=labels[number]), occupancy)
             if poses is not None:
                 ways_by_number[number] = way._replace(first=first, poses=poses)
                 break

@@ -81,7 +81,9 @@ class Flow:
                 per_hour = rng.uniform(*DRAWN_PER_HOUR[kind])
                 shares = rng.dirichlet(np.full(len(exits), 2.0))
                 for exit_name, share in zip(exits, shares.tolist(), strict=True):
-                    movements.append(Movement(kind, entry, exit_name, float(per_hour * share)))
+                    movements.append(
+                        Movement(kind, entry, exit=exit_name, per_hour=float(per_hour * share))
+                    )
         return Flow(tuple(movements))
 
     @staticmethod
@@ -109,7 +111,7 @@ class Flow:
                 per_hour = float(number)
             except ValueError:
                 raise ValueError(f"{where}: per_hour must be a number, got {number!r}") from None
-            movements.append(Movement(kind, entry, exit_name, per_hour))
+            movements.append(Movement(kind, entry, exit=exit_name, per_hour=per_hour))
         try:
             return Flow(tuple(movements))
         except ValueError as error:

@@ -127,7 +127,9 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
             window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
             reach = conflict - begin + REACH_STEPS
             since = begin - SMOOTHED_STEPS
-            changed = _plan_window(course, plan, window, (*distance, reach), occupancy)
+            changed = _plan_window(
+                course, plan, window, limits=(*distance, reach), occupancy=occupancy
+            )
             setting += changed is None
         plan = changed
         poses = _follow(course, plan, occupancy.last)

@@ -149,7 +149,9 @@ def simulate(
     mix = mix or Mix()
     supply = Supply(bodies, np.random.default_rng(seed), once=once)
     if not mix.is_continuous(interval):
-        return _run(site, supply, Obstacles(site), mix, frames, interval)
+        return _run(
+            site, supply, obstacles=Obstacles(site), mix=mix, frames=frames, interval=interval
+        )
     mix.check_continuous()
     return _run_continuously(site, supply, mix, frames, interval)
 
@@ -259,4 +261,6 @@ def _take_snapshot(
     boxes = boxes[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     labels = spawner.supply.labels[bodies[seen]]
-    return Snapshot(Objects(boxes, labels, ids[seen]), bodies[seen], time, repaired)
+    return Snapshot(
+        objects=Objects(boxes, labels, ids[seen]), bodies=bodies[seen], time=time, repaired=repaired
+    )

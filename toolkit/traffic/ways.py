@@ -224,7 +224,7 @@ class _Demand:
                 self._add_walker(str(name), body, passage)
             else:
                 self._add_driver(str(name), body, passage)
-            courses[name] = _Course(Traveller(name, body, entry, leave))
+            courses[name] = _Course(Traveller(id=name, body=body, entry=entry, exit=leave))
 
     def _choose_body(self, label: int, gates: tuple[str, str]) -> int | None:
         """Draw a body of a class with a passage between two gates; None if no body has one.

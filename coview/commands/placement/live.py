@@ -136,7 +136,7 @@ def what_if_command(
 
     Args:
         plan: Folder of a plan, or a site with sensors."""
-    planner = open_planner(plan, stock, classes, conditions, run)
+    planner = open_planner(where=plan, stock=stock, classes=classes, conditions=conditions, run=run)
     before = planner.finish()
     stated = planner.stated
     changes.apply(planner)

@@ -111,12 +111,12 @@ def _add_sensor(
     pole = tube(pole_ends, radii=0.1)
     scene_parts.add_mesh(api, f"{node}/pole", pole, POLE_INK)
     position = (sensor.x, sensor.y, sensor.z)
-    add_housing(api, f"{node}/housing", position, _HOUSING_SIZE_M, colour)
+    add_housing(api, name=f"{node}/housing", position=position, size=_HOUSING_SIZE_M, colour=colour)
     label_position = (sensor.x, sensor.y, sensor.z + _LABEL_RISE_M)
     scene_parts.add_label(api, f"{node}/label", sensor.name, label_position, scale=1.3)
     if seen_ground is not None:
         scene_parts.add_mesh(api, f"{node}/ground", seen_ground, colour, opacity=0.28)
-    return Layer(sensor.name, node, colour, "points, field of view and visible ground")
+    return Layer(sensor.name, node, colour, mark="points, field of view and visible ground")
 
 
 def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) -> None:

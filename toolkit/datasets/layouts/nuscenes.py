@@ -192,7 +192,9 @@ def _load(
 
     tables: rows by token, by name of the table; lidars, labels: rows of sample_data and of
     sample_annotation by token of the sample; is_clock: True if timestamps are times."""
-    return _read_frame(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
+    return _read_frame(
+        folder, token, tables, data=lidars[token], labels=labels.get(token, []), is_clock=is_clock
+    )
 
 
 def _find_sensor_entry(tables: dict[str, _Row], row: _Row, key: str) -> str:

@@ -103,10 +103,10 @@ def _sweep(frame: Any, points: np.ndarray, name: str, number: int) -> Sweep:
     first, last = frame.sensor_info.format.column_window
     width = (last - first) % len(is_valid) + 1
     return Sweep(
-        name,
-        number,
-        frame.get_first_valid_packet_timestamp() / _NS_PER_S,
-        {
+        sensor=name,
+        number=number,
+        time_s=frame.get_first_valid_packet_timestamp() / _NS_PER_S,
+        columns={
             "positions": points[rows, columns],
             "intensity": np.asarray(intensity)[rows, columns],
             "ring": rows,

@@ -65,7 +65,13 @@ class VelodyneCapture:
         counts[name] += 1
         columns = list_sweep_columns(points)
         is_partial = len(points) > 0 and _measure_turn(points) < _MIN_TURN_RAD
-        return Sweep(name, counts[name] - 1, float(stamp.host), columns, is_partial)
+        return Sweep(
+            sensor=name,
+            number=counts[name] - 1,
+            time_s=float(stamp.host),
+            columns=columns,
+            is_partial=is_partial,
+        )
 
 
 def list_sweep_columns(points: np.ndarray) -> dict[str, np.ndarray]:

@@ -246,7 +246,13 @@ def restore(
                 f"{rule}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more"
             )
     measured = from_steps(steps, sent, header.step, scene.model)
-    return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing, steps)
+    return Restored(
+        header,
+        image=np.where(sent | missing, measured, scene.first),
+        sent=sent,
+        missing=missing,
+        steps=steps,
+    )
 
 
 def check_pixels(

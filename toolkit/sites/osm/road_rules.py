@@ -21,22 +21,22 @@ Tags = Mapping[str, str]
 Users = frozenset[str]
 
 ROADS = {  # by the value of highway
-    "motorway": RoadClass(2, 36.1, 14, False),
-    "trunk": RoadClass(2, 27.8, 13, False),
-    "primary": RoadClass(1, 13.9, 12, True),
-    "secondary": RoadClass(1, 13.9, 11, True),
-    "tertiary": RoadClass(1, 13.9, 10, True),
-    "unclassified": RoadClass(1, 13.9, 8, True),
-    "residential": RoadClass(1, 8.3, 7, True),
-    "living_street": RoadClass(1, 2.8, 6, True),
-    "busway": RoadClass(1, 8.3, 5, False),
-    "service": RoadClass(1, 5.6, 4, False),
-    "cycleway": RoadClass(1, 5.6, 2, False),
-    "motorway_link": RoadClass(2, 36.1, 14, False),
-    "trunk_link": RoadClass(2, 27.8, 13, False),
-    "primary_link": RoadClass(1, 13.9, 12, True),
-    "secondary_link": RoadClass(1, 13.9, 11, True),
-    "tertiary_link": RoadClass(1, 13.9, 10, True),
+    "motorway": RoadClass(lanes=2, speed=36.1, priority=14, has_footways=False),
+    "trunk": RoadClass(lanes=2, speed=27.8, priority=13, has_footways=False),
+    "primary": RoadClass(lanes=1, speed=13.9, priority=12, has_footways=True),
+    "secondary": RoadClass(lanes=1, speed=13.9, priority=11, has_footways=True),
+    "tertiary": RoadClass(lanes=1, speed=13.9, priority=10, has_footways=True),
+    "unclassified": RoadClass(lanes=1, speed=13.9, priority=8, has_footways=True),
+    "residential": RoadClass(lanes=1, speed=8.3, priority=7, has_footways=True),
+    "living_street": RoadClass(lanes=1, speed=2.8, priority=6, has_footways=True),
+    "busway": RoadClass(lanes=1, speed=8.3, priority=5, has_footways=False),
+    "service": RoadClass(lanes=1, speed=5.6, priority=4, has_footways=False),
+    "cycleway": RoadClass(lanes=1, speed=5.6, priority=2, has_footways=False),
+    "motorway_link": RoadClass(lanes=2, speed=36.1, priority=14, has_footways=False),
+    "trunk_link": RoadClass(lanes=2, speed=27.8, priority=13, has_footways=False),
+    "primary_link": RoadClass(lanes=1, speed=13.9, priority=12, has_footways=True),
+    "secondary_link": RoadClass(lanes=1, speed=13.9, priority=11, has_footways=True),
+    "tertiary_link": RoadClass(lanes=1, speed=13.9, priority=10, has_footways=True),
 }
 
 MPH_M_S = 0.44704
