@@ -51,6 +51,10 @@ class _Graph(nn.Module):
         self.network: Any = network
 
     def forward(self, features: Tensor, voxel: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+        """Raw maps of the network's head, without those that it lacks.
+
+        features: points' features; voxel: voxel of each point; cells: item, ix, iy, iz of each
+        voxel."""
         network = self.network
         x = network.features.encode(features, voxel, cells.shape[0])
         if isinstance(network.middle, HeightFold):

@@ -361,7 +361,7 @@ class Objective(FeasibleSets):
             )
 
         def rewards(sets: Sets, frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
-            # rewards of sets from some of the frames
+            """Rewards of sets, estimated from some of the frames (indices)."""
             estimate = scored_by.partial(sets, frames.tolist())
             self._report_scored(len(sets))
             return self._weigh(sets, estimate.ap, estimate.kbit).reward

@@ -366,7 +366,7 @@ class Detected:
         return np.array([self.to_find(k, label).sum() for k in frames], np.int64)
 
     def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
-        # key of the outcome of a set (indices of candidates) in frame k
+        """Key of the outcome of a set (indices of candidates) in frame k."""
         return self.key(
             k, "outcome", members, self.scheme.digest, self.codec.digest, self.thresholds
         )
@@ -504,7 +504,7 @@ class _FrameDetections:
                 self._keep(key, detections)
 
     def _try_fuse(self, members: tuple[int, ...]) -> bool:
-        # True if the set is fused; False if it waits for a detection, now in `_requests`
+        """Fuse a set; return False if it waits for a detection, which is now in `_requests`."""
         try:
             self.fused(members)
         except _Unknown:
@@ -533,7 +533,7 @@ class _FrameDetections:
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
-        # for this frame, and for the cache, which the caller writes
+        """Keep detections for this frame, and in `new` for the cache, which the caller writes."""
         self._detected[key] = detections
         columns = [detections.boxes, detections.scores, detections.labels]
         if detections.doubts is not None:

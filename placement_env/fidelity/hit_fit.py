@@ -180,7 +180,7 @@ class _Fitting:
         total = max(sum(site_weights.sets.sum() for site_weights in weights), 1.0)
 
         def misfit(rate: float) -> float:
-            # mean squared error of the AP with this rate of false alarms
+            """Mean squared error of the AP with this rate of false alarms."""
             squares = []
             for p, observation, site_weights in zip(ranked, self._observed, weights, strict=True):
                 ap, _ = compute_expected_ap(p, float(rate))

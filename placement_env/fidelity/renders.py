@@ -395,7 +395,7 @@ class Recorded:
         return np.isin(objects.ids, self.ways[k].ids)
 
     def _frame(self, k: int) -> Frame:
-        # frame k with noise and errors; the last one is kept, as its sensors are asked in turn
+        """Frame k with noise and errors; the last one is kept, as its sensors are read in turn."""
         index = k if self.ways is None else self.ways[k].number
         if self._last is None or self._last.index != index:
             self._last = read_frame(

@@ -130,6 +130,9 @@ def run_centre(
         watch = parts.make_watch(sensors, start_s, turn_process)
 
         def tick(now_s: float, events: list[CentreEvent]) -> None:
+            """Report events, write health if it is due, and stop the run when its time is over.
+
+            now_s: time of the sensors (s)."""
             for event in events:
                 health.add_event(event)
                 report(event)

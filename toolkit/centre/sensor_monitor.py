@@ -122,7 +122,7 @@ class SensorMonitor:
         return Fault.SHIFTED if self._shifted >= MIN_FAULTY_MESSAGES else None
 
     def _is_new(self, newest: Shown, now: float) -> bool:
-        # True for data that were not read yet, unless they are from the future
+        """Return True for data that were not read yet, unless they are from the future."""
         if not newest.time <= now + MAX_CLOCK_AHEAD_S:
             return False
         return self._pixels is None or newest.time > self._newest

@@ -275,8 +275,10 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
 
 
 def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
-    # Strips of some columns: cast their rays, find the edges between rays that show different
-    # things by bisection, and pair each edge with the next above.
+    """Strips of some columns of rays.
+
+    Their rays are cast, the edges between rays that show different things are found by bisection,
+    and each edge is paired with the next above."""
     window = columns.window
     azimuth = columns.azimuth.astype(np.float32)
     rows = columns.rows

@@ -235,6 +235,7 @@ class _Disk(io.FileIO):
         return size
 
     def truncate(self, size: int | None = None) -> int:
+        """Cut the file to a size, and remember the first error, as HDF5 does not report it."""
         try:
             super().truncate(size)
         except OSError as error:

@@ -26,6 +26,7 @@ def parse_json(text: str) -> Any:
 
 
 def _whole_number(digits: str) -> int:
+    """Number of a text of digits. Raises ValueError for more digits than any float has."""
     # no float is as large, and Python turns no text of thousands into a number
     if len(digits) > 300:
         raise ValueError(f"it has a number of {len(digits)} digits")

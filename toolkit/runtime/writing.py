@@ -197,6 +197,7 @@ def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | No
 
 @contextmanager
 def _name_output(path: str | Path) -> Iterator[None]:
+    """Name the path in an OSError of the block, with a remedy and the same number of error."""
     try:
         yield
     except OSError as error:

@@ -357,7 +357,7 @@ def _open_map(geo_reference: str) -> _EarthMap:
 
 
 def _describe_system(system: "CRS") -> str:
-    # Words for a system that is no projected map, for an error.
+    """Words for a system that is no projected map, for an error."""
     if system.is_geographic:
         return "a system of degrees, and a map must be in lengths"
     if system.is_engineering:
@@ -408,7 +408,7 @@ def _list_missing_grids(geo_reference: str) -> list[str]:
 
 
 def _note_missing_grids(missing: list[str]) -> str | None:
-    # Note for a map whose grids are not installed, None if nothing is missing.
+    """Note for a map whose grids are not installed, None if nothing is missing."""
     if not missing:
         return None
     return (
@@ -457,7 +457,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Js
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def convert_points(xy: np.ndarray) -> np.ndarray:
-        # coordinates of the feature, rounded; + 0.0 makes 0 of -0
+        """Coordinates of the feature, rounded; + 0.0 makes 0 of -0."""
         degrees = longitude_latitude(site, xy)
         return (xy if degrees is None else degrees).round(decimals) + 0.0
 
@@ -509,7 +509,7 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
 
 
 def _layers(site: Site) -> Iterator[_Json]:
-    # Features of the area, lanes, footways, solids, bays, mounts and sensors, in this order.
+    """Features of the area, lanes, footways, solids, bays, mounts and sensors, in this order."""
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name, height=site.height)
     for layer, outlines in (("lane", site.lanes), ("footway", site.footways)):
         for i, outline in enumerate(outlines):

@@ -188,8 +188,10 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
 
 
 def _draw_sensor(name: str, mount: Mount, site: Site, rng: Rng, *, is_lidar: bool) -> Sensor:
-    # Sensor of random model, height and aim on a mount. name: the sensor's; is_lidar: a lidar, not
-    # a camera. The order of the draws must not change, or all random sites do.
+    """Sensor of random model, height and aim on a mount.
+
+    name: the sensor's; is_lidar: a lidar, not a camera. The order of the draws must not change, or
+    all random sites do."""
     x, y, z = mount.position.tolist()
     # heights above the foot of the mount (m); most sensors at eye level remain below low + 1.5
     low = min(max(MIN_MOUNT_HEIGHT_M, mount.min_height), mount.max_height)
@@ -352,7 +354,7 @@ def _draw_path(rng: Rng, direction: float, *, start: float) -> Float64[np.ndarra
 
 
 def _outer_nodes(legs: Sequence[Leg]) -> list[XmlAttributes]:
-    # Attributes of SUMO's nodes e0, e1, ... at the outer ends of the legs.
+    """Attributes of SUMO's nodes e0, e1, ... at the outer ends of the legs."""
     outer_points = [leg.path[-1] for leg in legs]
     return [{"id": f"e{i}", "x": x, "y": y} for i, (x, y) in enumerate(outer_points)]
 

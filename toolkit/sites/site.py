@@ -213,7 +213,7 @@ class Site(Displayed):
     __hash__ = None  # type: ignore[assignment]
 
     def _card(self) -> Card:
-        # Card that a notebook shows: size and counts, then tables of sensors and of mounts.
+        """Card that a notebook shows: size and counts, then tables of sensors and of mounts."""
         xmin, ymin, xmax, ymax = self.area
         layers = {
             "lane polygon": self.lanes,
@@ -237,7 +237,7 @@ class Site(Displayed):
         )
 
     def _list_mounts(self) -> Table:
-        # Columns of a table of the mounts, a row for each, in metres of the site frame.
+        """Columns of a table of the mounts, a row for each, in metres of the site frame."""
         positions = np.array([mount.position for mount in self.mounts])
         x, y, _ = positions.reshape(-1, 3).T  # reshape is for a site without mounts
         return {
@@ -363,13 +363,17 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
 
 
 def _check_origin(origin: object, where: str) -> None:
-    # ValueError unless one of `ORIGINS`. where: name of the field to the user.
+    """Raise ValueError unless an origin is one of `ORIGINS`.
+
+    where: name of the field to the user."""
     if origin not in ORIGINS:
         raise ValueError(f"{where} must be one of {', '.join(ORIGINS)}, got {origin!r:.60}")
 
 
 def _check_unique(names: Sequence[str], where: str) -> None:
-    # Raise ValueError if a name is no text, is empty, or is there twice. where: layer of the names.
+    """Raise ValueError if a name is no text, is empty, or is there twice.
+
+    where: layer of the names."""
     first_index: dict[str, int] = {}  # index of the first entry with a name
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
@@ -382,7 +386,7 @@ def _check_unique(names: Sequence[str], where: str) -> None:
 
 
 def _check_network(network: str) -> None:
-    # Raise ValueError unless the network is "" or the text of a SUMO network with edges.
+    """Raise ValueError unless the network is "" or the text of a SUMO network with edges."""
     if not network:
         return
     try:

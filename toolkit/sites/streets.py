@@ -92,7 +92,7 @@ def find_lane_arrows(
 
 
 def _list_streets(site: Site) -> list[ElementTree.Element]:
-    # Edges of the site's network that are streets: edges within junctions have a function.
+    """Edges of the site's network that are streets: edges within junctions have a function."""
     edges = ElementTree.fromstring(site.network or "<net/>").findall("edge")
     return [edge for edge in edges if not edge.get("function")]
 

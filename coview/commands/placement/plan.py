@@ -216,6 +216,7 @@ def plan_command(
 
 
 def _describe(plan: "Plan") -> str:
+    """Verdict, sensors and figures of a plan as lines of text."""
     from placement_env.analysis.intervals import AP_TOLERANCE, describe_sureness
     from placement_env.handover.mounted import is_named_by_pole
 

@@ -292,7 +292,7 @@ class Question:
 
 
 def _check_amount(name: str, value: float | None) -> None:
-    # raises ValueError for an infinite or negative amount; None is any amount
+    """Raise ValueError for an infinite or negative amount; None is any amount."""
     if value is not None and not 0 <= value < math.inf:
         raise ValueError(
             f"{name} must be a finite number from 0 up, got {value}: leave it out for any"

@@ -239,6 +239,7 @@ def _holds_rows(file: Path) -> bool:
 
 
 def _list_cloud_files(path: Path) -> list[Path]:
+    """Files of clouds in a folder, by their endings, without the file of poses."""
     files = folders.list_files(path)
     return [
         file for file in files if file.suffix.lower() in folders.ENDINGS and file.name not in POSES

@@ -71,6 +71,13 @@ def kitti(path: Path) -> listing.Listing:
 
 
 def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
+    """Read a frame of KITTI: its cloud, and its labels, moved from the camera's frame.
+
+    Args:
+        folder: Folder with `velodyne`, `label_2` and `calib`.
+        middles: Origins of clouds that are far from their sensor's.
+        is_labelled: True if any frame has labels, so that a missing file is a problem.
+        name: Name of the frame's files without their ending."""
     problems: problem_kinds.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = cloud_records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)

@@ -123,6 +123,13 @@ def _load(
 def _read_frame(
     name: str, files: list[Path], mirror: np.ndarray, problems: problem_kinds.Problems
 ) -> Frame:
+    """Read a frame of OPV2V, in the frame of its first agent's lidar with z up.
+
+    Args:
+        name: Name of the frame.
+        files: YAML file of each agent; its cloud is next to it.
+        mirror: Matrix that turns the simulator's left-handed axes.
+        problems: Problems of the recording, which the frame gets and adds to."""
     contents = []
     poses = []
     for file in files:

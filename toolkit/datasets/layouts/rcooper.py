@@ -103,6 +103,7 @@ def _clouds(folder: Path) -> list[Path]:
 
 
 def _time(file: Path) -> tuple[float, tuple[str | int, ...]]:
+    """Key that sorts files by the time in their names, and those without a time after them."""
     try:
         return float(file.stem), natural_order(file.stem)
     except ValueError:

@@ -102,7 +102,7 @@ def _varies(road: Carriageway) -> bool:
 
 
 def _is_bent(function: Cubics) -> bool:
-    # True if a function has a slope, or steps from one piece to the next.
+    """Return True if a function has a slope, or steps from one piece to the next."""
     values = function.rows[:, 0]  # at the starts of the pieces
     slopes = function.rows[:, 1:]  # and higher derivatives
     return bool(slopes.any()) or bool((values[1:] != values[:-1]).any())

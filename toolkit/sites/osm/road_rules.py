@@ -495,9 +495,11 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
 def _is_open(
     tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]
 ) -> bool:
-    # True if a user (SUMO's vehicle class) may drive in a direction. keys: access keys of the user,
-    # from the general to the particular; side: "forward" or "backward"; usual: True if roads of
-    # this class are open to the user; notes: notes on rules that are not understood are added
+    """Return True if a user (SUMO's vehicle class) may drive in a direction.
+
+    keys: access keys of the user, from the general to the particular; side: "forward" or
+    "backward"; usual: True if roads of this class are open to the user; notes: notes on rules that
+    are not understood are added."""
     is_open = usual
     for key in keys:
         for name in (key, f"{key}:{side}"):
@@ -533,8 +535,9 @@ def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
 
 
 def _is_limit_below(tags: Tags, key: str, limit: float) -> bool:
-    # True if the value of a tag of weight or size is at most `limit` (t or m). The value is a
-    # number, its unit, and inches after feet, as in 7'6"
+    """Return True if the value of a tag of weight or size is at most `limit` (t or m).
+
+    The value is a number, its unit, and inches after feet, as in 7'6"."""
     match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
@@ -655,7 +658,7 @@ def parse_speed(value: str) -> float | None:
 
 
 def _parse_one_speed(text: str) -> float | None:
-    # limit (m/s) of one number with its unit, or of one zone; None if it is not understood
+    """Limit (m/s) of one number with its unit, or of one zone; None if it is not understood."""
     number_match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
     if number_match is not None:
         number, unit_name = number_match.groups()
@@ -721,14 +724,14 @@ def _list_unused(tags: Tags) -> list[str]:
 
 
 def _bears_on_traffic(key: str) -> bool:
-    # True for the key of a rule of access, speed, direction, lanes or turns
+    """Return True for the key of a rule of access, speed, direction, lanes or turns."""
     head = key.partition(":")[0]
     other_heads = {"maxspeed", "oneway", "lanes", "turn", "restriction", "hov"}
     return head in ACCESS_KEYS | other_heads
 
 
 def _has_reserved_lanes(key: str, value: str) -> bool:
-    # True for a tag of lanes that only some users may take, such as bus:lanes=|designated
+    """Return True for a tag of lanes for some users only, such as bus:lanes=|designated."""
     head, _, suffix = key.partition(":")
     parts = suffix.split(":")
     if key.endswith(":conditional"):
