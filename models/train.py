@@ -197,9 +197,10 @@ class SecondStages(NamedTuple):
 
 
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> SecondStages:
-    """Choose the classes and second stages of a training, by default as in `start`.
+    """Choose the classes and second stages of a training.
 
-    Raises ValueError for faces of other classes."""
+    start: network from which the training goes on; the options that are None are as in it. Raises
+    ValueError for faces of other classes."""
     classes = options.classes
     faces = options.faces
     if classes is None:

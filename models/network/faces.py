@@ -172,9 +172,15 @@ def _by_box(faces: FaceShifts) -> Float[np.ndarray, "n 5"]:
 def move_faces(
     boxes: BoxRows, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]
 ) -> BoxRows:
-    """Boxes with their faces moved; the floor stays.
+    """Boxes with their faces moved outwards; the floor stays.
 
-    end, side, top: as in `FaceShifts`. Shifts inwards leave a fifth of the size.
+    Shifts inwards (below 0) leave a fifth of the size.
+
+    Args:
+        boxes: n boxes.
+        end: Shift (m) of the fronts of all boxes, then of their rears.
+        side: Shift (m) of the left sides, then of the right ones.
+        top: Shift (m) of the tops.
     """
     front, rear = np.split(end, 2)
     left, right = np.split(side, 2)

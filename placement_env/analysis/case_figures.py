@@ -218,8 +218,8 @@ def reduce_failures(
     """Return the figures of n sets over their failures; kbit are for intact sets.
 
     Args:
-        values: Figures of the rows of `Cases.expand`.
-        owners: Index of the set of each row, as `Cases.expand` returns it.
+        values: Figures of m rows: the n intact sets, then what each failure leaves of each set.
+        owners: Index of the set of each row.
         cases: Give the failures and how they are combined.
         tie: Share of the intact sets' AP to add, so that a race can distinguish sets that fail
             completely; 0 for AP to state."""

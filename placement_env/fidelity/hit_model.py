@@ -259,7 +259,7 @@ class HitModel:
 def load_models(
     path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)
 ) -> tuple[HitModel, ...]:
-    """Load the hit models in a JSON file, as `save_models` writes it.
+    """Load the hit models in a JSON file that `save_models` wrote.
 
     schemes: Names of fusion schemes that the models may be for.
 

@@ -377,7 +377,7 @@ class _Scene:
     def _find_chances(
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
     ) -> Chances:
-        """Chances that n points are sent, and sent and far (see `find_chances`).
+        """Chance of each of n points to be sent, and to be sent and far from its sensor.
 
         Args:
             points: (n, 3) points without noise (m, world frame).

@@ -323,9 +323,15 @@ def measure_radio(kbit: Float64[np.ndarray, "sensors frames"]) -> RadioUse:
 def build_load(
     pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
 ) -> PoleLoad:
-    """Load of one link from its amounts (Mbit/s), without its packets.
+    """Load of one link, without its packets.
 
-    limited: as in `link_loads`."""
+    Args:
+        pole: Name of the pole.
+        mean: Mean amount of data (Mbit/s).
+        peak: Largest amount in a frame (Mbit/s).
+        load: Data rate that counts against the capacity (Mbit/s).
+        capacity: Capacity of the link (Mbit/s).
+        limited: Whether the scheme sends points; only points count against the capacity."""
     fits = load <= max_load(capacity) or not limited
     return PoleLoad(
         pole,
@@ -347,8 +353,11 @@ def measure_links(
 ) -> tuple[PoleLoad, ...]:
     """Load of the link of each mount that carries a candidate.
 
-    kbit: data of each candidate in each frame; link_share, limited: as in `format_sensors` and
-    `link_loads`."""
+    Args:
+        candidates: Candidates, all of which send.
+        kbit: Data of each candidate in each frame.
+        link_share: Part of the frames whose data a load must not exceed.
+        limited: Whether the scheme sends points; only points count against the capacity."""
     mbit_s = kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
     means = mbit_s.mean(axis=1)
     peaks = mbit_s.max(axis=1, initial=0)

@@ -181,7 +181,11 @@ class Progress:
     ) -> Result:
         """Incumbent as the answer of a search.
 
-        method: name of the search; front, by_size: see `Result`."""
+        Args:
+            method: Name of the search.
+            certificate: Proof of how good the answer is.
+            front: Scored sets that no other beats in AP, kbit and price together.
+            by_size: Best set of 1, 2, ... sensors."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         return Result(
             method=method,

@@ -492,7 +492,7 @@ def _point(coordinates: list[float], **properties: JsonValue) -> Json:
 
 
 def format_model(model: SensorModel) -> Json:
-    """Members of the JSON object of a sensor model, as `read_model` takes them.
+    """Members of the JSON object of a sensor model, which `read_model` reads.
 
     They are the class name as `type`, and the fields that are not None. Angles, which the model has
     in rad, are in degrees under names that end in `_deg`; tuples become lists."""

@@ -124,9 +124,9 @@ def run_netconvert(options: Sequence[str]) -> str:
 
 
 def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
-    """Run netconvert as `run_netconvert` does; return the net.xml text and netconvert's warnings.
+    """Run netconvert with some options; return the net.xml text and netconvert's warnings.
 
-    The warnings are lines without their prefix."""
+    The warnings are lines without their prefix. Raises the errors of `run_netconvert`."""
     netconvert_command = [str(netconvert()), *_OPTIONS, *options]
     # a small Python program that limits its memory and then becomes netconvert; -S: no packages
     launcher = [sys.executable, "-S", "-c", _LIMITED, str(os.getpid())]

@@ -368,7 +368,7 @@ def number_lanes(tags: Tags) -> dict[str, str]:
 
 
 def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
-    """Number of lanes of a one-way street as `lanes`, without lanes against its traffic.
+    """Tag `lanes` of a one-way street: its number of lanes, without lanes against its traffic.
 
     oneway: "yes" or "-1". Empty if the number is unknown."""
     numbers = number_lanes(tags)
