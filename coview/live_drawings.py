@@ -58,6 +58,7 @@ class SensorDrawings:
     Only sensors that have changed are sent to the browsers again."""
 
     def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
+        """Keep the scene and the planner; nothing is drawn yet."""
         self._api = api
         self._planner = planner
         # by name of the sensor: housing, handle, view and label
@@ -166,6 +167,7 @@ class Ghosts:
     def __init__(
         self, api: "SceneApi", planner: LivePlanner, accept: Callable[[Suggestion], None]
     ) -> None:
+        """Keep the scene and the planner; there are no suggestions yet."""
         self._api = api
         self._planner = planner
         self._accept = accept  # called with a suggestion that is clicked

@@ -56,6 +56,10 @@ class VoxelNetDetector:
         score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
+        """Fold a network for inference.
+
+        device: of PyTorch; score_threshold: least score of a detection, None for the network's;
+        nms_threshold: IoU above which the lower of two scores goes."""
         self._adopt(network.config, device, score_threshold, nms_threshold)
         self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
@@ -319,6 +323,9 @@ class WideVoxelNetDetector(VoxelNetDetector):
         score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
+        """Make the network's grid one block, and detect in an area block by block.
+
+        area: xmin, ymin, xmax, ymax (m); other arguments are those of `VoxelNetDetector`."""
         cells = BLOCK_CELLS + 2 * MARGIN_CELLS
         sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
         block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))

@@ -94,6 +94,7 @@ class PublishedDetector:
         score_threshold: float = 0.1,
         nms_threshold: float = 0.1,
     ) -> None:
+        """Fold a published network for inference. Raises ValueError for an unknown decoding."""
         if decoding not in ("exact", "published"):
             raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
         self.site = site

@@ -43,6 +43,7 @@ class SparseVoxelNet(nn.Module):
     """Trained network for inference, with a folded copy of its weights: train the original."""
 
     def __init__(self, network: VoxelNet) -> None:
+        """Fold a trained network: normalisations go into the weights of their layers."""
         super().__init__()
         self.config = network.config
         self.features: nn.Module
@@ -81,6 +82,7 @@ class LinearFeatures(nn.Module):
     """
 
     def __init__(self, features: VoxelFeatures) -> None:
+        """Fold layer and normalisation into a part of each point and a part of each voxel."""
         super().__init__()
         self.config = features.config
         layers: Any = features.layers
@@ -151,6 +153,9 @@ class FoldedRegionProposal(nn.Module):
     """
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
+        """Fold the blocks, their join and the head.
+
+        input_order: order of the first block's input channels, None for the usual one."""
         super().__init__()
         self.order = rpn.order
         rpn_blocks: Any = rpn.blocks
@@ -236,6 +241,7 @@ class PlainJoin(nn.Module):
     """Join of the three blocks' maps, as in training."""
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
+        """Fold the normalisation into the transposed convolutions, if there is one."""
         super().__init__()
         self.add = rpn.add
         self.upsample = rpn.upsample
@@ -278,6 +284,7 @@ class LinearHead(nn.Module):
     """
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
+        """Compose the coarse maps' transposed convolutions with the 3x3 one."""
         super().__init__()
         assert head.conv3x3 is not None
         layers: Any = rpn.upsample
@@ -385,6 +392,7 @@ class SparseColumns(nn.Module):
     """
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
+        """Fold the normalisation, and sort the taps of the first convolution by parity."""
         super().__init__()
         scale, shift = scale_and_shift(fold.norm)
         self.shape = fold.shape
@@ -514,6 +522,7 @@ class SparseMiddle(nn.Module):
     """
 
     def __init__(self, middle: MiddleLayers) -> None:
+        """Fold each layer; `empty` is what it makes of a grid without points."""
         super().__init__()
         self.shape = middle.shape
         layers: Any = middle.layers
@@ -570,6 +579,9 @@ class SparseConvolution(nn.Module):
     def __init__(
         self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int
     ) -> None:
+        """Keep the weights in the order in which they are used.
+
+        empty: output without points; stride, padding: along z."""
         super().__init__()
         # lowest input level of each output level
         self.first = [level * stride - padding for level in range(empty.shape[1])]

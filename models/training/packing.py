@@ -276,6 +276,7 @@ class _Column:
     """Growing array of a file, written by chunks."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
+        """Make the array in a file, empty. name: its path; dtype: type of its numbers."""
         options = {
             "chunks": (_CHUNK,),
             "compression": "gzip",

@@ -224,6 +224,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def __init__(
         self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int
     ) -> None:
+        """Keep the frames and how examples are made of them; seed: of all random numbers."""
         self.frames = frames
         self.config = config
         self.recipe = recipe
@@ -234,6 +235,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return len(self.frames)
 
     def __getitem__(self, epoch_and_frame: tuple[int, int]) -> Batch:
+        """Batch of random windows on frame k, drawn anew for each epoch."""
         epoch, k = epoch_and_frame
         rng = np.random.default_rng([self.seed, epoch, k])
         recipe = self.recipe

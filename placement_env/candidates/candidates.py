@@ -100,6 +100,7 @@ class Candidates(Displayed):
     axes: Axes
 
     def __post_init__(self) -> None:
+        """Raise ValueError for fields that do not fit together."""
         count = len(self.sensors)
         if len(self.factors) != count:
             raise ValueError(

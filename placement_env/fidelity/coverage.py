@@ -35,6 +35,9 @@ class SentData:
         codec: Codec = PAPER,
         min_points: float = LEAST,
     ) -> None:
+        """Estimate what each candidate sends.
+
+        min_points: points from which an object is seen."""
         # boxes that each candidate sends in all frames
         boxes = (visibility.points >= min_points).sum(axis=1).astype(np.float64)
         self._bits = estimate_bits(find_scheme(scheme), codec, visibility, boxes)
@@ -89,6 +92,10 @@ class Coverage:
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
+        """Find which candidates see each object of the classes.
+
+        min_points: points from which a sensor sees an object; views: sensors that must see it.
+        Raises ValueError for numbers of either that are too small."""
         if not 0 < min_points < np.inf or views < 1 or views != int(views):
             raise ValueError(
                 f"a view needs more than 0 points and a set 1 view or more, got {min_points} and "

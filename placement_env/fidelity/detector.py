@@ -152,6 +152,10 @@ class Detected:
         processes: Processes = Processes(),
         classes: Classes = VEHICLES,
     ) -> None:
+        """Check and keep what the scores depend on; nothing is detected yet.
+
+        Raises ValueError for an IoU threshold, class or codec that does not fit, and for a cache
+        with a detector without digest."""
         check_iou(iou)
         check_known(detector, classes.names)
         self.classes = classes
@@ -442,6 +446,7 @@ class _FrameDetections:
         new: Arrays of the detections that were not cached, by key; the caller keeps them."""
 
     def __init__(self, rules: Detected, k: int) -> None:
+        """Begin without any detections. rules: what they depend on; k: index of the frame."""
         self._rules = rules  # the fidelity: measurements, detector, scheme, codec and cache
         self._k = k
         self._site = rules.renders.site

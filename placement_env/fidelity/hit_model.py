@@ -107,6 +107,7 @@ class HitDomain:
     sets: int
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a number that is not above 0, and for names that are no texts."""
         for name in ("farthest", "most_points", "sites", "objects", "sets"):
             value = getattr(self, name)
             if (
@@ -197,6 +198,7 @@ class HitModel:
     error: float = 0.0
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a number out of its range, an unknown class and a wrong field."""
         for name, (lowest, highest) in RANGES.items():
             value = getattr(self, name)
             if (

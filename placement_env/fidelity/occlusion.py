@@ -77,6 +77,7 @@ class SensorRays:
         first: (S + 1,) number of the first pixel of each sensor, then P."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
+        """Measure the empty site with each sensor, and list the rays of all."""
         self.sensors = tuple(sensors)
         self._renderer = renderer
         images = renderer.looking(sensors).background
@@ -291,6 +292,7 @@ class _Scene:
         far: (S,) the ones beyond the site's hybrid radius."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
+        """Measure the empty site, and how many of its points each sensor sends."""
         self._site = site
         self._crop = Crop.from_place(site)
         views = self.views = SensorRays(renderer, sensors)

@@ -72,6 +72,10 @@ class TrafficView:
     def __init__(
         self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None
     ) -> None:
+        """Begin without panoramas.
+
+        labels: classes of the objects that count; cache: where strips are kept, None for nowhere.
+        """
         self.traffic = traffic
         self._cache = cache
         self._unseen = Visibility.unseen(traffic, (), labels)  # without a sensor

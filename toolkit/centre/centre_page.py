@@ -47,6 +47,7 @@ class CentrePage:
     """
 
     def __init__(self, server: "ViserServer", sensors: Mapping[str, Sensor]) -> None:
+        """Prepare the page, and start the thread that draws."""
         self._server = server
         self._style = SceneStyle(
             sensors=tuple(sensors),

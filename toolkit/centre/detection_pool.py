@@ -50,6 +50,7 @@ class DetectionPool:
     """
 
     def __init__(self, detection: Detection, wake: Callable[[], None]) -> None:
+        """Start the threads, none if the calling thread is to detect."""
         self._detection = detection
         self._wake = wake
         self._next_frame: Frame | None = None

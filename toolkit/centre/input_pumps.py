@@ -49,6 +49,9 @@ class InputPumps:
         speed: float = 1.0,
         read: Reader = read_in_process,
     ) -> None:
+        """Make a thread for each input; `start` starts them.
+
+        Raises ValueError for live sensors next to replays."""
         self._is_live = inputs[0].is_live
         if any(source.is_live != self._is_live for source in inputs):
             raise ValueError("live sensors and replays have different clocks: give one kind only")

@@ -35,6 +35,9 @@ class MessageQueue:
     """
 
     def __init__(self, stop: Event, max_messages: int = MAX_WAITING_MESSAGES) -> None:
+        """Begin without messages.
+
+        stop: ends the run; max_messages: number of messages beyond which the oldest is dropped."""
         if max_messages < 1:
             raise ValueError(f"a queue must hold at least 1 message, got {max_messages}")
         self.drops: Counter[str] = Counter()

@@ -44,6 +44,7 @@ class PaceEvent:
         }
 
     def __str__(self) -> str:
+        """The change with its reason and remedy, in a line."""
         times = (
             f"{self.time_s:.2f} s: a frame takes {self.work_ms:.0f} ms, and the next comes after "
             f"{self.interval_ms:.0f} ms"
@@ -75,6 +76,10 @@ class PaceKeeper:
     def __init__(
         self, interval_s: float, detect_every: int | None = None, *, parallel: int = 1
     ) -> None:
+        """Begin with a detection in every frame, or at the fixed rate.
+
+        interval_s: time between frames (s); detect_every: k for every k-th frame, None to choose
+        it; parallel: frames in which the centre detects at the same time."""
         self.detect_every = 1 if detect_every is None else detect_every
         self._is_fixed = detect_every is not None
         self._interval_s = interval_s

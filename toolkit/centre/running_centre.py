@@ -115,6 +115,10 @@ class RunningCentre:
         tick: Callable[[float, list[CentreEvent]], None] = lambda now_s, events: None,
         with_clouds: bool = False,
     ) -> None:
+        """Begin without messages and tracks.
+
+        write: called with each instant; tick: called with the time (s) and what happened since;
+        with_clouds: True to pass clouds to `write`."""
         self.dropped_frames = 0
         self.predicted_frames = 0
         self._sensors = sensors

@@ -80,6 +80,10 @@ class SensorMonitor:
         silent_after: float = DEFAULT_SILENT_AFTER_S,
         view: ImageMask | None = None,
     ) -> None:
+        """Begin without data.
+
+        start: time (s) from which the sensor should send; silent_after: seconds without data after
+        which it is silent; view: mask of the pixels to look at, None for all."""
         if not 0 < silent_after < np.inf:
             raise ValueError(
                 f"silent_after must be seconds above 0, got {silent_after}: such as "

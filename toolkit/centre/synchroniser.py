@@ -52,6 +52,7 @@ class Synchroniser:
     """
 
     def __init__(self, interval_s: float, patience_s: float) -> None:
+        """Begin without messages. Raises ValueError for an interval that is not above 0."""
         if not 0 < interval_s < np.inf:
             raise ValueError(f"the interval must be seconds above 0, got {interval_s:g}")
         self.interval_s = interval_s

@@ -106,6 +106,7 @@ class TurnWatch:
     def __init__(
         self, sensors: Mapping[str, Sensor], scenes: Mapping[str, EmptyScene], finder: TurnFinder
     ) -> None:
+        """Begin without images. finder: registers the images of a sensor."""
         self.turned: set[str] = set()
         self._poses = {name: sensors[name].pose for name in scenes}
         self._scenes = dict(scenes)

@@ -126,6 +126,7 @@ class Run(Simulation):
     folder."""
 
     def __post_init__(self) -> None:
+        """Turn the cache into a path. Raises ValueError if it is a file."""
         super().__post_init__()
         set_fields(self, cache=None if self.cache is None else Path(self.cache))
         if self.cache is not None and self.cache.exists() and not self.cache.is_dir():

@@ -48,6 +48,7 @@ class Solid:
     origin: str = "mapped"
 
     def __post_init__(self) -> None:
+        """Check the footprint, kind, origin and heights. Raises ValueError if one is wrong."""
         set_fields(self, footprint=check_polygon(self.footprint, "solid.footprint"))
         if self.kind not in KINDS:
             raise ValueError(f"solid.kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
@@ -80,6 +81,7 @@ class Mount:
     origin: str = "mapped"
 
     def __post_init__(self) -> None:
+        """Check all fields, and turn them into arrays and numbers. Raises ValueError."""
         position = np.asarray(self.position, np.float64)
         if position.shape != (3,) or not np.isfinite(position).all():
             raise ValueError(
@@ -115,6 +117,7 @@ class Relief:
     slope: Slope = LEVEL  # rise of the plane through the site's origin along x and y (m per m)
 
     def __post_init__(self) -> None:
+        """Check all fields, and turn the slope into floats. Raises ValueError."""
         if not 0 <= self.amplitude < np.inf:
             raise ValueError(
                 f"relief.amplitude must be finite and not negative, got {self.amplitude}"

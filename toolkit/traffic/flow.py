@@ -48,6 +48,7 @@ class Flow:
     movements: tuple[Movement, ...]
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a movement of an unknown kind, a wrong number, or listed twice."""
         listed = set()
         for movement in self.movements:
             if movement.kind not in ROAD_USER_KINDS:

@@ -77,7 +77,7 @@ class Mix:
     flow: Flow | Literal["drawn"] | None = None
 
     def __post_init__(self) -> None:
-        # raises ValueError for a field that is out of range
+        """Raise ValueError for a field that is out of range."""
         if self.most < 1:
             raise ValueError(f"most must be at least 1, got {self.most}")
         if self.parked is not None and not 0 <= self.parked <= self.most:

@@ -80,7 +80,7 @@ class Goal:
     compared."""
 
     def __post_init__(self) -> None:
-        # raises ValueError for an option that is out of range
+        """Raise ValueError for an option that is out of range."""
         check_least("--drawings", self.drawings, 1)
         limits = {
             "--budget": self.budget,

@@ -47,6 +47,7 @@ class Stock:
     only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a wrong capacity, and for a catalogue without use."""
         _check_amount("capacity_kbit", self.capacity_kbit)
         if self.capacity_kbit == 0:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
