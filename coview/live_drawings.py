@@ -167,7 +167,6 @@ class Ghosts:
     def __init__(
         self, api: "SceneApi", planner: LivePlanner, accept: Callable[[Suggestion], None]
     ) -> None:
-        """Keep the scene and the planner; there are no suggestions yet."""
         self._api = api
         self._planner = planner
         self._accept = accept  # called with a suggestion that is clicked

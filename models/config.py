@@ -115,7 +115,6 @@ class VoxelNetConfig:
     of `models.network.candidates`, between vehicles and heavy ones; zeros: no box is dropped."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for fields that do not fit together or are out of range."""
         xmin, ymin, xmax, ymax = self.area
         if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
             raise ValueError(f"area and height must ascend, got {self.area} and {self.height}")

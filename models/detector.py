@@ -325,7 +325,7 @@ class WideVoxelNetDetector(VoxelNetDetector):
     ) -> None:
         """Make the network's grid one block, and detect in an area block by block.
 
-        area: xmin, ymin, xmax, ymax (m); other arguments are those of `VoxelNetDetector`."""
+        area: xmin, ymin, xmax, ymax (m); other arguments as for `VoxelNetDetector`."""
         cells = BLOCK_CELLS + 2 * MARGIN_CELLS
         sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
         block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))

@@ -255,25 +255,11 @@ def face_features(
     end_zone = (t >= 0.4 * height).astype(np.int64) + (t >= 0.7 * height)  # low, middle, high
     side_zone = np.where(t > 0.5 * height, 1 + (u > 0.05 * length), 0)  # low, high behind or ahead
     top_zone = (u >= -length / 6).astype(np.int64) + (u >= length / 6)  # behind, middle, ahead
-    front = _counts(
-        distance=u - length / 2, zone=end_zone, is_chosen=is_within_width, row=row, boxes=count
-    )
-    rear = _counts(
-        distance=-u - length / 2, zone=end_zone, is_chosen=is_within_width, row=row, boxes=count
-    )
-    left = _counts(
-        distance=v - width / 2, zone=side_zone, is_chosen=is_within_length, row=row, boxes=count
-    )
-    right = _counts(
-        distance=-v - width / 2, zone=side_zone, is_chosen=is_within_length, row=row, boxes=count
-    )
-    top = _counts(
-        distance=t - height,
-        zone=top_zone,
-        is_chosen=is_within_width & is_within_length,
-        row=row,
-        boxes=count,
-    )
+    front = _counts(u - length / 2, end_zone, is_within_width, row, count)
+    rear = _counts(-u - length / 2, end_zone, is_within_width, row, count)
+    left = _counts(v - width / 2, side_zone, is_within_length, row, count)
+    right = _counts(-v - width / 2, side_zone, is_within_length, row, count)
+    top = _counts(t - height, top_zone, is_within_width & is_within_length, row, count)
     is_class = np.eye(len(LABELS))[labels]
     usual_size = [4.5, 1.8, 1.6]  # length, width, height of a car (m)
     extras = np.column_stack([np.log(boxes[:, 3:6] / usual_size), is_class])

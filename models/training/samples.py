@@ -224,7 +224,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def __init__(
         self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int
     ) -> None:
-        """Keep the frames and how examples are made of them; seed: of all random numbers."""
+        """Keep the frames and how examples are made from them; seed: for all random numbers."""
         self.frames = frames
         self.config = config
         self.recipe = recipe

@@ -79,7 +79,7 @@ class Surrogate:
     ) -> None:
         """Choose the hit models of the classes, and take the points that sets are scored by.
 
-        model: of vehicles, or one for each class; None for the shipped ones."""
+        model: for vehicles, or one for each class; None for the shipped ones."""
         self.classes = classes
         self._scheme = find_scheme(scheme)
         self._codec = codec

@@ -354,7 +354,7 @@ def measure_links(
     """Load of the link of each mount that carries a candidate.
 
     Args:
-        candidates: Candidates, all of which send.
+        candidates: Candidates, which all send.
         kbit: Data of each candidate in each frame.
         link_share: Part of the frames whose data a load must not exceed.
         limited: Whether the scheme sends points; only points count against the capacity."""

@@ -154,7 +154,7 @@ def _count_queues(
         trajectories: Road users.
         trips: Their trips.
         site: Site with the area in which they queue.
-        seconds: Time of each frame (s), ascending; those of the trajectories are among them."""
+        seconds: Time of each frame (s), ascending, with all times of the trajectories."""
     entries = {trip.id: trip.entry for trip in trips if trip.entry is not None}
     queues: dict[str, np.ndarray] = {}  # by entry: number of queued vehicles in each frame
     for trajectory in trajectories:

@@ -76,7 +76,7 @@ def _measure_costs(
     """Cost of each detection for each track, `_IMPOSSIBLE_COST` if they cannot be one road user.
 
     The cost is the squared Mahalanobis distance of the centres (in variances of the predicted place
-    plus those of the gate), more for another class and, after a gap, for another size.
+    and of the gate), more for another class and, after a gap, for another size.
 
     Args:
         tracks: m tracks as predicted for the time of the detections.

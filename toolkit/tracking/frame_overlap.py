@@ -103,7 +103,7 @@ def match_similar(
 
     Pairs below the threshold do not match.
 
-    similarity: of n true objects and m tracks, 0 to 1."""
+    similarity: n true objects by m tracks, 0 to 1."""
     from scipy.optimize import linear_sum_assignment
 
     score = np.where(similarity >= threshold - SIMILARITY_TOLERANCE, similarity, 0.0)

@@ -70,7 +70,7 @@ def keep_near_course(
 ) -> Float64[np.ndarray, " k"]:
     """Headings (rad), of moving bodies at most `MAX_SLIP_RAD` from their course.
 
-    So a body of which little is seen at the border does not turn.
+    So a body that is hardly seen at the border does not turn.
 
     Args:
         yaw: Heading of a body at k times (rad).

@@ -66,8 +66,8 @@ def measure_errors(
     """Measure the errors of the tracks of one class in all frames.
 
     Args:
-        overlaps: Objects and tracks of that class that count, of each frame.
-        matches: Matches among them, of each frame.
+        overlaps: Objects and tracks of the class that count, by frame.
+        matches: Matches among them, by frame.
         tracks: All tracks of each frame, with velocities of NaN if they are unknown.
         truths: All objects of each frame."""
     speed_errors = [np.zeros(0)]
@@ -126,8 +126,8 @@ def collect_ways(
     """Return the ways of one class, in the order in which they are first to be found.
 
     Args:
-        overlaps: Objects and tracks of that class that count, of each frame.
-        matches: Matches among them, of each frame.
+        overlaps: Objects and tracks of the class that count, by frame.
+        matches: Matches among them, by frame.
         tracks: All tracks of each frame, with velocities of NaN if they are unknown.
         truths: All objects of each frame."""
     frame_counts: dict[int, int] = {}
@@ -179,7 +179,7 @@ def _measure_speed_errors(
 
 
 def find_quantile(values: Float64[np.ndarray, " n"], share: float) -> float:
-    """Smallest of the values that at least this share (0 to 1) of them does not exceed.
+    """Smallest value that at least this share (0 to 1) of the values does not exceed.
 
     NaN if one of the values is NaN. values: at least one."""
     if np.isnan(values).any():

@@ -147,7 +147,7 @@ def make_track_boxes(tracks: TrackStates) -> BoxRows:
 def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackStates:
     """New tracks, one for each detection, in the same order.
 
-    time: of the detections (s); first_id: number of the first track, the others count up."""
+    time: when they were made (s); first_id: number of the first track, the others count up."""
     boxes = detections.boxes
     count = len(boxes)
     doubts = detections.doubts

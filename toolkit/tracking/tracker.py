@@ -153,7 +153,7 @@ class Tracker:
         )
 
     def _stays(self, tracks: TrackStates, time: float) -> Bool[np.ndarray, " m"]:
-        """Mask of tracks that live on without a detection in this frame. time: of the frame (s)."""
+        """Mask of tracks that live on without a detection in this frame. time: the frame's (s)."""
         max_unseen = np.where(is_standing(tracks), MAX_STANDING_S, MAX_MOVING_S)
         max_unseen = np.where(tracks.hits < MIN_HITS, MAX_TENTATIVE_S, max_unseen)
         stays = time - tracks.last_time <= max_unseen

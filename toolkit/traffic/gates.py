@@ -90,7 +90,7 @@ class Gates:
     def _find_edges(self, first: str, last: str, type_id: str, *, walks: bool) -> tuple[str, ...]:
         """Ids of the edges of the quickest way between two edges, both included; empty without one.
 
-        first, last: ids of these edges; type_id: id of a vehicle type that may use them; walks:
+        first, last: their ids; type_id: id of a vehicle type that may use them; walks:
         True for a way on foot."""
         if not walks:
             return tuple(self.sumo.simulation.findRoute(first, last, type_id).edges)

@@ -95,13 +95,8 @@ class _Moves(NamedTuple):
 def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps 3"] | None:
     """Poses of a body that waits and steps aside for others, None if there is no way through.
 
-    The body is added to the others.
-
-    Args:
-        course: Course of the body, as if it were there with nobody else.
-        occupancy: The others.
-
-    Returns x, y (m) and yaw (rad) for each step from the course's first on."""
+    They are x, y (m) and yaw (rad) for each step from the course's first on. course: the body's, as
+    if nobody else were there; occupancy: the others, to which the body is added."""
     plan = _Plan(np.arange(len(course.poses), dtype=np.float64), np.zeros(len(course.poses)))
     poses = course.poses
     distances = list(zip(GAPS_M[course.label], HEADWAYS_STEPS, strict=True))
@@ -207,10 +202,7 @@ def _widen(mask: Bool[np.ndarray, "n *k"], margin: int) -> Bool[np.ndarray, "n *
 def _join(before: _Plan, planned: _Plan, count: int) -> _Plan:
     """Plan of all steps: before a window, in it, and from there on to the end of the course.
 
-    Args:
-        before: Plan of the steps before the window.
-        planned: Plan of the steps in the window.
-        count: Number of the course's poses."""
+    before, planned: plans of the first two parts; count: number of the course's poses."""
     onward = np.arange(planned.progress[-1] + 1, count)
     progress = np.concatenate([before.progress, planned.progress, onward])
     aside = np.concatenate([before.aside, planned.aside, np.full(len(onward), planned.aside[-1])])
@@ -311,10 +303,7 @@ def _trace(costs: _Costs, last: int, end: int) -> _Moves:
 def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "steps 3"]:
     """Poses (x, y in m, yaw in rad) of a body that follows a plan with smooth changes.
 
-    Args:
-        course: Course of the body.
-        plan: Its progress and distance aside.
-        last: Last step; later ones are left out."""
+    plan: progress on the course and distance aside; last: last step, later ones are left out."""
     sigma = SMOOTHING_STEPS[course.label]
     count = max(0, last - course.first + 1)
     columns = np.column_stack([plan.progress, plan.aside])

@@ -102,9 +102,7 @@ def surrogate_command(
         f"{run.frames} frames of {site_names} traffic, seed {run.seed}, {fit.sets} sets, detector "
         f"{fit.detector}"
     )
-    sampling = Sampling(
-        fit.poses, fit.sets, models=tuple(map(find_model, fit.model)), resamples=fit.resamples
-    )
+    sampling = Sampling(fit.poses, fit.sets, tuple(map(find_model, fit.model)), fit.resamples)
     claimed = claim(out, (sites, fit, run), check, overwrite=writing.overwrite)
     with claimed, progress_bar("", hidden=writing.json) as bar:
         fitted = fit_sites(

@@ -285,14 +285,7 @@ def _search_surrogate(
     programme = Programme.from_objective(objective, progress.budget, middle, lost_cases=lost_cases)
     need = math.floor(demand.at_least * GAIN_UNITS)
     time_share = BOUND_TIME_SHARE if has_conditions else 1.0
-    relaxed = _solve(
-        progress,
-        programme=relaxation,
-        need=need,
-        prices=prices,
-        limits=limits,
-        time_share=time_share,
-    )
+    relaxed = _solve(progress, relaxation, need, prices, limits, time_share=time_share)
     if relaxed.members is None and relaxed.optimal:
         return _build_result(progress, relaxed, prices.unit, condition)
     answer = _raise_demand(progress, programme, prices, limits, demand.at_least, score_ap)
@@ -321,9 +314,7 @@ def _search_surrogate(
     price = prices.total(answer)
     bound = min(relaxed.bound, price)
     solved = Solved(members=answer, value=price, bound=bound, optimal=relaxed.bound >= price)
-    return _build_result(
-        progress, solution=solved, unit=prices.unit, condition=condition, remark=remark
-    )
+    return _build_result(progress, solved, prices.unit, condition, remark)
 
 
 def _raise_demand(

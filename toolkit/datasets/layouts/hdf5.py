@@ -230,7 +230,7 @@ def _write(group: h5py.Group, sample: Frame) -> None:
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
     """Open a file of images or of recorded clouds.
 
-    site: of a file of images, None for the one that it names; drop_invalid: True to leave out
+    site: site of a file of images, None for the one that it names; drop_invalid: True to leave out
     impossible objects of a file of images instead of refusing it. Raises the errors of
     `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):
