@@ -169,7 +169,7 @@ def test_a_long_reason_is_cut_and_stays_readable(tmp_path, draw_by):
     draw_by(fail)
     run = Run(frames=4, seed=7)
     with pytest.warns(UserWarning, match="left out: ValueError: x?ä{900}"):
-        count = random_recordings_file(3, tmp_path / "x", run=run, encode=str.encode, join=as_lines)
+        count = random_recordings_file(3, tmp_path / "x", run=run, encode=as_bytes, join=as_lines)
     assert count == 1
 
 
