@@ -55,7 +55,7 @@ class FieldGuard:
             self._filling = False
 
     def typed(self, then: Callable[[], None]) -> None:
-        """Call a function, unless the page is filling in fields."""
+        """Call `then`, unless the page is filling in fields."""
         if not self._filling:
             then()
 

@@ -71,7 +71,7 @@ class Bar:
     def step(self, done: int, total: int, figures: dict[str, float]) -> None:
         """Show a step of training: its losses after the bar, or a line of measured AP above it.
 
-        figures: by name; AP@0.7 among them means a measurement."""
+        done, total: numbers of steps; figures: by name; AP@0.7 among them means a measurement."""
         self._bar.total = total
         self.to(done)
         if "AP@0.7" in figures:

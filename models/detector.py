@@ -73,7 +73,10 @@ class VoxelNetDetector:
         score_threshold: float | None,
         nms_threshold: float,
     ) -> None:
-        """Take over everything that does not need weights."""
+        """Take over everything that does not need weights.
+
+        score_threshold: least score of a detection, None for the one that `config` states;
+        nms_threshold: IoU above which the lower of two scores goes."""
         self.config = config
         self.device = torch.device(device)
         if self.device.type == "cpu":
@@ -286,7 +289,9 @@ class VoxelNetDetector:
         return detections[detections.scores >= rivals.max(axis=1)]
 
     def finish_detections(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
-        """Detections of one cloud's candidates: without duplicates and rivals, faces measured."""
+        """Detections of one cloud's candidates: without duplicates and rivals, faces measured.
+
+        boxes, scores: of each candidate; cloud: its points (m)."""
         detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:
             detections = self._take_above(

@@ -82,7 +82,7 @@ def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialL
 def _run_trial(memory_bytes: int) -> None:
     """Run a network with its inputs, both from an .npz on standard input (see `try_network`).
 
-    Exits with a line on stderr if that fails."""
+    memory_bytes: limit of memory. Exits with a line on stderr if that fails."""
     import onnxruntime
 
     arrays = dict(np.load(BytesIO(sys.stdin.buffer.read())))

@@ -188,7 +188,7 @@ class Setting:
         return setting
 
     def with_costs(self, weights: Weights, most_price: float) -> "Setting":
-        """Setting with the same candidates, other weights and another price limit."""
+        """Setting with the same candidates, other weights and `most_price` as its price limit."""
         setting = replace(self, weights=weights, most_price=most_price)
         if "pool" in vars(self):  # candidates that were made already are not made again
             set_cached(setting, pool=self.pool)

@@ -50,7 +50,8 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 def _loft_triangles(ring_count: int, points_per_ring: int) -> Int64[np.ndarray, "m 3"]:
     """Return the triangles of `loft`: two for each piece of the skin, then both caps.
 
-    Vertices are the points ring by ring, then the centres of the first and of the last ring.
+    ring_count: number of rings. Vertices are the points ring by ring, then the centres of the first
+    and of the last ring.
     """
     # these are row numbers of vertices; first in the first ring
     point = np.arange(points_per_ring)

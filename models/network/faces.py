@@ -118,7 +118,9 @@ class FaceNetworks(nn.Module):
     def answers(
         self, sort: str, features: Float[Tensor, "n F"]
     ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`."""
+        """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`.
+
+        features: F features of each face."""
         shift, spread = getattr(self, sort)(features).unbind(1)
         # scaled so that an untrained network answers shifts near 0 with an error of some 5 cm
         return shift / 4, spread - 3

@@ -353,7 +353,8 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
     """Kernel (I, O, k + 2, k + 2) equal to a transposed convolution and the 3x3 one after it.
 
-    Their kernels are (I, M, k, k) and (O, M, 3, 3): I inputs, M maps between them, O outputs.
+    transposed, conv3x3: their kernels, (I, M, k, k) and (O, M, 3, 3), with I inputs, M maps between
+    them and O outputs.
     """
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
@@ -368,8 +369,9 @@ def make_conv(
 ) -> nn.Conv2d | nn.ConvTranspose2d:
     """Convolution with a copy of some weights.
 
-    weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution. A
-    transposed 1x1 convolution of stride 1 is returned as the equal one that is not transposed.
+    weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution; bias:
+    (outputs), None without; padding: cells of 0 around the input. A transposed 1x1 convolution of
+    stride 1 is returned as the equal one that is not transposed.
     """
     if transposed and weight.shape[2] == stride == 1:
         weight = weight.transpose(0, 1)
@@ -461,10 +463,11 @@ class SparseColumns(nn.Module):
 
 
 def _meet_taps(odd_x: int, odd_y: int) -> list[tuple[int, int, int, int]]:
-    """Taps of the first convolution that a column meets, by the parity of its indices.
+    """Taps of the first convolution that a column meets.
 
-    Returns for each tap its indices in the kernel along x and y, and the offsets of its output cell
-    from half the column's indices."""
+    odd_x, odd_y: 1 if the column's index along the axis is odd, 0 if even. Returns for each tap its
+    indices in the kernel along x and y, and the offsets of its output cell from half the column's
+    indices."""
     return [(kx, ky, dx, dy) for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y])]
 
 

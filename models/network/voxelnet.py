@@ -37,7 +37,7 @@ class AnchorPlaces(NamedTuple):
     anchor: Int64[Tensor, " n"]
 
     def select(self, rows: Int64[Tensor, " m"]) -> "AnchorPlaces":
-        """Places of some of the anchors, by their number among the n."""
+        """Places of some of the anchors; rows: their numbers among the n."""
         return AnchorPlaces(*(index[rows] for index in self))
 
 
@@ -127,7 +127,8 @@ def voxel_means(
 def voxel_references(cells: Int64[Tensor, "v 4"], config: VoxelNetConfig) -> Float32[Tensor, "v 3"]:
     """Point (x y z, m) from which a voxel's points are counted with "local" features.
 
-    It is the centre of the voxel's column, at the lower end of the height range.
+    It is the centre of the voxel's column, at the lower end of the height range. cells: cloud, x, y
+    and z index of each voxel.
     """
     # z = 0: heights are not divided
     size = torch.tensor([*config.voxel_size[:2], 0.0], device=cells.device)

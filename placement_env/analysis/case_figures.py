@@ -55,7 +55,8 @@ class CaseFigures:
     ) -> "CaseFigures":
         """Return figures without recall and precision.
 
-        objects, frames: numbers behind each AP."""
+        ap: AP of each of n sets; kbit: data of all their sensors per frame; resamples: resampled
+        APs of each set; objects, frames: numbers behind each AP."""
         values = np.full((*ap.shape, RESAMPLE_COLUMNS.start + resamples.shape[-1]), np.nan)
         values[..., AP_COLUMN] = ap
         values[..., COUNT_COLUMNS] = objects, frames

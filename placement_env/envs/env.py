@@ -382,7 +382,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is
     more, pale grey none), possible places of sensors, and the chosen sensors with their fields of
-    view.
+    view. members: indices of the chosen candidates.
     """
     sensors = objective.candidates.sensors
     site = objective.site
@@ -509,7 +509,7 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
 
 
 def summary(objective: Objective, members: list[int]) -> str:
-    """Describe site, scheme, chosen sensors and their score."""
+    """Describe site, scheme, chosen sensors and their score; members: indices of candidates."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     site_name = _site_name(objective)

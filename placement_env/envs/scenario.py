@@ -403,7 +403,7 @@ class Scenarios(EpisodeSource):
 
 
 def _describe_budget(budget: int, count: int) -> str:
-    """Error for a budget above the number of candidates."""
+    """Error for a budget above `count`, the number of candidates."""
     return (
         f"budget must be at most the number of candidates, {count}, got {budget}: lower it, or "
         "add candidates"

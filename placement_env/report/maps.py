@@ -281,7 +281,8 @@ def smooth(
     side = 2 * reach + 1
 
     def sum_squares(grid: np.ndarray) -> np.ndarray:
-        """Sum over the square around each cell, from sums over all cells before its corners."""
+        """Sum of a grid over the square around each cell, from sums of all cells before its
+        corners."""
         padded = np.pad(grid.astype(np.float64), reach)
         sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]

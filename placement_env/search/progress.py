@@ -166,7 +166,9 @@ class Progress:
         return self.figures(subsets).reward
 
     def settle(self, members: list[int]) -> None:
-        """Make this set the answer, regardless of its score and the limits."""
+        """Make a set the answer, regardless of its score and the limits.
+
+        members: indices of its candidates."""
         self.best = as_rows([members], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1

@@ -87,7 +87,7 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
 
 
 def _make_rails(front: float, rear: float, y: float, z: float) -> Mesh:
-    """Rails on both sides of a roof between two x (m), at height z."""
+    """Rails on both sides of a roof, at y and -y, between x = rear and front, at height z (m)."""
     length = front - rear
     points = [
         (rear + 0.1 * length, y, z - 0.03),

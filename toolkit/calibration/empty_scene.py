@@ -158,7 +158,7 @@ class SceneLearner:
         images: images kept, at most `sample`."""
 
     def __init__(self, sensor: Sensor, sample: int = MAX_SCENE_IMAGES) -> None:
-        """Begin without images. Raises ValueError for less than two."""
+        """Begin without images; sample: most images to keep. Raises ValueError for less than 2."""
         if sample < 2:
             raise ValueError(f"sample must be at least 2 images, got {sample}")
         self.sensor = sensor

@@ -103,7 +103,8 @@ def register(
     good_fits = [fit for fit in fits if fit[1].agreement >= best_agreement - MAX_AGREEMENT_LOSS]
 
     def distance_from_believed(fit: tuple[Pose, LinearSystem]) -> float:
-        """Length (m) of the change; turns count as moves of points `LEVER_M` away."""
+        """Length (m) of the change to a fitted pose; turns count as moves of points `LEVER_M`
+        away."""
         pose, _ = fit
         return float(np.linalg.norm(motion_between(believed, pose)))
 

@@ -47,7 +47,7 @@ class CentrePage:
     """
 
     def __init__(self, server: "ViserServer", sensors: Mapping[str, Sensor]) -> None:
-        """Prepare the page, and start the thread that draws."""
+        """Prepare the page of sensors, by name, and start the thread that draws."""
         self._server = server
         self._style = SceneStyle(
             sensors=tuple(sensors),
@@ -155,7 +155,7 @@ def describe_centre_frame(frame: CentreFrame, sensors: tuple[str, ...]) -> str:
 def open_centre_page(port: int, sensors: Mapping[str, Sensor]) -> Iterator[tuple[CentrePage, str]]:
     """Serve a page to this machine during a block; give the page and its address.
 
-    port: a later one if it is taken. Raises ImportError without viser."""
+    port: a later one if it is taken; sensors: by name. Raises ImportError without viser."""
     token = secrets.token_urlsafe(16)  # 16 random bytes as text
     with scene.viser_server(port, token) as server:
         page = CentrePage(server, sensors)

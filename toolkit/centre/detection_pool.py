@@ -50,7 +50,9 @@ class DetectionPool:
     """
 
     def __init__(self, detection: Detection, wake: Callable[[], None]) -> None:
-        """Start the threads, none if the calling thread is to detect."""
+        """Start the threads, none if the calling thread is to detect.
+
+        wake: called by a thread that has detected."""
         self._detection = detection
         self._wake = wake
         self._next_frame: Frame | None = None

@@ -17,7 +17,7 @@ class MessageSource(Protocol):
         """Numbers of dropped messages by sensor."""
 
     def take(self, wait_s: float) -> list[SensorMessage] | None:
-        """Return the messages that arrive within some seconds, None after the last one."""
+        """Return the messages that arrive within `wait_s` seconds, None after the last one."""
 
     def wake(self) -> None:
         """End the wait of `take`, from another thread."""

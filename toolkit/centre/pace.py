@@ -118,7 +118,10 @@ class PaceKeeper:
     def _report_overload(
         self, time_s: float, median_s: float, needed_every: int, spare_every: int
     ) -> PaceEvent | None:
-        """Return an event when a fixed rate is too high, once until there is time to spare."""
+        """Return an event when a fixed rate is too high, once until there is time to spare.
+
+        median_s: work on a frame (s); needed_every: k, if there is time for detection in every k-th
+        frame; spare_every: likewise, with time to spare."""
         if spare_every <= self.detect_every:
             self._is_overloaded = False
         if needed_every <= self.detect_every or self._is_overloaded:
@@ -127,12 +130,17 @@ class PaceKeeper:
         return self._describe(time_s, median_s, needed_every)
 
     def _find_every(self, work_s: float, load: float) -> int:
-        """Return how often detection may take place; load: share of the time that it may take."""
+        """Return k, if there is time for detection in every k-th frame.
+
+        work_s: work on a frame (s); load: share of the time that detection may take."""
         share_s = load * self._parallel * self._interval_s  # if detection is in every frame
         return min(max(1, int(np.ceil(work_s / share_s))), MAX_EVERY)
 
     def _describe(self, time_s: float, median_s: float, needed_every: int) -> PaceEvent:
-        """Return an event at a time (s); median_s: work on a frame (s)."""
+        """Return an event at a time (s).
+
+        median_s: work on a frame (s); needed_every: k, if there is time for detection in every k-th
+        frame."""
         return PaceEvent(
             time_s,
             self.detect_every,

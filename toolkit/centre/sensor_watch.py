@@ -123,7 +123,10 @@ class SensorWatch:
         scenes: Mapping[str, LearntScene] | None = None,
         turn_watch: TurnWatch | None = None,
     ) -> None:
-        """Begin without faults."""
+        """Begin without faults.
+
+        sensors: by name; start_s: time from which messages are expected (s); interval_s: time
+        between two frames (s); scenes: what was learnt of each sensor's empty scene."""
         scenes = scenes or {}
         self.faults: dict[str, Fault] = {}
         self._turn_watch = turn_watch

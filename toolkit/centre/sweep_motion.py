@@ -107,7 +107,8 @@ def _shift_image(
 ) -> ImageVectors:
     """Return the shift (m, world frame) of each pixel of an image that is older than its frame.
 
-    shift: shift that the image has already, None for none."""
+    shift: shift that the image has already, None for none; age_s: frame's time less the image's
+    (s)."""
     world_points, _ = unproject(sensor, image, shift)
     points = world_points.T.astype(np.float64)
     moves = find_moves(points, np.full(len(points), age_s), moving)

@@ -106,7 +106,9 @@ class TurnWatch:
     def __init__(
         self, sensors: Mapping[str, Sensor], scenes: Mapping[str, EmptyScene], finder: TurnFinder
     ) -> None:
-        """Begin without images. finder: registers the images of a sensor."""
+        """Begin without images.
+
+        scenes: of the sensors to watch, by name; finder: registers the images of a sensor."""
         self.turned: set[str] = set()
         self._poses = {name: sensors[name].pose for name in scenes}
         self._scenes = dict(scenes)

@@ -122,7 +122,8 @@ def _find_trip(
 
 
 def _mean_course(inside: Trajectory, *, from_begin: bool) -> Float64[np.ndarray, "2"]:
-    """Mean velocity (m/s) in the first `COURSE_S` of a trajectory, or in the last."""
+    """Mean velocity (m/s) in the first `COURSE_S` of a trajectory, or (`from_begin` False) in the
+    last."""
     times = inside.times
     is_near = times <= times[0] + COURSE_S if from_begin else times >= times[-1] - COURSE_S
     return inside.velocities[is_near].mean(axis=0)

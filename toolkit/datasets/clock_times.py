@@ -96,7 +96,7 @@ def parse_time(value: object, name: str) -> float | None:
 
 
 def parse_microseconds(ticks: float) -> float:
-    """Return the seconds of a time from a format that states microseconds.
+    """Return the seconds of a time from a format that states it as a number of microseconds.
 
     Numbers too large for microseconds since 1970 count as nanoseconds.
 

@@ -200,7 +200,9 @@ class SightLines:
 
 @lru_cache(maxsize=400)  # in a drawn fleet each object has another body, so memory needs a limit
 def body_scene(body: Body, threads: int) -> RaycastingScene:
-    """Ray casting scene of one body in its frame, kept for the next frames."""
+    """Ray casting scene of one body in its frame, kept for the next frames.
+
+    threads: number of threads that cast its rays."""
     return build_scene(body.vertices, body.triangles, threads)
 
 

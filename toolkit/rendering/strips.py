@@ -86,7 +86,7 @@ class Sectors(NamedTuple):
     step: Float64[np.ndarray, " p"]  # about how far apart the rays of a column are (rad)
 
     def take(self, pairs: Int64[np.ndarray, " q"]) -> "Sectors":
-        """Choose sectors by row."""
+        """Choose sectors; pairs: their rows."""
         return Sectors(*(column.take(pairs) for column in self))
 
 
@@ -231,7 +231,8 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
 def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _Columns:
     """Columns of rays that cover each sector's object from bottom to top.
 
-    An object counts as an upright prism on its footprint's rectangle."""
+    An object counts as an upright prism on its footprint's rectangle. viewpoints: x, y, ... (m) of
+    each place that is looked from."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
     # distances at which each column's ray enters and leaves its rectangle, seen from above

@@ -394,7 +394,9 @@ def _file(module: str, top: Path) -> Path | None:
 
 @cache
 def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
-    """Imports of a module when it and its functions run, without imports for type checkers only."""
+    """Imports of a module when it and its functions run, without imports for type checkers only.
+
+    source: its text; module: its dotted name; is_package: it is the __init__.py of a package."""
     imports: list[_Import] = []
     pending: list[ast.AST] = [ast.parse(source)]
     while pending:

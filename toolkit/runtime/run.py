@@ -144,7 +144,9 @@ class Run(Simulation):
 
 
 def check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:
-    """Raise ValueError unless a number is whole and large enough."""
+    """Raise ValueError unless a number is whole and at least `least`.
+
+    name: what errors call it; remedy: end of the error, such as what to do."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
         raise ValueError(
             f"{name} must be a whole number of at least {least}, got "

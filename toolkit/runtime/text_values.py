@@ -102,7 +102,9 @@ def parse_yaml(text: str) -> Any:
 
 
 def _count_values(node: Any, counted: dict[int, int]) -> int:
-    """Count a YAML node and all below it; aliases lead to one node many times."""
+    """Count a YAML node and all below it; aliases lead to one node many times.
+
+    counted: numbers so far, by `id` of the node."""
     if id(node) not in counted:
         counted[id(node)] = MAX_YAML_VALUES + 1  # met again below itself
         below = node.value if node.id != "scalar" else ()

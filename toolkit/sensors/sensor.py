@@ -170,7 +170,7 @@ def freeze(rays: np.ndarray) -> np.ndarray:
 
 
 def angle(default: float | tuple[float, ...]) -> Any:
-    """Declare a dataclass field as an angle: radians here, degrees in files."""
+    """Declare a dataclass field as an angle, with a default: radians here, degrees in files."""
     return field(default=default, metadata={"unit": "rad"})
 
 

@@ -35,7 +35,7 @@ _IMPOSSIBLE_COST = 1e6
 def find_unlike(
     labels: Int64[np.ndarray, " m"], other_labels: Int64[np.ndarray, " n"]
 ) -> Bool[np.ndarray, "m n"]:
-    """Mask of the pairs of classes that cannot be one road user."""
+    """Mask of the pairs that cannot be one road user by their classes (`labels`)."""
     return _UNLIKE[labels][:, other_labels]
 
 

@@ -88,7 +88,7 @@ def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray,
 
 
 def smooth_direction(yaws: Float64[np.ndarray, " steps"]) -> Float64[np.ndarray, " steps"]:
-    """Headings (rad) smoothed over `DIRECTION_SMOOTHING_S`, without jumps at half turns.
+    """Headings (`yaws`, rad) smoothed over `DIRECTION_SMOOTHING_S`, without jumps at half turns.
 
     A body at a distance to the side of the course then takes a wide bend, instead of swinging round
     with each turn of the heading."""

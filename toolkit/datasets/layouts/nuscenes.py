@@ -213,7 +213,10 @@ def _read_frame(
     labels: list[_Row],
     is_clock: bool,
 ) -> Frame:
-    """Read a sample. data, labels: its rows of sample_data and of sample_annotation."""
+    """Read a sample.
+
+    tables: rows of each table, by their tokens; data, labels: the sample's rows of sample_data and
+    of sample_annotation; is_clock: the tables' times are those of a clock."""
     problems: problem_kinds.Problems = {}
     ego_poses = [_read_pose(folder, tables, "ego_pose", row) for row in data]
     sensor_poses = [_read_pose(folder, tables, "calibrated_sensor", row) for row in data]

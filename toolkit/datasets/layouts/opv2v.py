@@ -222,7 +222,9 @@ def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
 
 
 def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> None:
-    """Write frames as a scenario. Each sensor is an agent, from 0, that lists all objects."""
+    """Write frames as a scenario. Each sensor is an agent, from 0, that lists all objects.
+
+    left_handed: in Unreal's axes, with y mirrored, as the data set has them."""
     import yaml
 
     mirror = MIRROR if left_handed else np.eye(4)

@@ -92,7 +92,7 @@ def _list_times(files: Sequence[Path]) -> Float64[np.ndarray, " n"]:
 
 
 def _take(files: Mapping[str, Sequence[Path]], rows: Mapping[str, int]) -> dict[str, Path]:
-    """Cloud file of each agent by its index among the agent's files."""
+    """Cloud file of each agent; rows: its index among the agent's files."""
     return {agent: files[agent][row] for agent, row in rows.items()}
 
 
