@@ -291,7 +291,7 @@ class VoxelNetDetector:
     def finish_detections(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
         """Detections of one cloud's candidates: without duplicates and rivals, faces measured.
 
-        boxes, scores: of each candidate; cloud: its points (m)."""
+        boxes, scores: one for each candidate; cloud: its points (m)."""
         detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:
             detections = self._take_above(

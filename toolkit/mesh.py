@@ -179,7 +179,7 @@ def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
 def place(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
     """Turn a mesh by `yaw` (rad, counter-clockwise) about z, then move it by x, y and z (m)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
-    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])  # of row vectors
+    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])  # rotates row vectors
     return Mesh(mesh.vertices @ rotation + [x, y, z], mesh.triangles)
 
 

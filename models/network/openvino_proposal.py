@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import openvino
 
 NumberFormat = Literal["f32", "bf16"]  # names of OpenVINO
-_Node = Any  # of a graph of OpenVINO; (B, C, H, W)
+_Node = Any  # node of a graph of OpenVINO; (B, C, H, W)
 
 
 class MapShape(NamedTuple):

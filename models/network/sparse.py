@@ -36,7 +36,7 @@ SMALL_GRID_CELLS = 2 * BORDER_CELLS + 1  # side of the small empty grid
 # for an even, then an odd index along one axis: the kernel taps that meet it, each with the
 # offset of the output cell from half the index
 _TAPS = (((1, 0),), ((0, 1), (2, 0)))
-_PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a column's indices along x and y
+_PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))  # parities of a column's indices along x and y
 
 
 class SparseVoxelNet(nn.Module):

@@ -256,8 +256,8 @@ def focal_loss(
     """Sum of α (1 - p)² · cross-entropy · `counted` over anchors.
 
     p is the probability of the truth, and α is 0.25 for positive anchors and 0.75 for others.
-    logits: of each anchor's probability that it is positive; counted: weight of each anchor, 0 for
-    ignored ones.
+    logits: probability that each anchor is positive, as a logit; counted: weight of each anchor, 0
+    for ignored ones.
     """
     true_logits = torch.where(positive, logits, -logits)  # p = sigmoid(true_logits)
     weight = torch.where(positive, 0.25, 0.75) * counted

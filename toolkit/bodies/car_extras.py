@@ -15,7 +15,7 @@ SINGLE_MIRROR_SHARE = 0.02
 _TAXIS = ("sedan", "estate", "minivan", "hatchback", "suv")
 _RACKS = ("van", "minivan", "pickup")
 _RAILS = ("estate", "suv", "minivan")
-_RACK_STATIONS = (-0.4, 0.0, 0.4)  # of cross bars, as parts of the rack's length
+_RACK_STATIONS = (-0.4, 0.0, 0.4)  # cross bars, as parts of the rack's length
 
 
 def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:

@@ -24,7 +24,7 @@ CAR_HEIGHTS_M = (1.25, 2.6)
 CAR_KINDS = tuple(
     CarKind(name, profile=CAR_PROFILES[name], **row) for name, row in CAR_SHAPES["kinds"].items()
 )
-MIN_WHEELBASE_SHARE = 0.5  # of the length
+MIN_WHEELBASE_SHARE = 0.5  # share of the length
 MAX_PROFILE_MIX = 0.2  # share of another kind's profile
 
 _KIND_SHARES = np.array([kind.share for kind in CAR_KINDS]) / sum(kind.share for kind in CAR_KINDS)

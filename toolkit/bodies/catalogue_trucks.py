@@ -127,7 +127,7 @@ def _make_bus(size: VehicleSize) -> Mesh:
         ShellSection(x=front, width=width * 0.90, bottom=0.35, top=height - 0.45),
     ]
     body = loft_shell(sections, corner=0.13)
-    outer_width = width + 0.04  # of pillars and skirt, next to the window band
+    outer_width = width + 0.04  # pillars and skirt, next to the window band
     pillar_size = (0.14, outer_width, height - BELT_M - 0.45)
     pillar = box(pillar_size, centre=(0, 0, (BELT_M + height - 0.25) / 2))
     pillars = [place(pillar, x=x) for x in np.arange(rear + 0.8, front - 0.7, 1.45)]

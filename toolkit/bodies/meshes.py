@@ -79,7 +79,7 @@ _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0
 class Shape(NamedTuple):
     """Shape of a mesh, measured on points of its surface."""
 
-    size: Float64[np.ndarray, "3"]  # of the bounds (m)
+    size: Float64[np.ndarray, "3"]  # sides of the bounds (m)
     fills: Float64[np.ndarray, "3"]  # covered share of the box's outline, seen along x, y, z
     # share of the surface without a counterpart when mirrored along x, y, z
     asymmetry: Float64[np.ndarray, "3"]

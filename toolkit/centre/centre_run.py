@@ -26,7 +26,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.tracking.tracker import Tracker
 
 _WARM_UPS = 2  # the first detection loads, the second one is as fast as any
-PATIENCE_SHARE = 0.5  # of the interval: wait for a sensor that should have sent
+PATIENCE_SHARE = 0.5  # share of the interval to wait for a sensor that should have sent
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,8 @@ class TurnWatch:
     ) -> None:
         """Begin without images.
 
-        scenes: of the sensors to watch, by name; finder: registers the images of a sensor."""
+        scenes: empty scenes of the sensors to watch, by name; finder: registers the images of a
+        sensor."""
         self.turned: set[str] = set()
         self._poses = {name: sensors[name].pose for name in scenes}
         self._scenes = dict(scenes)

@@ -26,7 +26,7 @@ from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
 
 _POLL_S = 0.2  # a silent port looks for the end of the run this often
-_BUFFER_BYTES = 1 << 22  # of the system, for packets that wait: a second of a large lidar
+_BUFFER_BYTES = 1 << 22  # the system's, for packets that wait: a second of a large lidar
 
 
 @dataclass(frozen=True, eq=False)

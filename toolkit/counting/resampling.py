@@ -34,7 +34,7 @@ def _divide_steps(times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]
     parts = np.where(steps > MAX_STEP_S, np.rint(steps / REFINED_STEP_S), 1).astype(np.int64)
     # one element for each part of each step from here on
     begin = np.repeat(np.cumsum(parts) - parts, parts)  # number of the step's first part
-    number = np.arange(len(begin)) - begin  # of each part in its step
+    number = np.arange(len(begin)) - begin  # number of each part in its step
     inner = np.repeat(times[:-1], parts) + number * np.repeat(steps / parts, parts)
     return np.append(inner, times[-1])
 

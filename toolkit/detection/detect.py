@@ -78,7 +78,7 @@ def detect_frames(
     middle of the area, or at a known site in the site's frame; place: area and ground; scene:
     standing scene, whose detections are left out, None to keep all. A frame without points has no
     detections."""
-    end = perf_counter()  # of the frame before
+    end = perf_counter()  # end of the frame before
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         read_ms = 1e3 * (perf_counter() - end) - stand.ms
         yield replace(detect_frame(frame, stand, detector, scene), read_ms=read_ms)

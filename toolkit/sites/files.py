@@ -31,11 +31,11 @@ from toolkit.sites import BUILT_IN
 from toolkit.sites.georeference import map_turn
 from toolkit.sites.site import HYBRID_RADIUS_M, ORIGINS, Mount, Relief, Site, Solid, check_polygon
 
-VERSION = 1  # of the file format
+VERSION = 1  # version of the file format
 _MAX_SITE_SENSORS = 10_000
 _MAX_TILT_DEG = 90.0  # below or above the horizon
 _MIN_LEVEL_LENGTH = 1e-9  # a unit vector with less length on the ground plane is vertical
-JsonValue = Any  # of a JSON document, not yet checked
+JsonValue = Any  # value in a JSON document, not yet checked
 # layers of features: names of their properties
 _LAYERS: Mapping[str, tuple[str, ...]] = {
     "area": (),

@@ -40,8 +40,8 @@ MAX_AXIS_GAP_M = 0.01  # to ellipsoids whose datums are within 2 m of WGS84
 MAX_FLATTENING_GAP = 1e-4  # to the same ellipsoids
 _SCALE_LENGTH_M = 100.0  # length on the map that is measured on the ground to judge its scale
 MAX_STRETCH_SHARE = 0.01  # relative error of a map's scale up to which there is no note
-DEGREE_DECIMALS = 8  # of coordinates: about 1 mm
-METRE_DECIMALS = 3  # of coordinates
+DEGREE_DECIMALS = 8  # for coordinates: about 1 mm
+METRE_DECIMALS = 3  # for coordinates
 # unit vectors east, north of the directions that PROJ names
 _DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
 # the same by the letters of the axes, for maps about a pole

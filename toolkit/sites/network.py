@@ -39,8 +39,8 @@ _OPTIONS = (
     "--aggregate-warnings=-1",
 )
 
-MAX_RUN_S = 60.0  # of netconvert
-MAX_MEMORY_BYTES = 1 << 31  # of netconvert
+MAX_RUN_S = 60.0  # limit for netconvert
+MAX_MEMORY_BYTES = 1 << 31  # limit for netconvert
 # program that runs netconvert (argv[2:]) with limited memory, unless the parent (process argv[1])
 # is gone
 _LIMITED = f"""

@@ -25,7 +25,7 @@ _GROUND_KINDS = ("kerb", "island", "pond")
 KINDS = _STREET_KINDS + _FURNITURE_KINDS + _WORKS_KINDS + _GROUND_KINDS
 # taken from a map, measured on site, or made up by coview
 ORIGINS = ("mapped", "surveyed", "drawn")
-MAX_BUILT_HEIGHT_M = 1000.0  # of solids and mounts
+MAX_BUILT_HEIGHT_M = 1000.0  # for solids and mounts
 # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
 EQUAL_TOLERANCE = 1e-9
 Furnishing = Literal["none", "light", "dense"]  # how much of a site's surroundings coview drew
@@ -72,10 +72,8 @@ class Mount:
     position: Float64[np.ndarray, "3"]  # foot on the ground: x, y, z (m, site frame)
     min_height: float = 3.0  # lowest height of sensors above the foot (m)
     max_height: float = 8.0  # greatest height of sensors above the foot (m)
-    price: float = 1.0  # of building there, in units of one ordinary mount
-    capacity: float = (
-        2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
-    )
+    price: float = 1.0  # price of building there, in units of one ordinary mount
+    capacity: float = 2000.0  # kbit per frame of its link to the centre, for all its sensors
     max_sensors: int = 1  # most sensors it can carry
     # one of `ORIGINS`; places along the kerb that an import suggests are drawn
     origin: str = "mapped"
@@ -113,7 +111,7 @@ class Relief:
     """Shape of the ground: a plane, and unevenness on it (`Site.ground` has the heights)."""
 
     amplitude: float = 0.0  # largest deviation from the plane (m)
-    seed: int = 0  # of the unevenness: one seed gives one shape
+    seed: int = 0  # decides the unevenness: one seed gives one shape
     slope: Slope = LEVEL  # rise of the plane through the site's origin along x and y (m per m)
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from toolkit.sites.site import Site
 
 MIN_ARROW_LANE_M = 8.0  # length of a lane within the map from which it gets an arrow
 MIN_NAMED_M = 10.0  # length of a street's line within the map from which it gets its name
-ARROW_SHARE = 0.5  # of the lane's length at which its arrow is
+ARROW_SHARE = 0.5  # share of the lane's length at which its arrow is
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ class FrameOverlap:
         if self.counted.all() and not self.outside.any():
             return self
         matched_rows, matched_columns = match_similar(self.pairs.similarity, threshold)
-        # of tracks; a match decides for a track, also for one outside
+        # mask of tracks; a match decides for a track, also for one outside
         is_ignored = self.outside.copy()
         is_ignored[matched_columns] = ~self.counted[matched_rows]
         return self.select(self.counted, ~is_ignored)

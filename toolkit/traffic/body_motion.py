@@ -10,7 +10,7 @@ from toolkit.traffic.sumo import FINE_STEP_S
 
 SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
 REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
-DIRECTION_SMOOTHING_S = 1.5  # of the direction that sides are counted from
+DIRECTION_SMOOTHING_S = 1.5  # smooths the direction that sides are counted from
 MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
 
 

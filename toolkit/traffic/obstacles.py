@@ -104,7 +104,7 @@ def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
 
     Only entries above the diagonal are set: the row is the earlier box, the column the later."""
     length, width = boxes[:, 3], boxes[:, 4]
-    # of the circle around a box that is widened by half of the gap on each side
+    # radius of the circle around a box that is widened by half of the gap on each side
     radius = np.hypot(length + BODY_GAP_M, width + BODY_GAP_M) / 2
     offsets = boxes[:, None, :2] - boxes[None, :, :2]
     square_distances = np.square(offsets).sum(-1)

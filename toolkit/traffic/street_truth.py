@@ -10,7 +10,7 @@ def list_trajectories(traffic: ContinuousTraffic) -> list[Trajectory]:
     """Trajectories of the moving road users of continuous traffic, on level ground."""
     # frame of each row
     frames = np.repeat(np.arange(len(traffic)), np.diff(traffic.begin))
-    # of each traveller
+    # body and id of each traveller
     bodies = np.array([traveller.body for traveller in traffic.travellers], np.int64)
     ids = np.array([traveller.id for traveller in traffic.travellers], np.int64)
     return split_trajectories(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from viser import SceneApi
 
 
-MAX_DRAWN_POINTS = 240_000  # of all clouds in all frames together
+MAX_DRAWN_POINTS = 240_000  # points of all clouds in all frames together
 _HOUSING_SIZE_M = (0.7, 0.7, 0.5)  # along x, y and z
 _LABEL_RISE_M = 1.2  # height of a label above its sensor
 MAX_RUN_CELLS = 8  # cells of visible ground in one rectangle

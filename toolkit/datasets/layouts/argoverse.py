@@ -237,7 +237,7 @@ def _read_vehicle_pose(log: Path, time_ns: int, problems: problem_kinds.Problems
 def _first_offset_ns(columns: Mapping[str, np.ndarray]) -> int:
     """Time (ns) from a sweep's time to a lidar's first point, 0 if the points have no times.
 
-    columns: of the points, by name."""
+    columns: columns of the points, by name."""
     offsets = columns.get("offset_ns", np.zeros(0, np.int64))
     return int(offsets.min()) if offsets.size and offsets.dtype.kind in "iu" else 0
 

@@ -115,8 +115,8 @@ class LabelRows(NamedTuple):
     """Labels of one frame.
 
     kinds: their types, DontCare too; values: the 14 numbers after each; ids: track of each label,
-    None if the labels have no tracks; scores: of detections, NaN for a row without one, None if
-    they were not read."""
+    None if the labels have no tracks; scores: scores of detections, NaN for a row without one, None
+    if they were not read."""
 
     kinds: list[str]
     values: Float64[np.ndarray, "n 14"]
@@ -133,7 +133,7 @@ class LabelRows(NamedTuple):
 class LabelledView(NamedTuple):
     """Camera whose image is labelled.
 
-    calibration: of the camera; size_px: width and height of its image."""
+    calibration: calibration of the camera; size_px: width and height of its image."""
 
     calibration: "KittiCalibration"
     size_px: tuple[int, int]

@@ -19,7 +19,7 @@ import numpy as np
 from toolkit.datasets.layouts.packet_sweeps import Sweep
 from toolkit.datasets.record_values import name_damage
 
-MIN_COLUMN_SHARE = 0.97  # of the columns of a whole turn that must be there
+MIN_COLUMN_SHARE = 0.97  # share of a whole turn's columns that must be there
 _NS_PER_S = 10**9
 
 

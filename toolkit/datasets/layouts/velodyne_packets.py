@@ -96,7 +96,7 @@ def _measure_turn(points: np.ndarray) -> float:
 
 
 def make_velodyne_decoder(last_byte: int) -> Any:
-    """Make the decoder of a sensor's packets; last_byte: of each packet, which names the model."""
+    """Make the decoder of a sensor's packets; last_byte: their last byte, which names the model."""
     import velodyne_decoder
 
     model = getattr(velodyne_decoder.Model, VELODYNE_MODELS[last_byte])

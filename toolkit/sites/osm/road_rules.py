@@ -572,7 +572,7 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
         notes.append(DIRECTION_NOTE)
     is_for_all = tags.get("oneway", "") in _FORWARD | _BACKWARD or "oneway:vehicle" in tags
     if value in _FORWARD | _BACKWARD and not is_for_all:
-        notes.append(CONTRAFLOW_NOTE)  # of bicycles
+        notes.append(CONTRAFLOW_NOTE)
     return oneway
 
 
