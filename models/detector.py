@@ -210,7 +210,12 @@ class VoxelNetDetector:
     def _at_once(
         self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds
     ) -> Iterator[tuple[int, Detections]]:
-        """Yield the row and detections of each union of a plan that has points."""
+        """Yield the row and detections of each union of a plan that has points.
+
+        A union is a set of clouds. What two unions share is computed once: `tiled` gives the maps
+        of entries, which are the distinct tiles of all unions.
+
+        plan: the unions; clouds: points of all clouds."""
         unions = plan.unions
         has_points = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
         for union_rows, entries, predictions in tiled(plan):

@@ -32,6 +32,7 @@ class TrialLimits:
     memory_bytes: int = 3 << 29
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a limit of 0 or less."""
         if not (self.seconds > 0 and self.memory_bytes > 0):
             raise ValueError(
                 f"limits of a trial must be above 0, got {self.seconds} s and {self.memory_bytes} "

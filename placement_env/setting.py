@@ -39,6 +39,7 @@ class Weights:
     """Penalty per ordinary pole, in AP."""
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a penalty that is negative or not finite."""
         if not (0 <= self.comm < math.inf and 0 <= self.price < math.inf):
             raise ValueError(
                 f"weights must be finite and not negative, got comm {self.comm} and price "

@@ -109,6 +109,7 @@ class FaceNetworks(nn.Module):
     prior: Tensor
 
     def __init__(self) -> None:
+        """Untrained networks of front and rear, of both sides, and of the top."""
         super().__init__()
         self.end = _build_network(2 * _FACE_COUNTS)
         self.side = _build_network(2 * _FACE_COUNTS)

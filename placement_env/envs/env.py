@@ -66,6 +66,7 @@ class Task:
     def __init__(
         self, n: int, scenarios: EpisodeSource, *, max_steps: int | None = None, fixed: bool = False
     ) -> None:
+        """Make room for n episodes, which `scenarios` draws; other arguments as for `State`."""
         self.scenarios = scenarios
         self.state = State(n, scenarios.slots, max_steps=max_steps, fixed=fixed)
         size = (len(STATIC) + len(DYNAMIC)) * scenarios.slots + len(GLOBAL)

@@ -247,6 +247,7 @@ class EpisodeSource:
     slots: int
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
+        """Load the sites; their candidates are made when they are needed."""
         self.config = config
         self._given_sites = list(config.sites)  # sites, or their names or files
         self._shared_candidates = candidates

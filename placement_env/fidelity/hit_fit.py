@@ -159,6 +159,7 @@ class _Fitting:
         names: Fields of each model that are not fitted, except the scheme."""
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
+        """Prepare the evidence of the candidates at each site, which all fits share."""
         self._observed = observed
         self._fixed_fields = {"scheme": scheme.name, **names}
         self._evidence = [

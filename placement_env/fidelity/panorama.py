@@ -93,6 +93,7 @@ class TrafficView:
         self.hold: Callable[[], bool] = _never
 
     def __getstate__(self) -> dict[str, Any]:
+        """Fields to pickle, without what serves threads."""
         with self.casting:  # no panorama is added meanwhile
             state = {**self.__dict__, "surrounds": self.surrounds.copy()}
         for name in ("casting", "_waiting", "hold"):

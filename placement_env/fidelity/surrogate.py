@@ -264,6 +264,7 @@ class _Part:
         objects: Number of objects."""
 
     def __init__(self, evidence: "Evidence", sizes: _SizeFactors) -> None:
+        """Prepare the sums of the evidence by the hit model, which `sizes` holds."""
         self.evidence = evidence
         self.sizes = sizes
         self.model = sizes.model

@@ -87,6 +87,7 @@ class TableOrigin:
     ious: tuple[tuple[float, ...], ...] = (IOUS,)
 
     def __post_init__(self) -> None:
+        """Raise ValueError unless each class has all thresholds."""
         has_all_thresholds = all(len(thresholds) == len(IOUS) for thresholds in self.ious)
         if len(self.ious) != len(self.classes) or not has_all_thresholds:
             raise ValueError(

@@ -58,6 +58,7 @@ class LivePlanner(VariantEditor):
         first_frames: int | None = None,
         most_sensors: float = math.inf,
     ) -> None:
+        """Find the plan and its setting, and make the yard and the scorer."""
         self.plan = _find_plan(site)
         usual_run = Run(frames=LIVE_FRAMES, seed=LIVE_SEED)
         if self.plan is None:

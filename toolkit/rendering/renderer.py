@@ -60,6 +60,7 @@ class Moment:
     def __init__(
         self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL
     ) -> None:
+        """Move the meshes to their boxes, and build the scene from them."""
         self.bodies = tuple(bodies)
         self.boxes = boxes
         self._threads = threads
@@ -235,6 +236,7 @@ class Renderer:
         scenery: Mesh | None = None,
         threads: int = 0,
     ) -> None:
+        """Build the scene of the site, and cast the sensors' images of it."""
         self.sensors = tuple(sensors)
         self.bodies = tuple(bodies)
         self._site = site

@@ -336,6 +336,7 @@ class SuccessiveStrips:
     changes no result."""
 
     def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
+        """Begin before the first frame, without strips."""
         self._renderer = renderer
         self._viewpoints = viewpoints
         self._counted = counted

@@ -295,6 +295,7 @@ class _Pool:
     """
 
     def __init__(self, pickled: bytes, workers: int) -> None:
+        """Prepare the processes, which start with the first work. pickled: the job."""
         # forking would copy the locks of Open3D's and torch's threads
         context = multiprocessing.get_context("spawn")
         # nothing is sent: processes end when the writing end is closed (`_end_after`)

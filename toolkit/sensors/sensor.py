@@ -239,6 +239,7 @@ class Sensor:
         self.pose.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
+        """Sensors are equal if their name, model and pose are."""
         if not isinstance(other, Sensor):
             return False
         return (self.name, self.model) == (other.name, other.model) and np.array_equal(

@@ -25,6 +25,7 @@ class Obstacles:
         tree: search tree of their footprints, in the same order."""
 
     def __init__(self, site: Site) -> None:
+        """Choose the solids of a site that are higher than `MAX_STEP_HEIGHT_M`."""
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
         # tops above the ground (m)
         heights = np.array([solid.top for solid in site.solids]) - site.ground(middles)

@@ -49,6 +49,7 @@ class Occupancy:
         parked_boxes: LevelBoxes,
         last: int,
     ) -> None:
+        """Begin with the parked vehicles only."""
         self.last = last
         self._area = area
         self._obstacles = obstacles

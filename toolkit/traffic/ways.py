@@ -177,6 +177,7 @@ class _Demand:
         supply: Gives bodies, ids and random numbers."""
 
     def __init__(self, sumo: ModuleType, site: Site, supply: Supply) -> None:
+        """Find the passages that each SUMO class may take."""
         self._sumo = sumo
         self._supply = supply
         gates = Gates(sumo, site, Roads.read(sumo))

@@ -142,6 +142,7 @@ class Question:
     drawings: int = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the fields do not fit; make a `Stock` of named candidates."""
         failing = self.cases.failing
         if self.sensors is None and self.money is None:
             raise ValueError("a plan needs a budget: a number of sensors, a sum of money, or both")

@@ -109,6 +109,7 @@ class Foreground(SendsForeground):
     max_step: float = MAX_STEP_M
 
     def __post_init__(self) -> None:
+        """Raise ValueError for wrong values."""
         wire.step_in_mm(self.step)
         wire.step_in_mm(self.max_step)
         if not 0 < self.sigmas < np.inf:
