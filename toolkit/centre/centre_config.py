@@ -346,7 +346,7 @@ def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
 
 
 def _take_whole(row: JsonObject, key: str, maximum: int) -> int | None:
-    """Return a whole number from 1 on, None if it is missing."""
+    """Return a whole number from 1 to a maximum, None if it is missing."""
     return row.whole(key, 1, maximum) if key in row.value else None
 
 

@@ -79,11 +79,13 @@ class VelodyneInput:
             ) from None
 
     def _make_message(self, stamp: Any, table: Any) -> SensorMessage:
-        """Return a decoded turn as a message."""
+        """Return a decoded turn as a message.
+
+        stamp: time of the turn, of velodyne-decoder; table: its points, a row for each."""
         columns = list_sweep_columns(np.array(table))
         cloud: SensorCloud = build_cloud(
             columns, self.name, self._pose, {}, stamp_s=float(stamp.host)
         )
         last_s = 0.0 if cloud.time is None else float(cloud.time.max(initial=0.0))
         time_s = float(stamp.host) + last_s
-        return SensorMessage(self.name, time_s, time_s, cloud)
+        return SensorMessage(sensor=self.name, time_s=time_s, arrival_s=time_s, measurement=cloud)

@@ -297,6 +297,7 @@ class _Pool:
     """
 
     def __init__(self, pickled: bytes, workers: int) -> None:
+        """Prepare the processes, which start with the first work. pickled: the job."""
         # forking would copy the locks of Open3D's and torch's threads
         context = multiprocessing.get_context("spawn")
         # as an argument, a job larger than a pipe's buffer would block this process for ever if a

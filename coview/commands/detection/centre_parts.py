@@ -85,12 +85,12 @@ def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") 
     scene = learn_standing_scene(frames) if learns_scene else None
     (placed,) = Detectors(spec, config.place).choose([recording], [scene])
     return CentreParts(
-        [source],
-        Detection(
+        inputs=[source],
+        detection=Detection(
             placed.detector, placed.place, site=recording.site if is_known else None, scene=scene
         ),
-        config.interval_s or source.interval_s,
-        source.spread_s,
+        interval_s=config.interval_s or source.interval_s,
+        spread_s=source.spread_s,
         scenes=Scenes(frames, sample=_LEARNT_IMAGES).every,
         speed=config.speed,
         sample=frames[0],
@@ -143,9 +143,9 @@ def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
     place = replace(config.place, level=config.place.level or "map")
     return CentreParts(
         [_open_lidar(row, config) for row in config.inputs],
-        Detection(open_detector(spec.in_bfloat16(), place), place),
-        config.interval_s or _INTERVAL_S,
-        config.interval_s or _INTERVAL_S,  # lidars turn freely
+        detection=Detection(open_detector(spec.in_bfloat16(), place), place),
+        interval_s=config.interval_s or _INTERVAL_S,
+        spread_s=config.interval_s or _INTERVAL_S,  # lidars turn freely
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from toolkit.datasets.layouts.packet_sweeps import Sweep
 from toolkit.datasets.record_values import name_damage
 
-MIN_COLUMN_SHARE = 0.97  # of the columns of a whole turn that must be there
+MIN_COLUMN_SHARE = 0.97  # share of a whole turn's columns that must be there
 _NS_PER_S = 10**9
 
 
@@ -111,10 +111,10 @@ def convert_frame(frame: Any, points: np.ndarray, name: str, number: int) -> Swe
     first, last = frame.sensor_info.format.column_window
     width = (last - first) % len(is_valid) + 1
     return Sweep(
-        name,
-        number,
-        frame.get_first_valid_packet_timestamp() / _NS_PER_S,
-        {
+        sensor=name,
+        number=number,
+        time_s=frame.get_first_valid_packet_timestamp() / _NS_PER_S,
+        columns={
             "positions": points[rows, columns],
             "intensity": np.asarray(intensity)[rows, columns],
             "ring": rows,
