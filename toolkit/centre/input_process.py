@@ -4,6 +4,7 @@ The process reads some messages ahead, so that they are there in time when detec
 cores for a while."""
 
 import multiprocessing
+import os
 import signal
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,6 +15,7 @@ from threading import Event, Thread
 from toolkit.centre.sensor_message import SensorInput, SensorMessage
 
 MAX_AHEAD_MESSAGES = 24  # that are read before their time
+_NICENESS = 5  # it has read ahead, so that detection goes first
 _END_S = 2.0  # in which a stopped process must end
 _POLL_S = 0.2
 _Content = SensorMessage | str | None  # a message, the text of an error, or the end
@@ -58,6 +60,8 @@ def _send_messages(sender: Connection) -> None:
 
     A thread reads them ahead. If it dies of an unexpected error, the process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
     source: SensorInput = sender.recv()
     contents: Queue[_Content] = Queue(MAX_AHEAD_MESSAGES)
     reader = Thread(target=_read_messages, args=(source, contents), daemon=True)
