@@ -85,6 +85,7 @@ class CloudDetector:
         unions: a row for each union, with True for each cloud that belongs to it."""
         from toolkit.points import join_clouds
 
+        # points that need not be levelled go to the network as they are, which shares work
         if self.level is None:
             return self.network.unions(clouds, unions)
         return [self(join_clouds(clouds, union)) for union in unions]

@@ -185,10 +185,11 @@ class Objective(FeasibleSets):
     ) -> "Objective":
         """Objective of other candidates with known visibility, in a preparation's traffic.
 
-        Nothing is rendered again. Setting and run are the preparation's, except for candidates and
-        weights.
+        Nothing is rendered again. Questions asked of sets (the setting) and how they are computed
+        (the run: frames, seed, processes) are the preparation's, except for candidates and weights.
 
         visibility: points and objects that these candidates see in that traffic."""
+        # what estimates or measures the AP of sets
         fidelity = preparation.build_fidelity(candidates, visibility)
         setting = preparation.setting.with_candidates(
             candidates, fidelity=fidelity, weights=weights

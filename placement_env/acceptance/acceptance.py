@@ -66,7 +66,10 @@ class Acceptance:
 
     @property
     def detection_faults(self) -> tuple[str, ...]:
-        """Shortfalls of detection, each in a sentence."""
+        """Shortfalls of detection, each in a sentence.
+
+        A class falls short of the plan's AP. Without labels, a half of the sensors finds a smaller
+        share of what the other half finds than the recall that the plan promises."""
         sentences = []
         for check in self.classes:
             if check.falls_short and check.measured is not None:

@@ -48,7 +48,7 @@ from toolkit.runtime.text_tables import align_columns
 
 UNMEASURED = SensorFigures(0.0, float("nan"), float("nan"))  # a sensor that is not recorded
 NO_LABELS = "The recording has no labels, so AP, recall and HOTA are unknown."
-SHORT = (
+TOO_SHORT_TO_COMPARE = (
     f"AP has an interval from {MIN_BLOCKS} blocks of {BLOCK_S:.0f} s on: record "
     f"{MIN_BLOCKS * BLOCK_S / 60:.0f} minutes or more."
 )
@@ -59,7 +59,7 @@ def build_page(acceptance: Acceptance, plan: str, recording: str) -> Document:
 
     plan, recording: names of the plan's folder and of the recording."""
     contents = {
-        "decision": ("Does the street keep the plan's promise?", _decide(acceptance)),
+        "decision": ("Does the street keep the plan's promise?", _verdict_content(acceptance)),
         "sensors": ("Sensors", _list_sensors(acceptance)),
         "detection": ("Detection", _list_classes(acceptance)),
         "method": ("How it was checked", _explain(acceptance)),
@@ -87,8 +87,11 @@ def describe_acceptance(acceptance: Acceptance) -> str:
     return "\n\n".join(parts)
 
 
-def _decide(acceptance: Acceptance) -> Content:
-    """Return the verdict with the reasons, the result of each class, and what is unknown."""
+def _verdict_content(acceptance: Acceptance) -> Content:
+    """Return the verdict with faults, results of classes, and what else was found.
+
+    Findings are those of `coview doctor` in the recording: suspected mistakes of labels, poses and
+    clocks."""
     facts = [Fact("Fault", fault, alarm=True) for fault in acceptance.faults]
     working = [check for check in acceptance.sensors if not check.faults()]
     count = describe_count(len(acceptance.sensors), "sensor")
@@ -117,7 +120,7 @@ def _compare(check: ClassCheck) -> str:
     if not check.is_promised:
         return "This class does not count in the plan."
     if not check.is_compared:
-        return SHORT
+        return TOO_SHORT_TO_COMPARE
     if check.falls_short:
         return "The street falls short."
     if check.measured is not None and check.measured.low > check.promised.high:
@@ -211,7 +214,7 @@ def _list_classes(acceptance: Acceptance) -> Content:
     if short:
         conclusion = f"Short of the promised AP: {', '.join(short)}."
     elif not any(check.is_compared for check in acceptance.classes):
-        conclusion = f"Promised and measured AP cannot be compared. {SHORT}"
+        conclusion = f"Promised and measured AP cannot be compared. {TOO_SHORT_TO_COMPARE}"
     columns = (
         *text_columns("Class"),
         Column("IoU", digits=2),

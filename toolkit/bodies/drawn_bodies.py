@@ -39,6 +39,7 @@ def _draw_mesh(label: int, rng: Rng, evenly: bool) -> DrawnMesh:
     if label == VEHICLE:
         return _draw_car(rng)
     if label == HEAVY:
+        # a car counts as heavy with its trailer
         return _draw_towing_car(rng) if rng.random() < TOWING_SHARE else draw_heavy(rng)
     if label == PEDESTRIAN:
         return draw_person(rng, evenly)

@@ -27,10 +27,11 @@ def draw_bus(rng: Rng) -> DrawnMesh:
     sections = _draw_sections(length, width, height, bottom, rng)
     if is_bendy:  # between the third section from the rear and the fourth
         sections[3:3] = _make_bellows(length, width, height, bottom)
-    parts = [loft_shell(sections, corner=0.06, points=2)]
-    for share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
-        unit_size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
-        parts.append(plank(unit_size, x=share * (front - 1.5), y=0.0, z=height - 0.03))
+    parts = [loft_shell(sections, corner=0.06, points=2)]  # corners rounded by 2 points each
+    # up to two air conditioners on the roof, at shares of the way from the middle to an end
+    for end_share in rng.uniform(-0.6, 0.7, int(rng.integers(0, 3))).tolist():
+        cooler_size = (float(rng.uniform(1.2, 2.6)), 0.65 * width, float(rng.uniform(0.15, 0.35)))
+        parts.append(plank(cooler_size, x=end_share * (front - 1.5), y=0.0, z=height - 0.03))
     wheel_radius = float(np.clip(0.03 * length + 0.12, 0.34, 0.5))
     front_overhang = float(rng.uniform(0.16, 0.24)) * min(length, 12.0)
     rear_overhang = float(rng.uniform(0.22, 0.3)) * min(length, 12.0)

@@ -90,7 +90,7 @@ _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "velodyne": ("name", "port", "address"),
     "ouster": ("name", "metadata", "port", "address"),
 }
-_LIDAR_PORTS = {"velodyne": 2368, "ouster": 7502}  # by kind, unless the configuration says
+_LIDAR_PORTS = {"velodyne": 2368, "ouster": 7502}  # usual UDP ports by kind of lidar
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class InputConfig:
         name: Name of a lidar.
         port: UDP port to which it sends.
         address: Address of the lidar, None for any.
-        metadata: File of an Ouster's metadata.
+        metadata: File of an Ouster's metadata, None for other kinds.
     """
 
     kind: InputKind
@@ -123,7 +123,7 @@ class InputConfig:
     name: str = ""
     port: int = 0
     address: str | None = None
-    metadata: Path = Path()
+    metadata: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def _parse_config(document: JsonObject, folder: Path) -> CentreConfig:
 
 
 def _parse_input(row: JsonObject, folder: Path) -> InputConfig:
-    """Parse an input, whose keys depend on its kind."""
+    """Parse an input, whose keys depend on its kind; relative paths count from `folder`."""
     kind = cast(InputKind, row.choice("kind", _INPUT_KEYS))
     row.check_keys(("kind", *_INPUT_KEYS[kind]))
     if kind == "recording":
@@ -242,7 +242,7 @@ def _parse_input(row: JsonObject, folder: Path) -> InputConfig:
             site=_find_site(row, folder),
         )
     if kind == "junction":
-        row.get("site", str)
+        row.get("site", str)  # raises without one
         return InputConfig(
             kind,
             site=_find_site(row, folder),
@@ -254,7 +254,7 @@ def _parse_input(row: JsonObject, folder: Path) -> InputConfig:
         name=row.get("name", str),
         port=row.whole("port", 1, 2**16 - 1) if "port" in row.value else _LIDAR_PORTS[kind],
         address=_take(row, "address", str, None),
-        metadata=folder / row.get("metadata", str) if kind == "ouster" else Path(),
+        metadata=folder / row.get("metadata", str) if kind == "ouster" else None,
     )
 
 
@@ -265,11 +265,11 @@ def _find_site(row: JsonObject, folder: Path) -> str:
 
 
 def _check_inputs(inputs: tuple[InputConfig, ...]) -> None:
-    """Raise ValueError for no input, and for a replay next to another input."""
+    """Raise ValueError for no input, and for a recording or junction next to another input."""
     if not inputs:
         raise ValueError("input must be a list of at least one input: begin it with [[input]]")
     kinds = [source.kind for source in inputs]
-    if len(inputs) > 1 and not set(kinds) <= set(_LIDAR_PORTS):
+    if len(inputs) > 1 and not _LIDAR_PORTS.keys() >= set(kinds):
         raise ValueError(
             f"a recording or junction sets the clock, got inputs {', '.join(kinds)}: give "
             "one of them, or several lidars"

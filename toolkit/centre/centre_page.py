@@ -153,7 +153,7 @@ def describe_centre_frame(frame: CentreFrame, sensors: tuple[str, ...]) -> str:
 
 @contextmanager
 def open_centre_page(port: int, sensors: Mapping[str, Sensor]) -> Iterator[tuple[CentrePage, str]]:
-    """Serve a page to this machine during a block; give the page and its address.
+    """Serve a running centre's live page to this machine for a block; give page and address.
 
     port: a later one if it is taken; sensors: by name. Raises ImportError without viser."""
     token = secrets.token_urlsafe(16)  # 16 random bytes as text

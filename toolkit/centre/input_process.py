@@ -73,9 +73,10 @@ def _send_messages(sender: Connection) -> None:
 
 
 def _read_messages(source: SensorInput, contents: "Queue[_Content]") -> None:
-    """Read all messages of an input, then None; the text of an error instead."""
+    """Put all messages of an input into a queue, then None, or the text of an error instead."""
+    never_stop = Event()  # the process is terminated instead
     try:
-        for message in source.messages(Event()):
+        for message in source.messages(never_stop):
             contents.put(message)
         contents.put(None)
     except (ValueError, OSError, ImportError) as error:

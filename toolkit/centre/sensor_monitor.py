@@ -190,9 +190,12 @@ def farther(scene: EmptyScene, image: ImageRanges) -> ImageMask:
 def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageMask:
     """Mask of pixels in which a sensor must see a box, or something nearer.
 
-    scene: empty scene of the sensor, at least `_SCENE_GAP_M` behind the box in these pixels; boxes:
-    rows of centre, size (m) and yaw (rad) in the site's frame."""
+    The empty scene is at least `_SCENE_GAP_M` behind the box there.
+
+    scene: empty scene of the sensor; boxes: rows of centre, size (m) and yaw (rad) in the site's
+    frame."""
     nothing = np.float32(np.inf)
+    # the nearer of a pixel's two surfaces, of which `first` is only the more frequent
     behind = np.where(
         scene.first > 0,
         np.fmin(scene.first, np.where(scene.second > 0, scene.second, nothing)),

@@ -126,7 +126,8 @@ class SensorWatch:
         """Begin without faults.
 
         sensors: by name; start_s: time from which messages are expected (s); interval_s: time
-        between two frames (s); scenes: what was learnt of each sensor's empty scene."""
+        between two frames (s); scenes: what was learnt of each sensor's empty scene; turn_watch:
+        registers the sensors to find those that were turned, None to leave that out."""
         scenes = scenes or {}
         self.faults: dict[str, Fault] = {}
         self._turn_watch = turn_watch

@@ -240,7 +240,9 @@ def time_to_collision(
         is_still = speed == 0
         is_apart = np.abs(distance) > reach
         begin = np.where(is_still, begin, np.maximum(begin, bounds[0]))
-        end = np.where(is_still, np.where(is_apart, -1.0, end), np.minimum(end, bounds[1]))
+        # -1, before any beginning, if they never overlap along this normal
+        still_end = np.where(is_apart, -1.0, end)
+        end = np.where(is_still, still_end, np.minimum(end, bounds[1]))
     return np.where(begin <= end, begin, np.inf)
 
 

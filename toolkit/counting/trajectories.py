@@ -98,6 +98,9 @@ def split_trajectories(
 ) -> list[Trajectory]:
     """Trajectories from rows of all road users at all times, in the order of their ids.
 
+    Road users with a mean score below `MIN_TRACK_SCORE` are left out. Each row votes for a class
+    with the weight of its score.
+
     Args:
         ids: Number of each row's road user.
         labels: Class of each row.
@@ -105,9 +108,9 @@ def split_trajectories(
         seconds: Time of each row, ascending.
         scores: Score of each row, None for true objects."""
     order = np.argsort(ids, kind="stable")
-    names, begins = np.unique(ids[order], return_index=True)
+    unique_ids, begins = np.unique(ids[order], return_index=True)
     trajectories = []
-    for name, rows in zip(names.tolist(), np.split(order, begins[1:]), strict=True):
+    for road_user_id, rows in zip(unique_ids.tolist(), np.split(order, begins[1:]), strict=True):
         weights = None if scores is None else scores[rows]
         if weights is not None and weights.mean() < MIN_TRACK_SCORE:
             continue
@@ -115,7 +118,11 @@ def split_trajectories(
         velocities = _find_velocities(boxes[rows, :2], seconds[rows])
         trajectories.append(
             Trajectory(
-                id=name, label=label, times=seconds[rows], boxes=boxes[rows], velocities=velocities
+                id=road_user_id,
+                label=label,
+                times=seconds[rows],
+                boxes=boxes[rows],
+                velocities=velocities,
             )
         )
     return trajectories

@@ -51,12 +51,12 @@ def draw_site(site: Site, out: Path | str) -> None:
     subtitle = ", ".join(f"{count} {noun}{'s' * (count != 1)}" for count, noun in counts)
     legend = [
         *ground_entries(site),
-        *pole_entries(unused=len(poles)),
+        *pole_entries(unused=len(poles)),  # one mark for all: nothing is chosen here
         *sensor_entries(site.sensors),
     ]
-    holds = np.concatenate([poles, sensor_places(site.sensors)])
+    shown_places = np.concatenate([poles, sensor_places(site.sensors)])
     with house_style():
-        sheet = map_sheet(site, title, subtitle, holds=holds, legend=legend)
+        sheet = map_sheet(site, title, subtitle, holds=shown_places, legend=legend)
         draw_wedges(sheet.axes, site.sensors, site.solids)
         draw_poles(sheet.axes, poles)
         draw_sensors(sheet.axes, site.sensors, sheet.points_per_metre)

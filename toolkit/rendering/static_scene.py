@@ -37,7 +37,7 @@ _CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # corners of a cell, counter-clockw
 def build_scenery(site: Site) -> Mesh:
     """Build the mesh of everything static at a site (m, site frame).
 
-    Raises ValueError for solids of endless size."""
+    Raises ValueError for solids with more surface than `MAX_SKIN_M2`, or with NaN sizes."""
     # One generator for all solids: what a solid draws depends on the solids before it. Its seed is
     # the sum of the bytes of the site's name.
     rng = np.random.default_rng(sum(site.name.encode()))

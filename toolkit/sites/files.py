@@ -524,7 +524,7 @@ def format_attitude(sensor: Sensor) -> Json:
     if level_length < _MIN_LEVEL_LENGTH:
         # straight up or down: heading and roll turn about one axis
         left_x, left_y = left[:2]
-        heading = np.arctan2(-left_x, left_y)
+        heading = np.arctan2(-left_x, left_y)  # left is (-sin heading, cos heading) without roll
         roll = np.float64(0.0)
     else:
         heading = np.arctan2(forward_y, forward_x)

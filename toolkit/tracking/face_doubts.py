@@ -107,7 +107,7 @@ def anchor_centres(
     size: Float64[np.ndarray, "n 3"],
     doubts: Float64[np.ndarray, "n 5"],
 ) -> Float64[np.ndarray, "n 2"]:
-    """Centres (x, y) of bodies of a known size that share their surer faces with detections.
+    """Centres (x, y) of bodies of a known size whose surer faces stay where they were detected.
 
     Args:
         boxes: Detection of each body.
@@ -116,12 +116,13 @@ def anchor_centres(
         doubts: Expected error (m) of the detection's front, rear, left, right and top, with the
             front at the end to which `yaw` points."""
     weights = 1 / np.square(doubts)
-    # the centre moves so far if the front (left) face is kept, and as far back if the rear (right)
-    # one is; in between by their weights
-    ahead = (boxes[:, 3] - size[:, 0]) / 2
-    leftwards = (boxes[:, 4] - size[:, 1]) / 2
-    ahead = ahead * (weights[:, 0] - weights[:, 1]) / (weights[:, 0] + weights[:, 1])
-    leftwards = leftwards * (weights[:, 2] - weights[:, 3]) / (weights[:, 2] + weights[:, 3])
+    # movement (m) of the centre if the front (left) face is kept: its negative if the rear (right)
+    # one is, in between by their weights
+    ahead_by_front = (boxes[:, 3] - size[:, 0]) / 2
+    leftwards_by_left = (boxes[:, 4] - size[:, 1]) / 2
+    front, rear, left, right = weights[:, :4].T
+    ahead = ahead_by_front * (front - rear) / (front + rear)
+    leftwards = leftwards_by_left * (left - right) / (left + right)
     cos = np.cos(yaw)
     sin = np.sin(yaw)
     x = boxes[:, 0] + ahead * cos - leftwards * sin

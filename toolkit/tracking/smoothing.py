@@ -323,7 +323,9 @@ def _smooth_over_time(
     known_seconds: Float64[np.ndarray, " k"],
     seconds: Float64[np.ndarray, " f"],
 ) -> Float64[np.ndarray, "f c"]:
-    """Means over time (`YAW_SMOOTHING_S`) of c columns that are known at k times, in f frames.
+    """Interpolate c columns, such as a cosine and sine of yaw, from k times to f, and smooth them.
+
+    The smoothing is a mean over time with `YAW_SMOOTHING_S` as standard deviation.
 
     Args:
         values: Columns at the known times.

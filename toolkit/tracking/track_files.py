@@ -54,13 +54,13 @@ def write_tracks(
 
 
 def _list_rows(tracks: Tracks) -> list[dict[str, object]]:
-    """Values of each track by the names of `TRACK_COLUMNS` after frame and time, in their order."""
+    """Values of each track by the names of `TRACK_COLUMNS`, without frame and time, its first."""
     # the columns x to unseen_s
     numbers = np.column_stack([tracks.boxes[:, :6], np.rad2deg(tracks.boxes[:, 6]), tracks.scores])
     numbers = np.column_stack([numbers, tracks.velocities, tracks.ages, tracks.unseen])
     rows = []
-    for name, label, values in zip(
+    for track_id, label, values in zip(
         tracks.ids.tolist(), tracks.labels.tolist(), numbers.round(6).tolist(), strict=True
     ):
-        rows.append(dict(zip(TRACK_COLUMNS[2:], (name, LABELS[label], *values), strict=True)))
+        rows.append(dict(zip(TRACK_COLUMNS[2:], (track_id, LABELS[label], *values), strict=True)))
     return rows

@@ -303,7 +303,10 @@ def _trace(costs: _Costs, last: int, end: int) -> _Moves:
 def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "steps 3"]:
     """Poses (x, y in m, yaw in rad) of a body that follows a plan with smooth changes.
 
-    plan: progress on the course and distance aside; last: last step, later ones are left out."""
+    One for each step of the simulation, from the course's first to the last one.
+
+    plan: row of the course's poses and distance aside for each step; last: number of the last
+    step, later ones are left out."""
     sigma = SMOOTHING_STEPS[course.label]
     count = max(0, last - course.first + 1)
     columns = np.column_stack([plan.progress, plan.aside])
@@ -311,11 +314,11 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
     poses = _pick(course.poses, smoothed[:, 0])
     if len(poses) < 2 or not smoothed[:, 1].any():
         return poses
+    # beside the course, still with the headings on it; they turn with the path beside it
     shifted = _shift(course, smoothed[:, 0], smoothed[:, 1])
-    # a heading turns with the course that the body takes
     if course.label == PEDESTRIAN:
-        facing = face_course(poses[:, :2], 0.0)
-        shifted[:, 2] += face_course(shifted[:, :2], 0.0) - facing
+        facing = face_course(poses[:, :2], yaw=0.0)
+        shifted[:, 2] += face_course(shifted[:, :2], yaw=0.0) - facing
         return shifted
     ahead_m_s = np.hypot(*np.gradient(poses[:, :2], FINE_STEP_S, axis=0).T)
     aside_m_s = np.gradient(smoothed[:, 1], FINE_STEP_S)

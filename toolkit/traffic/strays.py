@@ -220,9 +220,9 @@ def _place_next_to(
 def _place_companion(
     first: np.ndarray, widths: np.ndarray, rng: np.random.Generator
 ) -> Float64[np.ndarray, "3"]:
-    """Pose (x, y, yaw) to the left of the stray drawn before, so that a group is in a row.
+    """Pose (x, y, yaw) to the left of a person drawn before, so that a group is in a row.
 
-    first: pose of that stray; widths: widths of that body and the companion's (m)."""
+    first: pose of that person; widths: widths of that body and the companion's (m)."""
     x, y, yaw = first
     to_left = widths.sum() / 2 + rng.uniform(MIN_STRAY_GAP_M, MAX_COMPANION_GAP_M)
     behind = rng.normal(0, 0.15)  # m, as to_left

@@ -159,6 +159,7 @@ def _open_lidar(row: "InputConfig", config: "CentreConfig") -> "VelodyneInput | 
     pose = config.setups[row.name].pose if row.name in config.setups else None
     if row.kind == "velodyne":
         return VelodyneInput(row.name, port, pose)
+    assert row.metadata is not None  # an Ouster's configuration names it
     load_ouster_metadata(row.metadata)  # refuses wrong metadata before the run begins
     return OusterInput(row.name, row.metadata, port, pose)
 

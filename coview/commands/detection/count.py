@@ -160,10 +160,11 @@ class _CountedStreet(NamedTuple):
         from toolkit.sites.georeference import bearing_deg
 
         site = self.street.site
-        bearings = [
-            ArmBearing(arm.name, bearing_deg(site, float(np.arctan2(*arm.direction[::-1]))))
-            for arm in self.arms
-        ]
+        bearings = []
+        for arm in self.arms:
+            direction_x, direction_y = arm.direction
+            bearing = bearing_deg(site, float(np.arctan2(direction_y, direction_x)))
+            bearings.append(ArmBearing(arm.name, bearing))
         source = "true road users" if self.measured is None else "tracks"
         draw_turning_diagram(
             self.counts.movements,

@@ -152,7 +152,8 @@ def _draw_supply(seed: int) -> "Supply":
 def simulate_street(source: str, demand: StreetDemand, flow: "Flow", *, hidden: bool) -> Street:
     """Simulate the true road users of a site without rays.
 
-    source: name or file of the site; hidden: True to show no progress."""
+    source: name or file of the site; demand: how long, and seed of the bodies; flow: road users an
+    hour from each entry to each exit; hidden: True to show no progress."""
     from toolkit.sites.files import load_site
     from toolkit.traffic.continuous import simulate_continuously
     from toolkit.traffic.street_truth import list_trajectories

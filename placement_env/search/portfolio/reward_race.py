@@ -102,8 +102,9 @@ def weigh_costs(
 ) -> Float64[np.ndarray, " n"]:
     """Costs of communication and building of each set, in AP.
 
-    objective: gives weights and prices; sets: rows of booleans; kbit: total that each set sends per
-    frame; the weight applies to its mean over the sensors."""
+    `weights.comm` is the cost of a kbit that each sensor sends on average, `weights.price` the cost
+    of a unit of price. objective: gives weights and prices; sets: rows of booleans; kbit: total
+    that each set sends per frame."""
     per_sensor = kbit / np.maximum(sets.sum(axis=1), 1)  # the empty set counts as one sensor
     return np.asarray(
         objective.weights.comm * per_sensor + objective.weights.price * objective.price(sets)

@@ -17,12 +17,12 @@ NAMES_PROJECTION = r"\bproj=(?!lat|lon)|EPSG:|^\w+:\w+$|PROJ(CS|CRS|ECTEDCRS)\b"
 
 
 def move_to_file(
-    root: ElementTree.Element, metres: tuple[float, float]
+    root: ElementTree.Element, projection_xy: tuple[float, float]
 ) -> Float64[np.ndarray, "2"]:
-    """Place x, y (m) in the file's coordinates of a place in the map's projection, to 1 cm.
+    """Convert x, y (m) from the map's projection to the file's coordinates, to 1 cm.
 
-    metres: x, y in the projection; the header's offset leads from the file to it."""
-    projection_xyz = np.array([[*metres, 0.0]])
+    root: of the file, whose header places its coordinates in the projection."""
+    projection_xyz = np.array([[*projection_xy, 0.0]])
     (file_xyz,) = transform(invert(find_placement(root)), projection_xyz)
     return file_xyz[:2].round(2) + 0.0  # + 0.0 makes 0 of -0
 
