@@ -173,7 +173,7 @@ class Site(Displayed):
     def __post_init__(self) -> None:
         """Check the fields, and convert them to arrays and tuples.
 
-        Raises ValueError, which names the field, for one that does not fit."""
+        Raises ValueError with the name of a field that does not fit."""
         checked: dict[str, Any] = {"area": check_area(self.area)}
         if not 0 < self.height < np.inf:
             raise ValueError(f"height must be positive, got {self.height}")
