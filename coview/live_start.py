@@ -94,15 +94,10 @@ class StartPage:
         the page: centre and size."""
         if path.suffix.lower() not in OPENED_MAP_ENDINGS:
             return str(path)
-        numbers = self._centre.value.replace(",", " ").split()
-        try:
-            x, y = map(float, numbers) if numbers else find_middle(path)
-        except ValueError:
-            raise ValueError(
-                f"the centre must be two numbers, got {self._centre.value!r:.60}: give them"
-            ) from None
+        typed = self._centre.value
+        centre = _parse_centre(typed) if typed.strip() else find_middle(path)
         width, length = self._size.value
-        piece = MapPiece(path, centre=(x, y), size=(width, length), seed=0)
+        piece = MapPiece(path, centre=centre, size=(width, length), seed=0)
         site = import_osm(piece) if path.suffix.lower() == ".osm" else import_opendrive(piece)
         target = self._folder / f"{path.stem}.json"
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -130,6 +125,15 @@ def keep_upload(name: str, content: bytes, folder: Path) -> Path:
     return path
 
 
+def _parse_centre(typed: str) -> tuple[float, float]:
+    """Parse two numbers, apart by spaces or a comma. Raises ValueError for any other text."""
+    try:
+        x, y = map(float, typed.replace(",", " ").split())
+    except ValueError:
+        raise ValueError(f"the centre must be two numbers, got {typed!r:.60}: give them") from None
+    return x, y
+
+
 def find_middle(path: Path) -> tuple[float, float]:
     """Middle of the bounds that a map states: longitude and latitude, or x and y (m) in OpenDRIVE.
 
@@ -139,14 +143,13 @@ def find_middle(path: Path) -> tuple[float, float]:
         "bounds": ("minlon", "maxlon", "minlat", "maxlat"),  # OpenStreetMap
         "header": ("west", "east", "south", "north"),  # OpenDRIVE
     }
-    with suppress(ElementTree.ParseError, KeyError):
+    with suppress(ElementTree.ParseError, LookupError, ValueError):
         for _, element in ElementTree.iterparse(path, events=("start",)):
-            if element.tag in attributes:
-                west, east, south, north = (
-                    float(element.attrib[name]) for name in attributes[element.tag]
-                )
+            tag = element.tag.rpartition("}")[2]  # without {NAMESPACE}
+            if tag in attributes:
+                west, east, south, north = (float(element.attrib[name]) for name in attributes[tag])
                 return (west + east) / 2, (south + north) / 2
-            if element.tag in ("node", "road"):  # bounds come before these
+            if tag in ("node", "road"):  # bounds come before these
                 break
     raise ValueError(f"{path} states no bounds: give the centre")
 

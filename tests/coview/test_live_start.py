@@ -109,6 +109,10 @@ def imported(monkeypatch):
     [
         ('<osm><bounds minlat="49" minlon="8" maxlat="50" maxlon="9"/><node/></osm>', (8.5, 49.5)),
         ('<OpenDRIVE><header north="30" south="-10" east="4" west="2"/></OpenDRIVE>', (3.0, 10.0)),
+        (
+            '<OpenDRIVE xmlns="urn:x"><header north="3" south="1" east="4" west="2"/></OpenDRIVE>',
+            (3.0, 2.0),
+        ),
         ("<osm><node/><bounds/></osm>", None),
         ("<osm><bounds/></osm>", None),
         ('<osm><bounds minlat="x" minlon="8" maxlat="50" maxlon="9"/></osm>', None),
@@ -119,7 +123,7 @@ def test_the_middle_is_that_of_the_map_bounds(tmp_path, text, middle):
     path = tmp_path / "map.osm"
     path.write_text(text)
     if middle is None:
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match=r"map\.osm states no bounds: give the centre"):
             find_middle(path)
     else:
         assert find_middle(path) == middle
@@ -203,6 +207,17 @@ def test_an_upload_has_a_limit(tmp_path, size, fits):
     else:
         with pytest.raises(ValueError, match=r"at most 60 MB, got 'a\.json' of 60\.0 MB"):
             keep_upload("a.json", bytes(size), tmp_path)
+
+
+def test_a_map_without_bounds_asks_for_the_centre(server, tmp_path, imported):
+    _, opened = make_start(server, tmp_path)
+    path = tmp_path / "map.osm"
+    path.write_text("<osm><node/></osm>")
+    server.gui.controls["Path or site"].value = str(path)
+    server.gui.controls["Open"].press()
+    assert "map.osm states no bounds: give the centre" in server.gui.said
+    assert not opened
+    assert not imported
 
 
 @pytest.mark.parametrize("typed", ["8 x", "8", "8 49 3"])

@@ -247,7 +247,8 @@ class TripMatches(NamedTuple):
 def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> TripMatches:
     """Match whole trips of some classes (names) with true ones, by entry and exit.
 
-    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart, and none has two partners."""
+    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart, and each has at most one
+    partner."""
     pairs = pair_trips(counts, truth, *labels)
     counted = sum(_is_counted(trip, labels) for trip in counts.trips)
     true = sum(_is_counted(trip, labels) for trip in truth.trips)
@@ -264,8 +265,9 @@ class TripPair(NamedTuple):
 def pair_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> list[TripPair]:
     """Pair whole trips of some classes (names) with true ones of the same entry and exit.
 
-    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart, and none has two partners. As
-    many trips as possible have one; among such pairings, the offsets are smallest in all."""
+    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart, and each has at most one
+    partner. As many trips as possible have one; among such pairings, the offsets are smallest in
+    all."""
     from scipy.optimize import linear_sum_assignment
 
     counted = [trip for trip in counts.trips if _is_counted(trip, labels)]

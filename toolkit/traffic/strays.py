@@ -70,7 +70,7 @@ class Strays:
             site: Site with lanes and footways.
             obstacles: Solids that strays keep clear of.
             supply: Gives bodies, ids and random numbers.
-            number: Number of strays; there are none if no ground is free.
+            number: Number of strays; without free ground there is no stray.
             vehicles: Boxes (n, 7) of parked vehicles, next to which strays may be too."""
         rng = supply.rng
         ground = StrayGround.draw(site, obstacles, rng) if number else StrayGround.empty()

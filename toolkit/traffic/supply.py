@@ -36,7 +36,7 @@ class Supply:
         classes: its SUMO class, which decides which lanes are open to it."""
 
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
-        """Find the SUMO class of each body; none is taken yet."""
+        """Find the SUMO class of each body, before any is taken."""
         self.rng = rng
         self.once = once  # True to use each body once before any comes again
         self.ids = count()  # ids for objects

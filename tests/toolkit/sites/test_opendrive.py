@@ -328,6 +328,10 @@ def test_outlines_and_repeated_objects_stand_beside_the_road(found):
     made = found(f'<object type="tree" s="0" t="0" radius="1.5" height="6">{repeat}</object>')
     feet = [tuple(group[0].footprint.mean(axis=0).round(2)) for group in made.groups]
     assert feet == [(-30, 8), (-20, 9), (-10, 10), (0, 11)]
+    row = found(
+        '<object type="pole" s="5" t="9"><repeat s="0" length="2.4" distance="0.8"/></object>'
+    )
+    assert len(row.groups) == 4  # though 2.4 / 0.8 is below 3 in float64
     assert [solid.kind for solid in made.groups[0]] == ["trunk", "tree", "tree", "tree"]
     assert made.groups[0][-1].top == 6.0
     lamp = found('<object type="streetLamp" s="50" t="7" radius="0.1"/>')

@@ -314,7 +314,7 @@ def _parse_times(
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
     """Times (s) in labels.json by frame: the frame's, and its clouds' by sensor.
 
-    entries: what the file says of each frame. Times of frames that are all the same are None, as
+    entries: entry of each frame in the file. Times of frames that are all the same are None, as
     they state nothing."""
     times = {}
     for name, content in entries.items():

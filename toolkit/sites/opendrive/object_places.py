@@ -114,7 +114,8 @@ def read_row(repeat: ElementTree.Element) -> ObjectRow:
     Raises ValueError for a negative number or too many objects."""
     length = read_number(repeat, "length", 0.0)
     distance = read_number(repeat, "distance", 0.0)  # 0 for one continuous object
-    count = 1 + (int(length / distance) if distance > 0 else 0)
+    # 1e-6: 2.4 / 0.8 is below 3
+    count = 1 + (int(length / distance + 1e-6) if distance > 0 else 0)
     if min(length, distance) < 0 or count > MAX_REPEATS:
         row = f"a length of {length:g} m and a distance of {distance:g} m make {count}"
         raise ValueError(
