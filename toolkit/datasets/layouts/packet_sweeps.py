@@ -50,7 +50,9 @@ class SweepReader:
     _waiting: dict[tuple[str, int], Sweep] = field(default_factory=dict)
 
     def read(self, numbers: Mapping[str, int]) -> list[Sweep]:
-        """Return one sweep of each sensor by its number."""
+        """Return one sweep of each sensor by its number.
+
+        Raises ValueError if the capture has fewer sweeps, as one that was cut off meanwhile."""
         is_behind = any(
             self._count(sensor) > number and (sensor, number) not in self._waiting
             for sensor, number in numbers.items()
@@ -60,7 +62,12 @@ class SweepReader:
             self._passed.clear()
             self._waiting.clear()
         while any(self._count(sensor) <= number for sensor, number in numbers.items()):
-            sweep = next(self._sweeps)
+            sweep = next(self._sweeps, None)
+            if sweep is None:
+                self._sweeps = None  # decoded again for the next sweeps
+                raise ValueError(
+                    "the capture has fewer turns than when it was opened: restore the file"
+                )
             self._passed[sweep.sensor] = sweep.number + 1
             self._waiting[sweep.sensor, sweep.number] = sweep
         sweeps = [self._waiting.pop(key) for key in numbers.items()]

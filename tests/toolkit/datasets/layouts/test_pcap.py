@@ -57,6 +57,20 @@ def turning(count=190, first_deg=300.0, address="192.168.1.201", start_s=START_S
         yield seconds, framed(data(azimuth, seconds, **more), address)
 
 
+def test_a_capture_that_was_cut_off_meanwhile_is_refused(tmp_path):
+    path = capture(tmp_path / "a.pcap", turning(400))
+    recording = open_recording(path)
+    last = len(recording) - 1
+    content = path.read_bytes()
+    capture(path, turning(100))
+    for _ in range(2):
+        with pytest.raises(ValueError, match="fewer turns than when it was opened"):
+            recording[last]
+    assert len(recording[0].clouds) == 1
+    path.write_bytes(content)
+    assert len(recording[last].clouds) == 1
+
+
 def test_turns_of_a_vlp16_are_frames(tmp_path):
     path = capture(tmp_path / "a.pcap", turning())
     assert guess_layout(path) == "pcap"
