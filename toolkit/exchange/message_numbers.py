@@ -30,7 +30,9 @@ class NumberRange:
     above: int
     problem: str
 
-    def encode(self, values: np.ndarray, problems: Problems) -> Int64[np.ndarray, "..."]:
+    def encode(
+        self, values: Float64[np.ndarray, "*shape"], problems: Problems
+    ) -> Int64[np.ndarray, "*shape"]:
         """Return the number of each finite value, in the shape of the values.
 
         problems: values out of range are counted in it."""
@@ -40,7 +42,7 @@ class NumberRange:
         return np.clip(numbers, self.below, self.above)
 
 
-def round_up(values: np.ndarray, unit: float) -> Int64[np.ndarray, "..."]:
+def round_up(values: Float64[np.ndarray, "*shape"], unit: float) -> Int64[np.ndarray, "*shape"]:
     """Return the least whole numbers of units that finite values do not exceed.
 
     >>> round_up(np.array([0.07, 0.071, -0.071]), 0.01)
