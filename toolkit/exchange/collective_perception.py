@@ -37,7 +37,7 @@ SENSORS_EVERY_MS = 1000
 MAX_SENSORS = 128
 TOO_MANY = "road users beyond 255 of one instant, the least sure left out"
 OTHER_NUMBERS = "road users with ids over 65535, sent with other numbers"
-NO_CLOCK = "instants before 2004, counted from there"
+BEFORE_2004 = "instants before 2004, counted from there"
 
 
 class CollectivePerceptionWriter:
@@ -61,7 +61,7 @@ class CollectivePerceptionWriter:
         """Write the messages of an instant."""
         time_ns = nanoseconds(instant.time_s)
         its_ms = count_its_ms(instant.time_s)
-        add_problem(self.problems, NO_CLOCK, int(instant.time_s < ITS_EPOCH_S))
+        add_problem(self.problems, BEFORE_2004, int(instant.time_s < ITS_EPOCH_S))
         add_problem(self.problems, TOO_MANY, max(len(instant) - MAX_OBJECTS, 0))
         instant = keep_surest(instant, MAX_OBJECTS)
         ids = instant.list_ids()

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.exchange.collective_perception import NO_CLOCK, OTHER_NUMBERS, TOO_MANY
+from toolkit.exchange.collective_perception import BEFORE_2004, OTHER_NUMBERS, TOO_MANY
 from toolkit.exchange.cpm_modules import CPM_MODULES
 from toolkit.exchange.geo_origin import GeoOrigin
 from toolkit.exchange.geonetworking import PACKET_BYTES
@@ -321,7 +321,7 @@ def test_the_clock_agrees_with_generation_times_of_others():
 
 def test_a_clock_that_begins_with_the_recording(tmp_path, modules):
     instants = [street(k, 1, 0.1 * k) for k in range(3)]
-    assert write(tmp_path / "a.pcap", modules, instants) == {NO_CLOCK: 3}
+    assert write(tmp_path / "a.pcap", modules, instants) == {BEFORE_2004: 3}
     decode = make_decoder(modules)
     frames = list(read_capture(tmp_path / "a.pcap"))
     assert [time_s for time_s, *_ in frames] == [0.0, 0.1, 0.2]

@@ -88,7 +88,7 @@ def test_what_it_refuses(clouds, tmp_path, refused):
     assert "latitude must lie" in refused(*asked, out, "--to", "mf-json", "--origin", 99, 0)
     one = ("--to", "openlabel", "--origin", 1, 2)
     assert "--origin is for --to mf-json" in refused(*asked, out, *one)
-    assert "--asn1 is for --to cpm" in refused(*asked, out, "--to", "osi", "--asn1", tmp_path)
+    assert "--asn1 is for --to cpm" in refused(*asked, out, "--to", "openlabel", "--asn1", tmp_path)
     assert "one recording, got 2" in refused("detect", clouds, *asked[1:], out, "--to", "openlabel")
     out.write_text("x")
     assert "exists" in refused(*asked, out, "--to", "openlabel")
