@@ -48,7 +48,8 @@ folder = "out"                  # out/mcap/000000.mcap, ...
 to = ["mcap", "kitti-tracking"]
 piece_s = 60                    # time of a file
 clouds = false                  # write clouds, too, in formats that hold them
-origin = [48.137, 11.575]       # latitude and longitude of 0 0 0, for mf-json
+origin = [48.137, 11.575]       # latitude and longitude of 0 0 0, for mf-json and cpm
+asn1 = "asn1"                   # folder of ETSI's ASN.1 modules, for cpm
 
 [page]
 port = 8080
@@ -84,6 +85,7 @@ _MAX_S = 1e7
 InputKind = Literal["recording", "junction", "velodyne", "ouster"]
 _TABLES = ("input", "replay", "sensor", "place", "output", "page", "health")
 _KEYS = ("coview_run", "detector", "detect_every", "parallel", *_TABLES)
+_OUTPUT_KEYS = ("folder", "to", "piece_s", "origin", "asn1", "clouds")
 _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "recording": ("path", "layout", "poses", "errors", "site"),
     "junction": ("site", "seconds", "seed"),
@@ -134,17 +136,19 @@ class OutputConfig:
         folders: Folder of each format by its name.
         piece_s: Time of a file (s).
         origin: Place on earth of the world's 0 0 0, None if unknown.
+        asn1: Folder of the ASN.1 modules for cpm.
         clouds: True to write clouds, too, in formats that hold them.
     """
 
     folders: dict[str, Path] = field(default_factory=dict)
     piece_s: float = PIECE_S
     origin: GeoOrigin | None = None
+    asn1: Path | None = None
     clouds: bool = False
 
     def make_writer(self) -> PieceWriter:
         """Make the writer of the files. Raises the errors of `PieceWriter`."""
-        return PieceWriter(self.folders, piece_s=self.piece_s, origin=self.origin)
+        return PieceWriter(self.folders, piece_s=self.piece_s, origin=self.origin, asn1=self.asn1)
 
 
 @dataclass(frozen=True)
@@ -311,7 +315,7 @@ def _parse_place(document: JsonObject) -> Place:
 
 def _parse_output(document: JsonObject, folder: Path) -> OutputConfig:
     """Parse formats and folders of the output, empty without any."""
-    table = _take_table(document, "output", ("folder", "to", "piece_s", "origin", "clouds"))
+    table = _take_table(document, "output", _OUTPUT_KEYS)
     if not table.value:
         return OutputConfig()
     names = table.texts("to")
@@ -329,6 +333,7 @@ def _parse_output(document: JsonObject, folder: Path) -> OutputConfig:
         {name: target / name for name in names},
         piece_s=_take_number(table, "piece_s", PIECE_S, (0.1, _MAX_S)),
         origin=origin,
+        asn1=folder / table.get("asn1", str) if "asn1" in table.value else None,
         clouds=_take(table, "clouds", bool, False),
     )
 

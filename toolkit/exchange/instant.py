@@ -29,11 +29,12 @@ class Instant:
         ids: (n,) track numbers, None for detections that nobody tracked.
         velocities: (n, 3) m/s in the world frame, None or NaN if unknown.
         clouds: Clouds of the instant, for writers that take points.
+        ages: (n,) seconds since the first detection of each track, None if unknown.
 
     Raises:
-        ValueError: Lengths do not fit, a box or score is not finite, a box has no size or is as far
-            as no map reaches, a velocity is infinite or beyond `MAX_OBJECT_SPEED_M_S`, or an id is
-            negative or there twice.
+        ValueError: Lengths do not fit, a box, score or age is not finite, a box has no size or is
+            as far as no map reaches, a velocity is infinite or beyond `MAX_OBJECT_SPEED_M_S`, or an
+            id is negative or there twice.
 
     >>> car = np.array([[0, 0, 1, 4, 2, 1.5, 0]])
     >>> vehicle = np.array(["vehicle"])
@@ -51,6 +52,7 @@ class Instant:
     ids: Shaped[np.ndarray, " n"] | None = None
     velocities: Shaped[np.ndarray, "n 3"] | None = None
     clouds: Sequence[SensorCloud] = ()
+    ages: Shaped[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
         """Check all fields, and replace them by arrays of the stated types and shapes."""
@@ -76,6 +78,7 @@ class Instant:
             velocities=None
             if self.velocities is None
             else _check_velocities(self.velocities, count),
+            ages=None if self.ages is None else _check_ages(self.ages, count),
         )
 
     def __len__(self) -> int:
@@ -92,7 +95,7 @@ class Instant:
 
     @staticmethod
     def from_tracks(time_s: float, tracks: Tracks, clouds: Sequence[SensorCloud] = ()) -> "Instant":
-        """Return tracks as an instant, with their ids and velocities."""
+        """Return tracks as an instant, with their ids, velocities and ages."""
         return Instant(
             time_s,
             tracks.boxes,
@@ -101,6 +104,7 @@ class Instant:
             ids=tracks.ids,
             velocities=tracks.velocities,
             clouds=clouds,
+            ages=tracks.ages,
         )
 
     def list_ids(self) -> list[int]:
@@ -160,6 +164,22 @@ def _check_velocities(velocities: ArrayLike, count: int) -> np.ndarray:
             "if unknown"
         )
     return rows
+
+
+def _check_ages(ages: ArrayLike, count: int) -> np.ndarray:
+    """Return ages (s) as float64 (count,).
+
+    count: number of boxes. Raises ValueError for another shape, and for ages that are not finite or
+    negative."""
+    seconds = np.asarray(ages, np.float64)
+    if seconds.shape != (count,):
+        raise ValueError(
+            f"ages must be one number for each of the {count} boxes, got shape {seconds.shape}"
+        )
+    is_wrong = ~(np.isfinite(seconds) & (seconds >= 0))
+    if is_wrong.any():
+        raise ValueError(f"ages must be seconds from 0, got {seconds[is_wrong][0]:g}")
+    return seconds
 
 
 def _first_not_finite(values: np.ndarray) -> list[float]:

@@ -23,20 +23,28 @@ class PieceWriter:
     Args:
         folders: Folder of each standard by its name.
         piece_s: Time of a file (s).
-        origin: Place on earth of the world frame, for formats in degrees.
+        origin: Place on earth of the world frame, for formats that need it.
+        asn1: Folder of the ASN.1 modules for cpm.
 
     Raises:
-        ValueError: A name is unknown, a place is missing, or the time is not above 0.
+        ValueError: A name is unknown, a place is missing, modules are missing or wrong, or the time
+            is not above 0.
         ImportError: A package is missing.
     """
 
     def __init__(
-        self, folders: Mapping[str, Path], *, piece_s: float, origin: GeoOrigin | None = None
+        self,
+        folders: Mapping[str, Path],
+        *,
+        piece_s: float,
+        origin: GeoOrigin | None = None,
+        asn1: Path | None = None,
     ) -> None:
         """Check the formats; files are opened with the first instant.
 
         folders: folder of each format by its name; piece_s: time (s) that a file holds; origin:
-        place on earth of the world's origin. Raises ValueError if a format needs it."""
+        place on earth of the world's origin; asn1: folder of ASN.1 modules. Raises ValueError if a
+        format needs them."""
         if not piece_s > 0:
             raise ValueError(f"a file must hold more than 0 s, got {piece_s:g}")
         for name in folders:
@@ -44,9 +52,11 @@ class PieceWriter:
             standard.check_packages()
             if standard.needs_place and origin is None:
                 raise ValueError(f"{name} needs the place on earth of the origin: give it")
+            standard.check_asn1(asn1)
         self._folders = dict(folders)
         self._piece_s = piece_s
         self._origin = origin
+        self._asn1 = asn1
         self._stack = ExitStack()  # closes the open files
         self._write: Callable[[Instant], None] | None = None  # None without open files
         self._end_s = 0.0  # time from which new files are needed
@@ -61,7 +71,9 @@ class PieceWriter:
         if self._write is None or instant.time_s >= self._end_s:
             self.close()
             files = {name: next_piece_path(folder, name) for name, folder in self._folders.items()}
-            self._write = self._stack.enter_context(open_writers(files, origin=self._origin))
+            self._write = self._stack.enter_context(
+                open_writers(files, origin=self._origin, asn1=self._asn1)
+            )
             self._end_s = instant.time_s + self._piece_s
         self._write(instant)
 

@@ -46,6 +46,16 @@ STANDARDS = {
             ".mcap",
             packages=(("betterosi", "betterosi"),),
         ),
+        Standard(
+            "cpm",
+            f"{_ROOM}.collective_perception:CollectivePerceptionWriter",
+            ".pcap",
+            packages=(("asn1tools", "asn1tools"),),
+            needs_place=True,
+            needs_asn1=True,
+            takes_clouds=True,
+            extra="cpm",
+        ),
     )
 }
 
@@ -60,14 +70,15 @@ def find_standard(name: str) -> Standard:
 
 @contextmanager
 def open_writer(
-    name: str, path: str | Path, *, origin: GeoOrigin | None = None
+    name: str, path: str | Path, *, origin: GeoOrigin | None = None, asn1: Path | None = None
 ) -> Iterator[OrderedWriter]:
     """Give the block a writer of detections or tracks; the file is complete at the end.
 
     If the block raises or the process is killed, nothing appears at `path`, and what was there
-    stays. name: a name of `STANDARDS`; origin: place on earth of the world frame, for formats in
-    degrees. Raises ValueError for an unknown name or a missing place, ImportError for a missing
-    package, OSError as `toolkit.runtime.writing.writing`.
+    stays. name: a name of `STANDARDS`; origin: place on earth of the world frame, for formats that
+    need it; asn1: folder of the ASN.1 modules for cpm. Raises ValueError for an unknown name, a
+    missing place and wrong modules, ImportError for a missing package, OSError as
+    `toolkit.runtime.writing.writing`.
 
     >>> import tempfile
     >>> import numpy as np
@@ -85,7 +96,7 @@ def open_writer(
     target = writing(path) if standard.ending else writing_folder(path)
     with target as unfinished:
         writer = OrderedWriter(
-            standard.make(unfinished, origin), name, needs_time=standard.needs_time
+            standard.make(unfinished, origin, asn1), name, needs_time=standard.needs_time
         )
         try:
             yield writer
@@ -95,16 +106,16 @@ def open_writer(
 
 @contextmanager
 def open_writers(
-    files: Mapping[str, Path], *, origin: GeoOrigin | None = None
+    files: Mapping[str, Path], *, origin: GeoOrigin | None = None, asn1: Path | None = None
 ) -> Iterator[Callable[[Instant], None]]:
     """Give the block a function that writes an instant in several formats.
 
     The files are complete at the end; values that a format cannot hold become warnings. files: file
-    of each standard by its name. Raises the errors of `open_writer`."""
+    of each standard by its name; origin, asn1: as in `open_writer`, whose errors are raised."""
     with ExitStack() as stack:
         writers: dict[str, OrderedWriter] = {}
         for name, path in files.items():
-            writers[name] = stack.enter_context(open_writer(name, path, origin=origin))
+            writers[name] = stack.enter_context(open_writer(name, path, origin=origin, asn1=asn1))
 
         def write(instant: Instant) -> None:
             """Write an instant in each format."""

@@ -95,7 +95,7 @@ def detect_command(
         jobs = list(zip(parts, placed, scenes, strict=True))
         results = detect_in_turn(jobs, bar.to)
         if files:
-            written = export_detections(results, files, origin)
+            written = export_detections(results, files, origin=origin, asn1=writing.asn1)
         else:
             written = write_detections(results, out, scope.format, detector=detector, level=level)
         figures = summarise(written, timings=scope.timings)

@@ -106,7 +106,7 @@ def track_command(
                 )
     tracks = followed.track(offline=tracking.offline)
     if files:
-        _export(followed.times, tracks, files, origin)
+        _export(followed.times, tracks, files, origin=origin, asn1=writing.asn1)
     else:
         from toolkit.tracking.track_files import write_tracks
 
@@ -132,16 +132,18 @@ def _export(
     times: Sequence[float],
     tracks: "Sequence[Tracks]",
     files: Mapping[str, Path],
+    *,
     origin: "GeoOrigin | None",
+    asn1: Path | None,
 ) -> None:
     """Write tracks in the formats of other programs.
 
     times: time of each frame (s); tracks: tracks in each frame; files: file of each format by its
-    name; origin: place on earth of the world frame."""
+    name; origin: place on earth of the world frame; asn1: folder of the ASN.1 modules for cpm."""
     from toolkit.exchange.instant import Instant
     from toolkit.exchange.standards import open_writers
 
-    with open_writers(files, origin=origin) as write:
+    with open_writers(files, origin=origin, asn1=asn1) as write:
         for time, now in zip(times, tracks, strict=True):
             write(Instant.from_tracks(time, now))
 

@@ -30,8 +30,8 @@ from toolkit.datasets.recording_views import read_frame
 from toolkit.datasets.simulation import simulate_dataset
 from toolkit.detection.link.foreground import decode_foreground, encode_foreground, encode_in_packet
 from toolkit.detection.link.foreground_pixels import standing_out
-from toolkit.detection.link.packets import PACKET_BYTES
 from toolkit.detection.view import Captured
+from toolkit.exchange.geonetworking import PACKET_BYTES
 from toolkit.runtime.run import Run
 
 sys.path.insert(0, str(Path(__file__).parents[3]))

@@ -43,6 +43,7 @@ area = [-40, -30, 40, 30]
 folder = "out"
 to = ["mcap", "mf-json"]
 piece_s = 30
+asn1 = "modules"
 origin = [48.137, 11.575]
 [page]
 port = 8081
@@ -84,6 +85,7 @@ def test_every_key_is_read(tmp_path):
     assert config.place == Place("plane", still=True, area=(-40, -30, 40, 30))
     assert config.output.folders["mcap"] == tmp_path / "out" / "mcap"
     assert config.output.origin.latitude_deg == 48.137
+    assert config.output.asn1 == tmp_path / "modules"
     assert (config.output.piece_s, config.page_port, config.health_every_s) == (30, 8081, 5)
 
 

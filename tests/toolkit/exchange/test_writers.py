@@ -465,7 +465,8 @@ def test_a_name_a_place_and_a_package_that_are_missing(tmp_path, without_package
     for name, standard in STANDARDS.items():
         if standard.packages:
             without_packages(*(module for module, _ in standard.packages))
-            with pytest.raises(ImportError, match=r"needs .*: pip install coview\[exchange\]"):
+            extra = "cpm" if name == "cpm" else "exchange"
+            with pytest.raises(ImportError, match=rf"needs .*: pip install coview\[{extra}\]"):
                 open_writer(name, tmp_path / "a", origin=ORIGIN).__enter__()
     assert list(tmp_path.iterdir()) == []
 

@@ -17,7 +17,6 @@ from toolkit.calibration.pixel_clusters import SCENE_SIGMAS
 from toolkit.detection.link import message as wire
 from toolkit.detection.link.foreground_pixels import draw_scene, standing_out
 from toolkit.detection.link.image_coding import decode_mask, encode_mask, encode_pixels, read_pixels
-from toolkit.detection.link.packets import PACKET_BYTES
 from toolkit.detection.link.range_images import (
     BITS_PER_PIXEL,
     RangeImages,
@@ -28,6 +27,7 @@ from toolkit.detection.link.range_images import (
 from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import Counts, DetectsOnce
 from toolkit.detection.view import Cloud, Fused, Sent, View
+from toolkit.exchange.geonetworking import PACKET_BYTES
 from toolkit.sensors.sensor import is_return
 
 MAX_STEP_M = 0.32  # coarsest step of a message that does not fit one packet otherwise

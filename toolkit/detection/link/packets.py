@@ -10,8 +10,8 @@ then symbols of 8 µs with 48 bits each for 16 service bits, the bytes and 6 tai
 import numpy as np
 
 from toolkit.arrays import Int64
+from toolkit.exchange.geonetworking import PACKET_BYTES
 
-PACKET_BYTES = 1398  # largest part of a message in one packet
 HEADER_BYTES = 88 + 38  # headers of GeoNetworking and 802.11 in every packet
 _PREAMBLE_US = 40
 _SYMBOL_US = 8

@@ -1,6 +1,7 @@
 """coview detect --to: detections in the formats of other programs, several at once."""
 
 import json
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -12,6 +13,7 @@ from toolkit.exchange.standards import STANDARDS
 from toolkit.frame import Frame, SensorCloud
 from toolkit.objects import Objects
 
+STAND_IN = Path(__file__).parents[3] / "toolkit" / "exchange" / "stand_in"
 DETECTOR = "found_boxes:detect"
 BOXES = [[10.0, 2.0, 0.8, 4.2, 1.8, 1.5, 0.4], [-3.0, 5.0, 0.9, 0.6, 0.6, 1.8, 2.0]]
 
@@ -61,6 +63,20 @@ def test_one_file_and_several(clouds, tmp_path, run):
     assert len((tmp_path / "all" / "kitti-tracking.txt").read_text().splitlines()) == 6
 
 
+def test_messages_of_a_roadside_unit(clouds, tmp_path, run):
+    """Points of the recording's clouds do not matter, only the names of their sensors."""
+    pytest.importorskip("asn1tools")
+    dpkt = pytest.importorskip("dpkt")
+    options = ("--to", "cpm", "--asn1", STAND_IN, "--origin", 48.1, 11.6)
+    asked = ("detect", clouds, "--detector", DETECTOR, "--level", "none", *options)
+    code, said, _ = run(*asked, "--out", tmp_path / "found.pcap")
+    assert code == 0
+    assert "6 detections in 3 clouds" in said
+    with (tmp_path / "found.pcap").open("rb") as file:
+        times = [float(time_s) for time_s, _ in dpkt.pcap.Reader(file)]
+    assert times == pytest.approx([1.7e9, 1.7e9 + 0.1, 1.7e9 + 0.2], abs=1e-6)
+
+
 def test_what_it_refuses(clouds, tmp_path, refused):
     asked = ("detect", clouds, "--detector", DETECTOR, "--level", "none", "--out")
     out = tmp_path / "x.json"
@@ -72,9 +88,22 @@ def test_what_it_refuses(clouds, tmp_path, refused):
     assert "latitude must lie" in refused(*asked, out, "--to", "mf-json", "--origin", 99, 0)
     one = ("--to", "openlabel", "--origin", 1, 2)
     assert "--origin is for --to mf-json" in refused(*asked, out, *one)
+    assert "--asn1 is for --to cpm" in refused(*asked, out, "--to", "openlabel", "--asn1", tmp_path)
     assert "one recording, got 2" in refused("detect", clouds, *asked[1:], out, "--to", "openlabel")
     out.write_text("x")
     assert "exists" in refused(*asked, out, "--to", "openlabel")
+
+
+def test_messages_without_modules_are_refused(clouds, tmp_path, refused):
+    pytest.importorskip("asn1tools")
+    asked = ("detect", clouds, "--detector", DETECTOR, "--to", "cpm", "--out", tmp_path / "x.pcap")
+    assert "pass --asn1 FOLDER" in refused(*asked)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "lacks the ASN.1 module CPM-PDU-Descriptions" in refused(*asked, "--asn1", empty)
+    assert "is no folder: name the folder" in refused(*asked, "--asn1", tmp_path / "missing")
+    assert "pass --origin LATITUDE LONGITUDE" in refused(*asked, "--asn1", STAND_IN)
+    assert not (tmp_path / "x.pcap").exists()
 
 
 def test_a_missing_package_is_named_with_its_extra(clouds, tmp_path, run, without_packages):

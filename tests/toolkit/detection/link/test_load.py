@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.detection.link.load import CAPACITIES_MBIT_PER_S, SetLoad, format_loads, link_load
-from toolkit.detection.link.packets import PACKET_BYTES
+from toolkit.exchange.geonetworking import PACKET_BYTES
 
 
 def test_loads_count_packets_and_shares_of_links():

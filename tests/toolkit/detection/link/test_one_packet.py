@@ -17,11 +17,12 @@ from toolkit.detection.link.foreground import (
     list_steps,
 )
 from toolkit.detection.link.message import read_message
-from toolkit.detection.link.packets import PACKET_BYTES, count_packets, find_airtime_us
+from toolkit.detection.link.packets import count_packets, find_airtime_us
 from toolkit.detection.link.range_images import RangeImages
 from toolkit.detection.link.sensor_codec import SensorCodec
 from toolkit.detection.messages import RangeImage
 from toolkit.detection.scheme import estimate_bits
+from toolkit.exchange.geonetworking import PACKET_BYTES
 from toolkit.frame import Frame, SensorCloud, unproject
 from toolkit.geometry import look
 from toolkit.objects import Objects
