@@ -120,7 +120,8 @@ def anchor_centres(
     # one is, in between by their weights
     ahead_by_front = (boxes[:, 3] - size[:, 0]) / 2
     leftwards_by_left = (boxes[:, 4] - size[:, 1]) / 2
-    front, rear, left, right = weights[:, :4].T
+    front, rear = weights[:, :2].T
+    left, right = weights[:, 2:4].T
     ahead = ahead_by_front * (front - rear) / (front + rear)
     leftwards = leftwards_by_left * (left - right) / (left + right)
     cos = np.cos(yaw)
