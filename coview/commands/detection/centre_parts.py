@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from toolkit.centre.centre_config import CentreConfig, InputConfig
     from toolkit.centre.centre_run import CentreParts
     from toolkit.centre.detection_pool import Detection
+    from toolkit.centre.ouster_input import OusterInput
+    from toolkit.centre.velodyne_input import VelodyneInput
     from toolkit.frame import Recording
     from toolkit.sites.site import Site
 
