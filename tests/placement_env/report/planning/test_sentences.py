@@ -48,8 +48,11 @@ def explain(question, considered=9, near=(), schemes=(), failures=()):
     )
 
 
-def assume(question, fidelity="surrogate", sampled=False):
-    return " ".join(sentences.list_assumptions(question, fidelity, "Reader", sampled=sampled))
+def assume(question, fidelity="surrogate", sampled=False, frames=80):
+    assumptions = sentences.list_assumptions(
+        question, fidelity, "Reader", frames=frames, sampled=sampled
+    )
+    return " ".join(assumptions)
 
 
 @pytest.mark.parametrize(
