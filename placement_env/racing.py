@@ -184,6 +184,8 @@ class RaceRules:
         least: Number of frames before which no confidence ends the race.
         most: Set-frames (sets times frames) to score at most; only as many of the best sets go on
             as the rest allows, but always one.
+        target: Figure below which no set matters: the race also ends once the confidence is
+            reached that no set has it.
     """
 
     confidence: float = 0.95
@@ -192,6 +194,7 @@ class RaceRules:
     eta: int = 2
     least: int = 0
     most: float = math.inf
+    target: float = -math.inf
 
     def __post_init__(self) -> None:
         """Raise ValueError if the fields do not fit."""
@@ -281,7 +284,10 @@ def race_until(
         # the second: time ran out before the frames of this rung
         is_over = used_frames == frames or used_frames < frame_count
         is_known = confidence >= rules.confidence and used_frames >= rules.least
-        if is_over or is_known:
+        # an undefined figure may be as high as any
+        target_chance = float((~(ranked.resamples < rules.target)).any(axis=0).mean())
+        is_hopeless = target_chance <= 1 - rules.confidence
+        if is_over or is_known or is_hopeless:
             dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
         next_frames = min(frames, used_frames * rules.eta) - used_frames
