@@ -264,8 +264,7 @@ def race_until(
     # first row of each different set; from the first rung on the best come first
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     risk = (1 - rules.confidence) / len(running)
-    used_frames = 0
-    spent = 0
+    used_frames = spent = 0
     dropped: list[_Dropped] = []
     rungs: list[Rung] = []
     expected = np.zeros(len(sets))
@@ -284,9 +283,7 @@ def race_until(
         # the second: time ran out before the frames of this rung
         is_over = used_frames == frames or used_frames < frame_count
         is_known = confidence >= rules.confidence and used_frames >= rules.least
-        # an undefined figure may be as high as any
-        target_chance = float((~(ranked.resamples < rules.target)).any(axis=0).mean())
-        is_hopeless = target_chance <= 1 - rules.confidence
+        is_hopeless = _share_at(ranked.resamples, rules.target) <= 1 - rules.confidence
         if is_over or is_known or is_hopeless:
             dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
@@ -389,6 +386,12 @@ def _find_running(
     is_running[0] = True
     is_running &= np.cumsum(is_running) <= max_sets  # the first `max_sets` that are True
     return is_running
+
+
+def _share_at(resamples: Float64[np.ndarray, "n resamples"], target: float) -> float:
+    """Share of the resamples in which any set has the target or more; undefined figures may."""
+    is_below = resamples < target
+    return float((~is_below).any(axis=0).mean())
 
 
 def _doubt(

@@ -398,7 +398,7 @@ class TiledVoxelNet:
             size = size // stride
             by_tile = reach
             for axis in (1, 2):
-                first_cells = np.arange(0, reach.shape[axis], size)  # of each tile
+                first_cells = np.arange(0, reach.shape[axis], size)  # one for each tile
                 by_tile = np.logical_or.reduceat(by_tile, first_cells, axis=axis)
             seen.append(by_tile.reshape(len(reach), -1).T)
         return UnionPlan(

@@ -243,7 +243,7 @@ def scale_figures(figures: CaseFigures, sampled: CaseFigures, whole: CaseFigures
 
     AP, recall and the resamples of AP become the reference set's in all frames, times the ratio in
     the sample, at most 1. Figures stay if the reference set finds nothing in the sample. Precision,
-    kbit and numbers of objects and frames are those of the sample.
+    kbit, objects and frames come from the sample.
 
     Args:
         figures: Figures of n sets in the sample.

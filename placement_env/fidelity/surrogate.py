@@ -312,7 +312,7 @@ class _Part:
             return np.full((count, len(subsets)), np.nan)
         models = self.model.resamples[:count]
         size_factors = self.sizes.resampled[:count]
-        # evidence of the candidates of any set; of all, it would take hundreds of megabytes
+        # only members: the evidence of all candidates would take hundreds of megabytes
         members = np.flatnonzero(subsets.any(axis=0))
         visibility = self.evidence.visibility.select(members)
         evidence = replace(self.evidence, visibility=visibility)

@@ -228,8 +228,8 @@ class KnownBackground:
     ) -> Detections:
         """Keep detections with enough points outside the background, and score them again.
 
-        points: all points (m), background included; is_foreground: mask of those outside the
-        background. Enough is at least one, and the share `least` of all points in the box."""
+        points: all points (m), background included; is_foreground: mask of the points outside
+        the background. Enough is at least one, and the share `least` of all points in the box."""
         rows_of_boxes = rows_in_boxes(points, detections.boxes)
         point_count = np.array([len(rows) for rows in rows_of_boxes], np.int64)
         foreground_count = np.array(

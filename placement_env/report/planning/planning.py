@@ -94,7 +94,7 @@ def _answer(question: Question) -> content.Planned:
     question: question with few enough poses to search (`narrow_question`)."""
     searched = prepare_search(question, question.part("search"))
     entrants = search_entrants(question, searched)
-    return_freed_memory()  # of the searches
+    return_freed_memory()  # searches take much
     comparison = _compare(question, searched, entrants)
     return_freed_memory()  # measurements of all compared sets
     judged = _judge_choice(question, searched, entrants, comparison)

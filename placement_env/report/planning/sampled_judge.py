@@ -1,4 +1,4 @@
-"""`SampledJudge`: sets in a sample of the frames, next to a whole set judged in all of them.
+"""`SampledJudge`: sets in a sample of the frames, next to a whole set judged in all.
 
 Parts of the chosen set and other fusion schemes are only compared with the chosen set, so they are
 judged in some frames of each block. Their figures in all frames are estimated as the whole set's,
@@ -59,7 +59,7 @@ class SampledJudge:
     ) -> tuple[list[Judgement], DrawnAPs]:
         """Judge sets over cases; return one result for each set, and AP in each resample.
 
-        Numbers of frames and objects are those of the sample.
+        Frames and objects are counted in the sample.
 
         Args:
             judge: Judge of the sets, on the frames of the whole set's.

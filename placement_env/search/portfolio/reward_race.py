@@ -95,10 +95,15 @@ def contest(
     if len(near_ranks) > 1:
         mean_ap = evaluator.mean_ap(near_sets, order[: race.frames[0]])
     winner_rank = int(near_ranks[np.lexsort((objective.price(near_sets), -mean_ap))[0]])
-    new_order = np.r_[winner_rank, np.delete(np.arange(len(race.ranking)), winner_rank)]
-    columns = ("ranking", "figures", "frames", "expected")
-    reordered = replace(race, **{name: getattr(race, name)[new_order] for name in columns})
+    reordered = _move_to_front(race, winner_rank)
     return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
+
+
+def _move_to_front(race: Contest, rank: int) -> Contest:
+    """Race with the set at a rank before all others."""
+    order = np.r_[rank, np.delete(np.arange(len(race.ranking)), rank)]
+    columns = ("ranking", "figures", "frames", "expected")
+    return replace(race, **{name: getattr(race, name)[order] for name in columns})
 
 
 def weigh_costs(

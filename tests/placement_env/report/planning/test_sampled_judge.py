@@ -68,7 +68,7 @@ def test_the_interval_holds_the_figure_of_all_frames():
 
 
 def test_parts_and_other_schemes_are_detected_in_the_sample_alone(street, limits, spy):
-    """All eight frames of the street are alike, so the figures are those of all frames."""
+    """All eight frames of the street are alike, so the figures stay."""
     in_full = ChosenSet((0, 1), ("a", "b"), street.judge, street.objective)
     stated = in_full.worth(), in_full.schemes(), in_full.failures(), in_full.order()
     limits(sampled_judge, MIN_SAMPLED_FRAMES=8)
