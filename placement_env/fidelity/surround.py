@@ -1,6 +1,6 @@
 """`Surround`: moving objects seen from one place, as strips in order of azimuth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -233,7 +233,9 @@ def place_strips(
 
     Returns:
         Strips of each place; `item` counts all their objects, frame after frame."""
-    make_moment = build_moment if looks_again else build_moment.__wrapped__
+    make_moment: Callable[[Traffic, int], Moment] = build_moment
+    if not looks_again:
+        make_moment = build_moment.__wrapped__  # keeps nothing
     parts = []
     first_item = 0  # number of the frame's first object among the objects of all frames
     for k in frames:
