@@ -385,12 +385,12 @@ class TiledVoxelNet:
         placed = PlacedClouds.from_clouds(clouds, self.config)
         nx, ny, _ = self.config.grid_shape
         # cells that a point of each cloud, or in the last map a crowded voxel, can change
-        reach = np.zeros((placed.clouds + 1, nx * ny), np.bool_)
+        is_reached = np.zeros((placed.clouds + 1, nx * ny), np.bool_)
         column = (placed.cells[:, 0] * ny + placed.cells[:, 1]).cpu().numpy()
         is_crowded = (placed.crowd > self.config.max_points).cpu().numpy()
-        reach[placed.cloud.cpu().numpy(), column] = True
-        reach[-1, column[is_crowded]] = True
-        reach = reach.reshape(-1, nx, ny)
+        is_reached[placed.cloud.cpu().numpy(), column] = True
+        is_reached[-1, column[is_crowded]] = True
+        reach = is_reached.reshape(-1, nx, ny)
         size = 2 * self.size  # cells of the layer along a tile's side
         seen = []
         for stride in self._strides:
