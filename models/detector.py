@@ -197,10 +197,10 @@ class VoxelNetDetector:
         """
         by_union: dict[int, Detections] = {}
         if clouds and len(unions) and self._tiled is not None and self.phases == 1:
-            plan = self._tiled.plan(
+            plan = self._tiled.plan_gain(
                 [torch.as_tensor(cloud).float().to(self.device) for cloud in clouds], unions
             )
-            if self._tiled.gains(plan):
+            if plan is not None:
                 by_union = dict(self._at_once(self._tiled, plan, clouds))
         return [
             by_union[row] if row in by_union else self(join_clouds(clouds, union))

@@ -184,6 +184,8 @@ class RaceRules:
         least: Number of frames before which no confidence ends the race.
         most: Set-frames (sets times frames) to score at most; only as many of the best sets go on
             as the rest allows, but always one.
+        target: Figure below which no set matters: the race also ends once the confidence is
+            reached that no set has it.
     """
 
     confidence: float = 0.95
@@ -192,6 +194,7 @@ class RaceRules:
     eta: int = 2
     least: int = 0
     most: float = math.inf
+    target: float = -math.inf
 
     def __post_init__(self) -> None:
         """Raise ValueError if the fields do not fit."""
@@ -261,8 +264,7 @@ def race_until(
     # first row of each different set; from the first rung on the best come first
     running = np.sort(np.unique(sets, axis=0, return_index=True)[1])
     risk = (1 - rules.confidence) / len(running)
-    used_frames = 0
-    spent = 0
+    used_frames = spent = 0
     dropped: list[_Dropped] = []
     rungs: list[Rung] = []
     expected = np.zeros(len(sets))
@@ -281,7 +283,8 @@ def race_until(
         # the second: time ran out before the frames of this rung
         is_over = used_frames == frames or used_frames < frame_count
         is_known = confidence >= rules.confidence and used_frames >= rules.least
-        if is_over or is_known:
+        is_hopeless = _share_at(ranked.resamples, rules.target) <= 1 - rules.confidence
+        if is_over or is_known or is_hopeless:
             dropped.append(_Dropped(running, ranked.measured, used_frames))
             break
         next_frames = min(frames, used_frames * rules.eta) - used_frames
@@ -383,6 +386,12 @@ def _find_running(
     is_running[0] = True
     is_running &= np.cumsum(is_running) <= max_sets  # the first `max_sets` that are True
     return is_running
+
+
+def _share_at(resamples: Float64[np.ndarray, "n resamples"], target: float) -> float:
+    """Share of the resamples in which any set has the target or more; undefined figures may."""
+    is_below = resamples < target
+    return float((~is_below).any(axis=0).mean())
 
 
 def _doubt(

@@ -360,29 +360,53 @@ class TiledVoxelNet:
 
         clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
         """
+        plan = self._plan_without_thinning(clouds, unions)
+        thinning = plan.placed.find_crowded(unions, self.config.max_points)
+        return plan._replace(thinning=thinning.group, dropped=thinning.dropped)
+
+    def plan_gain(
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> UnionPlan | None:
+        """Plan the work if that is quicker than one union after another, else None.
+
+        For the arguments see `plan`.
+        """
+        plan = self._plan_without_thinning(clouds, unions)
+        if not self.gains(plan):  # thinning only makes values of tiles differ
+            return None
+        thinning = plan.placed.find_crowded(unions, self.config.max_points)
+        plan = plan._replace(thinning=thinning.group, dropped=thinning.dropped)
+        return plan if self.gains(plan) else None
+
+    def _plan_without_thinning(
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+    ) -> UnionPlan:
+        """Plan as if no point was left out of crowded voxels. For the arguments see `plan`."""
         placed = PlacedClouds.from_clouds(clouds, self.config)
-        max_points = self.config.max_points
         nx, ny, _ = self.config.grid_shape
-        # 1 in cells that a point of each cloud, or in the last map a crowded voxel, can change
-        reach = torch.zeros(placed.clouds + 1, nx * ny, device=placed.points.device)
-        column = placed.cells[:, 0] * ny + placed.cells[:, 1]
-        reach[placed.cloud, column] = 1
-        reach[-1, column[placed.crowd > max_points]] = 1
-        reach = reach.view(-1, 1, nx, ny)
+        # cells that a point of each cloud, or in the last map a crowded voxel, can change
+        is_reached = np.zeros((placed.clouds + 1, nx * ny), np.bool_)
+        column = (placed.cells[:, 0] * ny + placed.cells[:, 1]).cpu().numpy()
+        is_crowded = (placed.crowd > self.config.max_points).cpu().numpy()
+        is_reached[placed.cloud.cpu().numpy(), column] = True
+        is_reached[-1, column[is_crowded]] = True
+        reach = is_reached.reshape(-1, nx, ny)
         size = 2 * self.size  # cells of the layer along a tile's side
         seen = []
         for stride in self._strides:
-            reach = F.max_pool2d(reach, 3, stride, 1)  # spreads as the layer's 3x3 convolution
+            reach = spread_reach(reach, stride)
             size = size // stride
-            by_tile = F.max_pool2d(reach, size, ceil_mode=True) > 0
-            seen.append(by_tile.flatten(1).T.cpu().numpy())
-        thinning = placed.find_crowded(unions, max_points)
+            by_tile = reach
+            for axis in (1, 2):
+                first_cells = np.arange(0, reach.shape[axis], size)  # one for each tile
+                by_tile = np.logical_or.reduceat(by_tile, first_cells, axis=axis)
+            seen.append(by_tile.reshape(len(reach), -1).T)
         return UnionPlan(
             placed=placed,
             seen=seen,
             unions=unions,
-            thinning=thinning.group,
-            dropped=thinning.dropped,
+            thinning=np.zeros(len(unions), np.int64),
+            dropped=placed.cloud[:0],
         )
 
     def gains(self, plan: UnionPlan) -> bool:
@@ -526,6 +550,14 @@ class TiledVoxelNet:
                 is_on_map = (cell < cells * size // self.size).to(x.dtype)
                 x = x * (is_on_map[:, :, None, None] if axis == 0 else is_on_map[:, None, :, None])
         return x
+
+
+def spread_reach(reach: Bool[np.ndarray, "n H W"], stride: int) -> Bool[np.ndarray, "n h w"]:
+    """Cells of a 3x3 convolution with padding 1 that depend on any of some cells."""
+    rows = np.pad(reach, ((0, 0), (1, 1), (0, 0)))
+    reach = rows[:, :-2:stride] | rows[:, 1:-1:stride] | rows[:, 2::stride]
+    columns = np.pad(reach, ((0, 0), (0, 0), (1, 1)))
+    return columns[..., :-2:stride] | columns[..., 1:-1:stride] | columns[..., 2::stride]
 
 
 def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t L"]:

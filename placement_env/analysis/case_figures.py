@@ -236,3 +236,23 @@ def reduce_failures(
     for columns in (slice(AP_COLUMN, AP_COLUMN + 1), RESAMPLE_COLUMNS):
         reduced[:, columns] += tie * intact[:, columns]
     return reduced
+
+
+def scale_figures(figures: CaseFigures, sampled: CaseFigures, whole: CaseFigures) -> CaseFigures:
+    """Return figures in all frames, estimated from a sample by the ratio to a reference set's.
+
+    AP, recall and the resamples of AP become the reference set's in all frames, times the ratio in
+    the sample, at most 1. Figures stay if the reference set finds nothing in the sample. Precision,
+    kbit, objects and frames come from the sample.
+
+    Args:
+        figures: Figures of n sets in the sample.
+        sampled: Figures of the reference set in the sample.
+        whole: Figures of the reference set in all frames; its resamples draw the same blocks."""
+    values = figures.values.copy()
+    for columns in (slice(AP_COLUMN, RECALL_COLUMN + 1), RESAMPLE_COLUMNS):
+        reference = sampled.values[columns]
+        scale = np.ones_like(reference)
+        np.divide(whole.values[columns], reference, out=scale, where=reference > 0)
+        values[..., columns] = np.minimum(values[..., columns] * scale, 1.0)
+    return CaseFigures(values)

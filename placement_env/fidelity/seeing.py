@@ -245,7 +245,11 @@ class RoundLook(_Look):
             far=np.zeros((count, scored.frames), np.float32),
         )
         strips_of_places = place_strips(
-            self._strips, self.traffic, range(block.first, block.end), len(places)
+            self._strips,
+            self.traffic,
+            range(block.first, block.end),
+            len(places),
+            looks_again=False,
         )
         for place, strips in enumerate(strips_of_places):
             surround = Surround.from_strips(strips, scored, self._stills[place])

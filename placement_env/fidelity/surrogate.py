@@ -312,14 +312,18 @@ class _Part:
             return np.full((count, len(subsets)), np.nan)
         models = self.model.resamples[:count]
         size_factors = self.sizes.resampled[:count]
+        # only members: the evidence of all candidates would take hundreds of megabytes
+        members = np.flatnonzero(subsets.any(axis=0))
+        visibility = self.evidence.visibility.select(members)
+        evidence = replace(self.evidence, visibility=visibility)
         # the evidence of all models is summed over the sets' members in one go, then split again
-        rows = [self.evidence.rows(model) for model in models]
-        sums = MemberSums(np.concatenate(rows, axis=1))(subsets)
+        rows = [evidence.rows(model) for model in models]
+        sums = MemberSums(np.concatenate(rows, axis=1))(subsets[:, members])
         model_ends = np.cumsum([columns.shape[1] for columns in rows])
         model_sums = np.split(sums, model_ends[:-1], axis=1)
         probabilities = []
         for model, sums_of_model, factors in zip(models, model_sums, size_factors, strict=True):
-            powers, raw_powers = self.evidence.joined(sums_of_model, model)
+            powers, raw_powers = evidence.joined(sums_of_model, model)
             probabilities.append(model.probability(powers, raw_powers) * factors)
         probability = np.stack(probabilities)  # axes: model, set, object
         probability.sort(axis=2)

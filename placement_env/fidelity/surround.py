@@ -1,6 +1,6 @@
 """`Surround`: moving objects seen from one place, as strips in order of azimuth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -214,7 +214,12 @@ def successive_strips(traffic: Traffic, places: Float64[np.ndarray, "V 3"]) -> S
 
 
 def place_strips(
-    successive: SuccessiveStrips, traffic: Traffic, frames: Iterable[int], places: int
+    successive: SuccessiveStrips,
+    traffic: Traffic,
+    frames: Iterable[int],
+    places: int,
+    *,
+    looks_again: bool = True,
 ) -> list[Strips]:
     """Strips seen from each place in some frames.
 
@@ -223,15 +228,20 @@ def place_strips(
         traffic: Traffic with the frames.
         frames: Indices of frames, ascending; the next is taken when the one before is done.
         places: Number of places.
+        looks_again: True if these frames are likely to be seen from other places soon; their scenes
+            are kept.
 
     Returns:
         Strips of each place; `item` counts all their objects, frame after frame."""
+    make_moment: Callable[[Traffic, int], Moment] = build_moment
+    if not looks_again:
+        make_moment = build_moment.__wrapped__  # keeps nothing
     parts = []
     first_item = 0  # number of the frame's first object among the objects of all frames
     for k in frames:
         # objects centred in the area are cut into narrow strips
         is_fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
-        strips = successive.find_next(build_moment(traffic, k), is_fine)
+        strips = successive.find_next(make_moment(traffic, k), is_fine)
         parts.append(strips._replace(item=strips.item + np.int32(first_item)))
         first_item += len(is_fine)
     all_strips = concatenate_strips(parts)

@@ -183,6 +183,28 @@ def test_a_race_ends_when_it_is_sure():
     assert (len(exact.asked), ran.confidence, ran.spent) == (1, 1.0, 60)
 
 
+@pytest.mark.parametrize(
+    ("target", "used"), [(0.5, {384}), (0.92, {48, 96, 192}), (0.99, {12, 24}), (2.0, {12})]
+)
+def test_a_race_ends_when_no_set_may_have_the_figure_that_matters(target, used):
+    """The best has 0.9; 0.99 is out of reach at once, 0.92 only after some frames."""
+    rules = RaceRules(first=12, tolerance=0.001, confidence=0.99, least=24, target=target)
+    ran = race_until(Spread(TRUE), ALONE, np.arange(384), rules)
+    assert ran.frames.max() in used
+    assert ran.ranking[0] == 1
+
+
+def test_undefined_figures_end_no_race():
+    asked = []
+
+    def scores(sets, frames):
+        asked.append(len(frames))
+        return Resampled(np.full(len(sets), np.nan), np.full((len(sets), 9), np.nan))
+
+    race_until(scores, ALONE, np.arange(24), RaceRules(first=12, least=24, target=0.5))
+    assert asked == [12, 24]
+
+
 def test_rungs_take_the_first_frames_of_the_order_and_drop_sets_that_trail():
     spread_out = Spread(TRUE)
     rules = RaceRules(first=12, tolerance=0.001, confidence=0.9)

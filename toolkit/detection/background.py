@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.arrays import Bool, Float, Float32, Float64, Mask, Points
-from toolkit.boxes import count_points
+from toolkit.boxes import rows_in_boxes
 from toolkit.detection.provenance import detector_origin
 from toolkit.frame import empty_scene
 from toolkit.geometry import level_rows
@@ -192,7 +192,7 @@ class KnownBackground:
         detections = self._candidate_detector(points)
         if not len(detections):
             return detections
-        return self._drop_background(detections, points, self._foreground_points(points))
+        return self._drop_background(detections, points, self._find_foreground(points))
 
     def unions(
         self, clouds: Sequence[Float[np.ndarray, "_ 3"]], unions: Bool[np.ndarray, "U C"]
@@ -208,31 +208,33 @@ class KnownBackground:
             union_detections = [
                 self._candidate_detector(join_clouds(clouds, union)) for union in unions
             ]
-        foreground_clouds = [self._foreground_points(cloud) for cloud in clouds]
+        foreground = [self._find_foreground(cloud) for cloud in clouds]
         kept_detections = []
         for detections, union in zip(union_detections, unions, strict=True):
             points = join_clouds(clouds, union)
-            foreground_points = join_clouds(foreground_clouds, union)
-            kept_detections.append(self._drop_background(detections, points, foreground_points))
+            masks = [mask for mask, is_member in zip(foreground, union, strict=True) if is_member]
+            is_foreground = np.concatenate([np.zeros(0, np.bool_), *masks])
+            kept_detections.append(self._drop_background(detections, points, is_foreground))
         return kept_detections
 
-    def _foreground_points(self, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "q 3"]:
-        """Finite points (m) outside the background."""
-        finite_points = points[np.isfinite(points).all(axis=1)]
-        return finite_points[~self.background.holds(finite_points)]
+    def _find_foreground(self, points: Float[np.ndarray, "p 3"]) -> Mask:
+        """Return the mask of finite points (m) outside the background."""
+        is_foreground = np.isfinite(points).all(axis=1)
+        is_foreground[is_foreground] = ~self.background.holds(points[is_foreground])
+        return is_foreground
 
     def _drop_background(
-        self,
-        detections: Detections,
-        points: Float[np.ndarray, "p 3"],
-        foreground_points: Float[np.ndarray, "q 3"],
+        self, detections: Detections, points: Float[np.ndarray, "p 3"], is_foreground: Mask
     ) -> Detections:
         """Keep detections with enough points outside the background, and score them again.
 
-        points: all points (m), background included; foreground_points: those outside the
-        background. Enough is at least one, and the share `least` of all points in the box."""
-        point_count = count_points(points, detections.boxes)
-        foreground_count = count_points(foreground_points, detections.boxes)
+        points: all points (m), background included; is_foreground: mask of the points outside
+        the background. Enough is at least one, and the share `least` of all points in the box."""
+        rows_of_boxes = rows_in_boxes(points, detections.boxes)
+        point_count = np.array([len(rows) for rows in rows_of_boxes], np.int64)
+        foreground_count = np.array(
+            [np.count_nonzero(is_foreground[rows]) for rows in rows_of_boxes], np.int64
+        )
         is_enough = (foreground_count > 0) & (foreground_count >= self.least * point_count)
         kept_detections = detections[is_enough]
         # networks have other scores for detections that are known not to be background

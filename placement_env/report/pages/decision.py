@@ -70,7 +70,8 @@ def decision_section(plan: content.Plan, site: Site, ground: GroundGrid | None) 
     # lines of the summary in their order, None for a line that is left out
     facts = [_describe_requirement(plan)]
     facts += _describe_classes(plan)
-    facts += [_describe_blind_lanes(plan), _describe_failure(plan), _describe_links(plan)]
+    facts += [_describe_blind_lanes(plan), _describe_failure(plan, chosen_option)]
+    facts.append(_describe_links(plan))
     facts += _describe_confidence(plan, chosen_option)
     facts += [
         _describe_drawn_things(plan),
@@ -251,24 +252,27 @@ def _describe_blind_lanes(plan: content.Plan) -> Fact | None:
     return Fact("Blind", f"{lanes_text}. Of all open ground, {blind_share} is unseen.")
 
 
-def _describe_failure(plan: content.Plan) -> Fact:
+def _describe_failure(plan: content.Plan, option: content.PlanOption) -> Fact:
     """Describe the failure of one sensor that leaves the lowest recall.
 
-    A set of one sensor gets an alarm."""
+    The number is an estimate if failures were judged in a sample of the frames. A set of one sensor
+    gets an alarm. option: the chosen set, judged in all frames."""
     single_failures = [case for case in plan.failures if len(case.failed) == 1]
     if not single_failures:
         return Fact(
             "One failure", "There is no second sensor: if it fails, nothing is found.", alarm=True
         )
     worst = min(single_failures, key=lambda case: case.judged.recall)
-    hits = round(worst.judged.recall * worst.judged.vehicles)
+    intact = option.judged or worst.judged
+    hits = round(worst.judged.recall * intact.vehicles)
+    about = "" if worst.judged.frames == intact.frames else "about "
     different_recalls = {case.judged.recall for case in single_failures}
     condition = f"if {worst.failed[0]} fails"
     if len(different_recalls) == 1:
         condition = "whichever sensor fails"
     return Fact(
         "One failure",
-        f"At worst, {condition}, {hits:,} of {worst.judged.vehicles:,} are still found.",
+        f"At worst, {condition}, {about}{hits:,} of {intact.vehicles:,} are still found.",
     )
 
 

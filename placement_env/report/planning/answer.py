@@ -218,7 +218,7 @@ def _add_limits(
     plan = replace(
         plan,
         assumptions=sentences.list_assumptions(
-            question, objective.fidelity, plan.detector, sampled=sampled
+            question, objective.fidelity, plan.detector, frames=final.frames, sampled=sampled
         ),
         unknown=sentences.list_unknowns(figures.judgement.counted, plan.by_level),
         provenance=trace_plan(findings, objective.candidates, final.detected.detector),

@@ -12,6 +12,7 @@ from placement_env.fidelity.detector import IOUS, Detected
 from placement_env.objective import Objective
 from placement_env.report import content
 from placement_env.report.planning import judging
+from placement_env.report.planning.sampled_judge import SampledJudge
 from placement_env.subsets import all_subsets
 from toolkit.arrays import Bool, Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
@@ -44,11 +45,21 @@ class ChosenSet:
         """True for at most `MAX_SUBSET_SENSORS` sensors: the detector judges every subset."""
         return len(self.members) <= MAX_SUBSET_SENSORS
 
-    def stage(self, name: str) -> Callable[[int], None] | None:
+    @property
+    def whole_set(self) -> Bool[np.ndarray, "1 C"]:
+        """The whole set as a row over all candidates."""
+        return self.rows(np.ones((1, len(self.members)), np.bool_))
+
+    @property
+    def sampled(self) -> SampledJudge:
+        """Judge of parts of the set, and of the set in other schemes, in a sample of the frames."""
+        return SampledJudge(self.judge, self.whole_set)
+
+    def stage(self, name: str, frames: int | None = None) -> Callable[[int], None] | None:
         """Return a callback that counts the frames of a stage, None if nobody listens.
 
-        name: noun phrase for the progress line."""
-        return self.run.stage(f"frames of the {name}", self.judge.frames)
+        name: noun phrase for the progress line; frames: number of frames, None for all."""
+        return self.run.stage(f"frames of the {name}", frames or self.judge.frames)
 
     def rows(self, subsets: Bool[np.ndarray, "n k"]) -> Bool[np.ndarray, "n C"]:
         """Expand subsets of the set to rows over all candidates."""
@@ -57,8 +68,16 @@ class ChosenSet:
         return rows
 
     def _judge(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> list[content.Judgement]:
-        # results of intact subsets by the detector; stage: name in the progress line
-        return self.judge.judge(self.rows(subsets), progress=self.stage(stage))
+        """Return the detector's results of intact subsets: parts are judged in a sample of frames.
+
+        stage: name in the progress line."""
+        sampled = self.sampled
+        judge = self.judge
+        report = self.stage(stage, len(sampled.frames))
+        judgements, _ = sampled.judge_sets(judge, self.rows(subsets), judge.intact, report)
+        for n in np.flatnonzero(subsets.all(axis=1)).tolist():
+            judgements[n] = judge.judge(self.whole_set)[0]  # in all frames
+        return judgements
 
     def _aps(self, subsets: Bool[np.ndarray, "n k"], stage: str) -> Float64[np.ndarray, " n"]:
         """Return the AP of subsets: judged for small sets, else predicted by the objective.
@@ -72,14 +91,15 @@ class ChosenSet:
         """Judge the intact set under every scheme of the paper at every IoU.
 
         The thresholds are `IOUS` and the question's; if the question has several, their mean is one
-        row. Figures are at the first drawing of the site and the first error profile. A scheme is
-        marked as good if its AP is within the tolerance of the planned scheme's."""
+        row. Figures are at the first drawing of the site and the first error profile. Other schemes
+        than the plan's are judged in a sample of the frames. A scheme is marked as good if its AP
+        is within the tolerance of the planned scheme's."""
         judge = replace(self.judge, drawings=())
         planned = judge.detected
         intact = judge.intact
         ious = intact.ious
-        whole_set = self.rows(np.ones((1, len(self.members)), np.bool_))
-        _, planned_draws = judge.judge_drawn(whole_set, intact)  # axes: the one set, resample
+        sampled = SampledJudge(judge, self.whole_set)
+        _, planned_draws = judge.judge_drawn(self.whole_set, intact)  # axes: the one set, resample
         blocks = count_blocks(self.judge.frames)
         # several thresholds together are one entry, for their mean
         thresholds = sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious)
@@ -87,22 +107,28 @@ class ChosenSet:
         shared = {name: getattr(planned, name) for name in shared_names}
         figures = []
         for scheme in PAPER_SCHEMES:
+            is_planned = scheme == planned.scheme.name
+            frames = np.arange(judge.frames) if is_planned else sampled.frames
             detected = Detected(planned.renders, planned.detector, scheme, **shared)
             scheme_judge = replace(judge, profiles=(detected.at(ious[0], ious),))
-            report = self.stage("fusion schemes")
-            frames = range(scheme_judge.frames)
-            outcomes = scheme_judge.detected.outcomes([self.members], frames, report)[self.members]
+            report = self.stage("fusion schemes", len(frames))
+            scheme_detected = scheme_judge.detected
+            outcomes = scheme_detected.outcomes([self.members], frames.tolist(), report)
             # mean over frames and sensors
-            kbit = float(np.mean([outcome.bits.mean() for outcome in outcomes])) / 1000
+            bits = [outcome.bits.mean() for outcome in outcomes[self.members]]
             for iou in thresholds:
-                judgements, draws = scheme_judge.judge_drawn(whole_set, replace(intact, iou=iou))
+                cases = replace(intact, iou=iou)
+                if is_planned:
+                    judgements, draws = judge.judge_drawn(self.whole_set, cases)
+                else:
+                    judgements, draws = sampled.judge_sets(scheme_judge, self.whole_set, cases)
                 is_planned_iou = iou == intact.threshold
                 as_good = is_planned_iou and is_as_good(draws[0], planned_draws[0], blocks)
                 row = content.SchemeFigures(
                     scheme=scheme,
                     iou=iou,
                     judged=judgements[0],
-                    kbit_per_sensor=kbit,
+                    kbit_per_sensor=float(np.mean(bits)) / 1000,
                     as_good=as_good,
                 )
                 figures.append(row)

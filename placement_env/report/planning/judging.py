@@ -17,7 +17,12 @@ from placement_env.defaults import USUAL_CASES
 from placement_env.fidelity.detector import Detected, Outcome
 from placement_env.fidelity.preparation import Preparation
 from placement_env.report.content import CONFIDENCE, ClassAP, Judgement
-from placement_env.search.portfolio.evaluators import CasesEvaluator, DetectorEvaluator, Report
+from placement_env.search.portfolio.evaluators import (
+    CasesEvaluator,
+    DetectorEvaluator,
+    Frames,
+    Report,
+)
 from toolkit.arrays import Bool, Float64, Int64
 from toolkit.objects import HEAVY, LABELS, known_labels
 from toolkit.runtime.run import Run
@@ -172,8 +177,7 @@ class Judge:
         """Judge sets over cases; return one result for each set, and AP in each resample.
 
         A resample has the same frames for all sets, so that they can be compared draw by draw.
-        Figures are means over the drawings of the site; a drawing fills in at random what no map
-        knows.
+        Figures are means over the drawings of the site.
 
         Args:
             sets: A row of booleans over all candidates for each set.
@@ -181,13 +185,25 @@ class Judge:
             progress: Called with the number of frames done."""
         if not len(sets):
             return [], np.empty((0, 0))
-        figures = self._evaluator(cases).evaluate(sets, np.arange(self.frames), progress)
+        figures = self.evaluate(sets, cases, np.arange(self.frames), progress)
         judgements = [self._build_judgement(figures[n]) for n in range(len(sets))]
         return judgements, figures.resamples
 
+    def evaluate(
+        self,
+        sets: Bool[np.ndarray, "n C"],
+        cases: Cases,
+        frames: Frames,
+        progress: Report | None = None,
+    ) -> CaseFigures:
+        """Return the figures of sets over cases in some frames, as `judge_drawn` judges them.
+
+        frames: numbers of the frames; for the other arguments see `judge_drawn`."""
+        return self._evaluator(cases).evaluate(sets, frames, progress)
+
     def _build_judgement(self, figures: CaseFigures) -> Judgement:
         """Return the result of one set from its figures."""
-        return build_judgement(figures, self.frames, self.detected.classes)
+        return build_judgement(figures, np.arange(self.frames), self.detected.classes)
 
     def judge_cases(
         self, sets: Bool[np.ndarray, "n C"], stage: Callable[[str], Report | None] = lambda _: None
@@ -310,14 +326,14 @@ def judge_tallies(tallies: Sequence[Sequence[Tally]], classes: Classes, seed: in
         seed: Seed of the bootstrap."""
     frames = len(tallies[0][0].truths)  # `truths` has the number of objects in each frame
     figures = CaseFigures(measure_tallies(tallies, classes, block_draws(frames, seed=seed)))
-    return build_judgement(figures, frames, classes)
+    return build_judgement(figures, np.arange(frames), classes)
 
 
-def build_judgement(figures: CaseFigures, frames: int, classes: Classes) -> Judgement:
+def build_judgement(figures: CaseFigures, frames: Frames, classes: Classes) -> Judgement:
     """Return the result of one set from its figures, with the interval of its AP.
 
-    frames: number of all frames that were evaluated; classes: classes over which AP is combined."""
-    low, high = figures.interval(np.arange(frames), confidence=CONFIDENCE)
+    frames: numbers of all frames that were evaluated; classes: over which AP is combined."""
+    low, high = figures.interval(frames, confidence=CONFIDENCE)
     precision = float(figures.precision)
     return Judgement(
         ap=float(figures.ap),

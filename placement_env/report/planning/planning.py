@@ -5,16 +5,23 @@ the entrants on the second, and the plan's figures for the chosen set are from t
 stage follows road users on continuous traffic with a fourth seed."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 from placement_env.candidates.candidates import NoCandidates
 from placement_env.fidelity.preparation import check_scorable
+from placement_env.fidelity.traffic import Traffic
 from placement_env.handover import mounted
 from placement_env.handover.ground import visible_ground
 from placement_env.report import content
 from placement_env.report.planning.answer import build_plan
 from placement_env.report.planning.buildable import narrow_question
+from placement_env.report.planning.choice import Choice
 from placement_env.report.planning.choosing import choose_at_drawings, choose_set
-from placement_env.report.planning.entrant_search import prepare_search, search_entrants
+from placement_env.report.planning.entrant_search import (
+    PreparedSearch,
+    prepare_search,
+    search_entrants,
+)
 from placement_env.report.planning.findings import Findings
 from placement_env.report.planning.moments import pick_moments
 from placement_env.report.planning.motion import measure_motion
@@ -25,6 +32,29 @@ from placement_env.report.planning.prepared_judge import (
 )
 from placement_env.report.planning.question import Question
 from placement_env.report.planning.refusals import Refusal, refuse, refuse_question
+from placement_env.search.portfolio.entrants import Entrants
+from toolkit.objects import Detector
+from toolkit.runtime.parallel import return_freed_memory
+
+
+class _Comparison(NamedTuple):
+    """Choice among the entrants, without the measurements that it is from.
+
+    Attributes:
+        choice: The chosen set and all entrants.
+        traffic: Traffic of the comparison at the first drawing of the site.
+        drawings: Answer at each drawing of the site."""
+
+    choice: Choice
+    traffic: Traffic
+    drawings: tuple[content.DrawingResult, ...]
+
+
+class _Judged(NamedTuple):
+    """Plan without figures of motion, and the detector that judged the chosen set."""
+
+    planned: content.Planned
+    detector: Detector
 
 
 def plan(question: Question) -> content.Planned:
@@ -64,40 +94,65 @@ def _answer(question: Question) -> content.Planned:
     question: question with few enough poses to search (`narrow_question`)."""
     searched = prepare_search(question, question.part("search"))
     entrants = search_entrants(question, searched)
+    return_freed_memory()  # searches take much
+    comparison = _compare(question, searched, entrants)
+    return_freed_memory()  # measurements of all compared sets
+    judged = _judge_choice(question, searched, entrants, comparison)
+    return_freed_memory()
+    planned = judged.planned
+    members = comparison.choice.members
+    motion = measure_motion(question, planned.candidates, members, judged.detector)
+    return replace(planned, plan=replace(planned.plan, motion=motion))
+
+
+def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -> _Comparison:
+    """Choose among the entrants on traffic that no search saw."""
     objectives = searched.objectives
-    objective = objectives[0]
     compared = prepare_judge(question, objectives, question.part("comparison"), compares=True)
     check_objects(question, compared.judge)
     choice = choose_set(
-        objective,
+        objectives[0],
         entrants,
         compared.judge,
         min_ap=question.min_ap,
         confidence=question.confidence,
         run=question.run,
     )
+    return _Comparison(
+        choice=choice,
+        traffic=compared.preparation.traffic,
+        drawings=choose_at_drawings(compared.judge, choice, question.min_ap),
+    )
+
+
+def _judge_choice(
+    question: Question, searched: PreparedSearch, entrants: Entrants, comparison: _Comparison
+) -> _Judged:
+    """Judge the chosen set on traffic that neither searches nor comparison saw."""
+    objectives = searched.objectives
+    objective = objectives[0]
+    choice = comparison.choice
     final = prepare_final_judge(question, objectives, choice.sets[choice.chosen])
     check_objects(question, final.judge)
-    parts = [searched.preparations[0], compared.preparation, final.preparation]
+    search_preparation = searched.preparations[0]
     findings = Findings(
         question=question,
         entrants=entrants,
         choice=choice,
         objective=objective,
-        network=searched.preparations[0].network,
+        network=search_preparation.network,
         excluded=searched.excluded,
-        traffic=[preparation.traffic for preparation in parts],
-        drawings=choose_at_drawings(compared.judge, choice, question.min_ap),
+        traffic=[search_preparation.traffic, comparison.traffic, final.preparation.traffic],
+        drawings=comparison.drawings,
     )
     candidates = objective.candidates
     ground = visible_ground(question.site, [candidates.sensors[c] for c in choice.members])
-    unfollowed_plan = build_plan(findings, final.judge, ground)
-    detector = final.judge.detected.detector
-    motion = measure_motion(question, candidates, choice.members, detector)
-    return content.Planned(
-        plan=replace(unfollowed_plan, motion=motion),
+    detected = final.judge.detected
+    planned = content.Planned(
+        plan=build_plan(findings, final.judge, ground),
         site=mounted.mounted_site(question.site, candidates, choice.members),
         candidates=candidates,
         ground=ground,
-        moments=pick_moments(final.judge.detected, choice.members, seed=question.run.seed),
+        moments=pick_moments(detected, choice.members, seed=question.run.seed),
     )
+    return _Judged(planned, detected.detector)

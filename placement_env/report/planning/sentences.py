@@ -11,6 +11,7 @@ from placement_env.handover.mounted import FRAME_RATE_HZ, PoleLoad, describe_nar
 from placement_env.report.content import TEXTS, BreakdownRow, Judgement, Plan, PlanOption, Verdict
 from placement_env.report.planning.choice import Rule
 from placement_env.report.planning.question import PART_FRAMES, Question
+from placement_env.report.planning.sampled_judge import sample_frames
 from placement_env.search.description import MIN_LEVEL_OBJECTS
 from placement_env.search.exclusions import describe_money
 from placement_env.search.first_look import describe_first_frames
@@ -254,7 +255,7 @@ def _describe_prediction(plan: Plan, chosen_option: PlanOption, fidelity: str) -
 
 
 def list_assumptions(
-    question: Question, fidelity: str, detector: str, *, sampled: bool
+    question: Question, fidelity: str, detector: str, *, frames: int, sampled: bool
 ) -> tuple[str, ...]:
     """List in sentences the assumptions behind the figures.
 
@@ -262,6 +263,7 @@ def list_assumptions(
         question: The question.
         fidelity: Name of the estimate that the searches scored sets by.
         detector: Name of the detector.
+        frames: Number of frames in which the chosen set was judged.
         sampled: True if that estimate, not the detector, scored subsets of the chosen set."""
     lines = [
         *_list_methods(question, detector),
@@ -274,6 +276,13 @@ def list_assumptions(
         lines.append(
             f"Figures of whole sets are means over {question.drawings} drawings of what no map "
             "knows; zones, classes, schemes, kbit and pictures are of the first."
+        )
+    frame_count = len(sample_frames(frames))
+    if frame_count < frames:
+        lines.append(
+            f"Failures, worth, order of building and other schemes were judged in {frame_count} of "
+            f"the {frames} frames; their AP and shares found are the chosen set's in all frames, "
+            "times the ratio in these."
         )
     if sampled:
         lines.append(

@@ -1,7 +1,7 @@
 """Races among the sets of one size, from the largest size down.
 
-Sets of one size race each other until the best is known well enough (`contest`), until
-fewer sensors fall far behind. The winner of each size,
+Sets of one size race each other until the best is known well enough (`contest`), or all are surely
+far behind the best of larger sizes. Still smaller sizes do not race. The winner of each size,
 and others near the best of all, are judged on all frames."""
 
 import math
@@ -48,8 +48,8 @@ class SizeRaces:
 
     @property
     def min_expected(self) -> float:
-        """Expected AP from which a set is near the best of all races; needs at least one race."""
-        return max(self.close_sets)[0] - NEAR_AP
+        """Expected AP from which a set is near the best of all races; -inf before the first."""
+        return max(self.close_sets)[0] - NEAR_AP if self.close_sets else -math.inf
 
     def list_rows(self) -> list[int]:
         """List the rows of all winners, and of finalists near the best of all races.
@@ -79,7 +79,7 @@ def race_sizes(options: JudgedOptions, confidence: float, run: Run) -> SizeRaces
     for step, size in enumerate(different_sizes, 1):
         size_rows = np.flatnonzero(sizes == size)
         # `min_expected`: expected AP from which a set is near the best of all races
-        if races.close_sets and winner_ap < races.min_expected:
+        if winner_ap < races.min_expected:
             best = size_rows[int(entrants.predicted[size_rows].argmax())]
             races.winners.append(int(best))
         else:
@@ -116,6 +116,7 @@ def _race_size(
         confidence=confidence,
         seed=seed,
         frames=MAX_RACED_FRAMES,
+        target=races.min_expected,
     )
     rows = size_rows[race.ranking]  # indices among all entrants, best first
     winner = int(rows[0])

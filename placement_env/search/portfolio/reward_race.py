@@ -4,6 +4,7 @@ Searches and plans race their sets here; `placement_env.racing.race_until` drops
 nearly tie are compared by their mean AP over the detector's IoU thresholds.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,7 @@ def contest(
     seed: int = 0,
     max_set_frames: float = MAX_SET_FRAMES,
     frames: int | None = None,
+    target: float = -math.inf,
 ) -> Contest:
     """Race sets by their reward, from an evaluator's AP and the objective's prediction.
 
@@ -50,6 +52,7 @@ def contest(
         seed: Seed of the order of the frames.
         max_set_frames: Largest number of set-frames to be scored, a set on a frame being one.
         frames: Number of frames to race on at most, None for all of the evaluator's.
+        target: Reward below which no set matters (`RaceRules.target`).
     """
 
     def rewards(rows: Sets, frames: Frames) -> Resampled:
@@ -80,6 +83,7 @@ def contest(
         eta=RUNG_GROWTH,
         least=MIN_RACE_FRAMES,
         most=max_set_frames,
+        target=target,
     )
     race = race_until(rewards, sets, order, rules, predicted=objective.scores(sets).reward)
     # ranks of the sets that raced on as many frames as the first and nearly tie with it
@@ -91,10 +95,15 @@ def contest(
     if len(near_ranks) > 1:
         mean_ap = evaluator.mean_ap(near_sets, order[: race.frames[0]])
     winner_rank = int(near_ranks[np.lexsort((objective.price(near_sets), -mean_ap))[0]])
-    new_order = np.r_[winner_rank, np.delete(np.arange(len(race.ranking)), winner_rank)]
-    columns = ("ranking", "figures", "frames", "expected")
-    reordered = replace(race, **{name: getattr(race, name)[new_order] for name in columns})
+    reordered = _move_to_front(race, winner_rank)
     return replace(reordered, confidence=reordered.sureness(int(reordered.ranking[0])))
+
+
+def _move_to_front(race: Contest, rank: int) -> Contest:
+    """Race with the set at a rank before all others."""
+    order = np.r_[rank, np.delete(np.arange(len(race.ranking)), rank)]
+    columns = ("ranking", "figures", "frames", "expected")
+    return replace(race, **{name: getattr(race, name)[order] for name in columns})
 
 
 def weigh_costs(

@@ -212,12 +212,23 @@ def test_what_unions_see_alike_is_computed_once(trained):
     tiled = TiledVoxelNet(network)
     plan = tiled.plan(clouds, unions)
     assert tiled.gains(plan)
+    assert tiled.plan_gain(clouds, unions) is not None
+    assert tiled.plan_gain(clouds, unions[:1]) is None
     assert not tiled.gains(plan.part(slice(1)))
     ((some, entries, predictions),) = tiled(plan)
     computed = sum(len(each.corner) for each in predictions)
     assert (some.start, entries.of.shape) == (0, (72, 256))
     assert computed == len(entries.tile) <= 2 * 72
     assert computed >= 72 + 8
+
+
+@pytest.mark.parametrize(("rows", "columns", "stride"), [(7, 9, 1), (8, 6, 2), (7, 5, 2)])
+def test_cells_spread_as_a_convolution_of_ones_does(rows, columns, stride):
+    reach = np.random.default_rng(1).random((3, rows, columns)) < 0.1
+    counts = torch.nn.functional.conv2d(
+        torch.from_numpy(reach).float()[:, None], torch.ones(1, 1, 3, 3), None, stride, 1
+    )
+    assert (tiles.spread_reach(reach, stride) == (counts[:, 0] > 0).numpy()).all()
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,12 @@ def test_the_decision_comes_first_in_the_words_of_an_operator(example):
     assert wide.conclusion == f"B{answer}"
     assert said["Asked for"] == example.plan.verdict.sentence
     assert said["One failure"] == "At worst, if d3 fails, 325 of 412 are still found."
+    sampled = tuple(
+        replace(case, judged=replace(case.judged, vehicles=155, frames=24))
+        for case in example.plan.failures
+    )
+    _, estimated = facts(replace(example.plan, failures=sampled), example)
+    assert estimated["One failure"] == "At worst, if d3 fails, about 325 of 412 are still found."
     assert said["LINKS"] == (
         "Too narrow at post00; post00 needs 3.90 of 3.00 Mbit/s at 10 frames a second. By radio, "
         "all sensors send 40 packets a second, 5.0 % of the airtime of 802.11p."

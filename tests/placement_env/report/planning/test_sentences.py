@@ -48,8 +48,11 @@ def explain(question, considered=9, near=(), schemes=(), failures=()):
     )
 
 
-def assume(question, fidelity="surrogate", sampled=False):
-    return " ".join(sentences.list_assumptions(question, fidelity, "Reader", sampled=sampled))
+def assume(question, fidelity="surrogate", sampled=False, frames=80):
+    assumptions = sentences.list_assumptions(
+        question, fidelity, "Reader", frames=frames, sampled=sampled
+    )
+    return " ".join(assumptions)
 
 
 @pytest.mark.parametrize(
@@ -96,6 +99,8 @@ def test_error_profiles_are_among_the_assumptions(ask):
     assert "are with profile paper, the first one given" in said
     assert "Poses are exact" not in said
     assert "Poses are exact" in assume(ask(SITE))
+    assert "judged in 45 of the 120 frames" in assume(ask(SITE), frames=120)
+    assert "of the 80 frames" not in assume(ask(SITE), frames=80)
     named = (
         "errors of profile typical (Glass, DropOut, MixedPixels, OwnNoise, RangeNoise, Calibration)"
     )
