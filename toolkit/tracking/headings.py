@@ -9,7 +9,9 @@ import numpy as np
 from toolkit.arrays import Bool, BoxRows, Float64
 from toolkit.tracking.track_states import MIN_HEADED_M_S
 
-MAX_SLIP_RAD = np.radians(10.0)  # between heading and course, as in narrow bends
+MAX_SLIP_RAD = np.radians(10.0)  # between heading and course of a car, as in narrow bends
+MIN_RADIUS_M = 10.0  # of a bend that the middle of a body takes; longer bodies slip more in it
+REFERENCE_S = 0.35  # before and after a detection, in which others say along which axis it faces
 MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
 MAX_HEADING_GAP_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
 MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
@@ -27,8 +29,8 @@ def settle_heading(
         scores: Score of each.
         seconds: Time of each (s)."""
     raw = boxes[:, 6]
-    # doubled angles do not know half turns
-    yaw = np.unwrap(2 * raw) / 2
+    axes = _find_axes(raw, scores, seconds)
+    yaw = raw + np.pi * np.rint((axes - raw) / np.pi)
     backwards = np.sign(np.cos(raw - yaw)) @ scores < 0
     offset = boxes[-1, :2] - boxes[0, :2]
     passed = seconds[-1] - seconds[0]
@@ -37,6 +39,26 @@ def settle_heading(
         along = steps[:, 0] * np.cos(yaw[1:]) + steps[:, 1] * np.sin(yaw[1:])
         backwards = bool(along.sum() < 0)
     return yaw + np.pi if backwards else yaw
+
+
+def _find_axes(
+    yaw: Float64[np.ndarray, " k"],
+    scores: Float64[np.ndarray, " k"],
+    seconds: Float64[np.ndarray, " k"],
+) -> Float64[np.ndarray, " k"]:
+    """Mean axis (rad, continuous) of the detections within `REFERENCE_S` of each.
+
+    A few that face across the body do not turn those after them.
+
+    Args:
+        yaw: Heading of each detection (rad).
+        scores: Score of each.
+        seconds: Time of each (s), ascending."""
+    # doubled angles do not know half turns
+    directions = np.append(0.0, np.cumsum(scores * np.exp(2j * yaw)))
+    first = np.searchsorted(seconds, seconds - REFERENCE_S)
+    last = np.searchsorted(seconds, seconds + REFERENCE_S, side="right")
+    return np.unwrap(np.angle(directions[last] - directions[first])) / 2
 
 
 def find_heading_outliers(
@@ -60,14 +82,21 @@ def find_heading_outliers(
 
 
 def keep_near_course(
-    yaw: Float64[np.ndarray, " k"], velocities: Float64[np.ndarray, "k 2"]
+    yaw: Float64[np.ndarray, " k"], velocities: Float64[np.ndarray, "k 2"], length: float
 ) -> Float64[np.ndarray, " k"]:
-    """Headings (rad) no farther than `MAX_SLIP_RAD` from the course of what moves.
+    """Headings (rad, continuous) that do not slip too far from the course of what moves.
 
-    So a body of which little is seen at the border does not turn. velocities: along x and y (m/s).
-    """
+    So a body of which little is seen at the border does not turn. In a bend the middle of a body
+    slips by the angle whose sine is half its length by the radius; `MAX_SLIP_RAD` is allowed to
+    all.
+
+    Args:
+        yaw: Headings.
+        velocities: Velocities along x and y (m/s).
+        length: Length of the body (m)."""
+    max_slip = max(MAX_SLIP_RAD, np.arcsin(min(1.0, length / 2 / MIN_RADIUS_M)))
     course = np.arctan2(velocities[:, 1], velocities[:, 0])
     slip = np.arctan2(np.sin(yaw - course), np.cos(yaw - course))
     is_moving = np.hypot(velocities[:, 0], velocities[:, 1]) > MIN_HEADED_M_S
-    kept_slip = np.where(is_moving, np.clip(slip, -MAX_SLIP_RAD, MAX_SLIP_RAD), slip)
-    return yaw + kept_slip - slip
+    kept_slip = np.where(is_moving, np.clip(slip, -max_slip, max_slip), slip)
+    return np.unwrap(yaw + kept_slip - slip)
