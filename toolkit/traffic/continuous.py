@@ -155,8 +155,8 @@ def _mask_seen(boxes: LevelBoxes, area: Float64[np.ndarray, "4"]) -> Bool[np.nda
 def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> list[Journey]:
     """Ways without overlaps, in the same order; those that find no way through are left out.
 
-    Vehicles go before cyclists and these before walkers, in each class who set out first. Who finds
-    no way through sets out later."""
+    Vehicles go before cyclists and these before pedestrians, in each class who set out first. Who
+    finds no way through sets out later."""
     labels = supply.labels[[way.traveller.body for way in ways]].tolist() if ways else []
     order = sorted(range(len(ways)), key=lambda number: RANK[labels[number]])
     ways_by_number = {}

@@ -1,4 +1,4 @@
-"""Giving way: nobody overlaps, walkers wait at kerbs, pass each other, or are refused."""
+"""Giving way: nobody overlaps, pedestrians wait at kerbs, pass each other, or are refused."""
 
 import numpy as np
 import pytest
@@ -55,16 +55,16 @@ def test_who_meets_nobody_goes_as_planned(occupancy):
     assert occupancy.find_conflict(size_boxes(course.poses, WALKER), 0) == 0
 
 
-def test_a_walker_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
+def test_a_pedestrian_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
     cars = [
         straight((-60, 0), (10, 0), 80 + 25 * k, 160, size=CAR, label=VEHICLE) for k in range(6)
     ]
     for car in cars:
         assert give_way(car, occupancy) is car.poses
-    walker = straight((2, -30), (0, 1.4), 0, 500)
-    poses = placed(walker, occupancy)
+    pedestrian = straight((2, -30), (0, 1.4), 0, 500)
+    poses = placed(pedestrian, occupancy)
     for car in cars:
-        assert not touch(poses, walker, car.poses, car)
+        assert not touch(poses, pedestrian, car.poses, car)
     assert 500 < len(poses) < 650
     acceleration = np.hypot(*np.diff(poses[:, :2], n=2, axis=0).T) / 0.01
     assert acceleration.max() < 5
@@ -73,7 +73,7 @@ def test_a_walker_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
     assert (np.abs(standing[:, 1]) > 1.2).all()  # not on the lane
 
 
-def test_walkers_who_meet_head_on_step_aside(occupancy):
+def test_pedestrians_who_meet_head_on_step_aside(occupancy):
     one = straight((-45, 0), (1.4, 0), 0, 700)
     other = straight((45, 0.1), (-1.3, 0), 0, 750)
     assert give_way(one, occupancy) is one.poses
