@@ -14,10 +14,15 @@ from toolkit.arrays import BoxRows, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.face_doubts import (
+    IS_RIGID,
+    MISFIT_HITS,
+    USUAL_MISFIT,
     anchor_centres,
     centre_covariance,
     combine_doubts,
+    doubt_sizes,
     get_doubts,
+    inflate_doubts,
     turn_faces,
     weigh_sizes,
 )
@@ -180,7 +185,8 @@ class _Settled(NamedTuple):
         frames: Its frames in the recording.
         yaw: Heading at its detections (rad, continuous).
         doubts: Doubts of the detections' faces, by this heading (m).
-        size_weights: Weight of each detection in the size (1/m²).
+        size_doubts: Expected error of its length, width, height (m).
+        misfit: Scatter of their sizes, see `find_inflation`.
         course: Measured places."""
 
     name: int
@@ -189,7 +195,8 @@ class _Settled(NamedTuple):
     frames: Int64[np.ndarray, " f"]
     yaw: Float64[np.ndarray, " k"]
     doubts: Float64[np.ndarray, "k 5"]
-    size_weights: Float64[np.ndarray, "k 3"]
+    size_doubts: Float64[np.ndarray, "1 3"]
+    misfit: Float64[np.ndarray, "1 3"]
     course: MeasuredCourse
 
 
@@ -213,15 +220,20 @@ def _settle_track(
         doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
     weights = weigh_sizes(doubts)
     size = (weights * track.boxes[:, 3:6]).sum(axis=0) / weights.sum(axis=0)
+    surprise = (weights * np.square(track.boxes[:, 3:6] - size)).sum(axis=0)
+    misfit = (surprise + MISFIT_HITS * USUAL_MISFIT) / (len(yaw) + MISFIT_HITS)
+    if not IS_RIGID[label]:
+        misfit = np.full(3, USUAL_MISFIT)
     sizes = np.tile(size, (len(yaw), 1))
     course = MeasuredCourse(
         centres=anchor_centres(track.boxes, yaw, sizes, doubts),
-        noise=centre_covariance(yaw, doubts),
+        noise=centre_covariance(yaw, inflate_doubts(doubts, misfit[None])),
         seen=track.frame - first,
         seconds=times[frames],
         label=label,
     )
-    return _Settled(name, label, size, frames, yaw, doubts, weights, course)
+    size_doubts = doubt_sizes(weights.sum(axis=0), np.sqrt(weights).sum(axis=0))
+    return _Settled(name, label, size, frames, yaw, doubts, size_doubts[None], misfit[None], course)
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:
@@ -231,8 +243,14 @@ def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRo
     yaw = detections.boxes[:, 6]
     boxes = detections.boxes.copy()
     boxes[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
-    weight = weigh_sizes(detections.doubts)
-    doubts = combine_doubts(detections.doubts, weight, weight, detections.labels, place_error)
+    weights = weigh_sizes(detections.doubts)
+    doubts = combine_doubts(
+        detections.doubts,
+        doubt_sizes(weights, np.sqrt(weights)),
+        detections.labels,
+        place_error,
+        misfit=np.full((count, 3), USUAL_MISFIT),
+    )
     return _TrackRows(
         frame=detections.frame,
         boxes=boxes,
@@ -279,13 +297,8 @@ def _make_rows(
     boxes[:, 3:6] = settled.size
     boxes[:, 6] = np.arctan2(np.sin(all_yaws), np.cos(all_yaws))
     labels = np.full(len(frames), settled.label)
-    weights = settled.size_weights
     doubts = combine_doubts(
-        settled.doubts,
-        weights.sum(axis=0)[None],
-        weights.max(axis=0)[None],
-        labels[seen],
-        place_error,
+        settled.doubts, settled.size_doubts, labels[seen], place_error, misfit=settled.misfit
     )
     return _TrackRows(
         frame=frames,

@@ -7,9 +7,14 @@ import numpy as np
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.objects import LABELS, Detections
 from toolkit.tracking.face_doubts import (
+    IS_RIGID,
+    MISFIT_HITS,
+    USUAL_MISFIT,
     anchor_centres,
     centre_covariance,
+    doubt_sizes,
     get_doubts,
+    inflate_doubts,
     turn_faces,
     weigh_sizes,
 )
@@ -17,6 +22,7 @@ from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, 
 
 # weight of a size by that of its surest detection: what looks sure at the border is forgotten
 MAX_SIZE_MEMORY = 6.0
+MAX_MISFIT_HITS = 50.0  # detections over which the misfit of sizes is averaged
 MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
 MIN_EVIDENCE = 2.0  # sum of the scores of its detections that confirms a track
 SURE_HITS = 10  # detections that confirm a track, however low their scores
@@ -74,7 +80,9 @@ class TrackStates(NamedTuple):
         yaw_rate: Its change (rad/s).
         size: Length, width, height (m).
         size_weight: Sum of the weights (1/m²) of the detections behind each.
-        max_weight: Largest such weight.
+        size_root: Sum of the roots of these weights (1/m).
+        max_weight: Largest of these weights.
+        misfit: Scatter of each by what the doubts say, see `find_inflation`.
         votes: Scores of the detections of each class.
         score: Averaged score.
         hits: Number of detections.
@@ -93,7 +101,9 @@ class TrackStates(NamedTuple):
     yaw_rate: Float64[np.ndarray, " m"]
     size: Float64[np.ndarray, "m 3"]
     size_weight: Float64[np.ndarray, "m 3"]
+    size_root: Float64[np.ndarray, "m 3"]
     max_weight: Float64[np.ndarray, "m 3"]
+    misfit: Float64[np.ndarray, "m 3"]
     votes: Float64[np.ndarray, "m classes"]
     score: Float64[np.ndarray, " m"]
     hits: Int64[np.ndarray, " m"]
@@ -110,6 +120,10 @@ class TrackStates(NamedTuple):
     def label(self) -> Int64[np.ndarray, " m"]:
         """Class of each track, by its votes."""
         return self.votes.argmax(axis=1)
+
+    def size_doubts(self) -> Float64[np.ndarray, "m 3"]:
+        """Expected error (m) of the size of each track, but for its misfit."""
+        return doubt_sizes(self.size_weight, self.size_root)
 
     def is_confirmed(self) -> Bool[np.ndarray, " m"]:
         """Mask of tracks with enough detections to be no false alarm of the detector."""
@@ -164,7 +178,9 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
         yaw_rate=np.zeros(count),
         size=boxes[:, 3:6].copy(),
         size_weight=weight,
+        size_root=np.sqrt(weight),
         max_weight=weight,
+        misfit=np.full((count, 3), USUAL_MISFIT),
         votes=votes,
         score=detections.scores.copy(),
         hits=np.ones(count, np.int64),
@@ -177,13 +193,18 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
 
 
 def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
-    """Return tracks some seconds later, moved with their velocity."""
+    """Return tracks some seconds later, moved with their velocity.
+
+    A standing one without a detection is expected where it is, however long it is hidden."""
     (step,), (noise,) = constant_velocities(np.array([seconds]))
     variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
     turn = tracks.yaw_rate * min(seconds, MAX_TURNING_S)
+    stays = is_standing(tracks) & (tracks.detection < 0)
     return tracks._replace(
-        motion=tracks.motion @ step.T, covariance=covariance, yaw=tracks.yaw + turn
+        motion=np.where(stays[:, None], tracks.motion, tracks.motion @ step.T),
+        covariance=np.where(stays[:, None, None], tracks.covariance, covariance),
+        yaw=tracks.yaw + turn,
     )
 
 
@@ -201,11 +222,18 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
     weight = weigh_sizes(doubts)
     earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
+    kept_share = earlier_weight / tracks.size_weight
     size_weight = earlier_weight + weight
     size = (earlier_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
     centre = anchor_centres(boxes, yaw, size, doubts)
+    # the size was a mean of others, so that its difference has both variances
+    variance = 1 / weight + 1 / earlier_weight
+    surprise = np.square(boxes[:, 3:6] - tracks.size) / variance
+    misfit_share = 1 / np.minimum(tracks.hits + MISFIT_HITS, MAX_MISFIT_HITS)[:, None]
+    misfit = tracks.misfit + misfit_share * (surprise - tracks.misfit)
+    misfit = np.where(IS_RIGID[tracks.label()][:, None], misfit, USUAL_MISFIT)
     # Kalman's update by the anchored centre
-    noise = centre_covariance(yaw, doubts)
+    noise = centre_covariance(yaw, inflate_doubts(doubts, misfit))
     gain = tracks.covariance[:, :, :2] @ np.linalg.inv(tracks.covariance[:, :2, :2] + noise)
     innovation = (centre - tracks.motion[:, :2])[:, :, None]
     motion = tracks.motion + (gain @ innovation)[:, :, 0]
@@ -222,7 +250,9 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         yaw_rate=yaw_rate,
         size=size,
         size_weight=size_weight,
+        size_root=kept_share * tracks.size_root + np.sqrt(weight),
         max_weight=np.maximum(tracks.max_weight, weight),
+        misfit=misfit,
         votes=votes,
         score=tracks.score + share * (detections.scores - tracks.score),
         hits=tracks.hits + 1,
