@@ -14,6 +14,9 @@ MIN_DOUBTS_M = np.array([0.005, 0.005, 0.02, 0.06])
 # mean square of an error by that of its mean absolute value, if it is normal
 USUAL_MISFIT = np.pi / 2
 IS_RIGID = np.array([True, False, False, True])  # by class; the others move arms and legs
+# by class: weight of a length that is longer than the mean. What is seen of a long body is shorter.
+LONGER_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0])
+EXPECTILE_ROUNDS = 8
 MISFIT_HITS = 10.0  # detections that the usual misfit counts as
 _SIZE_OF_FACE = [0, 0, 1, 1, 2]  # length, width or height
 
@@ -37,6 +40,28 @@ def weigh_sizes(doubts: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 3"
     length = np.square(doubts[:, :2]).sum(axis=1)
     width = np.square(doubts[:, 2:4]).sum(axis=1)
     return 1 / np.stack([length, width, np.square(doubts[:, 4])], axis=1)
+
+
+def estimate_size(
+    sizes: Float64[np.ndarray, "k 3"], weights: Float64[np.ndarray, "k 3"], label: int
+) -> Float64[np.ndarray, "3"]:
+    """Length, width and height (m) of a body: means over its detections, an expectile of lengths.
+
+    An expectile is a mean in which what is above it has more weight (Newey and Powell, Econometrica
+    55(4), 1987).
+
+    Args:
+        sizes: Length, width and height of each detection (m).
+        weights: As from `weigh_sizes`.
+        label: Class of the body."""
+    size = (weights * sizes).sum(axis=0) / weights.sum(axis=0)
+    if LONGER_WEIGHTS[label] == 1:
+        return size
+    for _ in range(EXPECTILE_ROUNDS):
+        is_longer = sizes[:, 0] > size[0]
+        length_weights = weights[:, 0] * np.where(is_longer, LONGER_WEIGHTS[label], 1.0)
+        size[0] = (length_weights @ sizes[:, 0]) / length_weights.sum()
+    return size
 
 
 def doubt_sizes(

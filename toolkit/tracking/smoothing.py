@@ -21,6 +21,7 @@ from toolkit.tracking.face_doubts import (
     centre_covariance,
     combine_doubts,
     doubt_sizes,
+    estimate_size,
     get_doubts,
     inflate_doubts,
     turn_faces,
@@ -219,7 +220,7 @@ def _settle_track(
         yaw = np.where(is_outlier, usual_yaw, yaw)
         doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
     weights = weigh_sizes(doubts)
-    size = (weights * track.boxes[:, 3:6]).sum(axis=0) / weights.sum(axis=0)
+    size = estimate_size(track.boxes[:, 3:6], weights, label)
     surprise = (weights * np.square(track.boxes[:, 3:6] - size)).sum(axis=0)
     misfit = (surprise + MISFIT_HITS * USUAL_MISFIT) / (len(yaw) + MISFIT_HITS)
     if not IS_RIGID[label]:

@@ -8,6 +8,7 @@ from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.objects import LABELS, Detections
 from toolkit.tracking.face_doubts import (
     IS_RIGID,
+    LONGER_WEIGHTS,
     MISFIT_HITS,
     USUAL_MISFIT,
     anchor_centres,
@@ -221,6 +222,8 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
     weight = weigh_sizes(doubts)
+    is_longer = boxes[:, 3] > tracks.size[:, 0]
+    weight[:, 0] *= np.where(is_longer, LONGER_WEIGHTS[tracks.label()], 1.0)
     earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
     kept_share = earlier_weight / tracks.size_weight
     size_weight = earlier_weight + weight
