@@ -11,7 +11,7 @@ from toolkit.tracking.track_states import MIN_HEADED_M_S
 
 MAX_SLIP_RAD = np.radians(10.0)  # between heading and course of a car, as in narrow bends
 MIN_RADIUS_M = 10.0  # of a bend that the middle of a body takes; longer bodies slip more in it
-REFERENCE_S = 0.35  # before and after a detection, in which others say along which axis it faces
+REFERENCE_S = 0.35  # before and after a detection, in which others say how the body faces and moves
 MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
 MAX_HEADING_GAP_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
 MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
@@ -82,7 +82,10 @@ def find_heading_outliers(
 
 
 def keep_near_course(
-    yaw: Float64[np.ndarray, " k"], velocities: Float64[np.ndarray, "k 2"], length: float
+    yaw: Float64[np.ndarray, " k"],
+    motion: Float64[np.ndarray, "k 4"],
+    seconds: Float64[np.ndarray, " k"],
+    length: float,
 ) -> Float64[np.ndarray, " k"]:
     """Headings (rad, continuous) that do not slip too far from the course of what moves.
 
@@ -92,11 +95,18 @@ def keep_near_course(
 
     Args:
         yaw: Headings.
-        velocities: Velocities along x and y (m/s).
+        motion: x, y (m) and velocities along both (m/s).
+        seconds: Time of each (s), ascending.
         length: Length of the body (m)."""
     max_slip = max(MAX_SLIP_RAD, np.arcsin(min(1.0, length / 2 / MIN_RADIUS_M)))
-    course = np.arctan2(velocities[:, 1], velocities[:, 0])
+    course = np.arctan2(motion[:, 3], motion[:, 2])
     slip = np.arctan2(np.sin(yaw - course), np.cos(yaw - course))
-    is_moving = np.hypot(velocities[:, 0], velocities[:, 1]) > MIN_HEADED_M_S
+    # what stands may seem to move for a moment, but does not get on
+    first = np.searchsorted(seconds, seconds - REFERENCE_S)
+    last = np.searchsorted(seconds, seconds + REFERENCE_S, side="right") - 1
+    steps = motion[last, :2] - motion[first, :2]
+    way = steps[:, 0] * np.cos(course) + steps[:, 1] * np.sin(course)
+    is_moving = way > MIN_HEADED_M_S * (seconds[last] - seconds[first])
+    is_moving &= np.hypot(motion[:, 2], motion[:, 3]) > MIN_HEADED_M_S
     kept_slip = np.where(is_moving, np.clip(slip, -max_slip, max_slip), slip)
     return np.unwrap(yaw + kept_slip - slip)

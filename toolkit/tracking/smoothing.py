@@ -283,7 +283,7 @@ def _make_rows(
     seen = settled.course.seen
     yaw = settled.yaw
     if settled.label != PEDESTRIAN:
-        yaw = keep_near_course(yaw, motion[seen, 2:], settled.size[0])
+        yaw = keep_near_course(yaw, motion[seen], seconds[seen], settled.size[0])
     floors = track.boxes[:, 2] - track.boxes[:, 5] / 2
     smoothed = _smooth_over_time(np.stack([yaw, floors], axis=1), seconds[seen], seconds)
     all_yaws, floor = smoothed.T
