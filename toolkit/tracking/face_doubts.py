@@ -78,6 +78,23 @@ def doubt_sizes(
     return roots / weights
 
 
+def find_misfit(
+    differences: Float64[np.ndarray, "k 3"], weights: Float64[np.ndarray, "k 3"], label: int
+) -> Float64[np.ndarray, "3"]:
+    """Misfit of the length, width and height of a body, see `find_inflation`.
+
+    It is the usual one for bodies that are not rigid, and near it for few detections.
+
+    Args:
+        differences: Sizes of its detections less its size (m).
+        weights: As from `weigh_sizes`.
+        label: Class of the body."""
+    if not IS_RIGID[label]:
+        return np.full(3, USUAL_MISFIT)
+    surprise = (weights * np.square(differences)).sum(axis=0)
+    return (surprise + MISFIT_HITS * USUAL_MISFIT) / (len(differences) + MISFIT_HITS)
+
+
 def find_inflation(misfit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """Factors, at least 1, by which doubts explain how sizes scatter: Birge's ratio.
 

@@ -14,14 +14,13 @@ from toolkit.arrays import BoxRows, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.face_doubts import (
-    IS_RIGID,
-    MISFIT_HITS,
     USUAL_MISFIT,
     anchor_centres,
     centre_covariance,
     combine_doubts,
     doubt_sizes,
     estimate_size,
+    find_misfit,
     get_doubts,
     inflate_doubts,
     turn_faces,
@@ -221,20 +220,17 @@ def _settle_track(
         doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
     weights = weigh_sizes(doubts)
     size = estimate_size(track.boxes[:, 3:6], weights, label)
-    surprise = (weights * np.square(track.boxes[:, 3:6] - size)).sum(axis=0)
-    misfit = (surprise + MISFIT_HITS * USUAL_MISFIT) / (len(yaw) + MISFIT_HITS)
-    if not IS_RIGID[label]:
-        misfit = np.full(3, USUAL_MISFIT)
+    misfit = find_misfit(track.boxes[:, 3:6] - size, weights, label)[None]
     sizes = np.tile(size, (len(yaw), 1))
     course = MeasuredCourse(
         centres=anchor_centres(track.boxes, yaw, sizes, doubts),
-        noise=centre_covariance(yaw, inflate_doubts(doubts, misfit[None])),
+        noise=centre_covariance(yaw, inflate_doubts(doubts, misfit)),
         seen=track.frame - first,
         seconds=times[frames],
         label=label,
     )
     size_doubts = doubt_sizes(weights.sum(axis=0), np.sqrt(weights).sum(axis=0))
-    return _Settled(name, label, size, frames, yaw, doubts, size_doubts[None], misfit[None], course)
+    return _Settled(name, label, size, frames, yaw, doubts, size_doubts[None], misfit, course)
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:

@@ -221,22 +221,10 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     seconds = np.maximum(time - tracks.last_time, 1e-3)
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
-    weight = weigh_sizes(doubts)
-    is_longer = boxes[:, 3] > tracks.size[:, 0]
-    weight[:, 0] *= np.where(is_longer, LONGER_WEIGHTS[tracks.label()], 1.0)
-    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
-    kept_share = earlier_weight / tracks.size_weight
-    size_weight = earlier_weight + weight
-    size = (earlier_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
-    centre = anchor_centres(boxes, yaw, size, doubts)
-    # the size was a mean of others, so that its difference has both variances
-    variance = 1 / weight + 1 / earlier_weight
-    surprise = np.square(boxes[:, 3:6] - tracks.size) / variance
-    misfit_share = 1 / np.minimum(tracks.hits + MISFIT_HITS, MAX_MISFIT_HITS)[:, None]
-    misfit = tracks.misfit + misfit_share * (surprise - tracks.misfit)
-    misfit = np.where(IS_RIGID[tracks.label()][:, None], misfit, USUAL_MISFIT)
+    tracks = _correct_sizes(tracks, boxes[:, 3:6], doubts)
+    centre = anchor_centres(boxes, yaw, tracks.size, doubts)
     # Kalman's update by the anchored centre
-    noise = centre_covariance(yaw, inflate_doubts(doubts, misfit))
+    noise = centre_covariance(yaw, inflate_doubts(doubts, tracks.misfit))
     gain = tracks.covariance[:, :, :2] @ np.linalg.inv(tracks.covariance[:, :2, :2] + noise)
     innovation = (centre - tracks.motion[:, :2])[:, :, None]
     motion = tracks.motion + (gain @ innovation)[:, :, 0]
@@ -251,11 +239,6 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         floor=tracks.floor + np.maximum(share, 0.2) * (floor - tracks.floor),
         yaw=yaw,
         yaw_rate=yaw_rate,
-        size=size,
-        size_weight=size_weight,
-        size_root=kept_share * tracks.size_root + np.sqrt(weight),
-        max_weight=np.maximum(tracks.max_weight, weight),
-        misfit=misfit,
         votes=votes,
         score=tracks.score + share * (detections.scores - tracks.score),
         hits=tracks.hits + 1,
@@ -265,6 +248,34 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         detection=detections.rows,
     )
     return _turn_round(corrected)
+
+
+def _correct_sizes(
+    tracks: TrackStates, sizes: Float64[np.ndarray, "m 3"], doubts: Float64[np.ndarray, "m 5"]
+) -> TrackStates:
+    """Return tracks whose sizes are means with those of a detection of each.
+
+    Args:
+        tracks: Tracks.
+        sizes: Length, width and height of their detections (m).
+        doubts: Doubts of their detections' faces (m)."""
+    labels = tracks.label()
+    weight = weigh_sizes(doubts)
+    weight[:, 0] *= np.where(sizes[:, 0] > tracks.size[:, 0], LONGER_WEIGHTS[labels], 1.0)
+    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
+    kept_share = earlier_weight / tracks.size_weight
+    size_weight = earlier_weight + weight
+    # the difference from an earlier mean has both variances
+    surprise = np.square(sizes - tracks.size) / (1 / weight + 1 / earlier_weight)
+    misfit_share = 1 / np.minimum(tracks.hits + MISFIT_HITS, MAX_MISFIT_HITS)[:, None]
+    misfit = tracks.misfit + misfit_share * (surprise - tracks.misfit)
+    return tracks._replace(
+        size=(earlier_weight * tracks.size + weight * sizes) / size_weight,
+        size_weight=size_weight,
+        size_root=kept_share * tracks.size_root + np.sqrt(weight),
+        max_weight=np.maximum(tracks.max_weight, weight),
+        misfit=np.where(IS_RIGID[labels][:, None], misfit, USUAL_MISFIT),
+    )
 
 
 def _turn_round(tracks: TrackStates) -> TrackStates:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import expectile
 
-from toolkit.objects import HEAVY, VEHICLE
+from toolkit.objects import HEAVY, PEDESTRIAN, VEHICLE
 from toolkit.tracking.face_doubts import (
     LONGER_WEIGHTS,
     USUAL_MISFIT,
@@ -12,6 +12,7 @@ from toolkit.tracking.face_doubts import (
     doubt_sizes,
     estimate_size,
     find_inflation,
+    find_misfit,
     inflate_doubts,
     weigh_sizes,
 )
@@ -49,9 +50,11 @@ def test_doubts_grow_to_what_explains_the_scatter_and_never_shrink(scatter):
     # a doubt is a mean absolute error, so errors spread by sqrt(pi / 2) times as much
     spread = scatter * np.sqrt(np.pi / 2) / np.sqrt(weigh_sizes(doubts))
     errors = np.random.default_rng(0).normal(0, spread)
-    misfit = (weigh_sizes(doubts) * errors**2).mean(axis=0)[None]
+    misfit = find_misfit(errors, weigh_sizes(doubts), VEHICLE)[None]
     factor = max(1.0, scatter)
     assert find_inflation(misfit)[0] == pytest.approx([factor] * 3, rel=0.05)
+    of_person = find_misfit(errors, weigh_sizes(doubts), PEDESTRIAN)  # whose sizes may scatter
+    assert find_inflation(of_person[None])[0] == pytest.approx([1.0] * 3)
     assert inflate_doubts(doubts[:1], misfit) == pytest.approx(factor * doubts[:1], rel=0.05)
 
 
