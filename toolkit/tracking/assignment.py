@@ -13,10 +13,9 @@ from toolkit.tracking.track_states import MeasuredRows, TrackStates
 
 # by class of `LABELS`: standard deviations
 GATE_ALONG_M = np.array([0.8, 0.5, 0.35, 1.2])
-GATE_LENGTH_SHARE = (
-    0.15  # of the length, at least; of long bodies, now one end is seen, now another
-)
 GATE_ACROSS_M = np.array([0.4, 0.35, 0.35, 0.5])
+# least deviation along the heading by the length: now one end of a long body is seen, now another
+GATE_LENGTH_SHARE = 0.15
 MAX_SQUARED_DISTANCE = 12.0  # of a detection from a track, in such standard deviations
 OTHER_CLASS_COST = 3.0  # added to the squared distance
 SIZE_COST_M = 0.3  # difference of sizes that costs 1 after a gap
