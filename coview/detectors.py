@@ -114,9 +114,10 @@ def load_detector(
 ) -> CloudDetector:
     """Load a detector by shipped name or by the path of its weights.
 
-    name: "tjunction", "roundabout", "general" or a path; level: see `CloudDetector`; other
-    parameters: see `models.load_detector`, which returns the bare network. Raises
-    FileNotFoundError for unknown weights, ValueError if they are damaged or for another place."""
+    name: "tjunction", "roundabout", "general" or a path; level: see `CloudDetector`; area: xmin,
+    ymin, xmax, ymax (m), None for the weights' own; other parameters: see `models.load_detector`,
+    which returns the bare network. Raises FileNotFoundError for unknown weights, ValueError if they
+    are damaged or for another place."""
     from models import detector
 
     if Path(name).suffix == ".onnx":

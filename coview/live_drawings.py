@@ -58,6 +58,7 @@ class SensorDrawings:
     Only sensors that have changed are sent to the browsers again."""
 
     def __init__(self, api: "SceneApi", planner: LivePlanner) -> None:
+        """Keep the scene and the planner; nothing is drawn yet."""
         self._api = api
         self._planner = planner
         # by name of the sensor: housing, handle, view and label

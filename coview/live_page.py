@@ -81,12 +81,16 @@ class LivePage:
         eye = middle + self.cameras.slant
         scene.set_view(server, tuple(eye), tuple(middle))
         measured = "" if planner.stated is None else describe_stated(planner.stated)
-        self.head = PanelHead(server, site.name, len(planner.sensors), measured)
+        self.head = PanelHead(
+            server, title=site.name, sensors=len(planner.sensors), measured=measured
+        )
         self.jobs = LiveJobs(self.head, show=self.show, redraw=self.draw, draw_rest=self._draw_rest)
         self._add_drawings(folder if project is None else project.path.parent)
         server.on_client_connect(self._greet)
         server.scene.on_click()(self.clicks.follow)
-        refining = Refining(planner, self.jobs, self._find_answer, self._show_refined)
+        refining = Refining(
+            planner, self.jobs, find_answer=self._find_answer, show_refined=self._show_refined
+        )
         self.jobs.start(self._find_idle_job, refining.run)
         self.do(lambda: self.show(planner.answer()))  # the first figures
 

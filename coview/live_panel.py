@@ -55,7 +55,7 @@ class FieldGuard:
             self._filling = False
 
     def typed(self, then: Callable[[], None]) -> None:
-        """Call a function, unless the page is filling in fields."""
+        """Call `then`, unless the page is filling in fields."""
         if not self._filling:
             then()
 
@@ -381,7 +381,7 @@ class LivePanel:
         _add_command(gui, label="Redo", key="Y", then=lambda: jobs.change(planner.redo))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Sensor"):
-            self.sensor = SensorTab(gui, planner, jobs, cameras, self._guard, self.fill)
+            self.sensor = SensorTab(gui, planner, jobs, cameras, guard=self._guard, fill=self.fill)
         with tabs.add_tab("Ask"):
             tasks.add_ask_controls(gui, lambda: self.sensor.name)
         with tabs.add_tab("Draw"):
@@ -389,7 +389,7 @@ class LivePanel:
         with tabs.add_tab("Score"):
             self.score = ScoreTab(gui, planner, jobs)
         with tabs.add_tab("Variants"):
-            self.variants = VariantsTab(gui, planner, jobs, self._guard)
+            self.variants = VariantsTab(gui, planner, jobs, guard=self._guard)
         with tabs.add_tab("View"):
             self.view = ViewTab(gui, planner, jobs, cameras, **drawing)
         with tabs.add_tab("Files"):

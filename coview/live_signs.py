@@ -86,10 +86,10 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
     ]
     _add_lines(
         api,
-        "/signs/lanes",
-        site,
-        np.concatenate([np.empty((0, 2, 2)), *arrows]),  # there may be no arrow
-        LANE_INK,
+        name="/signs/lanes",
+        site=site,
+        lines=np.concatenate([np.empty((0, 2, 2)), *arrows]),  # there may be no arrow
+        colour=LANE_INK,
         width=1.5,
     )
     return labels
@@ -115,7 +115,7 @@ def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) ->
     north_x, north_y = direction
     angle = float(np.arctan2(north_y, north_x))
     lines = _arrow(middle, angle, length=ARROW_M, head=HEAD_M)
-    _add_lines(api, "/signs/north", site, lines, INK, width=3.0)
+    _add_lines(api, name="/signs/north", site=site, lines=lines, colour=INK, width=3.0)
     letter_xy = middle + (ARROW_M / 2 + LETTER_GAP_M) * direction
     (position,) = lift_points(site, letter_xy[None], LIFT_M)
     scene_parts.add_label(
@@ -215,7 +215,7 @@ def _add_scale(
     lines = np.array(
         [[start, end], [start - half_tick, start + half_tick], [end - half_tick, end + half_tick]]
     )
-    _add_lines(api, "/signs/scale", site, lines, INK, width=3.0)
+    _add_lines(api, name="/signs/scale", site=site, lines=lines, colour=INK, width=3.0)
     (position,) = lift_points(site, end[None], LIFT_M)
     text = f"{length:g} m"
     scene_parts.add_label(api, "/signs/scale/length", text, position, anchor="center-left")

@@ -217,7 +217,9 @@ class LiveSession:
         if project is not None:
             self._open_parts.callback(project.close)
         gc.freeze()  # collections during a drag skip all that exists by now
-        self.page = LivePage(self._server, planner, project, self._folder)
+        self.page = LivePage(
+            server=self._server, planner=planner, project=project, folder=self._folder
+        )
         self._open_parts.callback(self.page.close)
 
     def wait(self) -> None:

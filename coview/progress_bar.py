@@ -71,7 +71,7 @@ class Bar:
     def step(self, done: int, total: int, figures: dict[str, float]) -> None:
         """Show a step of training: its losses after the bar, or a line of measured AP above it.
 
-        figures: by name; AP@0.7 among them means a measurement."""
+        done, total: numbers of steps; figures: by name; AP@0.7 among them means a measurement."""
         self._bar.total = total
         self.to(done)
         if "AP@0.7" in figures:
@@ -151,7 +151,7 @@ def progress_bar(
     unit: name of what is counted, and of the first stage; total: number to do, None if unknown;
     hidden: True to print nothing; steps: usual share of the time of each main stage."""
     with tqdm(total=total, unit=unit, disable=hidden or None, smoothing=0.1) as inner:
-        bar = Bar(inner, hidden, unit, steps)
+        bar = Bar(bar=inner, hidden=hidden, unit=unit, steps=steps)
         has_ended = Event()
 
         def print_lines() -> None:

@@ -30,6 +30,7 @@ class AnchorKind:
     negative: float = 0.35
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field that is out of range."""
         if len(self.size) != 3 or min(self.size) <= 0 or not self.yaws:
             raise ValueError(
                 f"anchors need three sizes above 0 and a yaw, got {self.size} and {self.yaws}"

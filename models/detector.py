@@ -56,6 +56,10 @@ class VoxelNetDetector:
         score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
+        """Fold a network for inference.
+
+        device: of PyTorch; score_threshold: least score of a detection, None for the network's;
+        nms_threshold: IoU above which the lower of two scores goes."""
         self._adopt(network.config, device, score_threshold, nms_threshold)
         self._weights = digest_tensors(network.state_dict())
         self.network = SparseVoxelNet(network).to(self.device)
@@ -69,7 +73,10 @@ class VoxelNetDetector:
         score_threshold: float | None,
         nms_threshold: float,
     ) -> None:
-        """Take over everything that does not need weights."""
+        """Take over everything that does not need weights.
+
+        score_threshold: least score of a detection, None for the one that `config` states;
+        nms_threshold: IoU above which the lower of two scores goes."""
         self.config = config
         self.device = torch.device(device)
         if self.device.type == "cpu":
@@ -203,7 +210,12 @@ class VoxelNetDetector:
     def _at_once(
         self, tiled: TiledVoxelNet, plan: UnionPlan, clouds: _Clouds
     ) -> Iterator[tuple[int, Detections]]:
-        """Yield the row and detections of each union of a plan that has points."""
+        """Yield the row and detections of each union of a plan that has points.
+
+        A union is a set of clouds. What two unions share is computed once: `tiled` gives the maps
+        of entries, which are the distinct tiles of all unions.
+
+        plan: the unions; clouds: points of all clouds."""
         unions = plan.unions
         has_points = (unions & (plan.placed.counts() > 0).cpu().numpy()).any(axis=1)
         for union_rows, entries, predictions in tiled(plan):
@@ -282,7 +294,9 @@ class VoxelNetDetector:
         return detections[detections.scores >= rivals.max(axis=1)]
 
     def finish_detections(self, boxes: Tensor, scores: Tensor, cloud: Points) -> Detections:
-        """Detections of one cloud's candidates: without duplicates and rivals, faces measured."""
+        """Detections of one cloud's candidates: without duplicates and rivals, faces measured.
+
+        boxes, scores: one for each candidate; cloud: its points (m)."""
         detections = decoding.suppress_boxes(boxes, scores, self.config, self.nms_threshold)
         if self.config.rivalry or self.rival_shares is not None:
             detections = self._take_above(
@@ -319,6 +333,9 @@ class WideVoxelNetDetector(VoxelNetDetector):
         score_threshold: float | None = None,
         nms_threshold: float = 0.1,
     ) -> None:
+        """Make the network's grid one block, and detect in an area block by block.
+
+        area: xmin, ymin, xmax, ymax (m); other arguments as for `VoxelNetDetector`."""
         cells = BLOCK_CELLS + 2 * MARGIN_CELLS
         sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
         block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))

@@ -51,6 +51,10 @@ class _Graph(nn.Module):
         self.network: Any = network
 
     def forward(self, features: Tensor, voxel: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+        """Raw maps of the network's head, without those that it lacks.
+
+        features: points' features; voxel: voxel of each point; cells: item, ix, iy, iz of each
+        voxel."""
         network = self.network
         x = network.features.encode(features, voxel, cells.shape[0])
         if isinstance(network.middle, HeightFold):
@@ -160,6 +164,10 @@ class OnnxDetector(VoxelNetDetector):
         nms_threshold: float | None = None,
         limits: TrialLimits | None = None,
     ) -> None:
+        """Read the network and its card, which gives the thresholds that are None.
+
+        area: area that the network must be for, None for its own; limits: memory and time of a
+        first trial. Raises FileNotFoundError, and ValueError if both make no detector."""
         card = find_card(path)
         if missing := [str(file) for file in (Path(path), card) if not file.is_file()]:
             needs = "a network in ONNX needs NAME.onnx and its card NAME.onnx.json"

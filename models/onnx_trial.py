@@ -32,6 +32,7 @@ class TrialLimits:
     memory_bytes: int = 3 << 29
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a limit of 0 or less."""
         if not (self.seconds > 0 and self.memory_bytes > 0):
             raise ValueError(
                 f"limits of a trial must be above 0, got {self.seconds} s and {self.memory_bytes} "
@@ -82,7 +83,7 @@ def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialL
 def _run_trial(memory_bytes: int) -> None:
     """Run a network with its inputs, both from an .npz on standard input (see `try_network`).
 
-    Exits with a line on stderr if that fails."""
+    memory_bytes: limit of memory. Exits with a line on stderr if that fails."""
     import onnxruntime
 
     arrays = dict(np.load(BytesIO(sys.stdin.buffer.read())))

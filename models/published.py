@@ -94,6 +94,7 @@ class PublishedDetector:
         score_threshold: float = 0.1,
         nms_threshold: float = 0.1,
     ) -> None:
+        """Fold a published network for inference. Raises ValueError for an unknown decoding."""
         if decoding not in ("exact", "published"):
             raise ValueError(f'decoding must be "exact" or "published", got {decoding!r}')
         self.site = site
@@ -148,7 +149,8 @@ class PublishedDetector:
 def proposals(boxes: BoxRows, scores: Float64[np.ndarray, " n"]) -> np.ndarray:
     """Rows of boxes that survive the published proposal step, best first.
 
-    It compares upright rectangles: the bounds of the footprints along x and y.
+    It compares upright rectangles: the bounds of the footprints along x and y. scores: one of each
+    box.
     """
     best_rows = np.argsort(-scores, kind="stable")[:MAX_CLOUD_CANDIDATES]
     length = boxes[best_rows, 3]
@@ -204,7 +206,8 @@ def from_published(
 ) -> dict[str, Tensor]:
     """Published tensors by their names in `network`.
 
-    origin: the file, for errors. Raises ValueError unless all are present in the right shapes.
+    weights: tensors by their published names; origin: the file, for errors. Raises ValueError
+    unless all are present in the right shapes.
     """
     state = network.state_dict()
     # the published linear layers are 1x1 convolutions

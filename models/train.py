@@ -68,7 +68,9 @@ def run_training(
         )
         network = _train_second_stages(network, task.stages, options, validation)
         figures = {} if validation is None else validation.figures
-        header = WeightsHeader(task.trained_for, options.seed, commit(), figures)
+        header = WeightsHeader(
+            site=task.trained_for, seed=options.seed, commit=commit(), ap=figures
+        )
         save_weights(weights, relocate(network, task.area, "general"), header)
     return weights, figures
 
@@ -114,10 +116,10 @@ def _read_task(site: str | None, options: TrainingOptions) -> _Task:
         config = replace(config, voxel_size=(options.voxel, options.voxel, config.voxel_size[2]))
     machine = Machine(
         device,
-        options.bfloat16 or device == "cuda",
-        options.workers,
-        options.checkpoint_s,
-        options.seconds,
+        bfloat16=options.bfloat16 or device == "cuda",
+        workers=options.workers,
+        checkpoint_s=options.checkpoint_s,
+        seconds=options.seconds,
     )
     return _Task(area, trained_for, preset, config, stages, start, machine)
 
@@ -195,9 +197,10 @@ class SecondStages(NamedTuple):
 
 
 def second_stages(options: TrainingOptions, start: VoxelNet | None) -> SecondStages:
-    """Choose the classes and second stages of a training, by default as in `start`.
+    """Choose the classes and second stages of a training.
 
-    Raises ValueError for faces of other classes."""
+    start: network from which the training goes on; the options that are None are as in it. Raises
+    ValueError for faces of other classes."""
     classes = options.classes
     faces = options.faces
     if classes is None:

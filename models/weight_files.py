@@ -161,7 +161,9 @@ def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
 
 
 def _build_network(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> VoxelNet:
-    """Build the network of a header with these tensors. Raises ValueError unless they fit."""
+    """Build the network that a header describes with these tensors.
+
+    metadata: entries of the header, `config` among them. Raises ValueError unless they fit."""
     try:
         config = VoxelNetConfig.from_dict(parse_json(metadata["config"]))
     except (KeyError, ValueError) as error:
@@ -243,7 +245,7 @@ def load_tensors(path: str | Path, device: str = "cpu") -> object:
 
 
 def save_atomically(path: Path, state: dict[str, object]) -> None:
-    """Write a checkpoint, complete or not at all."""
+    """Write the state of a training as a checkpoint, complete or not at all."""
     content = BytesIO()
     torch.save(state, content)
     write_bytes(path, content.getvalue())

@@ -239,8 +239,8 @@ class Cases:
         Without failures the figures come back unchanged.
 
         Args:
-            figures: Figures of the m rows that `expand` returns.
-            owners: Index of the set of each row, as `expand` returns it.
+            figures: Figures of the m rows that `expand` returns: intact sets, then failed ones.
+            owners: Index of the set of each row.
             tie: Share of the intact set's figures to add, which separates sets that fail
                 completely; 0 for the pure figures."""
         if not self.failing:

@@ -50,6 +50,7 @@ class Classes:
     ious: tuple[float | None, ...] = ()
 
     def __post_init__(self) -> None:
+        """Check, complete and sort the fields. Raises ValueError if they do not fit."""
         names = tuple(self.names)
         weights = tuple(self.weights)
         ious = tuple(self.ious)

@@ -361,7 +361,7 @@ class Objective(FeasibleSets):
             )
 
         def rewards(sets: Sets, frames: Int64[np.ndarray, " k"]) -> Float64[np.ndarray, " n"]:
-            # rewards of sets from some of the frames
+            """Rewards of sets, estimated from some of the frames (indices)."""
             estimate = scored_by.partial(sets, frames.tolist())
             self._report_scored(len(sets))
             return self._weigh(sets, estimate.ap, estimate.kbit).reward
@@ -371,7 +371,9 @@ class Objective(FeasibleSets):
     def _weigh(
         self, subsets: Sets, ap: Float64[np.ndarray, " n"], kbit: Float64[np.ndarray, " n"]
     ) -> "_Weighed":
-        """Costs and reward of each set, from its AP and the data of all its sensors per frame."""
+        """Costs and reward of each set, from its AP and the data of its sensors.
+
+        kbit: data of all the set's sensors per frame."""
         sensor_count = np.maximum(subsets.sum(axis=1), 1)  # 1 for the empty set, which sends 0
         kbit_per_sensor = kbit / sensor_count
         price = self.price(subsets)

@@ -39,6 +39,7 @@ class Weights:
     """Penalty per ordinary pole, in AP."""
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a penalty that is negative or not finite."""
         if not (0 <= self.comm < math.inf and 0 <= self.price < math.inf):
             raise ValueError(
                 f"weights must be finite and not negative, got comm {self.comm} and price "
@@ -188,7 +189,7 @@ class Setting:
         return setting
 
     def with_costs(self, weights: Weights, most_price: float) -> "Setting":
-        """Setting with the same candidates, other weights and another price limit."""
+        """Setting with the same candidates, other weights and `most_price` as its price limit."""
         setting = replace(self, weights=weights, most_price=most_price)
         if "pool" in vars(self):  # candidates that were made already are not made again
             set_cached(setting, pool=self.pool)

@@ -17,6 +17,7 @@ CEILINGS = {
     "comprehension in a comprehension": 0,
     "three names bound at once": 147,
     "conditional expression in another": 0,
+    "statement that is never reached": 0,
 }
 
 
@@ -33,6 +34,19 @@ def binds_many(node: ast.Assign) -> bool:
     return not names <= COORDINATES
 
 
+def list_unreached(node: ast.AST) -> list[ast.stmt]:
+    """Statements of a node after one that leaves their block."""
+    leaving = ast.Return | ast.Raise | ast.Continue | ast.Break
+    blocks = [getattr(node, name, None) for name in ("body", "orelse", "finalbody")]
+    unreached = []
+    for block in blocks:
+        statements = block if isinstance(block, list) else []
+        for number, statement in enumerate(statements):
+            if isinstance(statement, leaving):
+                unreached += statements[number + 1 :]
+    return unreached
+
+
 def find_dense_lines() -> Iterator[tuple[str, str]]:
     """Kind and place of every statement that takes more than one breath."""
     for floor in FLOORS:
@@ -45,6 +59,11 @@ def find_dense_lines() -> Iterator[tuple[str, str]]:
                     yield "three names bound at once", place
                 if isinstance(node, ast.IfExp) and contains(node, (ast.IfExp,)):
                     yield "conditional expression in another", place
+                for statement in list_unreached(node):
+                    yield (
+                        "statement that is never reached",
+                        f"{path.relative_to(ROOT)}:{statement.lineno}",
+                    )
 
 
 @pytest.fixture(scope="module")

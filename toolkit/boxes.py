@@ -254,7 +254,7 @@ def rows_in_boxes(points: ArrayLike, boxes: ArrayLike) -> list[Int64[np.ndarray,
     if not len(boxes):
         return []
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE  # of length, width and height
+    half = boxes[:, 3:6] / 2 + FACE_TOLERANCE  # half length, width and height
     reach_x = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + FACE_TOLERANCE
     reach_y = np.abs(sin) * half[:, 0] + np.abs(cos) * half[:, 1] + FACE_TOLERANCE
     west = boxes[:, 0] - reach_x
@@ -359,7 +359,7 @@ def _find_near_pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarr
     run_start = np.searchsorted(x_b[order], x_a - reach)
     run_length = np.searchsorted(x_b[order], x_a + reach, side="right") - run_start
     i = np.repeat(np.arange(len(a)), run_length)
-    pairs_before = np.cumsum(run_length) - run_length  # of the boxes of `a` before this one
+    pairs_before = np.cumsum(run_length) - run_length  # for the boxes of `a` before this one
     # position of each pair in `order`: the start of its run, and its place in the run
     j = order[np.arange(len(i)) + np.repeat(run_start - pairs_before, run_length)]
     squared_distance = (x_a[i] - x_b[j]) ** 2 + (y_a[i] - y_b[j]) ** 2

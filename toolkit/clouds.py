@@ -396,7 +396,7 @@ def _check_positions(path: Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _is_sound(column: np.ndarray, count: int) -> bool:
-    """True for a column of numbers, one or several for each of the points of a cloud."""
+    """True for a column of numbers, one or several for each of the `count` points of a cloud."""
     is_number = column.dtype.kind in "iub" or column.dtype in (np.float32, np.float64)
     has_rows = column.ndim in (1, 2) and len(column) == count
     return is_number and column.dtype.isnative and has_rows

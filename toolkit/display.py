@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-MOST_ROWS = 8  # of a table in a notebook
-PICTURE_PIXELS = 800  # of a picture in a notebook
+MOST_ROWS = 8  # rows of a table in a notebook
+PICTURE_PIXELS = 800  # longest side of a picture in a notebook
 _CELL = "padding:.15em .6em;text-align:left;white-space:nowrap"
 
 Table = Mapping[str, Sequence[Any] | np.ndarray]  # columns of one length by name

@@ -229,7 +229,7 @@ class ImageWedge(Region):
         return np.where(is_in_front, np.hstack([left_top, right_bottom]), 0.0)
 
     def _pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        # u, v (pixels) and depth (m) of points (n, 3); a depth of 0 becomes 1e-9 to divide by
+        """Pixels u, v and depth (m) of points (n, 3); a depth of 0 becomes 1e-9 to divide by."""
         homogeneous = points @ self.projection[:, :3].T + self.projection[:, 3]
         depth = homogeneous[:, 2]
         divisor = np.where(np.abs(depth) > 1e-9, depth, 1e-9)
@@ -237,7 +237,7 @@ class ImageWedge(Region):
 
 
 def _four(values: Any) -> tuple[float, float, float, float]:
-    # Four numbers as a tuple of floats; ValueError for another count.
+    """Four numbers as a tuple of floats; ValueError for another count."""
     a, b, c, d = (float(value) for value in values)
     return a, b, c, d
 
@@ -517,7 +517,7 @@ def _cloud_sensors(clouds: Sequence[SensorCloud]) -> tuple[Sensor, ...]:
 
 
 def _check_image(sensor: Sensor, measurement: np.ndarray) -> None:
-    # Raise ValueError unless an image has the rows and columns of its sensor.
+    """Raise ValueError unless an image has the rows and columns of its sensor."""
     if measurement.shape != (shape := sensor.model.shape):
         raise ValueError(
             f"sensor {sensor.name!r} measures {shape} pixels, got an image of {measurement.shape}"

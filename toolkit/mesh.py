@@ -50,7 +50,8 @@ def loft(rings: Float[np.ndarray, "s p 3"]) -> Mesh:
 def _loft_triangles(ring_count: int, points_per_ring: int) -> Int64[np.ndarray, "m 3"]:
     """Return the triangles of `loft`: two for each piece of the skin, then both caps.
 
-    Vertices are the points ring by ring, then the centres of the first and of the last ring.
+    ring_count: number of rings. Vertices are the points ring by ring, then the centres of the first
+    and of the last ring.
     """
     # these are row numbers of vertices; first in the first ring
     point = np.arange(points_per_ring)
@@ -178,7 +179,7 @@ def triangulate(shape: shapely.Geometry | np.ndarray) -> Mesh:
 def place(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, yaw: float = 0.0) -> Mesh:
     """Turn a mesh by `yaw` (rad, counter-clockwise) about z, then move it by x, y and z (m)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
-    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])  # of row vectors
+    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])  # rotates row vectors
     return Mesh(mesh.vertices @ rotation + [x, y, z], mesh.triangles)
 
 

@@ -126,6 +126,7 @@ class Detections(_Rows):
     doubts: Shaped[np.ndarray, "n 5"] | None = None
 
     def __post_init__(self) -> None:
+        """Turn the fields into checked arrays. Raises ValueError for wrong shapes and values."""
         boxes = _parse_boxes(self.boxes)
         scores = _check_column(np.asarray(self.scores, np.float64), "scores", len(boxes))
         doubts = None if self.doubts is None else np.asarray(self.doubts, np.float64)

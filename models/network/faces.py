@@ -109,6 +109,7 @@ class FaceNetworks(nn.Module):
     prior: Tensor
 
     def __init__(self) -> None:
+        """Untrained networks of front and rear, of both sides, and of the top."""
         super().__init__()
         self.end = _build_network(2 * _FACE_COUNTS)
         self.side = _build_network(2 * _FACE_COUNTS)
@@ -118,7 +119,9 @@ class FaceNetworks(nn.Module):
     def answers(
         self, sort: str, features: Float[Tensor, "n F"]
     ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
-        """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`."""
+        """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`.
+
+        features: F features of each face."""
         shift, spread = getattr(self, sort)(features).unbind(1)
         # scaled so that an untrained network answers shifts near 0 with an error of some 5 cm
         return shift / 4, spread - 3
@@ -172,9 +175,15 @@ def _by_box(faces: FaceShifts) -> Float[np.ndarray, "n 5"]:
 def move_faces(
     boxes: BoxRows, end: _BothSides, side: _BothSides, top: Float[np.ndarray, " n"]
 ) -> BoxRows:
-    """Boxes with their faces moved; the floor stays.
+    """Boxes with their faces moved outwards; the floor stays.
 
-    end, side, top: as in `FaceShifts`. Shifts inwards leave a fifth of the size.
+    Shifts inwards (below 0) leave a fifth of the size.
+
+    Args:
+        boxes: n boxes.
+        end: Shift (m) of the fronts of all boxes, then of their rears.
+        side: Shift (m) of the left sides, then of the right ones.
+        top: Shift (m) of the tops.
     """
     front, rear = np.split(end, 2)
     left, right = np.split(side, 2)

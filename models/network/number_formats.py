@@ -25,9 +25,9 @@ from models.network.openvino_proposal import (
 from models.network.sparse import SparseVoxelNet
 
 NUMBERS_VARIABLE = "COVIEW_NUMBERS"  # environment; "float32" forbids every other format
-MAX_TIME_SHARE = 0.8  # of the time in float32; nearer ones may be so by chance
+MAX_TIME_SHARE = 0.8  # share of the time in float32; nearer ones may be so by chance
 Library = Literal["torch", "openvino"]
-_LAYER_SHAPE = MapShape(channels=48, height=64, width=96)  # of a map like the network's
+_LAYER_SHAPE = MapShape(channels=48, height=64, width=96)  # like a map of the network
 
 
 def convert_to_bfloat16(network: SparseVoxelNet, library: Library) -> SparseVoxelNet:

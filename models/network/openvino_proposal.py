@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import openvino
 
 NumberFormat = Literal["f32", "bf16"]  # names of OpenVINO
-_Node = Any  # of a graph of OpenVINO; (B, C, H, W)
+_Node = Any  # node of a graph of OpenVINO; (B, C, H, W)
 
 
 class MapShape(NamedTuple):
@@ -144,7 +144,9 @@ def _graph_proposal(proposal: FoldedRegionProposal, shape: MapShape) -> "openvin
 
 
 def _join_plain(join: PlainJoin, block_maps: list[_Node]) -> _Node:
-    """Features as `PlainJoin.forward` computes them. block_maps: the finest first."""
+    """Graph of a plain join of the three blocks' maps into one map of features.
+
+    It computes what `PlainJoin.forward` does. block_maps: the finest first."""
     from openvino import opset13 as ops
 
     layers: Any = join.upsample
@@ -160,7 +162,9 @@ def _join_plain(join: PlainJoin, block_maps: list[_Node]) -> _Node:
 
 
 def _join_linear(join: LinearHead, block_maps: list[_Node]) -> _Node:
-    """Features as `LinearHead.forward` computes them. block_maps: the finest first."""
+    """Graph of a folded join of the three blocks' maps into one map of features.
+
+    It computes what `LinearHead.forward` does. block_maps: the finest first."""
     from openvino import opset13 as ops
 
     finest, *coarser = block_maps

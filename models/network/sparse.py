@@ -36,13 +36,14 @@ SMALL_GRID_CELLS = 2 * BORDER_CELLS + 1  # side of the small empty grid
 # for an even, then an odd index along one axis: the kernel taps that meet it, each with the
 # offset of the output cell from half the index
 _TAPS = (((1, 0),), ((0, 1), (2, 0)))
-_PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a column's indices along x and y
+_PARITIES = ((0, 0), (0, 1), (1, 0), (1, 1))  # parities of a column's indices along x and y
 
 
 class SparseVoxelNet(nn.Module):
     """Trained network for inference, with a folded copy of its weights: train the original."""
 
     def __init__(self, network: VoxelNet) -> None:
+        """Fold a trained network: normalisations go into the weights of their layers."""
         super().__init__()
         self.config = network.config
         self.features: nn.Module
@@ -81,6 +82,7 @@ class LinearFeatures(nn.Module):
     """
 
     def __init__(self, features: VoxelFeatures) -> None:
+        """Fold layer and normalisation into a part of each point and a part of each voxel."""
         super().__init__()
         self.config = features.config
         layers: Any = features.layers
@@ -151,6 +153,9 @@ class FoldedRegionProposal(nn.Module):
     """
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
+        """Fold the blocks, their join and the head.
+
+        input_order: order of the first block's input channels, None for the usual one."""
         super().__init__()
         self.order = rpn.order
         rpn_blocks: Any = rpn.blocks
@@ -186,7 +191,7 @@ class FoldedRegionProposal(nn.Module):
     def classify(self, features: Float[Tensor, "B K H W"]) -> "ClassifiedCells":
         """Class maps of the head from the feature map of the joined blocks."""
         class_logits = cell_by_cell(self.classes, features).float()
-        return ClassifiedCells(class_logits, features, self.details, self.detail_channels)
+        return ClassifiedCells(class_logits, features, self.details, channels=self.detail_channels)
 
 
 class ClassifiedCells(NamedTuple):
@@ -236,6 +241,7 @@ class PlainJoin(nn.Module):
     """Join of the three blocks' maps, as in training."""
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
+        """Fold the normalisation into the transposed convolutions, if there is one."""
         super().__init__()
         self.add = rpn.add
         self.upsample = rpn.upsample
@@ -278,6 +284,7 @@ class LinearHead(nn.Module):
     """
 
     def __init__(self, rpn: RegionProposal, head: Head) -> None:
+        """Compose the coarse maps' transposed convolutions with the 3x3 one."""
         super().__init__()
         assert head.conv3x3 is not None
         layers: Any = rpn.upsample
@@ -346,7 +353,8 @@ def _bias(layer: nn.Conv2d) -> Tensor:
 def _compose(transposed: Tensor, conv3x3: Tensor) -> Tensor:
     """Kernel (I, O, k + 2, k + 2) equal to a transposed convolution and the 3x3 one after it.
 
-    Their kernels are (I, M, k, k) and (O, M, 3, 3): I inputs, M maps between them, O outputs.
+    transposed, conv3x3: their kernels, (I, M, k, k) and (O, M, 3, 3), with I inputs, M maps between
+    them and O outputs.
     """
     return F.conv_transpose2d(transposed, conv3x3.flip(2, 3).transpose(0, 1))
 
@@ -361,8 +369,9 @@ def make_conv(
 ) -> nn.Conv2d | nn.ConvTranspose2d:
     """Convolution with a copy of some weights.
 
-    weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution. A
-    transposed 1x1 convolution of stride 1 is returned as the equal one that is not transposed.
+    weight: (outputs, inputs, k, k), or (inputs, outputs, k, k) for a transposed convolution; bias:
+    (outputs), None without; padding: cells of 0 around the input. A transposed 1x1 convolution of
+    stride 1 is returned as the equal one that is not transposed.
     """
     if transposed and weight.shape[2] == stride == 1:
         weight = weight.transpose(0, 1)
@@ -385,6 +394,7 @@ class SparseColumns(nn.Module):
     """
 
     def __init__(self, fold: HeightFold, first: nn.Conv2d) -> None:
+        """Fold the normalisation, and sort the taps of the first convolution by parity."""
         super().__init__()
         scale, shift = scale_and_shift(fold.norm)
         self.shape = fold.shape
@@ -453,10 +463,11 @@ class SparseColumns(nn.Module):
 
 
 def _meet_taps(odd_x: int, odd_y: int) -> list[tuple[int, int, int, int]]:
-    """Taps of the first convolution that a column meets, by the parity of its indices.
+    """Taps of the first convolution that a column meets.
 
-    Returns for each tap its indices in the kernel along x and y, and the offsets of its output cell
-    from half the column's indices."""
+    odd_x, odd_y: 1 if the column's index along the axis is odd, 0 if even. Returns for each tap its
+    indices in the kernel along x and y, and the offsets of its output cell from half the column's
+    indices."""
     return [(kx, ky, dx, dy) for (kx, dx), (ky, dy) in product(_TAPS[odd_x], _TAPS[odd_y])]
 
 
@@ -514,6 +525,7 @@ class SparseMiddle(nn.Module):
     """
 
     def __init__(self, middle: MiddleLayers) -> None:
+        """Fold each layer; `empty` is what it makes of a grid without points."""
         super().__init__()
         self.shape = middle.shape
         layers: Any = middle.layers
@@ -525,7 +537,11 @@ class SparseMiddle(nn.Module):
         for conv, norm, _ in layers:
             weight, bias = fold_norm(conv, norm)
             empty = F.conv3d(empty, weight, bias, conv.stride, conv.padding)
-            self.layers.append(SparseConvolution(weight, empty[0], conv.stride[0], conv.padding[0]))
+            self.layers.append(
+                SparseConvolution(
+                    weight, empty=empty[0], stride=conv.stride[0], padding=conv.padding[0]
+                )
+            )
             empty = torch.relu(empty)
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
@@ -566,6 +582,9 @@ class SparseConvolution(nn.Module):
     def __init__(
         self, weight: Tensor, empty: Float32[Tensor, "C D S S"], stride: int, padding: int
     ) -> None:
+        """Keep the weights in the order in which they are used.
+
+        empty: output without points; stride, padding: along z."""
         super().__init__()
         # lowest input level of each output level
         self.first = [level * stride - padding for level in range(empty.shape[1])]

@@ -329,6 +329,7 @@ class TiledVoxelNet:
     """Network for inference on unions of clouds. See `tileable`."""
 
     def __init__(self, network: SparseVoxelNet) -> None:
+        """Choose tiles for the network's map, and take over its layers."""
         self._network = network
         self.config = network.config
         self._map = rows, columns = self.config.map_shape

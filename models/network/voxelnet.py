@@ -37,7 +37,7 @@ class AnchorPlaces(NamedTuple):
     anchor: Int64[Tensor, " n"]
 
     def select(self, rows: Int64[Tensor, " m"]) -> "AnchorPlaces":
-        """Places of some of the anchors, by their number among the n."""
+        """Places of some of the anchors; rows: their numbers among the n."""
         return AnchorPlaces(*(index[rows] for index in self))
 
 
@@ -86,6 +86,7 @@ class VoxelNet(nn.Module):
     """Network of a configuration: voxels to the raw maps of the head."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
+        """Make the layers of a configuration, with random weights."""
         super().__init__()
         self.config = config
         self.features = VoxelFeatures(config)
@@ -126,7 +127,8 @@ def voxel_means(
 def voxel_references(cells: Int64[Tensor, "v 4"], config: VoxelNetConfig) -> Float32[Tensor, "v 3"]:
     """Point (x y z, m) from which a voxel's points are counted with "local" features.
 
-    It is the centre of the voxel's column, at the lower end of the height range.
+    It is the centre of the voxel's column, at the lower end of the height range. cells: cloud, x, y
+    and z index of each voxel.
     """
     # z = 0: heights are not divided
     size = torch.tensor([*config.voxel_size[:2], 0.0], device=cells.device)
@@ -138,6 +140,7 @@ class VoxelFeatures(nn.Module):
     """Voxel feature encoding: linear maps per point, each followed by the voxel's maximum."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
+        """Make the linear maps of a configuration, with random weights."""
         super().__init__()
         self.config = config
         # a layer's outputs are joined by the voxel's maxima, so the next one has twice the inputs
@@ -199,6 +202,7 @@ class MiddleLayers(nn.Module):
     """Three 3D convolutions over the dense grid; height becomes channels."""
 
     def __init__(self, config: VoxelNetConfig) -> None:
+        """Make the three convolutions of a configuration, with random weights."""
         super().__init__()
         self.shape = config.grid_shape
         widths = pairwise((config.voxel_width, *config.middle_widths))
@@ -237,6 +241,7 @@ class HeightFold(nn.Module):
     """
 
     def __init__(self, config: VoxelNetConfig) -> None:
+        """Make a linear map for each level of height, with random weights."""
         super().__init__()
         self.shape = config.grid_shape
         self.width = config.column_width
@@ -308,6 +313,7 @@ class RegionProposal(nn.Module):
     """
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
+        """Make the three blocks and the join of their maps. inputs: channels of the input."""
         super().__init__()
         self.order = config.rpn_layers
         self.add = config.upsample == "add"
@@ -346,6 +352,7 @@ class Head(nn.Module):
     """1x1 convolutions per anchor, after an optional 3x3 one."""
 
     def __init__(self, config: VoxelNetConfig, inputs: int) -> None:
+        """Make a convolution for each map. inputs: channels of the input."""
         super().__init__()
         anchors = len(config.anchor_labels)
         self.conv3x3 = nn.Conv2d(inputs, config.head3x3, 3, padding=1) if config.head3x3 else None

@@ -77,7 +77,7 @@ def train(
     check_fit(config, preset)
     out.mkdir(parents=True, exist_ok=True)
     frames = PackedFrames(data)
-    samples = Samples(frames, config, preset.examples, preset.seed)
+    samples = Samples(frames, config, recipe=preset.examples, seed=preset.seed)
     per_epoch = max(1, len(samples) // preset.readings)
     total = max(1, round(preset.epochs * per_epoch))
     if machine.seconds:
@@ -239,8 +239,9 @@ class _Course:
 def _list_examples(
     preset: Preset, frames: int, per_epoch: int, steps: range
 ) -> Iterator[list[tuple[int, int]]]:
-    """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each
-    epoch."""
+    """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each epoch.
+
+    frames: number of frames; per_epoch: number of steps in an epoch; steps: steps to yield."""
     order = np.empty(0, int)
     drawn_epoch = -1
     for step in steps:

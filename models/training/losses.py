@@ -149,7 +149,9 @@ def sample(
 
 
 def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of cells within `reach` (m) of the circle about a box."""
+    """Rows and columns of cells within `reach` (m) of the circle about a box.
+
+    anchors: (rows, columns, anchors of a cell, 7) boxes; box: x, y, z, length, width, ... (m)."""
     x, y = box[:2]
     length, width = box[3:5]
     reach += np.hypot(length, width) / 2
@@ -254,7 +256,8 @@ def focal_loss(
     """Sum of α (1 - p)² · cross-entropy · `counted` over anchors.
 
     p is the probability of the truth, and α is 0.25 for positive anchors and 0.75 for others.
-    counted: weight of each anchor, 0 for ignored ones.
+    logits: probability that each anchor is positive, as a logit; counted: weight of each anchor, 0
+    for ignored ones.
     """
     true_logits = torch.where(positive, logits, -logits)  # p = sigmoid(true_logits)
     weight = torch.where(positive, 0.25, 0.75) * counted

@@ -82,6 +82,7 @@ class TrainingOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
+        """Raise ValueError for an option that is out of range."""
         numbers = [
             "voxel",
             "epochs",

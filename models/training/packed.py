@@ -53,6 +53,9 @@ class PackedFrames:
     """
 
     def __init__(self, path: Path | str) -> None:
+        """Read a packed file into memory.
+
+        Raises FileNotFoundError, and ValueError for a file that is damaged or not packed."""
         if not Path(path).is_file():
             raise FileNotFoundError(f"no packed file {path}: make it with coview pack")
         try:

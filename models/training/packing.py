@@ -86,7 +86,8 @@ def sample_recordings(
     """Yield a recording of clouds for each run of samples with the same sensors and area.
 
     Its frames read on in `samples`, so each must be written before the next is taken. Rigs have no
-    view of the empty site, and sensors no meaningful pose or model.
+    view of the empty site, and sensors no meaningful pose or model. height: top of the crop above
+    the ground (m).
     """
 
     def sensors_and_area(sample: LevelSample) -> tuple[tuple[str, ...], Area]:
@@ -276,6 +277,7 @@ class _Column:
     """Growing array of a file, written by chunks."""
 
     def __init__(self, file: h5py.File, name: str, dtype: type) -> None:
+        """Make the array in a file, empty. name: its path; dtype: type of its numbers."""
         options = {
             "chunks": (_CHUNK,),
             "compression": "gzip",

@@ -224,6 +224,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
     def __init__(
         self, frames: PackedFrames, config: VoxelNetConfig, recipe: SampleRecipe, seed: int
     ) -> None:
+        """Keep the frames and how examples are made from them; seed: for all random numbers."""
         self.frames = frames
         self.config = config
         self.recipe = recipe
@@ -234,6 +235,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return len(self.frames)
 
     def __getitem__(self, epoch_and_frame: tuple[int, int]) -> Batch:
+        """Batch of random windows on frame k, drawn anew for each epoch."""
         epoch, k = epoch_and_frame
         rng = np.random.default_rng([self.seed, epoch, k])
         recipe = self.recipe
@@ -340,7 +342,9 @@ def read_sample_points(
         sensors = sorted(rng.choice(total, int(rng.integers(1, total + 1)), replace=False).tolist())
     if errors and rng.random() < errors and not frames.is_recorded(k):
         profile = random_errors(rng)
-        return np.concatenate(apply_errors(frames, k, profile, int(rng.integers(2**31)), sensors))
+        return np.concatenate(
+            apply_errors(frames, k, errors=profile, seed=int(rng.integers(2**31)), sensors=sensors)
+        )
     return np.concatenate(frames.points(k, rng, sensors))
 
 

@@ -68,7 +68,10 @@ class TrainingState:
     def learn(
         self, batch: Batch, loss_of: Loss, anchor: Tensor, *, bfloat16: bool
     ) -> dict[str, float]:
-        """Change the weights by one batch, and return its losses."""
+        """Change the weights by one batch, and return its losses, by name.
+
+        anchor: (rows, columns, anchors of a cell, 7) boxes; bfloat16: True to compute the network
+        in this shorter format."""
         with torch.autocast(anchor.device.type, torch.bfloat16, enabled=bfloat16):
             prediction = self.network(batch.voxels)
         maps = [None if raw_map is None else raw_map.float() for raw_map in prediction]

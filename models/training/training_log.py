@@ -11,7 +11,7 @@ _HEADER = ",".join(_COLUMNS)
 
 
 def add_figures(path: Path, step: int, epoch: float, figures: dict[str, float]) -> None:
-    """Append figures to the log."""
+    """Append figures, by name, to the log; epoch: the step as a number of epochs."""
     rows = path.read_text().splitlines()[1:] if path.exists() else []
     rows += [f"{step},{epoch:.4f},{name},{value}" for name, value in figures.items()]
     write_text(path, "\n".join([_HEADER, *rows, ""]))

@@ -118,7 +118,7 @@ class _Confirmed(NamedTuple):
 def _count_confirmed(frame: FrameBoxes, site: Site) -> _Confirmed:
     """Count the sure detections of both halves, and those that are confirmed; 0 without halves."""
     if not frame.halves:
-        return _Confirmed(0, 0, 0, 0)
+        return _Confirmed(first=0, first_confirmed=0, second=0, second_confirmed=0)
     first, second = frame.halves
     first_confirmed = _confirm(first, second, site)
     second_confirmed = _confirm(second, first, site)

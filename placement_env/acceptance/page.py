@@ -291,7 +291,9 @@ def _outcome(check: ClassCheck) -> str:
 
 
 def _describe_consistency(consistency: Consistency, promised_recall: float) -> str:
-    """Describe in sentences what a recording without labels shows."""
+    """Describe in sentences what a recording without labels shows.
+
+    promised_recall: recall in the plan."""
     if not consistency.detections:
         return "Neither half of the sensors found anything to compare."
     interval = ""

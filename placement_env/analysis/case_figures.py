@@ -55,7 +55,8 @@ class CaseFigures:
     ) -> "CaseFigures":
         """Return figures without recall and precision.
 
-        objects, frames: numbers behind each AP."""
+        ap: AP of each of n sets; kbit: data of all their sensors per frame; resamples: resampled
+        APs of each set; objects, frames: numbers behind each AP."""
         values = np.full((*ap.shape, RESAMPLE_COLUMNS.start + resamples.shape[-1]), np.nan)
         values[..., AP_COLUMN] = ap
         values[..., COUNT_COLUMNS] = objects, frames
@@ -218,8 +219,8 @@ def reduce_failures(
     """Return the figures of n sets over their failures; kbit are for intact sets.
 
     Args:
-        values: Figures of the rows of `Cases.expand`.
-        owners: Index of the set of each row, as `Cases.expand` returns it.
+        values: Figures of m rows: the n intact sets, then what each failure leaves of each set.
+        owners: Index of the set of each row.
         cases: Give the failures and how they are combined.
         tie: Share of the intact sets' AP to add, so that a race can distinguish sets that fail
             completely; 0 for AP to state."""

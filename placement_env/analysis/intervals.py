@@ -289,7 +289,7 @@ class Tally:
         Args:
             outcomes: Outcome of the set in each frame.
             truths: Number of objects in each frame.
-            iou_index: Index of the IoU threshold, as in `Outcome.truth`.
+            iou_index: Row of `Outcome.truth`, which has one for each IoU threshold.
         """
         scores = []
         hit = []

@@ -66,6 +66,7 @@ class Axes:
     prices: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a wrong number of prices, or a price below 0."""
         if self.prices and len(self.prices) != len(self.models):
             raise ValueError(
                 f"need a price for each of {len(self.models)} models, got {len(self.prices)}"
@@ -100,6 +101,7 @@ class Candidates(Displayed):
     axes: Axes
 
     def __post_init__(self) -> None:
+        """Raise ValueError for fields that do not fit together."""
         count = len(self.sensors)
         if len(self.factors) != count:
             raise ValueError(

@@ -66,6 +66,7 @@ class Task:
     def __init__(
         self, n: int, scenarios: EpisodeSource, *, max_steps: int | None = None, fixed: bool = False
     ) -> None:
+        """Make room for n episodes, which `scenarios` draws; other arguments as for `State`."""
         self.scenarios = scenarios
         self.state = State(n, scenarios.slots, max_steps=max_steps, fixed=fixed)
         size = (len(STATIC) + len(DYNAMIC)) * scenarios.slots + len(GLOBAL)
@@ -382,7 +383,7 @@ def bird_view(objective: Objective, members: list[int]) -> Shaped[np.ndarray, "h
 
     Shows lanes, solids and the detection area, vehicles coloured by the points on them (darker is
     more, pale grey none), possible places of sensors, and the chosen sensors with their fields of
-    view.
+    view. members: indices of the chosen candidates.
     """
     sensors = objective.candidates.sensors
     site = objective.site
@@ -509,7 +510,7 @@ def _draw_strips(figure: "Figure", scale: float) -> "Axes":
 
 
 def summary(objective: Objective, members: list[int]) -> str:
-    """Describe site, scheme, chosen sensors and their score."""
+    """Describe site, scheme, chosen sensors and their score; members: indices of candidates."""
     score = objective.score(members)
     names = ", ".join(objective.names[member] for member in members) or "no sensors"
     site_name = _site_name(objective)

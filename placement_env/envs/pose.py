@@ -199,7 +199,9 @@ class _PoseTask(Task):
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
         """Move the sensors of each active row. A move that overloads a link more than before is
-        undone."""
+        undone.
+
+        actions: a row for each episode, with three numbers for each sensor."""
         state = self.state
         # axes: episode, sensor, and change of height, heading and tilt
         moves = np.asarray(actions, np.float64).reshape(len(actions), -1, 3)

@@ -60,6 +60,7 @@ class _AfterImport(MetaPathFinder):
         execute = spec.loader.exec_module
 
         def execute_and_register(module: ModuleType) -> None:
+            """Execute the imported module, then register the environments."""
             execute(module)
             if self in sys.meta_path:  # the hook is needed once only
                 sys.meta_path.remove(self)

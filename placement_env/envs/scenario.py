@@ -247,6 +247,7 @@ class EpisodeSource:
     slots: int
 
     def __init__(self, config: EnvConfig, candidates: Candidates | None = None) -> None:
+        """Load the sites; their candidates are made when they are needed."""
         self.config = config
         self._given_sites = list(config.sites)  # sites, or their names or files
         self._shared_candidates = candidates
@@ -403,7 +404,7 @@ class Scenarios(EpisodeSource):
 
 
 def _describe_budget(budget: int, count: int) -> str:
-    """Error for a budget above the number of candidates."""
+    """Error for a budget above `count`, the number of candidates."""
     return (
         f"budget must be at most the number of candidates, {count}, got {budget}: lower it, or "
         "add candidates"

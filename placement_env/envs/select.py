@@ -170,7 +170,9 @@ class _SubsetTask(Task):
         self.action_space = MultiBinary(scenarios.slots)
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        """Choose the set of each active row. A set that may not be built is left empty."""
+        """Choose the set of each active row. A set that may not be built is left empty.
+
+        actions: 1 for each slot whose candidate is in the row's set, 0 for others."""
         slot_actions = actions.reshape(self.state.chosen.shape)
         chosen = np.asarray(slot_actions != 0)
         if (slot_actions != chosen).any():

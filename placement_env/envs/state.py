@@ -64,8 +64,9 @@ class State:
     ) -> None:
         """Make room for n episodes that have not started.
 
-        max_steps: largest number of steps of an episode, None for `STEPS_PER_SENSOR` times the
-        budget; fixed: whether sensors are moved, so that none may join."""
+        slots: number of candidates that an episode has room for; max_steps: largest number of steps
+        of an episode, None for `STEPS_PER_SENSOR` times the budget; fixed: whether sensors are
+        moved, so that none may join."""
         check_whole("num_envs", n, least=1)
         self.n = n
         self.slots = slots
@@ -323,7 +324,8 @@ def coverage_gain(
 ) -> tuple[Int64[np.ndarray, " n"], Shaped[np.ndarray, "n slots"]]:
     """Number of places that each of n sets sees, and the number that each candidate would add.
 
-    seen: places that each candidate sees, 64 in a word (uint64), a bit each.
+    seen: places that each candidate sees, 64 in a word (uint64), a bit each; chosen: the candidates
+    of each set.
     """
     covered = np.zeros((len(chosen), len(seen)), np.uint64)  # sets × words
     row, slot = chosen.nonzero()

@@ -35,6 +35,9 @@ class SentData:
         codec: Codec = PAPER,
         min_points: float = LEAST,
     ) -> None:
+        """Estimate what each candidate sends.
+
+        min_points: points from which an object is seen."""
         # boxes that each candidate sends in all frames
         boxes = (visibility.points >= min_points).sum(axis=1).astype(np.float64)
         self._bits = estimate_bits(find_scheme(scheme), codec, visibility, boxes)
@@ -89,6 +92,10 @@ class Coverage:
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
+        """Find which candidates see each object of the classes.
+
+        min_points: points from which a sensor sees an object; views: sensors that must see it.
+        Raises ValueError for numbers of either that are too small."""
         if not 0 < min_points < np.inf or views < 1 or views != int(views):
             raise ValueError(
                 f"a view needs more than 0 points and a set 1 view or more, got {min_points} and "
@@ -99,7 +106,7 @@ class Coverage:
         self.classes = classes
         # sums over a set are the number of its sensors that see each object
         self._view_sums = MemberSums((counted.points >= min_points).astype(np.uint16))
-        self._sent = SentData(counted, scheme, codec, min_points)
+        self._sent = SentData(visibility=counted, scheme=scheme, codec=codec, min_points=min_points)
         masks = [counted.labels == label for label in classes.labels]
         # for each class, the columns of its objects and their number
         self._class_columns = [

@@ -152,6 +152,10 @@ class Detected:
         processes: Processes = Processes(),
         classes: Classes = VEHICLES,
     ) -> None:
+        """Check and keep what the scores depend on; nothing is detected yet.
+
+        Raises ValueError for an IoU threshold, class or codec that does not fit, and for a cache
+        with a detector without digest."""
         check_iou(iou)
         check_known(detector, classes.names)
         self.classes = classes
@@ -366,7 +370,7 @@ class Detected:
         return np.array([self.to_find(k, label).sum() for k in frames], np.int64)
 
     def _outcome_key(self, members: tuple[int, ...], k: int) -> bytes:
-        # key of the outcome of a set (indices of candidates) in frame k
+        """Key of the outcome of a set (indices of candidates) in frame k."""
         return self.key(
             k, "outcome", members, self.scheme.digest, self.codec.digest, self.thresholds
         )
@@ -442,6 +446,7 @@ class _FrameDetections:
         new: Arrays of the detections that were not cached, by key; the caller keeps them."""
 
     def __init__(self, rules: Detected, k: int) -> None:
+        """Begin without any detections. rules: what they depend on; k: index of the frame."""
         self._rules = rules  # the fidelity: measurements, detector, scheme, codec and cache
         self._k = k
         self._site = rules.renders.site
@@ -504,7 +509,7 @@ class _FrameDetections:
                 self._keep(key, detections)
 
     def _try_fuse(self, members: tuple[int, ...]) -> bool:
-        # True if the set is fused; False if it waits for a detection, now in `_requests`
+        """Fuse a set; return False if it waits for a detection, which is now in `_requests`."""
         try:
             self.fused(members)
         except _Unknown:
@@ -533,7 +538,7 @@ class _FrameDetections:
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
-        # for this frame, and for the cache, which the caller writes
+        """Keep detections for this frame, and in `new` for the cache, which the caller writes."""
         self._detected[key] = detections
         columns = [detections.boxes, detections.scores, detections.labels]
         if detections.doubts is not None:

@@ -159,6 +159,7 @@ class _Fitting:
         names: Fields of each model that are not fitted, except the scheme."""
 
     def __init__(self, observed: Sequence[Observed], scheme: Scheme, names: dict[str, Any]) -> None:
+        """Prepare the evidence of the candidates at each site, which all fits share."""
         self._observed = observed
         self._fixed_fields = {"scheme": scheme.name, **names}
         self._evidence = [
@@ -180,7 +181,7 @@ class _Fitting:
         total = max(sum(site_weights.sets.sum() for site_weights in weights), 1.0)
 
         def misfit(rate: float) -> float:
-            # mean squared error of the AP with this rate of false alarms
+            """Mean squared error of the AP with this rate of false alarms."""
             squares = []
             for p, observation, site_weights in zip(ranked, self._observed, weights, strict=True):
                 ap, _ = compute_expected_ap(p, float(rate))
@@ -226,7 +227,9 @@ class _Fitting:
     def _build_model(
         self, numbers: Float64[np.ndarray, " p"], false_alarms: float = 0.0
     ) -> HitModel:
-        """Model of `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor."""
+        """Model of `FITTED_NUMBERS`, logit of the ceiling and logarithm of the floor.
+
+        false_alarms: number per frame of a set."""
         by_name: dict[str, Any] = dict(zip(FITTED_NUMBERS, map(float, numbers[:-2]), strict=True))
         ceiling = float(1 / (1 + np.exp(-numbers[-2])))
         floor = float(np.exp(numbers[-1]))
@@ -398,7 +401,7 @@ class Sampling:
     resamples: int = 20
 
     def draw(self, site: Site, frames: int, seed: int) -> tuple[Traffic, Candidates, Sets]:
-        """Draw traffic, candidates and sets (rows of booleans) at a site.
+        """Draw traffic in `frames` frames, candidates and sets (rows of booleans) at a site.
 
         Candidates are the site's sensors, then `poses` random ones. There are up to `sets` sets,
         each with a sensor or more. Poses are drawn before sets from the same generator, so this

@@ -107,6 +107,7 @@ class HitDomain:
     sets: int
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a number that is not above 0, and for names that are no texts."""
         for name in ("farthest", "most_points", "sites", "objects", "sets"):
             value = getattr(self, name)
             if (
@@ -197,6 +198,7 @@ class HitModel:
     error: float = 0.0
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a number out of its range, an unknown class and a wrong field."""
         for name, (lowest, highest) in RANGES.items():
             value = getattr(self, name)
             if (
@@ -259,7 +261,7 @@ class HitModel:
 def load_models(
     path: str | Path, *, schemes: Collection[str] = tuple(SCHEMES)
 ) -> tuple[HitModel, ...]:
-    """Load the hit models in a JSON file, as `save_models` writes it.
+    """Load the hit models in a JSON file that `save_models` wrote.
 
     schemes: Names of fusion schemes that the models may be for.
 

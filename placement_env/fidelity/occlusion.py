@@ -77,6 +77,7 @@ class SensorRays:
         first: (S + 1,) number of the first pixel of each sensor, then P."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
+        """Measure the empty site with each sensor, and list the rays of all."""
         self.sensors = tuple(sensors)
         self._renderer = renderer
         images = renderer.looking(sensors).background
@@ -154,7 +155,7 @@ class SensorRays:
         pixels, sensors = self._list_pixels(windows)
         if not len(pixels):
             return Silhouette(
-                pixels, sensors, np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
+                pixels, sensors, depth=np.zeros(0, np.float32), points=np.zeros((0, 3), np.float32)
             )
         body_from_world = self._renderer.body_from_world(box)
         rotation = body_from_world[:3, :3]
@@ -291,6 +292,7 @@ class _Scene:
         far: (S,) the ones beyond the site's hybrid radius."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
+        """Measure the empty site, and how many of its points each sensor sends."""
         self._site = site
         self._crop = Crop.from_place(site)
         views = self.views = SensorRays(renderer, sensors)
@@ -377,7 +379,7 @@ class _Scene:
     def _find_chances(
         self, points: np.ndarray, rays: np.ndarray, depth: np.ndarray, sensors: np.ndarray
     ) -> Chances:
-        """Chances that n points are sent, and sent and far (see `find_chances`).
+        """Chance of each of n points to be sent, and to be sent and far from its sensor.
 
         Args:
             points: (n, 3) points without noise (m, world frame).

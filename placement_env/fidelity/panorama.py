@@ -72,6 +72,10 @@ class TrafficView:
     def __init__(
         self, traffic: Traffic, labels: Sequence[int] = (VEHICLE,), cache: Cache | None = None
     ) -> None:
+        """Begin without panoramas.
+
+        labels: classes of the objects that count; cache: where strips are kept, None for nowhere.
+        """
         self.traffic = traffic
         self._cache = cache
         self._unseen = Visibility.unseen(traffic, (), labels)  # without a sensor
@@ -89,6 +93,7 @@ class TrafficView:
         self.hold: Callable[[], bool] = _never
 
     def __getstate__(self) -> dict[str, Any]:
+        """Fields to pickle, without what serves threads."""
         with self.casting:  # no panorama is added meanwhile
             state = {**self.__dict__, "surrounds": self.surrounds.copy()}
         for name in ("casting", "_waiting", "hold"):
@@ -173,7 +178,7 @@ class TrafficView:
         x, y, z = sensor_place
 
         def height_gap(place: Place) -> float:
-            # m from the sensor up or down to a place
+            """Height (m) from the sensor up or down to a place."""
             _, _, place_z = place
             return abs(place_z - z)
 
@@ -201,7 +206,7 @@ class TrafficView:
         return self.surrounds.nbytes > FULL_SHARE * self._max_bytes
 
     def _has_panoramas(self, places: list[Place], model: SensorModel) -> bool:
-        # True if panoramas at all of the places are in memory, for this model
+        """Return True if panoramas at all of the places are in memory, for this model."""
         surrounds = [self.surrounds.get(place) for place in places]
         return all(surround is not None and model in surround.stills for surround in surrounds)
 
@@ -278,7 +283,7 @@ class TrafficView:
         """Return the strips seen from each place in all frames, from the cache or made now."""
 
         def make(missing: list[int]) -> list[Strips]:
-            # strips seen from the places with these indices
+            """Strips seen from the places with these indices."""
             successive = successive_strips(self.traffic, np.array(places)[missing])
             return place_strips(successive, self.traffic, self._iterate_frames(), len(missing))
 

@@ -50,6 +50,7 @@ class PerceptionEntropy:
     def __init__(
         self, visibility: Visibility, scheme: Scheme | str = "early", *, codec: Codec = PAPER
     ) -> None:
+        """Keep of each candidate and object what adds up over the sensors of a set."""
         self._adds_points = not find_scheme(scheme).sends_boxes
         points = visibility.points.astype(np.float32)
         # early fusion sums points over the sensors of a set, late fusion 1/σ²

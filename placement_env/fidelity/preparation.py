@@ -217,6 +217,8 @@ class Preparation:
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
         """Scorer of sets of the candidates over the setting's cases.
 
+        Cases are error profiles, failures of sensors and levels of traffic (thin to dense frames).
+
         name: Kind of fidelity, None for the setting's. Raises ValueError for cases that it cannot
         score."""
         name = _find_fidelity_name(self.setting, name)
@@ -224,7 +226,7 @@ class Preparation:
         _check_levels(self.setting, name)
         profiles = []
         for errors in cases.profiles:
-            fidelities = self.at_thresholds(name, errors)
+            fidelities = self.at_thresholds(name, errors)  # in all frames, one for each IoU
             by_level: tuple[tuple[Fidelity, ...], ...] = (fidelities,)
             if cases.levels > 1:
                 preparations = [
@@ -258,7 +260,10 @@ class Preparation:
             return (Coverage(self.visibility, scheme, codec=codec, classes=classes),) * len(ious)
         if name == "table":
             return tuple(
-                TableFidelity(self._table, scheme, iou, codec, classes=classes) for iou in ious
+                TableFidelity(
+                    table=self._table, scheme=scheme, iou=iou, codec=codec, classes=classes
+                )
+                for iou in ious
             )
         radius = setting.place.hybrid_radius
         surrogates = []

@@ -117,6 +117,7 @@ class RayTable:
         nbytes: Bytes of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
+        """Count a model's rays by direction. tilt, roll: the sensor's (rad)."""
         # rotation from the sensor's axes to axes with x along the heading and z up
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
         x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T

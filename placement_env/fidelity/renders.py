@@ -88,6 +88,10 @@ class Renders:
         errors: ErrorProfile = PAPER_ERRORS,
         redrawn: bool = True,
     ) -> None:
+        """Keep what measurements depend on; nothing is rendered yet.
+
+        noise_seed: seed of noise and errors, None for neither; redrawn: False to draw errors once
+        for all frames."""
         check_drawn(errors, noise_seed)
         self.redrawn = redrawn
         self.traffic = traffic
@@ -346,6 +350,10 @@ class Recorded:
         errors: ErrorProfile = PAPER_ERRORS,
         ways: Sequence[WayFrame] | None = None,
     ) -> None:
+        """Keep what measurements depend on; nothing is read yet.
+
+        noise_seed: seed of noise and errors, None for neither; ways: frames and road users that
+        count, None for all."""
         check_drawn(errors, noise_seed)
         self.ways = ways
         self.recording = recording
@@ -395,7 +403,7 @@ class Recorded:
         return np.isin(objects.ids, self.ways[k].ids)
 
     def _frame(self, k: int) -> Frame:
-        # frame k with noise and errors; the last one is kept, as its sensors are asked in turn
+        """Frame k with noise and errors; the last one is kept, as its sensors are read in turn."""
         index = k if self.ways is None else self.ways[k].number
         if self._last is None or self._last.index != index:
             self._last = read_frame(

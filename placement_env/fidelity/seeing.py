@@ -207,7 +207,7 @@ class _Look:
         raise NotImplementedError
 
     def _depends_on(self, sensors: Sequence[Sensor]) -> tuple[object, ...]:
-        # parts of a cache key: source code, sensors and classes
+        """Parts of a cache key: source code, sensors and classes."""
         code = code_digest(__name__, *sorted({type(sensor.model).__module__ for sensor in sensors}))
         return code, [sensor.digest for sensor in sensors], self.labels
 

@@ -77,6 +77,10 @@ class Surrogate:
         codec: Codec = PAPER,
         classes: Classes = VEHICLES,
     ) -> None:
+        """Choose the hit models of the classes, and take the points that sets are scored by.
+
+        model: for vehicles, or one for each class; None for the shipped ones, by the IoU from which
+        a detection hits; radius: distance to a sensor (m) within which scheme hybrid pools."""
         self.classes = classes
         self._scheme = find_scheme(scheme)
         self._codec = codec
@@ -260,6 +264,7 @@ class _Part:
         objects: Number of objects."""
 
     def __init__(self, evidence: "Evidence", sizes: _SizeFactors) -> None:
+        """Prepare the sums of the evidence by the hit model, which `sizes` holds."""
         self.evidence = evidence
         self.sizes = sizes
         self.model = sizes.model
@@ -300,7 +305,9 @@ class _Part:
     def resample(
         self, subsets: Bool[np.ndarray, "n C"], count: int
     ) -> Float64[np.ndarray, "count n"]:
-        """AP of each set by each of the first `count` resampled fits, NaN without an object."""
+        """AP of each set by each of the first `count` resampled fits, NaN without an object.
+
+        subsets: masks of the sets' candidates."""
         if not self.objects:
             return np.full((count, len(subsets)), np.nan)
         models = self.model.resamples[:count]

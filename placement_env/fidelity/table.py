@@ -87,6 +87,7 @@ class TableOrigin:
     ious: tuple[tuple[float, ...], ...] = (IOUS,)
 
     def __post_init__(self) -> None:
+        """Raise ValueError unless each class has all thresholds."""
         has_all_thresholds = all(len(thresholds) == len(IOUS) for thresholds in self.ious)
         if len(self.ious) != len(self.classes) or not has_all_thresholds:
             raise ValueError(
@@ -121,6 +122,7 @@ class Table:
     more_recall: Float64[np.ndarray, "others _ _ _"] = field(default_factory=_no_more, repr=False)
 
     def __post_init__(self) -> None:
+        """Raise ValueError for arrays of a wrong shape and figures out of range."""
         sets = 1 << len(self.origin.sensors)  # 2^C
         shape = (sets, len(PAPER_SCHEMES), len(IOUS))
         if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
@@ -224,6 +226,9 @@ class TableFidelity:
         *,
         classes: Classes = VEHICLES,
     ) -> None:
+        """Take the figures of a scheme and IoU threshold from a table.
+
+        Raises ValueError for another codec than the paper's."""
         self.table = table
         self.classes = classes
         columns = [table.column(scheme, name, classes.get_iou(name, iou)) for name in classes.names]

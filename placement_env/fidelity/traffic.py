@@ -54,7 +54,7 @@ class Traffic:
         return self._of(self.snapshots[first:end])
 
     def _of(self, snapshots: tuple[Snapshot, ...]) -> "Traffic":
-        # traffic with other frames; site and bodies are the same, so their digest is shared
+        """Traffic with other frames; site and bodies are the same, so their digest is shared."""
         traffic = replace(self, snapshots=snapshots)
         set_cached(traffic, _scene=self._scene)
         return traffic

@@ -94,8 +94,8 @@ def visible_ground(site: Site, sensors: Sequence[Sensor], *, cell: float = 0.5) 
     scenery = build_scenery(site)
     sight_lines = SightLines(scenery)
     # measurements of the empty site, then of the same ground without anything on it
-    images = Renderer(site, (), sensors, scenery).background
-    ground_images = Renderer(site, (), sensors, ground_mesh(site)).background
+    images = Renderer(site, bodies=(), sensors=sensors, scenery=scenery).background
+    ground_images = Renderer(site, bodies=(), sensors=sensors, scenery=ground_mesh(site)).background
     shape = (len(sensors), len(grid.y), len(grid.x))
     seen = np.zeros(shape, bool)
     density = np.zeros(shape, np.float32)

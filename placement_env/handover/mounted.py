@@ -323,11 +323,25 @@ def measure_radio(kbit: Float64[np.ndarray, "sensors frames"]) -> RadioUse:
 def build_load(
     pole: str, mean: float, peak: float, load: float, capacity: float, *, limited: bool
 ) -> PoleLoad:
-    """Load of one link from its amounts (Mbit/s), without its packets.
+    """Load of one link, without its packets.
 
-    limited: as in `link_loads`."""
+    Args:
+        pole: Name of the pole.
+        mean: Mean amount of data (Mbit/s).
+        peak: Largest amount in a frame (Mbit/s).
+        load: Data rate that counts against the capacity (Mbit/s).
+        capacity: Capacity of the link (Mbit/s).
+        limited: Whether the scheme sends points; only points count against the capacity."""
     fits = load <= max_load(capacity) or not limited
-    return PoleLoad(pole, mean, peak, capacity, load / capacity, fits, load)
+    return PoleLoad(
+        pole,
+        mbit_s=mean,
+        peak_mbit_s=peak,
+        capacity_mbit_s=capacity,
+        share=load / capacity,
+        fits=fits,
+        load_mbit_s=load,
+    )
 
 
 def measure_links(
@@ -339,8 +353,11 @@ def measure_links(
 ) -> tuple[PoleLoad, ...]:
     """Load of the link of each mount that carries a candidate.
 
-    kbit: data of each candidate in each frame; link_share, limited: as in `format_sensors` and
-    `link_loads`."""
+    Args:
+        candidates: Candidates, which all send.
+        kbit: Data of each candidate in each frame.
+        link_share: Part of the frames whose data a load must not exceed.
+        limited: Whether the scheme sends points; only points count against the capacity."""
     mbit_s = kbit * FRAME_RATE_HZ / KBIT_PER_MBIT
     means = mbit_s.mean(axis=1)
     peaks = mbit_s.max(axis=1, initial=0)
@@ -354,7 +371,9 @@ def measure_links(
         load = float(sensor_loads[on_mount].sum())
         pole = candidates.mounts[mount]
         capacity = pole.capacity * FRAME_RATE_HZ / KBIT_PER_MBIT
-        pole_load = build_load(pole.name, mean, peak, load, capacity, limited=limited)
+        pole_load = build_load(
+            pole=pole.name, mean=mean, peak=peak, load=load, capacity=capacity, limited=limited
+        )
         packets = float(radio.packets[on_mount].sum())
         airtime_us = float(radio.airtime_us[on_mount].sum())
         loads.append(_add_radio(pole_load, packets=packets, airtime_us=airtime_us))
@@ -435,7 +454,11 @@ def bill_of_rates(
         unit, is_yearly = RATES[name]
         unit_price = price * (catalogue.years if is_yearly else 1)
         item = f"{name} for {catalogue.years:g} years" if is_yearly else name
-        items.append(MaterialItem(item, count[unit], unit_price, count[unit] * unit_price))
+        items.append(
+            MaterialItem(
+                item, count=count[unit], unit_price=unit_price, price=count[unit] * unit_price
+            )
+        )
     return tuple(items)
 
 
@@ -451,7 +474,7 @@ def bill_of_materials(sensors: tuple[PlannedSensor, ...]) -> tuple[MaterialItem,
         earlier_poles.add(sensor.pole)
     items = []
     for (model, price), count in sorted(models.items()):
-        items.append(MaterialItem(model, count, price, count * price))
+        items.append(MaterialItem(item=model, count=count, unit_price=price, price=count * price))
     for price, count in sorted(poles.items()):
-        items.append(MaterialItem("pole", count, price, count * price))
+        items.append(MaterialItem(item="pole", count=count, unit_price=price, price=count * price))
     return tuple(items)

@@ -129,8 +129,8 @@ def remove_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
 def duplicate_sensor(yard: Yard, variant: Variant, name: str) -> VariantChange:
     """Mount a copy of the named sensor on the nearest pole with room.
 
-    It has the same model, aim and, within the range of the pole, height. Raises ValueError if no
-    pole has room, or for an unknown sensor."""
+    It has the same model, aim and, within the range of the pole, height. yard: site and its poles;
+    variant: sensors so far. Raises ValueError if no pole has room, or for an unknown sensor."""
     sensor = variant.find(name)
     poles = (*yard.stock.mounts, *variant.poles)
     free_poles = [pole for pole in poles if yard.has_room(variant, pole.name)]

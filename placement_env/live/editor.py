@@ -207,8 +207,8 @@ class VariantEditor:
     ) -> LiveAnswer:
         """Change the shown variant, and return the new figures.
 
-        change: function of `placement_env.live.changes`, which gets the yard, the variant and the
-        further arguments."""
+        change: function of `placement_env.live.changes`, which gets the yard (site and poses to
+        choose from), the variant and the further arguments."""
         with self._lock:
             return self._show_change(change(self.yard, self.variant, *arguments, **options))
 

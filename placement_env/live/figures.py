@@ -302,7 +302,8 @@ class Meter:
     ]:
         """Figures of each class, resampled AP of all, and probability that each object is found.
 
-        spread: standard error of the predicted AP, which the intervals of classes include."""
+        is_working: mask of the sensors that have not failed; spread: standard error of the
+        predicted AP, which the intervals of classes include."""
         resamples, class_resamples = self._resample(surrogate, is_working)
         probability = np.zeros(len(seen.boxes))
         rows = []

@@ -58,6 +58,7 @@ class LivePlanner(VariantEditor):
         first_frames: int | None = None,
         most_sensors: float = math.inf,
     ) -> None:
+        """Find the plan and its setting, and make the yard and the scorer."""
         self.plan = _find_plan(site)
         usual_run = Run(frames=LIVE_FRAMES, seed=LIVE_SEED)
         if self.plan is None:
@@ -234,7 +235,8 @@ class LivePlanner(VariantEditor):
 def _check_detector(plan: PlanFolder, question: Setting) -> None:
     """Raise ValueError if a plan was made with a detector that the setting lacks.
 
-    plan: its `own_detector` names the detector, None for the shipped one."""
+    plan: its `own_detector` names the detector, None for the shipped one; question: setting by
+    which sets are scored now, its `detector` None for the shipped one."""
     if plan.own_detector is not None and question.detector is None:
         remedy = (
             "LivePlanner(plan.ask(replace(plan.setting, detector=...))), plan = "
@@ -260,7 +262,7 @@ def _find_plan(site: object) -> PlanFolder | None:
 
 
 def _find_stock(setting: Setting) -> Candidates:
-    """Stock of a setting: its candidates, else the site's pool, else the site's sensors.
+    """Sensors and poses to choose from: a setting's, else the site's pool, else its sensors.
 
     The paper's candidates, which are the site's sensors, are too few to choose from."""
     if setting.candidates is not None and setting.candidates != "paper":

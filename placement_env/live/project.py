@@ -190,9 +190,10 @@ class ProjectFile:
             raise ValueError(f"a picture needs all its members, got {error}") from None
 
     def _ask(self, question: JsonObject) -> None:
-        """Change the planner's setting by a question, as `LivePlanner.question` gives it.
+        """Change the planner's setting by a stored question.
 
-        Members that are missing keep the present values."""
+        question: members that `LivePlanner.question` gives; those that are missing keep the present
+        values."""
         question.check_keys(("classes", "iou", "errors", "scheme", "most_price"))
         case_changes: dict[str, Any] = {}
         if "iou" in question.value:

@@ -253,7 +253,7 @@ class LiveScorer:
         """Suggester of changes by the present question.
 
         estimate: function that returns the figures of any variant."""
-        return Suggester(self._yard, self._meter, self.views, estimate)
+        return Suggester(yard=self._yard, meter=self._meter, views=self.views, estimate=estimate)
 
 
 def _describe_question(setting: Setting) -> dict[str, object]:

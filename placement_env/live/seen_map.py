@@ -94,9 +94,10 @@ class SeenMaps:
         return bits
 
     def _cast_visible_frames(self, eye: Float64[np.ndarray, "3"]) -> Shaped[np.ndarray, " cells"]:
-        """Frames in which nothing hides each open cell from an eye, by casting rays.
+        """Frames in which nothing hides each open cell from an eye, by casting rays to the cells.
 
-        eye: position (m). Returns bits as `_visible_frames` does; rays end at the cells."""
+        Bit k of a cell is 1 if nothing hides it in the k-th frame of the map. eye: position in the
+        site's frame (m)."""
         traffic = self._preparation.traffic
         origins = np.broadcast_to(eye, self._targets.shape)
         # rows of origin and direction; directions are not unit vectors: length 1 reaches the cell

@@ -46,7 +46,7 @@ class Suggester:
         views: SensorViews,
         estimate: Callable[[Variant], LiveAnswer],
     ) -> None:
-        """Suggest changes that the stock of a yard allows."""
+        """Suggest changes with the sensors and poses that a site offers."""
         self._yard = yard  # site and stock of poses
         self._meter = meter  # scores sensors whose views are known
         self._views = views

@@ -575,7 +575,7 @@ def name_on_pole(variant: Variant, pole: str) -> str:
     After z come numbers. pole: name of the pole."""
     taken_names = {sensor.name for sensor in variant.sensors}
     stem = name_sensor(pole)[:MAX_NAME_LENGTH]
-    lettered_names = [f"{stem} {letter}" for letter in ascii_lowercase[1:]]  # from b on
+    lettered_names = [_add_suffix(stem, letter) for letter in ascii_lowercase[1:]]  # from b on
     for name in (stem, *lettered_names):
         if name not in taken_names:
             return name
@@ -591,5 +591,10 @@ def free_name(variant: Variant, stem: str) -> str:
     number = 1
     while name in taken_names:
         number += 1
-        name = f"{stem.rstrip('0123456789').rstrip() or stem} {number}"
+        name = _add_suffix(stem.rstrip("0123456789").rstrip() or stem, str(number))
     return name
+
+
+def _add_suffix(stem: str, suffix: str) -> str:
+    """Return a stem, a space and a suffix; the stem is cut so that the name is not too long."""
+    return f"{stem[: MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"

@@ -53,7 +53,10 @@ class SensorViews:
     """
 
     def __init__(self, yard: Yard, meter: Meter) -> None:
-        """Keep views of sensors in the traffic of a meter, none at first."""
+        """Keep views of sensors in the traffic of a meter, none at first.
+
+        yard: site, with the sensors and poses to choose from; meter: computes figures from views.
+        """
         self._yard = yard
         self._meter = meter
         self._preparation = meter.preparation  # its `live` holds panoramas, None without them

@@ -355,7 +355,7 @@ class Plan(Displayed):
         return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
 
     def _list_sensors(self) -> Table:
-        # columns by name, a row for each planned sensor
+        """Columns by name, a row for each planned sensor."""
         table: dict[str, list[Any]] = {}
         for name in ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit"):
             table[name] = [getattr(sensor, name) for sensor in self.sensors]

@@ -94,7 +94,7 @@ def _draw_plan_sheet(
     used_poles: Sequence[str] = (),
     unused_poles: Sequence[str] = (),
 ) -> map_sheet.MapSheet:
-    # draws what `plan_view` describes, with the same arguments
+    """Draw the map that `plan_view` gives as SVG. Poles are given by their names."""
     used_places = _pole_places(site, used_poles)
     unused_places = _pole_places(site, unused_poles)
     entries = pole_marks.pole_entries(used=len(used_places), unused=len(unused_places))
@@ -281,7 +281,8 @@ def smooth(
     side = 2 * reach + 1
 
     def sum_squares(grid: np.ndarray) -> np.ndarray:
-        # sum over the square around each cell, from four corners of the sums over all cells before
+        """Sum of a grid over the square around each cell, from sums of all cells before its
+        corners."""
         padded = np.pad(grid.astype(np.float64), reach)
         sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         return sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
@@ -306,6 +307,7 @@ def _pole_places(site: Site, names: Sequence[str]) -> Float64[np.ndarray, "n 2"]
 
 
 def _check_sensors(ground: GroundGrid, sensors: Sequence[Sensor]) -> None:
+    """Raise ValueError if a ground was cast for another number of sensors."""
     if len(ground.seen) != len(sensors):
         raise ValueError(
             f"the ground has {len(ground.seen)} sensors, got {len(sensors)}: pass the same sensors"
@@ -313,7 +315,7 @@ def _check_sensors(ground: GroundGrid, sensors: Sequence[Sensor]) -> None:
 
 
 def _rgba_colours(names: Sequence[str]) -> Float64[np.ndarray, "n 4"]:
-    # red, green, blue and alpha from 0 to 1; names: such as #rrggbb
+    """Red, green, blue and alpha (0 to 1) of colours. names: such as #rrggbb."""
     from matplotlib.colors import to_rgba_array
 
     return np.asarray(to_rgba_array(list(names)), np.float64)

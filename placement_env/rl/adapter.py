@@ -147,7 +147,9 @@ class SB3VecEnv(VecEnv):
         return observations, rewards, ended, infos
 
     def _begin_episodes(self, is_new: np.ndarray) -> None:
-        # is_new: True for episodes that begin; each draws a new rotation if junctions are augmented
+        """Reset the sums of episodes that begin, and draw their rotations if junctions are rotated.
+
+        is_new: True for the episodes that begin."""
         self._returns[is_new] = 0.0
         self._lengths[is_new] = 0
         if self._augment:

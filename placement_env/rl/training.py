@@ -93,7 +93,7 @@ def search(
             episodes.resume(restored)
 
         def save_round(done: int, _: float) -> None:
-            # adds the state after a round; the kept policy may be of an earlier one
+            """Add the state after a round; the kept policy may be of an earlier one."""
             rounds.append([done, episodes.state()])
             checkpoint.save({"rounds": rounds[-MAX_KEPT_ROUNDS:]})
 
@@ -219,7 +219,9 @@ def train_policy(
         model.num_timesteps = state["steps"]
 
     def callback(local: Info, _: object) -> bool:
-        # Stable-Baselines3 calls it with its local variables; False would end the training
+        """Pass the infos of a step on to `watch`; return True, as False would end the training.
+
+        local: local variables of Stable-Baselines3, which calls this."""
         if watch is not None:
             watch(local["infos"])
         return True

@@ -129,7 +129,7 @@ def report_curve(
 
 
 def list_names(objective: Objective, subset: Iterable[int]) -> list[str]:
-    """Return the names of a set's candidates."""
+    """Return the names of a set's candidates, from their indices."""
     return [objective.names[c] for c in subset]
 
 

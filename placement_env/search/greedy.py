@@ -133,8 +133,9 @@ def search_by_races(
     """Set that grows by one sensor at a time, the winner of a race, for the slow detector.
 
     In each step the possible next sets are scored on more and more frames, and bad ones drop out
-    (`Objective.race`). Evaluations count sets on all frames, rounded up; limits are checked between
-    races. Raises ValueError for a fidelity that cannot score some of the frames.
+    (`Objective.race`). budget: greatest number of sensors; seconds, evaluations: limits, None
+    without, which are checked between races; evaluations count sets on all frames, rounded up.
+    Raises ValueError for a fidelity that cannot score some of the frames.
     """
     progress = Progress(objective, budget, seconds, evaluations)
     members: list[int] = []

@@ -166,7 +166,9 @@ class Progress:
         return self.figures(subsets).reward
 
     def settle(self, members: list[int]) -> None:
-        """Make this set the answer, regardless of its score and the limits."""
+        """Make a set the answer, regardless of its score and the limits.
+
+        members: indices of its candidates."""
         self.best = as_rows([members], self.size)[0]
         self.reward = float(self.objective.scores(self.best[None]).reward[0])
         self.limits.count += 1
@@ -181,7 +183,11 @@ class Progress:
     ) -> Result:
         """Incumbent as the answer of a search.
 
-        method: name of the search; front, by_size: see `Result`."""
+        Args:
+            method: Name of the search.
+            certificate: Proof of how good the answer is.
+            front: Scored sets that no other beats in AP, kbit and price together.
+            by_size: Best set of 1, 2, ... sensors."""
         best = self.objective.score(np.flatnonzero(self.best).tolist())
         return Result(
             method=method,

@@ -120,8 +120,8 @@ def _begin_climb(
 ) -> Climb:
     """Climb at its first set, which is scored here.
 
-    Start 0 begins at `start` or at greedy's set (`_choose_first_set`), later ones at a set drawn
-    from `rng` (`draw_set`).
+    start_number: number of the start. Start 0 begins at `start` or at greedy's set
+    (`_choose_first_set`), later ones at a set drawn from `rng` (`draw_set`).
 
     start: candidates of start 0 by index or name, None for greedy's set.
     """

@@ -103,7 +103,7 @@ def make_centre(path: Path) -> None:
     path.write_text(
         'coview_run = 1\ndetector = "tjunction+background"\n[[input]]\nkind = "velodyne"\n'
         'name = "north"\nport = 2369\naddress = "192.168.1.201"\n[[input]]\nkind = "velodyne"\n'
-        'name = "south"\n[replay]\ninterval_s = 0.2\n[[sensor]]\nname = "north"\n'
+        'name = "south"\n[[input]]\nkind = "ouster"\nname = "east"\nmetadata = "east.json"\n[replay]\ninterval_s = 0.2\n[[sensor]]\nname = "north"\n'
         "pose = [[1, 0, 0, 5], [0, 1, 0, 0], [0, 0, 1, 6]]\nclock_offset_s = 0.02\n"
         'background = "scenes.npz"\n[place]\nlevel = "plane"\narea = [-40, -30, 40, 30]\n'
         '[output]\nfolder = "out"\nto = ["mcap", "mf-json"]\npiece_s = 30\n'

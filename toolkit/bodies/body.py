@@ -55,7 +55,10 @@ def make_body(
     vertices = np.asarray(vertices, np.float64)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return Body(
-        name, label, (vertices - middle).astype(np.float32), np.asarray(triangles, np.int32)
+        name,
+        label,
+        vertices=(vertices - middle).astype(np.float32),
+        triangles=np.asarray(triangles, np.int32),
     )
 
 
@@ -67,7 +70,13 @@ def make_boxed_body(name: str, label: int, mesh: Mesh, outside: Mesh) -> Body:
     merged = merge([mesh, outside])
     length, width, height = (high - low).tolist()
     vertices = (merged.vertices - (low + high) / 2).astype(np.float32)
-    return Body(name, label, vertices, merged.triangles.astype(np.int32), (length, width, height))
+    return Body(
+        name,
+        label,
+        vertices,
+        triangles=merged.triangles.astype(np.int32),
+        truth=(length, width, height),
+    )
 
 
 def include_mirrors(body: Body) -> Body:

@@ -109,9 +109,10 @@ class Proportions:
 def _narrow_corner(
     distance: Float64[np.ndarray, " n"], depth: float, end_width: float
 ) -> Float64[np.ndarray, " n"]:
-    """Width at stations counted from one end of a car, as parts of its full width.
+    """Width at stations along a car, as parts of its full width.
 
-    depth: station at which the corner ends and the width is full; end_width: width at the end."""
+    distance: from one end of the car to each station; depth: station at which the corner ends and
+    the width is full; end_width: width at the end."""
     # superellipse with exponent 2.6; 0 from the corner on, 1 at the end
     to_end = np.maximum(0.0, 1 - distance / depth)
     return end_width + (1 - end_width) * (1 - to_end**2.6) ** (1 / 2.6)

@@ -15,7 +15,7 @@ SINGLE_MIRROR_SHARE = 0.02
 _TAXIS = ("sedan", "estate", "minivan", "hatchback", "suv")
 _RACKS = ("van", "minivan", "pickup")
 _RAILS = ("estate", "suv", "minivan")
-_RACK_STATIONS = (-0.4, 0.0, 0.4)  # of cross bars, as parts of the rack's length
+_RACK_STATIONS = (-0.4, 0.0, 0.4)  # cross bars, as parts of the rack's length
 
 
 def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
@@ -73,7 +73,9 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
     if shape.kind in _TAXIS and chance < 0.135:
         return "roof_box", _draw_roof_box(middle, roof_width, z, rng)
     if shape.kind in _RACKS and chance < 0.2:
-        return "rack", _draw_rack(middle, 0.8 * roof_length, roof_width, z, rng)
+        return "rack", _draw_rack(
+            x=middle, length=0.8 * roof_length, roof_width=roof_width, z=z, rng=rng
+        )
     if shape.kind in _RAILS and chance < 0.5:
         return "rails", _make_rails(front, rear, 0.42 * roof_width, z)
     if shape.kind == "offroader" and chance < 0.6:
@@ -85,7 +87,7 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
 
 
 def _make_rails(front: float, rear: float, y: float, z: float) -> Mesh:
-    """Rails on both sides of a roof between two x (m), at height z."""
+    """Rails on both sides of a roof, at y and -y, between x = rear and front, at height z (m)."""
     length = front - rear
     points = [
         (rear + 0.1 * length, y, z - 0.03),

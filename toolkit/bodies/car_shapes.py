@@ -24,7 +24,7 @@ CAR_HEIGHTS_M = (1.25, 2.6)
 CAR_KINDS = tuple(
     CarKind(name, profile=CAR_PROFILES[name], **row) for name, row in CAR_SHAPES["kinds"].items()
 )
-MIN_WHEELBASE_SHARE = 0.5  # of the length
+MIN_WHEELBASE_SHARE = 0.5  # share of the length
 MAX_PROFILE_MIX = 0.2  # share of another kind's profile
 
 _KIND_SHARES = np.array([kind.share for kind in CAR_KINDS]) / sum(kind.share for kind in CAR_KINDS)
@@ -173,10 +173,10 @@ def _list_lower_levels(shape: Proportions, floor: float, chamfer: float) -> list
     half_width = shape.width / 2
     belt = shape.belt * shape.height
     return [  # height, front, rear and half width of each
-        _Level(floor, 0.5 - 0.01, -0.49, half_width - chamfer),
-        _Level(floor + chamfer + 0.01, 0.5, -0.5, half_width),
-        _Level(belt - chamfer - 0.01, 0.5, -0.5, half_width),
-        _Level(belt, 0.5 - 0.02, -0.49, half_width - chamfer),
+        _Level(z=floor, front=0.5 - 0.01, rear=-0.49, half_width=half_width - chamfer),
+        _Level(z=floor + chamfer + 0.01, front=0.5, rear=-0.5, half_width=half_width),
+        _Level(z=belt - chamfer - 0.01, front=0.5, rear=-0.5, half_width=half_width),
+        _Level(z=belt, front=0.5 - 0.02, rear=-0.49, half_width=half_width - chamfer),
     ]
 
 
@@ -195,8 +195,13 @@ def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
     half_width = shape.width / 2
     belt = shape.belt * shape.height
     return [  # height, front, rear and half width of each
-        _Level(belt - 0.02, foot_front, foot_rear, half_width - chamfer),
-        _Level(shape.height, roof_front, roof_rear, half_width * (1 - shape.lean)),
+        _Level(z=belt - 0.02, front=foot_front, rear=foot_rear, half_width=half_width - chamfer),
+        _Level(
+            z=shape.height,
+            front=roof_front,
+            rear=roof_rear,
+            half_width=half_width * (1 - shape.lean),
+        ),
     ]
 
 

@@ -25,9 +25,9 @@ class _CatalogueRow:
 
     Attributes:
         style: name of a side profile.
-        length: of the car.
+        length: length of the car.
         width: without mirrors.
-        height: of the car.
+        height: height of the car.
         wheelbase: between the axles.
         wheel: radius.
         clearance: height of the floor.

@@ -68,11 +68,11 @@ def _make_cab(size: VehicleSize, cab_length: float = 2.0) -> Mesh:
     width = size.width
     height = size.height
     sections = [  # x, width, bottom and top of each (m)
-        ShellSection(front - cab_length, width, 0.55, height),
-        ShellSection(front - 0.55, width, 0.45, height),
-        ShellSection(front - 0.25, width, 0.40, height - 0.12),
-        ShellSection(front - 0.07, width * 0.96, 0.40, height - 0.75),
-        ShellSection(front, width * 0.88, 0.45, height - 1.25),
+        ShellSection(x=front - cab_length, width=width, bottom=0.55, top=height),
+        ShellSection(x=front - 0.55, width=width, bottom=0.45, top=height),
+        ShellSection(x=front - 0.25, width=width, bottom=0.40, top=height - 0.12),
+        ShellSection(x=front - 0.07, width=width * 0.96, bottom=0.40, top=height - 0.75),
+        ShellSection(x=front, width=width * 0.88, bottom=0.45, top=height - 1.25),
     ]
     return loft_shell(sections, corner=0.09)
 
@@ -90,8 +90,8 @@ def _make_box(truck_length: float, length: float, width: float, top: float) -> M
     m)."""
     rear = -truck_length / 2
     sections = [  # x, width, bottom and top of each (m)
-        ShellSection(rear, width, 0.95, top),
-        ShellSection(rear + length, width, 0.95, top),
+        ShellSection(x=rear, width=width, bottom=0.95, top=top),
+        ShellSection(x=rear + length, width=width, bottom=0.95, top=top),
     ]
     guard = box((0.12, width * 0.95, 0.14), centre=(rear + 0.1, 0, 0.5))
     frame = box((truck_length - FRAME_END_M, 0.85, 0.28), centre=(-0.35, 0, 0.80))
@@ -119,15 +119,15 @@ def _make_bus(size: VehicleSize) -> Mesh:
     width = size.width
     height = size.height
     sections = [  # x, width, bottom and top of each (m)
-        ShellSection(rear, width * 0.9, 0.4, height - 0.25),
-        ShellSection(rear + 0.12, width, 0.32, height - 0.06),
-        ShellSection(rear + 0.4, width, 0.30, height),
-        ShellSection(front - 0.5, width, 0.30, height),
-        ShellSection(front - 0.12, width * 0.98, 0.30, height - 0.10),
-        ShellSection(front, width * 0.90, 0.35, height - 0.45),
+        ShellSection(x=rear, width=width * 0.9, bottom=0.4, top=height - 0.25),
+        ShellSection(x=rear + 0.12, width=width, bottom=0.32, top=height - 0.06),
+        ShellSection(x=rear + 0.4, width=width, bottom=0.30, top=height),
+        ShellSection(x=front - 0.5, width=width, bottom=0.30, top=height),
+        ShellSection(x=front - 0.12, width=width * 0.98, bottom=0.30, top=height - 0.10),
+        ShellSection(x=front, width=width * 0.90, bottom=0.35, top=height - 0.45),
     ]
     body = loft_shell(sections, corner=0.13)
-    outer_width = width + 0.04  # of pillars and skirt, next to the window band
+    outer_width = width + 0.04  # pillars and skirt, next to the window band
     pillar_size = (0.14, outer_width, height - BELT_M - 0.45)
     pillar = box(pillar_size, centre=(0, 0, (BELT_M + height - 0.25) / 2))
     pillars = [place(pillar, x=x) for x in np.arange(rear + 0.8, front - 0.7, 1.45)]

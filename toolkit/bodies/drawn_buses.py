@@ -67,12 +67,14 @@ def _draw_sections(
     roof_radius = float(rng.uniform(0.04, 0.3))
     rake = float(rng.uniform(0.05, 0.5))
     return [  # x, width, bottom and top of each (m)
-        ShellSection(rear, 0.94 * width, bottom + 0.08, height - roof_radius),
-        ShellSection(rear + 0.15, width, bottom, height - 0.03),
-        ShellSection(rear + 0.5, width, bottom, height),
-        ShellSection(front - rake - 0.3, width, bottom, height),
-        ShellSection(front - 0.5 * rake, width * 0.99, bottom, height - 0.35),
-        ShellSection(front, 0.92 * width, bottom + 0.05, bottom + 0.55 * (height - bottom)),
+        ShellSection(x=rear, width=0.94 * width, bottom=bottom + 0.08, top=height - roof_radius),
+        ShellSection(x=rear + 0.15, width=width, bottom=bottom, top=height - 0.03),
+        ShellSection(x=rear + 0.5, width=width, bottom=bottom, top=height),
+        ShellSection(x=front - rake - 0.3, width=width, bottom=bottom, top=height),
+        ShellSection(x=front - 0.5 * rake, width=width * 0.99, bottom=bottom, top=height - 0.35),
+        ShellSection(
+            x=front, width=0.92 * width, bottom=bottom + 0.05, top=bottom + 0.55 * (height - bottom)
+        ),
     ]
 
 
@@ -82,10 +84,10 @@ def _make_bellows(length: float, width: float, height: float, bottom: float) -> 
     bottom: height of the body's lower edge; all lengths in m."""
     joint = -0.05 * length  # x of the middle of the bellows
     return [  # x, width, bottom and top of each (m)
-        ShellSection(joint - 0.7, width, bottom, height),
-        ShellSection(joint - 0.65, 0.9 * width, bottom + 0.1, height - 0.12),
-        ShellSection(joint + 0.65, 0.9 * width, bottom + 0.1, height - 0.12),
-        ShellSection(joint + 0.7, width, bottom, height),
+        ShellSection(x=joint - 0.7, width=width, bottom=bottom, top=height),
+        ShellSection(x=joint - 0.65, width=0.9 * width, bottom=bottom + 0.1, top=height - 0.12),
+        ShellSection(x=joint + 0.65, width=0.9 * width, bottom=bottom + 0.1, top=height - 0.12),
+        ShellSection(x=joint + 0.7, width=width, bottom=bottom, top=height),
     ]
 
 

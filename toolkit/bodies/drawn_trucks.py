@@ -58,7 +58,9 @@ def draw_truck(rng: Rng) -> DrawnMesh:
     width = float(np.clip(1.95 + 0.075 * (length - 5.2) + rng.normal(0, 0.1), 1.85, 2.55))
     cab_height = float(np.clip(2.1 + 0.16 * (length - 5.2) + rng.normal(0, 0.2), 2.0, 3.3))
     cab_length = float(rng.uniform(1.5, 2.3))
-    cab, mirrors = _draw_cab(length / 2, width, cab_height, cab_length, rng)
+    cab, mirrors = _draw_cab(
+        front=length / 2, width=width, height=cab_height, length=cab_length, rng=rng
+    )
     gap = float(rng.uniform(0.05, 0.3))
     floor = float(rng.uniform(0.85, 1.2))
     front = length / 2 - cab_length - gap
@@ -77,7 +79,9 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
     cab_height = float(rng.uniform(2.9, 3.9))
     cab_length = float(rng.uniform(1.9, 2.5))
     cab_width = width - float(rng.uniform(0, 0.1))
-    cab, mirrors = _draw_cab(length / 2, cab_width, cab_height, cab_length, rng)
+    cab, mirrors = _draw_cab(
+        front=length / 2, width=cab_width, height=cab_height, length=cab_length, rng=rng
+    )
     front = length / 2 - cab_length - float(rng.uniform(0.5, 1.0))
     floor = float(rng.uniform(1.1, 1.3))
     space = _LoadSpace(
@@ -107,16 +111,21 @@ def _draw_cab(
     corner = float(rng.uniform(0.03, 0.15))
     sill = bottom + 0.45 * (height - bottom)
     sections = [
-        ShellSection(screen - length + bonnet, width, bottom, height),
-        ShellSection(screen - 0.6 * rake - corner, width, bottom, height),
-        ShellSection(screen - 0.3 * rake, width - corner, bottom, height - 0.3 * (height - sill)),
-        ShellSection(screen, width - 2 * corner, bottom, sill),
+        ShellSection(x=screen - length + bonnet, width=width, bottom=bottom, top=height),
+        ShellSection(x=screen - 0.6 * rake - corner, width=width, bottom=bottom, top=height),
+        ShellSection(
+            x=screen - 0.3 * rake,
+            width=width - corner,
+            bottom=bottom,
+            top=height - 0.3 * (height - sill),
+        ),
+        ShellSection(x=screen, width=width - 2 * corner, bottom=bottom, top=sill),
     ]
     parts = [loft_shell(sections, corner=SHELL_RADIUS_M, points=2)]
     if bonnet:
         bonnet_sections = [
-            ShellSection(screen - 0.3, 0.9 * width, bottom, sill),
-            ShellSection(front, 0.75 * width, bottom, sill - 0.25),
+            ShellSection(x=screen - 0.3, width=0.9 * width, bottom=bottom, top=sill),
+            ShellSection(x=front, width=0.75 * width, bottom=bottom, top=sill - 0.25),
         ]
         parts.append(loft_shell(bonnet_sections, corner=SHELL_RADIUS_M, points=2))
     if rng.random() < 0.25:
@@ -150,11 +159,11 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
 
 
 def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
-    """Mesh of a box, curtain-sider or container. top: height of its roof (m)."""
+    """Mesh of a box, curtain-sider or container, which is narrower. top: height of its roof (m)."""
     width = min(space.width, CONTAINER_WIDTH_M) if is_container else space.width
     sections = [  # x, width, bottom and top of each (m)
-        ShellSection(space.rear, width, space.floor, top),
-        ShellSection(space.front, width, space.floor, top),
+        ShellSection(x=space.rear, width=width, bottom=space.floor, top=top),
+        ShellSection(x=space.front, width=width, bottom=space.floor, top=top),
     ]
     return loft_shell(sections, corner=SHELL_RADIUS_M, points=2)
 
@@ -165,9 +174,9 @@ def _make_refuse_body(space: _LoadSpace, top: float) -> Mesh:
     top: height of its roof (m)."""
     floor = space.floor
     sections = [  # x, width, bottom and top of each (m)
-        ShellSection(space.rear, 0.9 * space.width, floor - 0.2, floor + 1.2),
-        ShellSection(space.rear + 0.2 * space.length, space.width, floor, top),
-        ShellSection(space.front, space.width, floor, top - 0.15),
+        ShellSection(x=space.rear, width=0.9 * space.width, bottom=floor - 0.2, top=floor + 1.2),
+        ShellSection(x=space.rear + 0.2 * space.length, width=space.width, bottom=floor, top=top),
+        ShellSection(x=space.front, width=space.width, bottom=floor, top=top - 0.15),
     ]
     return loft_shell(sections, corner=SHELL_RADIUS_M, points=2)
 
@@ -192,7 +201,9 @@ def _make_mixer(space: _LoadSpace) -> Mesh:
 
 
 def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
-    """Draw a bed with low walls, and a heap, crates or nothing on it."""
+    """Draw a bed with low walls, and a heap, crates or nothing on it.
+
+    is_tipper: with higher walls, and always a heap."""
     floor = space.floor
     wall_height = float(rng.uniform(0.8, 1.5) if is_tipper else rng.uniform(0.3, 0.7))
     # sizes: length, width, height (m)

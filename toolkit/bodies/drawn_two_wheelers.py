@@ -17,9 +17,9 @@ TWO_WHEELERS = ("bicycle", "cargo_bicycle", "e_scooter", "motorcycle", "scooter"
 # shares of bicycles, e-scooters, motorcycles and scooters: in the street, and evenly
 STREET_SHARES = (0.55, 0.15, 0.17, 0.13)
 EVEN_SHARES = (0.4, 0.34, 0.14, 0.12)
-CHILD_SHARE = 0.12  # of the bicycles
+CHILD_SHARE = 0.12  # share of the bicycles
 PASSENGER_SHARE = 0.12
-COURIER_SHARE = 0.25  # of the scooters
+COURIER_SHARE = 0.25  # share of the scooters
 # shares of riders that are drawn from another stream, see `_choose_stream`
 OTHER_STREAM_SHARE = 0.1
 OTHER_STREAM_SCOOTER_SHARE = 0.15

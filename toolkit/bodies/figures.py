@@ -63,7 +63,8 @@ def striding(step: float, swing: float = 0.6, lean: float = 0.02, stout: float =
     """Figure in mid-stride.
 
     step: distance between the ankles, as a part of the height; swing: how far the hands move, as
-    a part of the step; lean: x of the neck in front of the hips; stout: see `Figure`."""
+    a part of the step; lean: x of the neck in front of the hips; stout: breadth of trunk and limbs
+    relative to an average adult."""
     sink = 0.18 * step**2
     return Figure(
         hip=(0.0, 0.0, 0.52 - sink),

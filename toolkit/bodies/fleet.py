@@ -140,7 +140,7 @@ def fleet_named(
 
 @lru_cache(maxsize=1)
 def _procedural() -> tuple[Body, ...]:
-    # bodies of the catalogue by class, made once
+    """Bodies of the catalogue by class, made once."""
     bodies = []
     for label, vehicles in ((VEHICLE, cars()), (HEAVY, trucks())):
         for name, (mesh, mirrors) in vehicles.items():

@@ -79,7 +79,7 @@ _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0
 class Shape(NamedTuple):
     """Shape of a mesh, measured on points of its surface."""
 
-    size: Float64[np.ndarray, "3"]  # of the bounds (m)
+    size: Float64[np.ndarray, "3"]  # sides of the bounds (m)
     fills: Float64[np.ndarray, "3"]  # covered share of the box's outline, seen along x, y, z
     # share of the surface without a counterpart when mirrored along x, y, z
     asymmetry: Float64[np.ndarray, "3"]
@@ -134,6 +134,7 @@ def is_clearly(shape: Shape, label: int) -> bool:
 
 
 def _is_clearly_car(shape: Shape) -> bool:
+    """Return True for a shape with the size and proportions of a car, such as no van has."""
     length, width, height = shape.size.tolist()
     has_size = length < 6.1 and width < 2.4 and height < 2.1 and length > 1.25 * height
     has_proportions = length > 1.5 * width and shape.clearance < 0.55
@@ -155,6 +156,7 @@ def _has_vehicle_body(shape: Shape) -> bool:
 
 
 def _is_clearly_cyclist(shape: Shape) -> bool:
+    """Return True for a long, thin shape with gaps that stands on a line, as on two wheels."""
     length, width = shape.size[:2].tolist()
     is_thin = width < 0.6 * length and shape.fills[1] < 0.75 and shape.fills[2] < 0.75
     is_on_a_line = shape.stance[1] < 0.22 and shape.stance[0] > 0.35 * length
@@ -162,6 +164,7 @@ def _is_clearly_cyclist(shape: Shape) -> bool:
 
 
 def _is_clearly_pedestrian(shape: Shape) -> bool:
+    """Return True for an upright shape of a person's height, with gaps."""
     length, width, height = shape.size.tolist()
     is_upright = height > 1.3 * max(length, width) and 1.35 < height < 2.15
     has_gaps = 0.22 < shape.fills[0] < 0.75 and shape.fills[1] < 0.8 and shape.fills[2] < 0.85
@@ -321,7 +324,9 @@ def read_mesh_table(folder: Path) -> dict[Path, MeshEntry]:
 
 
 def _read_entry(row: dict[str, Any], where: str) -> MeshEntry:
-    # check one row of the table and return it as an entry. where: table and number, for errors
+    """Check one row of the table and return it as an entry.
+
+    where: table and number, for errors."""
     keys = {"file", "label", "up", "forward", "scale"}
     if not set(row) <= keys:
         raise ValueError(
@@ -545,7 +550,7 @@ def _find_label(called: Path) -> int | None:
 
 
 def _plausible(size: Float64[np.ndarray, "3"], label: int) -> bool:
-    # True if length, width and height (m) are within `PLAUSIBLE` for a class.
+    """Return True if length, width and height (m) are within `PLAUSIBLE` for a class."""
     return all(
         low <= extent <= high for extent, (low, high) in zip(size, PLAUSIBLE[label], strict=True)
     )
@@ -577,7 +582,9 @@ def _remedy(mesh: Mesh, named_label: int | None) -> str:
 
 
 def _describe_change(unit: str, scale: float, axes: str) -> str:
-    # words for a file's unit and axes, and how to mend them; unit and axes: "" if they are right
+    """Words for a file's unit and axes, and how to mend them.
+
+    unit, axes: what is wrong, "" if it is right; scale: factor to metres."""
     if not unit:
         return f"{axes} forward, turn it"
     if not axes:

@@ -14,7 +14,8 @@ from toolkit.mesh import Mesh, box, ellipsoid, loft, merge, place, scale_mesh, s
 def skirt(height: float, hem: float, stout: float = 1.0) -> Mesh:
     """Mesh of a skirt or coat from the waist down to a hem.
 
-    height: of the person (m); hem: height of the hem, as a part of it; stout: see `Figure`."""
+    height: height of the person (m); hem: height of the hem, as a part of it; stout: see
+    `Figure`."""
     waist = [(0.0, 0.0, 0.58 * height), (0.0, 0.0, hem * height)]
     return tube(waist, radii=[0.095 * stout * height, (0.10 + 0.06 * stout) * height], sides=10)
 

@@ -98,7 +98,13 @@ def align(
                 break
     hidden = system.hidden_motions(_find_common_motions(poses))
     shared, scatter = _count_pairs(pairs, count)
-    return Alignment(tuple(poses), system.covariance(), hidden, shared, scatter)
+    return Alignment(
+        poses=tuple(poses),
+        covariance=system.covariance(),
+        unobserved=hidden,
+        shared=shared,
+        scatter=scatter,
+    )
 
 
 def _find_common_motions(poses: Poses) -> Float64[np.ndarray, "6 m"]:
@@ -168,7 +174,11 @@ def pair_surfaces(
     Returns the pairs of every ordered two sensors: (0, 1) and (1, 0) pair different points."""
     pairs = []
     for one, other in permutations(range(len(surfaces)), 2):
-        pairs.append(_pair_sensors(surfaces, (one, other), thinned[one], poses, limits))
+        pairs.append(
+            _pair_sensors(
+                surfaces, numbers=(one, other), rows=thinned[one], poses=poses, limits=limits
+            )
+        )
     return pairs
 
 

@@ -44,6 +44,7 @@ class Corrected(RecordingView):
         return Corrected(recording, corrections)
 
     def __getitem__(self, index: int) -> Frame:
+        """Frame of an index, with its sensors at their found poses."""
         frame = self.recording[index]
         sensors = []
         measurements = []

@@ -158,6 +158,7 @@ class SceneLearner:
         images: images kept, at most `sample`."""
 
     def __init__(self, sensor: Sensor, sample: int = MAX_SCENE_IMAGES) -> None:
+        """Begin without images; sample: most images to keep. Raises ValueError for less than 2."""
         if sample < 2:
             raise ValueError(f"sample must be at least 2 images, got {sample}")
         self.sensor = sensor
@@ -202,7 +203,13 @@ class SceneLearner:
         before_nothing = (far.median == 0) & (near.share >= MIN_OPEN_SHARE)
         is_second = flickers & is_usual & (mark_continuation(near, far.median) | before_nothing)
         nothing = np.zeros(model.shape, np.float32)
-        no_mode = PixelMode(np.full_like(nothing, np.nan), nothing, nothing, nothing, nothing)
+        no_mode = PixelMode(
+            median=np.full_like(nothing, np.nan),
+            spread=nothing,
+            share=nothing,
+            least=nothing,
+            greatest=nothing,
+        )
         other = near.where(is_second, no_mode)
         is_swapped = other.share > far.share  # the more frequent one becomes `first`
         first = other.where(is_swapped, far)

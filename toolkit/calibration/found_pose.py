@@ -64,6 +64,7 @@ class FoundPose:
         return has_turned or self.distance > max(MIN_DRIFT_M, _MIN_SIGMAS * move)
 
     def __str__(self) -> str:
+        """Turn and move of the sensor with their standard deviations, in a line."""
         if self.registration is None:
             return f"{self.sensor.name}: not found: {self.refusal}"
         turn_deviation, move_deviation = self.deviation

@@ -84,7 +84,9 @@ def _extend_levels(
         for k, surface in enumerate(surfaces):
             is_elsewhere = on_main | (~is_rest & (number != k))
             is_free = is_rest & has_links
-            rows = _find_extension(surface, cells, number == k, is_elsewhere, is_free)
+            rows = _find_extension(
+                surface, cells, members=number == k, elsewhere=is_elsewhere, free=is_free
+            )
             if len(rows):
                 number[rows] = k
                 is_rest[rows] = False

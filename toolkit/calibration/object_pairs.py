@@ -97,7 +97,13 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
     pairs = []
     for first, second in combinations(range(len(poses)), 2):
         matches = [
-            _match_boxes(frame[first], frame[second], poses[first], poses[second], gate)
+            _match_boxes(
+                mine=frame[first],
+                theirs=frame[second],
+                pose=poses[first],
+                other_pose=poses[second],
+                gate=gate,
+            )
             for frame in seen
         ]
         # matches of all frames; empty arrays in case there are no frames

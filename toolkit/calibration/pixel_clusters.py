@@ -211,7 +211,7 @@ def usual_spread(far: PixelMode, model: SensorModel) -> Callable[[ImageRanges], 
     step_log_distance = [np.median(log_distance[step == k]) for k in steps]
 
     def interpolate(median: ImageRanges) -> ImageRanges:
-        # usual spread at each median, with the logarithm of 1 for pixels without a return
+        """Usual spread at each median, with the logarithm of 1 for pixels without a return."""
         pixel_log_distance = np.log(np.where(median > 0, median, 1))
         spreads = np.interp(pixel_log_distance, step_log_distance, step_spread)
         return np.maximum(spreads, model.deviation(np.nan_to_num(median))).astype(np.float32)

@@ -93,7 +93,7 @@ def find_poses(
 
 
 def _check_frames(count: int) -> None:
-    """Raise ValueError for too few frames to learn empty scenes from."""
+    """Raise ValueError if `count` frames are too few to learn empty scenes from."""
     if count < MIN_FRAMES:
         problem = f"{count} frames are too few to tell what stands still from who passes"
         raise ValueError(f"{problem}: give {MIN_FRAMES} or more")
@@ -123,8 +123,8 @@ def _find_in_images(recording: Frames, count: int, sample: int) -> list[_Standin
 def _pair_objects(recording: Frames, count: int, detector: Detector) -> MorePairs:
     """Return a function that pairs the objects a detector finds in some of the first frames.
 
-    It takes poses and a search radius (m). Objects are detected here, once. Raises ValueError for a
-    recording without a site."""
+    It takes poses and a search radius (m). Objects are detected here, once; count: number of first
+    frames. Raises ValueError for a recording without a site."""
     # evenly spread over the frames
     frame_indices = np.linspace(0, count - 1, min(OBJECT_FRAMES, count)).astype(int)
     site = getattr(recording, "site", None)

@@ -171,6 +171,7 @@ class CloudSceneLearner:
         learner: learner that the images are passed to."""
 
     def __init__(self, name: str, grid: LidarGrid, sample: int) -> None:
+        """Begin without clouds. name: the sensor's; sample: largest number of clouds to keep."""
         self.grid = grid
         self.points = 0
         self.left_out = Counter[str]()

@@ -98,12 +98,13 @@ def register(
         noise = np.maximum(deviation, MIN_SCALE_M)
     believed = np.array(believed, np.float64)
     starts = _find_starts(points, noise, surface, believed)
-    fits = [align_levels(points, noise, surface, start, _FINE) for start in starts]
+    fits = [align_levels(points, noise, surface, pose=start, levels=_FINE) for start in starts]
     best_agreement = max(system.agreement for _, system in fits)
     good_fits = [fit for fit in fits if fit[1].agreement >= best_agreement - MAX_AGREEMENT_LOSS]
 
     def distance_from_believed(fit: tuple[Pose, LinearSystem]) -> float:
-        # m; turns count as moves of points `LEVER_M` away
+        """Length (m) of the change to a fitted pose; turns count as moves of points `LEVER_M`
+        away."""
         pose, _ = fit
         return float(np.linalg.norm(motion_between(believed, pose)))
 
@@ -113,7 +114,9 @@ def register(
         motion = motion_between(believed, pose)
         # without the part along the hidden motions
         motion -= hidden.T @ (hidden @ motion)
-        pose, system = align_levels(points, noise, surface, apply_motion(believed, motion), _FINE)
+        pose, system = align_levels(
+            points, noise, surface, pose=apply_motion(believed, motion), levels=_FINE
+        )
     return Registration(
         pose,
         covariance=system.covariance(),
@@ -134,7 +137,9 @@ def _find_starts(
     for turn in _START_TURNS_RAD:
         turn_about_z = np.array([0, 0, turn * LEVER_M, 0, 0, 0])
         start = apply_motion(believed, turn_about_z)
-        pose, _ = align_levels(points, noise, surface.thin, start, COARSE_LEVELS)
+        pose, _ = align_levels(
+            points, noise, surface=surface.thin, pose=start, levels=COARSE_LEVELS
+        )
         gaps = [np.abs(motion_between(pose, earlier_pose)).max() for earlier_pose in poses]
         if all(gap > _MIN_START_GAP_M for gap in gaps):
             poses.append(pose)
@@ -157,7 +162,13 @@ def align_levels(
     for radius, voxel, min_limit in levels:
         rows = thin_rows(points, voxel)
         for _ in range(MAX_LEVEL_STEPS):
-            system = _pair_points(points[rows], noise[rows], surface, pose, (radius, min_limit))
+            system = _pair_points(
+                points=points[rows],
+                noise=noise[rows],
+                surface=surface,
+                pose=pose,
+                limits=(radius, min_limit),
+            )
             step = system.step()
             pose = apply_motion(pose, step)
             if np.abs(step).max() < CONVERGED * radius:
@@ -199,7 +210,13 @@ def _pair_points(
     limit = np.maximum(TUKEY * spread, min_limit)
     weight = tukey_weight(residual / limit, 1.0) / spread**2
     jacobian = resistance(world[near], pose[:3, 3], normals)
-    return LinearSystem(jacobian, residual, weight, len(near) / len(points), scatter)
+    return LinearSystem(
+        rows=jacobian,
+        residual=residual,
+        weight=weight,
+        overlap=len(near) / len(points),
+        scatter=scatter,
+    )
 
 
 def tukey_weight(residual: Float64[np.ndarray, " n"], limit: float) -> Float64[np.ndarray, " n"]:

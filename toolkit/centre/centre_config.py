@@ -23,6 +23,12 @@ name = "north"
 port = 2368
 address = "192.168.1.201"       # address of the lidar, any when left out
 
+[[input]]
+kind = "ouster"                 # packets by UDP, next to other lidars
+name = "south"
+metadata = "south.json"         # of the sensor, as ouster-cli saves it
+port = 7502                     # address = as above
+
 [replay]
 speed = 1                       # seconds of the recording in a second
 interval_s = 0.1                # from a sensor's measurement to its next; known from recordings
@@ -75,14 +81,16 @@ MAX_PARALLEL = 16
 _MAX_ROWS = 64  # inputs or sensors
 _MAX_SPEED = 1000.0
 _MAX_S = 1e7
-InputKind = Literal["recording", "junction", "velodyne"]
+InputKind = Literal["recording", "junction", "velodyne", "ouster"]
 _TABLES = ("input", "replay", "sensor", "place", "output", "page", "health")
 _KEYS = ("coview_run", "detector", "detect_every", "parallel", *_TABLES)
 _INPUT_KEYS: dict[str, tuple[str, ...]] = {
     "recording": ("path", "layout", "poses", "errors", "site"),
     "junction": ("site", "seconds", "seed"),
     "velodyne": ("name", "port", "address"),
+    "ouster": ("name", "metadata", "port", "address"),
 }
+_LIDAR_PORTS = {"velodyne": 2368, "ouster": 7502}  # by kind, unless the configuration says
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,7 @@ class InputConfig:
     """One input, of which only the fields of its kind count.
 
     Attributes:
-        kind: Recording, junction or velodyne.
+        kind: Recording, junction, velodyne or ouster.
         path: File or folder of a recording.
         layout: Its layout, None to guess it.
         poses: File of its sensors' poses, None for the poses in the recording.
@@ -101,6 +109,7 @@ class InputConfig:
         name: Name of a lidar.
         port: UDP port to which it sends.
         address: Address of the lidar, None for any.
+        metadata: File of an Ouster's metadata.
     """
 
     kind: InputKind
@@ -112,8 +121,9 @@ class InputConfig:
     seconds: float = 600.0
     seed: int = 0
     name: str = ""
-    port: int = 2368
+    port: int = 0
     address: str | None = None
+    metadata: Path = Path()
 
 
 @dataclass(frozen=True)
@@ -242,8 +252,9 @@ def _parse_input(row: JsonObject, folder: Path) -> InputConfig:
     return InputConfig(
         kind,
         name=row.get("name", str),
-        port=row.whole("port", 1, 2**16 - 1) if "port" in row.value else 2368,
+        port=row.whole("port", 1, 2**16 - 1) if "port" in row.value else _LIDAR_PORTS[kind],
         address=_take(row, "address", str, None),
+        metadata=folder / row.get("metadata", str) if kind == "ouster" else Path(),
     )
 
 
@@ -258,7 +269,7 @@ def _check_inputs(inputs: tuple[InputConfig, ...]) -> None:
     if not inputs:
         raise ValueError("input must be a list of at least one input: begin it with [[input]]")
     kinds = [source.kind for source in inputs]
-    if len(inputs) > 1 and set(kinds) != {"velodyne"}:
+    if len(inputs) > 1 and not set(kinds) <= set(_LIDAR_PORTS):
         raise ValueError(
             f"a recording or junction sets the clock, got inputs {', '.join(kinds)}: give "
             "one of them, or several lidars"
@@ -335,7 +346,7 @@ def _take(row: JsonObject, key: str, kind: type, default: Any) -> Any:
 
 
 def _take_whole(row: JsonObject, key: str, maximum: int) -> int | None:
-    """Return a whole number from 1 on, None if it is missing."""
+    """Return a whole number from 1 to a maximum, None if it is missing."""
     return row.whole(key, 1, maximum) if key in row.value else None
 
 

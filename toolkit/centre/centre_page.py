@@ -47,8 +47,15 @@ class CentrePage:
     """
 
     def __init__(self, server: "ViserServer", sensors: Mapping[str, Sensor]) -> None:
+        """Prepare the page of sensors, by name, and start the thread that draws."""
         self._server = server
-        self._style = SceneStyle(tuple(sensors), ("sensor",), Scales(), MAX_PAGE_POINTS, "float16")
+        self._style = SceneStyle(
+            sensors=tuple(sensors),
+            colourings=("sensor",),
+            scales=Scales(),
+            max_points=MAX_PAGE_POINTS,
+            precision="float16",
+        )
         positions = np.array([sensor.position for sensor in sensors.values()])
         self._origin = np.array([*np.round(positions[:, :2].mean(axis=0)), 0.0])
         self._newest: CentreFrame | None = None
@@ -123,7 +130,14 @@ def _make_tags(tracks: Tracks, boxes: Float64[np.ndarray, "n 7"]) -> tuple[Tag, 
         kind = LABELS[tracks.labels[row]]
         x, y, z = boxes[row, :3].tolist()
         place = (x, y, z + float(boxes[row, 5]) / 2)
-        tags.append(Tag(kind, "detection", f"{kind} {number} {speeds[row]:.0f} km/h", place))
+        tags.append(
+            Tag(
+                kind,
+                outcome="detection",
+                text=f"{kind} {number} {speeds[row]:.0f} km/h",
+                place=place,
+            )
+        )
     return tuple(tags)
 
 
@@ -141,7 +155,7 @@ def describe_centre_frame(frame: CentreFrame, sensors: tuple[str, ...]) -> str:
 def open_centre_page(port: int, sensors: Mapping[str, Sensor]) -> Iterator[tuple[CentrePage, str]]:
     """Serve a page to this machine during a block; give the page and its address.
 
-    port: a later one if it is taken. Raises ImportError without viser."""
+    port: a later one if it is taken; sensors: by name. Raises ImportError without viser."""
     token = secrets.token_urlsafe(16)  # 16 random bytes as text
     with scene.viser_server(port, token) as server:
         page = CentrePage(server, sensors)

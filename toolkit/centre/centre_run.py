@@ -26,7 +26,7 @@ from toolkit.sensors.sensor import Sensor
 from toolkit.tracking.tracker import Tracker
 
 _WARM_UPS = 2  # the first detection loads, the second one is as fast as any
-PATIENCE_SHARE = 0.5  # of the interval: wait for a sensor that should have sent
+PATIENCE_SHARE = 0.5  # share of the interval to wait for a sensor that should have sent
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,9 @@ def run_centre(
         watch = parts.make_watch(sensors, start_s, turn_process)
 
         def tick(now_s: float, events: list[CentreEvent]) -> None:
+            """Report events, write health if it is due, and stop the run when its time is over.
+
+            now_s: time of the sensors (s)."""
             for event in events:
                 health.add_event(event)
                 report(event)

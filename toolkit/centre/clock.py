@@ -33,6 +33,7 @@ class RunningClock:
     """
 
     def __init__(self, start_s: float, speed: float = 1.0) -> None:
+        """Begin now."""
         if not 0 < speed < float("inf"):
             raise ValueError(f"speed must be above 0, got {speed:g}: give 1 for real time")
         self.speed = speed

@@ -50,6 +50,9 @@ class DetectionPool:
     """
 
     def __init__(self, detection: Detection, wake: Callable[[], None]) -> None:
+        """Start the threads, none if the calling thread is to detect.
+
+        wake: called by a thread that has detected."""
         self._detection = detection
         self._wake = wake
         self._next_frame: Frame | None = None
@@ -59,17 +62,20 @@ class DetectionPool:
             self._threads = ThreadPoolExecutor(detection.parallel)
 
     def submit(self, frame: Frame) -> "Future[FrameDetections]":
-        """Find the ground of a frame, then begin to detect in it."""
+        """Find the ground of a frame, then begin to detect in it; without threads, detect now.
+
+        Returns the detections, which may still have to come."""
         self._next_frame = frame
-        levelled_frame = next(self._stands)  # frame, with its ground and area
-        job = (*levelled_frame, self._detection.detector, self._detection.scene)
+        # the iterator of grounds draws the frame just set; it gives it with its ground and area
+        levelled_frame = next(self._stands)
+        arguments = (*levelled_frame, self._detection.detector, self._detection.scene)
         if self._threads is not None:
-            future = self._threads.submit(detect_frame, *job)
+            future = self._threads.submit(detect_frame, *arguments)
             future.add_done_callback(lambda future: self._wake())
             return future
-        done: Future[FrameDetections] = Future()
-        done.set_result(detect_frame(*job))
-        return done
+        finished_future: Future[FrameDetections] = Future()
+        finished_future.set_result(detect_frame(*arguments))
+        return finished_future
 
     def close(self) -> None:
         """End the threads after the detections that they work on."""

@@ -37,6 +37,9 @@ class HealthLog:
     """
 
     def __init__(self, path: Path | None, every_s: float = HEALTH_EVERY_S) -> None:
+        """Open the file, if there is one, to write at its end.
+
+        every_s: time from one line to the next (s). Raises ValueError unless it is above 0."""
         if not every_s > 0:
             raise ValueError(f"health lines need more than 0 s between them, got {every_s:g}")
         self.frames = 0

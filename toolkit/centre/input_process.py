@@ -24,18 +24,24 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
 
     Raises ValueError with the text of an error in that process, and if the process dies."""
     context = multiprocessing.get_context("spawn")  # forking would copy locks of threads
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_send_messages, args=(source, sender), daemon=True)
+    receiver, sender = context.Pipe()
+    process = context.Process(target=_send_messages, args=(sender,), daemon=True)
     process.start()
     sender.close()  # the process has the other end, and its death shows here
     try:
+        # as an argument, a large input would block for ever if the process died before it read it
+        with suppress(BrokenPipeError, ConnectionResetError):
+            receiver.send(source)
         while not stop.is_set():
             if not receiver.poll(_POLL_S):
                 continue
             try:
                 content: _Content = receiver.recv()
-            except EOFError:
-                raise ValueError("the process that reads the input died: start again") from None
+            except (EOFError, ConnectionResetError):
+                raise ValueError(
+                    "the process that reads the input died: start again, in a script under "
+                    '`if __name__ == "__main__":`'
+                ) from None
             if content is None:
                 return
             if isinstance(content, str):
@@ -47,11 +53,12 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
         process.join(_END_S)
 
 
-def _send_messages(source: SensorInput, sender: Connection) -> None:
-    """Send all messages of an input, then None; the text of an error instead.
+def _send_messages(sender: Connection) -> None:
+    """Receive an input, send all its messages, then None; the text of an error instead.
 
     A thread reads them ahead. If it dies of an unexpected error, the process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    source: SensorInput = sender.recv()
     contents: Queue[_Content] = Queue(MAX_AHEAD_MESSAGES)
     reader = Thread(target=_read_messages, args=(source, contents), daemon=True)
     reader.start()

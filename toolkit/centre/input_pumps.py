@@ -49,6 +49,9 @@ class InputPumps:
         speed: float = 1.0,
         read: Reader = read_in_process,
     ) -> None:
+        """Make a thread for each input; `start` starts them.
+
+        Raises ValueError for live sensors next to replays."""
         self._is_live = inputs[0].is_live
         if any(source.is_live != self._is_live for source in inputs):
             raise ValueError("live sensors and replays have different clocks: give one kind only")
@@ -98,7 +101,9 @@ class InputPumps:
                 thread.join(_END_S)
 
     def _pump(self, source: SensorInput, number: int) -> None:
-        """Hand over the messages of an input; number: its number."""
+        """Put the messages of an input into the queue, and close it after the last input's.
+
+        Of a replay, the first message waits until all inputs are ready. number: the input's."""
         try:
             is_first = True
             for message in self._read(source, self._stop):

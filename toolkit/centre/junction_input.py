@@ -48,7 +48,7 @@ class JunctionInput:
             seed=self.seed,
             interval=self.interval_s,
         ).with_traffic()
-        make_scenes = job.start(1)
+        make_scenes = job.start(1)  # in one process; gives the scenes of a block
         for block in range(job.blocks):
             for scene in make_scenes(block):
                 if stop.is_set():

@@ -17,7 +17,7 @@ class MessageSource(Protocol):
         """Numbers of dropped messages by sensor."""
 
     def take(self, wait_s: float) -> list[SensorMessage] | None:
-        """Return the messages that arrive within some seconds, None after the last one."""
+        """Return the messages that arrive within `wait_s` seconds, None after the last one."""
 
     def wake(self) -> None:
         """End the wait of `take`, from another thread."""
@@ -35,6 +35,9 @@ class MessageQueue:
     """
 
     def __init__(self, stop: Event, max_messages: int = MAX_WAITING_MESSAGES) -> None:
+        """Begin without messages.
+
+        stop: ends the run; max_messages: number of messages beyond which the oldest is dropped."""
         if max_messages < 1:
             raise ValueError(f"a queue must hold at least 1 message, got {max_messages}")
         self.drops: Counter[str] = Counter()

@@ -44,6 +44,7 @@ class PaceEvent:
         }
 
     def __str__(self) -> str:
+        """The change with its reason and remedy, in a line."""
         times = (
             f"{self.time_s:.2f} s: a frame takes {self.work_ms:.0f} ms, and the next comes after "
             f"{self.interval_ms:.0f} ms"
@@ -75,6 +76,10 @@ class PaceKeeper:
     def __init__(
         self, interval_s: float, detect_every: int | None = None, *, parallel: int = 1
     ) -> None:
+        """Begin with a detection in every frame, or at the fixed rate.
+
+        interval_s: time between frames (s); detect_every: k for every k-th frame, None to choose
+        it; parallel: frames in which the centre detects at the same time."""
         self.detect_every = 1 if detect_every is None else detect_every
         self._is_fixed = detect_every is not None
         self._interval_s = interval_s
@@ -92,9 +97,9 @@ class PaceKeeper:
         return True
 
     def add_work(self, work_s: float, time_s: float) -> PaceEvent | None:
-        """Take the work on a frame with detection (s); return what changes by it, if anything.
+        """Take the time of work on a frame with detection (s); return what it changes, if anything.
 
-        time_s: present time (s)."""
+        "Every k" below means to detect in every k-th frame. time_s: present time (s)."""
         self._works_s.append(work_s)
         if len(self._works_s) < WORK_FRAMES:
             return None
@@ -113,7 +118,10 @@ class PaceKeeper:
     def _report_overload(
         self, time_s: float, median_s: float, needed_every: int, spare_every: int
     ) -> PaceEvent | None:
-        """Return an event when a fixed rate is too high, once until there is time to spare."""
+        """Return an event when a fixed rate is too high, once until there is time to spare.
+
+        median_s: work on a frame (s); needed_every: k, if there is time for detection in every k-th
+        frame; spare_every: likewise, with time to spare."""
         if spare_every <= self.detect_every:
             self._is_overloaded = False
         if needed_every <= self.detect_every or self._is_overloaded:
@@ -122,12 +130,21 @@ class PaceKeeper:
         return self._describe(time_s, median_s, needed_every)
 
     def _find_every(self, work_s: float, load: float) -> int:
-        """Return how often detection may take place; load: share of the time that it may take."""
+        """Return k, if there is time for detection in every k-th frame.
+
+        work_s: work on a frame (s); load: share of the time that detection may take."""
         share_s = load * self._parallel * self._interval_s  # if detection is in every frame
         return min(max(1, int(np.ceil(work_s / share_s))), MAX_EVERY)
 
     def _describe(self, time_s: float, median_s: float, needed_every: int) -> PaceEvent:
-        """Return an event at a time (s); median_s: work on a frame (s)."""
+        """Return an event at a time (s).
+
+        median_s: work on a frame (s); needed_every: k, if there is time for detection in every k-th
+        frame."""
         return PaceEvent(
-            time_s, self.detect_every, needed_every, 1e3 * median_s, 1e3 * self._interval_s
+            time_s,
+            self.detect_every,
+            needed_every,
+            work_ms=1e3 * median_s,
+            interval_ms=1e3 * self._interval_s,
         )

@@ -25,6 +25,7 @@ class RecordingInput:
     is_live = False
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a recording of one frame, and for times that do not rise."""
         if len(self.recording) < 2:
             raise ValueError(f"a replay needs 2 frames or more, got {len(self.recording)}")
         times = [frame.time for frame in self._first_frames]

@@ -115,6 +115,10 @@ class RunningCentre:
         tick: Callable[[float, list[CentreEvent]], None] = lambda now_s, events: None,
         with_clouds: bool = False,
     ) -> None:
+        """Begin without messages and tracks.
+
+        write: called with each instant; tick: called with the time (s) and what happened since;
+        with_clouds: True to pass clouds to `write`."""
         self.dropped_frames = 0
         self.predicted_frames = 0
         self._sensors = sensors
@@ -207,7 +211,9 @@ class RunningCentre:
         stages.end("write")
         faults = dict(self._watch.faults)
         latency_ms = stages.latency_ms(frame.time)
-        yield CentreFrame(frame, detections, tracks, faults, dict(stages.times_ms), latency_ms)
+        yield CentreFrame(
+            frame, detections, tracks, faults, stage_ms=dict(stages.times_ms), latency_ms=latency_ms
+        )
         for message in entry.messages:
             self._watch.read(message)
         if detections is not None:
@@ -229,7 +235,12 @@ class RunningCentre:
     def count_left_out(self, source: MessageSource) -> LeftOut:
         """Return the numbers of what was left out; source: source of the messages."""
         late = self._synchroniser.late
-        return LeftOut(self.dropped_frames, source.drops, late, self.predicted_frames)
+        return LeftOut(
+            frames=self.dropped_frames,
+            messages=source.drops,
+            late=late,
+            predicted=self.predicted_frames,
+        )
 
     def _fuse(self, group: MessageGroup) -> Frame:
         """Return the messages of a group as one frame, with all points at its time."""

@@ -64,7 +64,11 @@ def list_messages(frame: Frame) -> list[SensorMessage]:
                 f"a replay needs the time of every frame, frame {frame.name or frame.index} has "
                 "no time: name the clouds by their times"
             )
-        messages.append(SensorMessage(sensor.name, time_s, time_s, measurement))
+        messages.append(
+            SensorMessage(
+                sensor=sensor.name, time_s=time_s, arrival_s=time_s, measurement=measurement
+            )
+        )
     return sorted(messages, key=lambda message: message.arrival_s)
 
 

@@ -80,6 +80,10 @@ class SensorMonitor:
         silent_after: float = DEFAULT_SILENT_AFTER_S,
         view: ImageMask | None = None,
     ) -> None:
+        """Begin without data.
+
+        start: time (s) from which the sensor should send; silent_after: seconds without data after
+        which it is silent; view: mask of the pixels to look at, None for all."""
         if not 0 < silent_after < np.inf:
             raise ValueError(
                 f"silent_after must be seconds above 0, got {silent_after}: such as "
@@ -122,7 +126,7 @@ class SensorMonitor:
         return Fault.SHIFTED if self._shifted >= MIN_FAULTY_MESSAGES else None
 
     def _is_new(self, newest: Shown, now: float) -> bool:
-        # True for data that were not read yet, unless they are from the future
+        """Return True for data that were not read yet, unless they are from the future."""
         if not newest.time <= now + MAX_CLOCK_AHEAD_S:
             return False
         return self._pixels is None or newest.time > self._newest
@@ -130,7 +134,8 @@ class SensorMonitor:
     def _read(self, newest: Shown, covered: Callable[[], ImageMask] | None) -> None:
         """Read new data, and count messages in a row that show the sensor frozen, blind or shifted.
 
-        covered: see `look`."""
+        With `sent`, only part of the pixels was sent (a foreground). covered: returns the mask of
+        the pixels in which objects that others see are in front of the empty scene."""
         self._newest = newest.time
         is_returned = is_return(newest.image, self._scene.model.max_range)
         is_returned &= True if newest.sent is None else newest.sent
@@ -194,7 +199,7 @@ def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageM
         nothing,
     )
     rays = sensor.world_rays.astype(np.float64)  # ray for a measurement of 1 m; axes: xyz, pixel
-    hit = np.zeros(behind.size, bool)
+    is_hit = np.zeros(behind.size, bool)
     for x, y, z, *size, yaw in boxes:
         cos = np.cos(yaw)
         sin = np.sin(yaw)
@@ -207,10 +212,10 @@ def standing_before(scene: EmptyScene, sensor: Sensor, boxes: BoxRows) -> ImageM
         ends = np.stack([(-half - start[:, None]) / along, (half - start[:, None]) / along])
         near = ends.min(axis=0).max(axis=0)
         far = ends.max(axis=0).min(axis=0)
-        hit |= (
+        is_hit |= (
             (near < far)
             & (near > 0)
             & (near < sensor.model.max_range)
             & (near + _SCENE_GAP_M < behind.ravel())
         )
-    return hit.reshape(behind.shape)
+    return is_hit.reshape(behind.shape)

@@ -53,6 +53,10 @@ class _WatchedSensor:
     learnt: its empty scene, None to watch its times only."""
 
     def __init__(self, start_s: float, interval_s: float, learnt: LearntScene | None) -> None:
+        """Begin without messages.
+
+        start_s: time from which it should send (s); interval_s: time between measurements (s);
+        learnt: its empty scene, None to watch its times only."""
         self._late_after_s = interval_s + LATE_AFTER_S
         self._silent_after_s = max(SILENT_AFTER_S, interval_s + LATE_AFTER_S)
         self._arrival_s = start_s
@@ -119,6 +123,10 @@ class SensorWatch:
         scenes: Mapping[str, LearntScene] | None = None,
         turn_watch: TurnWatch | None = None,
     ) -> None:
+        """Begin without faults.
+
+        sensors: by name; start_s: time from which messages are expected (s); interval_s: time
+        between two frames (s); scenes: what was learnt of each sensor's empty scene."""
         scenes = scenes or {}
         self.faults: dict[str, Fault] = {}
         self._turn_watch = turn_watch

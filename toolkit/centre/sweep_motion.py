@@ -37,7 +37,13 @@ def move_to_frame(frame: Frame, times_s: Float64[np.ndarray, " sensors"], tracks
         if isinstance(measurement, SensorCloud):
             measurements[row] = _move_cloud(measurement, last_age_s, moving)
         elif last_age_s >= MIN_APART_S:
-            shift = _shift_image(frame.sensors[row], measurement, shift, last_age_s, moving)
+            shift = _shift_image(
+                sensor=frame.sensors[row],
+                image=measurement,
+                shift=shift,
+                age_s=last_age_s,
+                moving=moving,
+            )
         shifts[row] = shift
     is_shifted = any(shift is not None for shift in shifts)
     return replace(
@@ -101,7 +107,8 @@ def _shift_image(
 ) -> ImageVectors:
     """Return the shift (m, world frame) of each pixel of an image that is older than its frame.
 
-    shift: shift that the image has already, None for none."""
+    shift: shift that the image has already, None for none; age_s: frame's time less the image's
+    (s)."""
     world_points, _ = unproject(sensor, image, shift)
     points = world_points.T.astype(np.float64)
     moves = find_moves(points, np.full(len(points), age_s), moving)

@@ -52,6 +52,7 @@ class Synchroniser:
     """
 
     def __init__(self, interval_s: float, patience_s: float) -> None:
+        """Begin without messages. Raises ValueError for an interval that is not above 0."""
         if not 0 < interval_s < np.inf:
             raise ValueError(f"the interval must be seconds above 0, got {interval_s:g}")
         self.interval_s = interval_s
@@ -63,7 +64,10 @@ class Synchroniser:
         self._last_anchor_s = -np.inf  # anchor of the last group given out
 
     def add(self, message: SensorMessage) -> None:
-        """Add a message to its group, or count it as late."""
+        """Add a message to its group, or count it as late.
+
+        A group takes messages from half an interval before its first one on. A second message of a
+        sensor in one group is late if it is near the group's first one, else it opens a group."""
         if message.time_s < self._last_anchor_s + self._before_s - _TOLERANCE_S:
             self.late[message.sensor] += 1
             return

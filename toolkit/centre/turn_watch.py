@@ -106,6 +106,10 @@ class TurnWatch:
     def __init__(
         self, sensors: Mapping[str, Sensor], scenes: Mapping[str, EmptyScene], finder: TurnFinder
     ) -> None:
+        """Begin without images.
+
+        scenes: empty scenes of the sensors to watch, by name; finder: registers the images of a
+        sensor."""
         self.turned: set[str] = set()
         self._poses = {name: sensors[name].pose for name in scenes}
         self._scenes = dict(scenes)
@@ -135,7 +139,7 @@ class TurnWatch:
         return name in self.turned
 
     def _finish_job(self) -> None:
-        """Take the result of a registration that is done."""
+        """Take the result of a registration that is done: whether its sensor is turned."""
         if self._job is None or not self._job.done():
             return
         name = self._job_name
@@ -194,7 +198,9 @@ class TurnProcess:
         self._thread.shutdown(cancel_futures=True)
 
     def _ask(self, job: _TurnJob) -> float | None:
-        """Return the result of a job, None if the process dies."""
+        """Send a job to the process and return its result; None if the process dies.
+
+        A process that died is started again at the next job."""
         try:
             if self._connection is None:
                 self._start()

@@ -3,8 +3,6 @@
 The times of a sweep are those of this computer, at which its packets were received, so that the
 lidar's clock does not matter."""
 
-import socket
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from threading import Event
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.arrays import Pose
+from toolkit.centre.packet_port import PacketPort
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.datasets.cloud_records import build_cloud
 from toolkit.datasets.layouts.velodyne_packets import (
@@ -25,9 +24,6 @@ from toolkit.frame import SensorCloud
 from toolkit.sensors.models import SpinningLidar
 from toolkit.sensors.sensor import Sensor
 
-_POLL_S = 0.2  # a silent port looks for the end of the run this often
-_BUFFER_BYTES = 1 << 22  # of the system, for packets that wait: a second of a large lidar
-
 
 @dataclass(frozen=True, eq=False)
 class VelodyneInput:
@@ -35,17 +31,13 @@ class VelodyneInput:
 
     Attributes:
         name: Name of the sensor.
-        port: UDP port, 2368 by Velodyne's default.
-        pose: World_SE3_sensor.
-        address: Address of the lidar, None to take packets from anywhere.
-        host: Address of this computer at which to listen, "" for all.
+        port: Port at which the packets arrive.
+        pose: World_SE3_sensor, None for the origin.
     """
 
     name: str
-    port: int = 2368
+    port: PacketPort
     pose: Pose | None = None
-    address: str | None = None
-    host: str = ""
     is_live = True
 
     @property
@@ -64,7 +56,7 @@ class VelodyneInput:
         Raises ImportError without velodyne-decoder, OSError for a port that is taken, ValueError
         for a lidar of an unknown model."""
         decoder = None
-        for time_s, data in self._receive(stop):
+        for time_s, data in self.port.receive(VELODYNE_PACKET_BYTES, stop):
             if decoder is None:
                 decoder = self._open_decoder(data[-1])
             decoded = decoder.decode(time_s, data, True)
@@ -75,9 +67,9 @@ class VelodyneInput:
         """Make the decoder of a model by the last byte of its packets."""
         if last_byte not in VELODYNE_MODELS:
             raise ValueError(
-                f"the packets at port {self.port} end in {last_byte:#04x}, not in the byte of a "
-                f"known model ({', '.join(VELODYNE_MODELS.values())}): record and decode them with "
-                "the sensor's driver"
+                f"the packets at port {self.port.number} end in {last_byte:#04x}, not in the byte "
+                f"of a known model ({', '.join(VELODYNE_MODELS.values())}): record and decode "
+                "them with the sensor's driver"
             )
         try:
             return make_velodyne_decoder(last_byte)
@@ -86,27 +78,14 @@ class VelodyneInput:
                 "live Velodyne lidars need velodyne-decoder: pip install coview[scans]"
             ) from None
 
-    def _receive(self, stop: Event) -> Iterator[tuple[float, bytes]]:
-        """Yield time (s) and data of the lidar's packets."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-            port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-            port.bind((self.host, self.port))
-            port.settimeout(_POLL_S)
-            while not stop.is_set():
-                try:
-                    data, (address, _) = port.recvfrom(2 * VELODYNE_PACKET_BYTES)
-                except TimeoutError:
-                    continue
-                is_expected = self.address in (None, address)
-                if is_expected and len(data) == VELODYNE_PACKET_BYTES:
-                    yield time.time(), data
-
     def _make_message(self, stamp: Any, table: Any) -> SensorMessage:
-        """Return a decoded turn as a message."""
+        """Return a decoded turn as a message.
+
+        stamp: time of the turn, of velodyne-decoder; table: its points, a row for each."""
         columns = list_sweep_columns(np.array(table))
         cloud: SensorCloud = build_cloud(
             columns, self.name, self._pose, {}, stamp_s=float(stamp.host)
         )
         last_s = 0.0 if cloud.time is None else float(cloud.time.max(initial=0.0))
         time_s = float(stamp.host) + last_s
-        return SensorMessage(self.name, time_s, time_s, cloud)
+        return SensorMessage(sensor=self.name, time_s=time_s, arrival_s=time_s, measurement=cloud)

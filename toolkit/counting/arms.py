@@ -30,11 +30,12 @@ class Arm(NamedTuple):
 
 
 def find_arms(site: Site) -> list[Arm]:
-    """Arms of a site, clockwise from north; without roads in its map, one for each side."""
+    """Arms of a site, clockwise from north; without roads at its border, one for each side."""
     border = shapely.box(*site.area).exterior
     pieces: list[shapely.Geometry] = []
     if site.lanes:
         roads = shapely.union_all([shapely.Polygon(lane) for lane in site.lanes])
+        # a thin strip along the border, since the roads end there
         touched = shapely.intersection(shapely.buffer(border, 0.05), roads)
         pieces = list(shapely.get_parts(shapely.buffer(touched, SAME_ARM_M / 2)))
         merged = shapely.union_all(pieces)
@@ -52,7 +53,7 @@ def find_arms(site: Site) -> list[Arm]:
             np.array([xmin, middle[1]]),
         ]
     offsets = [point - middle for point in points]
-    bearings = [bearing_deg(site, float(np.arctan2(dy, dx))) for dx, dy in offsets]
+    bearings = [bearing_deg(site, float(np.arctan2(dy, dx))) for dx, dy in offsets]  # from north
     names = name_gates(bearings, [float(np.hypot(*offset)) for offset in offsets])
     arms = []
     for row in np.argsort(bearings).tolist():
@@ -72,7 +73,7 @@ def find_crossing(
 
     Args:
         point: x, y (m) of the road user, inside.
-        velocity: along x and y (m/s); turned round if it came in.
+        velocity: along x and y (m/s); reversed, to find where a road user came in.
         area: xmin, ymin, xmax, ymax (m)."""
     speed = float(np.hypot(*velocity))
     if speed <= 0:
@@ -80,10 +81,10 @@ def find_crossing(
     borders = np.where(velocity > 0, area[2:], area[:2])
     with np.errstate(divide="ignore", invalid="ignore"):
         seconds = (borders - point) / velocity
-    first = float(np.nanmin(np.where(velocity == 0, np.inf, seconds)))
-    if first > MAX_APPROACH_S or first * speed > MAX_APPROACH_M:
+    first_s = float(np.nanmin(np.where(velocity == 0, np.inf, seconds)))
+    if first_s > MAX_APPROACH_S or first_s * speed > MAX_APPROACH_M:
         return None
-    return point + max(0.0, first) * velocity
+    return point + max(0.0, first_s) * velocity
 
 
 def nearest_arm(point: Float64[np.ndarray, "2"], arms: Sequence[Arm]) -> str:

@@ -85,7 +85,9 @@ def find_conflicts(
 def _list_pairs(
     trajectories: Sequence[Trajectory], max_pet: float
 ) -> Iterator[tuple[Trajectory, Trajectory]]:
-    """Yield pairs that are near the same places within `max_pet` seconds, not both on foot."""
+    """Yield pairs that may be near one place within `max_pet` seconds of each other.
+
+    Two pedestrians are no pair. Each pair comes once, in the order of the trajectories."""
     if not trajectories:
         return
     spans = np.array([[trajectory.times[0], trajectory.times[-1]] for trajectory in trajectories])
@@ -120,7 +122,9 @@ class _CommonPlaces(NamedTuple):
 
 
 def _find_conflict(user: Trajectory, partner: Trajectory, max_pet: float) -> Conflict | None:
-    """Conflict of two road users; None without one of at most `max_pet` seconds."""
+    """Conflict of two road users, None without one.
+
+    max_pet: largest post-encroachment time of a conflict (s)."""
     places = _find_common_places(user, partner, max_pet)
     if not len(places.gaps):
         return None
@@ -151,7 +155,7 @@ def _find_conflict(user: Trajectory, partner: Trajectory, max_pet: float) -> Con
 
 
 def _find_common_places(user: Trajectory, partner: Trajectory, max_pet: float) -> _CommonPlaces:
-    """Rows of two trajectories, at most `max_pet` seconds apart, whose bodies overlap."""
+    """Pairs of rows, one of each user, whose bodies overlap, at most `max_pet` seconds apart."""
     rows = np.flatnonzero(_mask_near(user, partner))
     partner_rows = np.flatnonzero(_mask_near(partner, user))
     gaps = partner.times[partner_rows] - user.times[rows, None]
@@ -170,7 +174,7 @@ def _find_common_places(user: Trajectory, partner: Trajectory, max_pet: float) -
 
 
 def _mask_near(trajectory: Trajectory, partner: Trajectory) -> Bool[np.ndarray, " n"]:
-    """Mask of the times at which a road user moves where another one may ever be."""
+    """Mask of the rows of a trajectory at which it moves where its partner may be at any time."""
     margin = (np.hypot(*trajectory.boxes[0, 3:5]) + np.hypot(*partner.boxes[0, 3:5])) / 2 + 0.5
     points = trajectory.boxes[:, :2]
     low = partner.boxes[:, :2].min(axis=0) - margin
@@ -180,7 +184,7 @@ def _mask_near(trajectory: Trajectory, partner: Trajectory) -> Bool[np.ndarray, 
 
 
 def _find_velocity(trajectory: Trajectory, time: float) -> Float64[np.ndarray, "2"]:
-    """Velocity (m/s) at a time, the first or last one beyond the ends."""
+    """Velocity (m/s) along x and y in the first row from a time (s) on, or in the last row."""
     row = int(np.clip(np.searchsorted(trajectory.times, time), 0, len(trajectory.times) - 1))
     return trajectory.velocities[row]
 
@@ -192,7 +196,9 @@ def _angle_deg(user: Float64[np.ndarray, "2"], partner: Float64[np.ndarray, "2"]
 
 
 def _find_shortest_ttc(user: Trajectory, partner: Trajectory, time: float) -> float:
-    """Shortest time to collision (s) of two road users in the seconds before a time."""
+    """Shortest time to collision (s) in the `TTC_SPAN_S` before a time (s), infinite without one.
+
+    Only times at which both road users have rows are looked at."""
     is_before = (user.times <= time) & (user.times >= time - TTC_SPAN_S)
     rows = np.flatnonzero(is_before & np.isin(user.times, partner.times))
     partner_rows = np.searchsorted(partner.times, user.times[rows])
@@ -296,5 +302,9 @@ def match_conflicts(
     ]
     errors = [true_partners[row].pet_s - true[row].pet_s for row in recalled]
     return ConflictMatches(
-        len(counted), len(right), len(counted_true), len(recalled), tuple(errors)
+        found=len(counted),
+        right=len(right),
+        true=len(counted_true),
+        detected=len(recalled),
+        pet_errors_s=tuple(errors),
     )

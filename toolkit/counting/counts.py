@@ -25,6 +25,19 @@ GROUPS = {  # names of classes that are counted together, by the name of the gro
 MAX_TRIP_OFFSET_S = 3.0  # between entries, and between exits, of a trip and its true one
 
 
+class MovementKey(NamedTuple):
+    """Trips that are counted together.
+
+    Attributes:
+        label: name of their class.
+        entry: name of the arm at which they come in.
+        exit: name of the arm at which they leave."""
+
+    label: str
+    entry: str
+    exit: str
+
+
 @dataclass(frozen=True)
 class MovementCount:
     """Trips of one class from one arm to another.
@@ -45,9 +58,9 @@ class MovementCount:
     dwell_s: float
 
     @property
-    def key(self) -> tuple[str, str, str]:
+    def key(self) -> MovementKey:
         """Names of class, entry and exit."""
-        return self.label, self.entry, self.exit
+        return MovementKey(self.label, self.entry, self.exit)
 
 
 class QueueCount(NamedTuple):
@@ -94,21 +107,26 @@ def count_street(
 ) -> StreetCounts:
     """Count the road users of a stretch of time.
 
-    times: time of each frame (s)."""
+    Args:
+        trajectories: Road users, one after the other.
+        site: Site with the area in which they count.
+        arms: Arms of the site.
+        times: Time of each frame (s), ascending."""
     trips = find_trips(trajectories, arms, site.area)
-    groups: dict[tuple[int, str, str], list[Trip]] = {}
+    groups: dict[MovementKey, list[Trip]] = {}
     partial = dict.fromkeys(LABELS, 0)
     for trip in trips:
         if trip.entry is not None and trip.exit is not None:
-            groups.setdefault((trip.label, trip.entry, trip.exit), []).append(trip)
+            key = MovementKey(LABELS[trip.label], trip.entry, trip.exit)
+            groups.setdefault(key, []).append(trip)
         elif trip.moving_s > 0:
             partial[LABELS[trip.label]] += 1
     movements = []
-    for key in sorted(groups):
+    for key in sorted(groups, key=_order_of_movement):
         movement = MovementCount(
-            label=LABELS[key[0]],
-            entry=key[1],
-            exit=key[2],
+            label=key.label,
+            entry=key.entry,
+            exit=key.exit,
             count=len(groups[key]),
             speed_km_h=_mean([trip.speed_km_h for trip in groups[key]]),
             dwell_s=_mean([trip.dwell_s for trip in groups[key]]),
@@ -130,19 +148,25 @@ def _count_queues(
     site: Site,
     seconds: Float64[np.ndarray, " frames"],
 ) -> tuple[QueueCount, ...]:
-    """Queues by entry, of vehicles whose entry is known. seconds: time of each frame."""
+    """Queues of vehicles whose entry is known, by the name of the entry.
+
+    Args:
+        trajectories: Road users.
+        trips: Their trips.
+        site: Site with the area in which they queue.
+        seconds: Time of each frame (s), ascending, with all times of the trajectories."""
     entries = {trip.id: trip.entry for trip in trips if trip.entry is not None}
-    waiting: dict[str, np.ndarray] = {}
+    queues: dict[str, np.ndarray] = {}  # by entry: number of queued vehicles in each frame
     for trajectory in trajectories:
         if trajectory.id not in entries or trajectory.label not in (VEHICLE, HEAVY):
             continue
         is_queued = mask_inside(trajectory, site.area) & (trajectory.speeds < QUEUED_M_S)
         frames = np.searchsorted(seconds, trajectory.times[is_queued])
         entry = entries[trajectory.id]
-        waiting.setdefault(entry, np.zeros(len(seconds), np.int64))[frames] += 1
+        queues.setdefault(entry, np.zeros(len(seconds), np.int64))[frames] += 1
     return tuple(
-        QueueCount(entry, float(numbers.mean()), int(numbers.max()))
-        for entry, numbers in sorted(waiting.items())
+        QueueCount(entry=entry, mean=float(lengths.mean()), longest=int(lengths.max()))
+        for entry, lengths in sorted(queues.items())
     )
 
 
@@ -173,18 +197,19 @@ class CountError:
 
 
 def compare_counts(counts: StreetCounts, truth: StreetCounts) -> list[CountError]:
-    """Movements that were counted or took place, by class, entry and exit."""
+    """Compare each movement that was counted or took place, sorted by class, entry and exit."""
     counted = {movement.key: movement for movement in counts.movements}
     true = {movement.key: movement for movement in truth.movements}
-    nothing = MovementCount("", "", "", 0, float("nan"), float("nan"))
+    nan = float("nan")
+    no_trips = MovementCount(label="", entry="", exit="", count=0, speed_km_h=nan, dwell_s=nan)
     errors = []
     for key in sorted(counted.keys() | true.keys(), key=_order_of_movement):
-        estimate = counted.get(key, nothing)
-        actual = true.get(key, nothing)
+        estimate = counted.get(key, no_trips)
+        actual = true.get(key, no_trips)
         error = CountError(
-            label=key[0],
-            entry=key[1],
-            exit=key[2],
+            label=key.label,
+            entry=key.entry,
+            exit=key.exit,
             count=estimate.count,
             true_count=actual.count,
             speed_km_h=estimate.speed_km_h,
@@ -220,9 +245,9 @@ class TripMatches(NamedTuple):
 
 
 def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> TripMatches:
-    """Match whole trips of some classes with true ones, by entry and exit.
+    """Match whole trips of some classes (names) with true ones, by entry and exit.
 
-    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart."""
+    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart, and none has two partners."""
     pairs = pair_trips(counts, truth, *labels)
     counted = sum(_is_counted(trip, labels) for trip in counts.trips)
     true = sum(_is_counted(trip, labels) for trip in truth.trips)
@@ -230,14 +255,17 @@ def match_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> Trip
 
 
 class TripPair(NamedTuple):
-    """Trip that was counted, and the true one that it is."""
+    """Trip that was counted, and the true one that it matches."""
 
     counted: Trip
     true: Trip
 
 
 def pair_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> list[TripPair]:
-    """Pair whole trips of some classes with true ones, as `match_trips` does."""
+    """Pair whole trips of some classes (names) with true ones of the same entry and exit.
+
+    Their begins and their ends are at most `MAX_TRIP_OFFSET_S` apart, and none has two partners. As
+    many trips as possible have one; among such pairings, the offsets are smallest in all."""
     from scipy.optimize import linear_sum_assignment
 
     counted = [trip for trip in counts.trips if _is_counted(trip, labels)]
@@ -248,6 +276,7 @@ def pair_trips(counts: StreetCounts, truth: StreetCounts, *labels: str) -> list[
         true_trips = _select_movement(true, gates)
         offsets = np.abs(_list_spans(trips)[:, None] - _list_spans(true_trips)).max(axis=2)
         is_pair = offsets <= MAX_TRIP_OFFSET_S
+        # 1000 less for a pair, so that more pairs cost less than any with smaller offsets
         rows, columns = linear_sum_assignment(np.where(is_pair, offsets - 1e3, 0.0))
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
             if is_pair[row, column]:
@@ -266,13 +295,13 @@ def _list_spans(trips: Sequence[Trip]) -> Float64[np.ndarray, "n 2"]:
     return np.array(spans, np.float64).reshape(-1, 2)
 
 
-def _order_of_movement(key: tuple[str, str, str]) -> tuple[int, str, str]:
-    """Key that sorts movements by class, entry and exit."""
-    return LABELS.index(key[0]), key[1], key[2]
+def _order_of_movement(key: MovementKey) -> tuple[int, str, str]:
+    """Key that sorts movements by class, as in `LABELS`, then by entry and exit."""
+    return LABELS.index(key.label), key.entry, key.exit
 
 
 def _is_counted(trip: Trip, labels: Sequence[str]) -> bool:
-    """True for a whole trip of one of some classes."""
+    """True for a whole trip (entry and exit known) of one of some classes (names)."""
     return trip.is_whole and LABELS[trip.label] in labels
 
 

@@ -23,15 +23,15 @@ COURSE_ROWS = 8  # at the ends of a fragment, over which its velocity is a mean
 
 
 class _Ends(NamedTuple):
-    """Ends of fragments, a row for each.
+    """Both ends of n fragments, a row for each.
 
     Attributes:
         first_times: time of the first row (s).
         last_times: time of the last row (s).
         first_points: x, y of the first row (m).
         last_points: x, y of the last row (m).
-        first_velocities: mean velocity near the begin (m/s).
-        last_velocities: mean velocity near the end (m/s).
+        first_velocities: mean velocity over the first `COURSE_ROWS` rows (m/s).
+        last_velocities: mean velocity over the last `COURSE_ROWS` rows (m/s).
         are_vehicles: True for vehicles and heavy vehicles."""
 
     first_times: Float64[np.ndarray, " n"]
@@ -45,14 +45,16 @@ class _Ends(NamedTuple):
     @classmethod
     def from_trajectories(cls, trajectories: Sequence[Trajectory]) -> "_Ends":
         """Ends of some fragments, at least one."""
+        first_velocities = [user.velocities[:COURSE_ROWS].mean(axis=0) for user in trajectories]
+        last_velocities = [user.velocities[-COURSE_ROWS:].mean(axis=0) for user in trajectories]
         return cls(
-            np.array([user.times[0] for user in trajectories]),
-            np.array([user.times[-1] for user in trajectories]),
-            np.array([user.boxes[0, :2] for user in trajectories]),
-            np.array([user.boxes[-1, :2] for user in trajectories]),
-            np.array([user.velocities[:COURSE_ROWS].mean(axis=0) for user in trajectories]),
-            np.array([user.velocities[-COURSE_ROWS:].mean(axis=0) for user in trajectories]),
-            np.array([user.label in (VEHICLE, HEAVY) for user in trajectories]),
+            first_times=np.array([user.times[0] for user in trajectories]),
+            last_times=np.array([user.times[-1] for user in trajectories]),
+            first_points=np.array([user.boxes[0, :2] for user in trajectories]),
+            last_points=np.array([user.boxes[-1, :2] for user in trajectories]),
+            first_velocities=np.array(first_velocities),
+            last_velocities=np.array(last_velocities),
+            are_vehicles=np.array([user.label in (VEHICLE, HEAVY) for user in trajectories]),
         )
 
 
@@ -76,11 +78,12 @@ def join_fragments(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
         costs = _measure_breaks(ends, row, followers)
         gaps = np.abs(ends.first_times[followers] - end)
         for number in np.flatnonzero(costs <= 1).tolist():
-            # a fragment in between comes before one after it
-            order_s = float(costs[number] + gaps[number])
-            links.append((order_s, row, int(followers[number])))
-    following: dict[int, int] = {}
-    preceded: set[int] = set()
+            # the gap counts too: so a fragment in between goes before a later one
+            link_cost = float(costs[number] + gaps[number])
+            links.append((link_cost, row, int(followers[number])))
+    following: dict[int, int] = {}  # row of the fragment after each
+    preceded: set[int] = set()  # rows of the fragments that come after another
+    # the cheapest links first, each fragment with one before it and one after it at most
     for _, row, follower in sorted(links):
         if row not in following and follower not in preceded:
             following[row] = follower
@@ -99,9 +102,10 @@ def join_fragments(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 def _measure_breaks(
     ends: _Ends, row: int, followers: Int64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, " k"]:
-    """Distances of a fragment and each of those after it from one way.
+    """Distance of each follower from the way on which a fragment is expected to go on.
 
-    Up to 1 they may be one road user; infinite for other classes and for gaps that are too long.
+    As a share of the distance that is allowed: up to 1 both may be one road user. Infinite for
+    other classes, for gaps that are too long and for followers that turn back.
 
     Args:
         ends: Ends of all fragments.
@@ -113,14 +117,14 @@ def _measure_breaks(
     is_standing = np.hypot(velocities[:, 0], velocities[:, 1]) < MOVING_M_S
     is_standing &= np.hypot(end_velocity[0], end_velocity[1]) < MOVING_M_S
     is_turning = velocities @ end_velocity < 0
-    # halfway by each velocity, as if the speed changed evenly
+    # half of the gap at each velocity, as if the speed changed evenly
     expected = ends.last_points[row] + gaps[:, None] * (end_velocity + velocities) / 2
     offsets = ends.first_points[followers] - expected
     reach = np.where(is_standing, MAX_BREAK_M, MAX_BREAK_M + MAX_DRIFT_M_S * np.abs(gaps))
     costs = np.hypot(offsets[:, 0], offsets[:, 1]) / reach
     max_gaps = np.where(is_standing, MAX_STANDING_GAP_S, MAX_MOVING_GAP_S)
     is_possible = (gaps <= max_gaps) & (is_standing | ~is_turning)
-    # the next one begins later, and ends later
+    # a follower begins later, and ends later
     is_possible &= ends.first_times[followers] > ends.first_times[row]
     is_possible &= ends.last_times[followers] > ends.last_times[row]
     is_possible &= ends.are_vehicles[followers] == ends.are_vehicles[row]
@@ -128,13 +132,16 @@ def _measure_breaks(
 
 
 def _drop_shadows(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
-    """Trajectories without those that are within the body of a longer one most of the time."""
-    order = sorted(range(len(trajectories)), key=lambda row: -len(trajectories[row].times))
+    """Trajectories without those that are within the body of a longer one most of the time.
+
+    They keep their order."""
+    longest_first = sorted(range(len(trajectories)), key=lambda row: -len(trajectories[row].times))
     spans = np.array([[user.times[0], user.times[-1]] for user in trajectories]).reshape(-1, 2)
     lows = np.array([user.boxes[:, :2].min(axis=0) for user in trajectories]).reshape(-1, 2)
     highs = np.array([user.boxes[:, :2].max(axis=0) for user in trajectories]).reshape(-1, 2)
     is_kept = np.zeros(len(trajectories), np.bool_)
-    for row in order:
+    for row in longest_first:
+        # only longer trajectories, since no shorter one is kept yet
         is_near = is_kept & (spans[:, 0] <= spans[row, 1]) & (spans[:, 1] >= spans[row, 0])
         is_near &= (lows <= highs[row] + MAX_BODY_M).all(axis=1)
         is_near &= (highs >= lows[row] - MAX_BODY_M).all(axis=1)
@@ -147,7 +154,8 @@ def _drop_shadows(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 
 
 def _measure_shadow(trajectory: Trajectory, longer: Trajectory) -> float:
-    """Share of the rows of a trajectory that are within the body of a longer one then."""
+    """Share (0 to 1) of a trajectory's rows whose middle is then in the body of a longer one."""
+    # the common times, then their rows in each
     common = np.intersect1d(trajectory.times, longer.times, assume_unique=True, return_indices=True)
     rows = common[1]
     longer_rows = common[2]
@@ -169,10 +177,10 @@ def _join(fragments: Sequence[Trajectory]) -> Trajectory:
     if len(fragments) == 1:
         return fragments[0]
     longest = max(fragments, key=lambda fragment: len(fragment.times))
-    parts = [
-        fragment.select(slice(int(np.searchsorted(fragment.times, later.times[0]))))
-        for fragment, later in pairwise(fragments)
-    ]
+    parts = []
+    for fragment, later in pairwise(fragments):
+        end = int(np.searchsorted(fragment.times, later.times[0]))
+        parts.append(fragment.select(slice(end)))
     parts.append(fragments[-1])
     return longest._replace(
         times=np.concatenate([piece.times for piece in parts]),

@@ -15,10 +15,10 @@ MAX_FILLED_S = 4.0  # longer gaps of one road user stay
 
 
 def refine_trajectories(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
-    """Trajectories with rows at most `MAX_STEP_S` apart, on straight lines between known ones.
+    """Trajectories with rows at most `MAX_STEP_S` apart, on straight lines between known rows.
 
-    Known rows stay, and new ones are at the same times in all. One that needs no new rows is
-    returned as it is."""
+    Gaps above `MAX_FILLED_S` stay. Known rows stay too, and new ones are at the same times in all
+    trajectories. One that needs no new rows is returned as it is."""
     if not trajectories:
         return []
     frame_times = np.unique(np.concatenate([user.times for user in trajectories]))
@@ -27,17 +27,22 @@ def refine_trajectories(trajectories: Sequence[Trajectory]) -> list[Trajectory]:
 
 
 def _divide_steps(times: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
-    """Times (s, ascending) with more in equal parts of each step above `MAX_STEP_S`."""
+    """Times (s, ascending) with new ones between them, which divide steps above `MAX_STEP_S`.
+
+    All parts of a step are equal, about `REFINED_STEP_S`."""
     steps = np.diff(times)
     parts = np.where(steps > MAX_STEP_S, np.rint(steps / REFINED_STEP_S), 1).astype(np.int64)
-    begin = np.repeat(np.cumsum(parts) - parts, parts)
-    number = np.arange(len(begin)) - begin  # of each part in its step
+    # one element for each part of each step from here on
+    begin = np.repeat(np.cumsum(parts) - parts, parts)  # number of the step's first part
+    number = np.arange(len(begin)) - begin  # number of each part in its step
     inner = np.repeat(times[:-1], parts) + number * np.repeat(steps / parts, parts)
     return np.append(inner, times[-1])
 
 
 def _refine(trajectory: Trajectory, times: Float64[np.ndarray, " m"]) -> Trajectory:
-    """Trajectory at some times, without those in its gaps above `MAX_FILLED_S`."""
+    """Trajectory at some times, without those in its gaps above `MAX_FILLED_S`.
+
+    times: times of all trajectories and those between them (s), ascending."""
     user_times = trajectory.times
     first, last = np.searchsorted(times, user_times[[0, -1]])
     new_times = times[first : last + 1]
@@ -45,8 +50,9 @@ def _refine(trajectory: Trajectory, times: Float64[np.ndarray, " m"]) -> Traject
         return trajectory
     next_row = np.searchsorted(user_times, new_times)
     gaps = user_times[next_row] - user_times[np.maximum(next_row - 1, 0)]
-    is_row = user_times[next_row] == new_times
-    new_times = new_times[is_row | (gaps <= MAX_FILLED_S)]
+    is_known = user_times[next_row] == new_times
+    new_times = new_times[is_known | (gaps <= MAX_FILLED_S)]
+    # the seven columns of a box, the heading without jumps, then the velocity
     columns = np.column_stack(
         [trajectory.boxes[:, :6], np.unwrap(trajectory.boxes[:, 6]), trajectory.velocities]
     )

@@ -17,7 +17,7 @@ MAX_EVEN_STEPS = 1.5  # median steps between rows, above which some are missing
 
 
 class Trajectory(NamedTuple):
-    """Road user in all frames in which it is known.
+    """Road user in the n frames in which it is known.
 
     Attributes:
         id: its number.
@@ -44,7 +44,7 @@ class Trajectory(NamedTuple):
         return len(self.times) * float(np.median(steps)) if len(steps) else 0.0
 
     def select(self, rows: slice) -> "Trajectory":
-        """Part of the trajectory."""
+        """Part of the trajectory. rows: its rows."""
         return self._replace(
             times=self.times[rows], boxes=self.boxes[rows], velocities=self.velocities[rows]
         )
@@ -113,29 +113,35 @@ def split_trajectories(
             continue
         label = int(np.bincount(labels[rows], weights, len(LABELS)).argmax())
         velocities = _find_velocities(boxes[rows, :2], seconds[rows])
-        trajectories.append(Trajectory(name, label, seconds[rows], boxes[rows], velocities))
+        trajectories.append(
+            Trajectory(
+                id=name, label=label, times=seconds[rows], boxes=boxes[rows], velocities=velocities
+            )
+        )
     return trajectories
 
 
 def _list_ids(objects: Objects | Tracks) -> np.ndarray:
-    """Ids of the road users of a frame."""
+    """Ids of the road users of a frame, in the order of its boxes."""
     return np.asarray(objects.ids)
 
 
 def _find_velocities(
     points: Float64[np.ndarray, "n 2"], seconds: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 2"]:
-    """Velocity at each time (m/s), 0 for a single one. points: x, y (m); seconds: their times."""
+    """Velocity along x and y at each time (m/s), 0 for a single one.
+
+    points: x, y (m); seconds: their times (s), ascending."""
     if len(points) < 2:
         return np.zeros((len(points), 2))
     steps = np.diff(seconds)
     step = float(np.median(steps))
-    sigma = SPEED_SMOOTHING_S / step
+    sigma = SPEED_SMOOTHING_S / step  # in rows
     if steps.max() > MAX_EVEN_STEPS * step:
         # rows are smoothed at equal distances in time
-        even = np.arange(seconds[0], seconds[-1] + step, step)
-        smoothed = smooth_rows(_interpolate(even, seconds, points), sigma)
-        smoothed = _interpolate(seconds, even, smoothed)
+        even_times = np.arange(seconds[0], seconds[-1] + step, step)
+        even_points = smooth_rows(_interpolate(even_times, seconds, points), sigma)
+        smoothed = _interpolate(seconds, even_times, even_points)
     else:
         smoothed = smooth_rows(points, sigma)
     return np.stack([np.gradient(smoothed[:, axis], seconds) for axis in (0, 1)], axis=1)
@@ -146,5 +152,7 @@ def _interpolate(
     seconds: Float64[np.ndarray, " n"],
     points: Float64[np.ndarray, "n 2"],
 ) -> Float64[np.ndarray, "k 2"]:
-    """Points (x, y) at some times on straight lines between those known. seconds: their times."""
+    """Points (x, y) at some times (s), on straight lines between known points.
+
+    seconds: times of the known points (s), ascending."""
     return np.stack([np.interp(times, seconds, points[:, axis]) for axis in (0, 1)], axis=1)

@@ -55,19 +55,24 @@ class Trip(NamedTuple):
 def find_trips(
     trajectories: Sequence[Trajectory], arms: Sequence[Arm], area: Float64[np.ndarray, "4"]
 ) -> list[Trip]:
-    """Trips of the road users whose middle is in the area at some time.
+    """Trips of the road users whose middle is in the area at some time, in their order.
 
-    area: xmin, ymin, xmax, ymax (m)."""
+    Args:
+        trajectories: Road users.
+        arms: Arms of the junction, at least one.
+        area: xmin, ymin, xmax, ymax (m)."""
     trips = []
     for trajectory in trajectories:
         rows = np.flatnonzero(mask_inside(trajectory, area))
         if len(rows):
-            trips.append(_find_trip(trajectory, int(rows[0]), int(rows[-1]), (arms, area)))
+            first = int(rows[0])
+            last = int(rows[-1])
+            trips.append(_find_trip(trajectory, first, last, arms=arms, area=area))
     return trips
 
 
 def mask_inside(trajectory: Trajectory, area: Float64[np.ndarray, "4"]) -> Bool[np.ndarray, " n"]:
-    """Mask of the times at which a road user's middle is in an area."""
+    """Mask of the times at which a road user's middle is in an area (xmin, ymin, xmax, ymax; m)."""
     points = trajectory.boxes[:, :2]
     return np.all((points >= area[:2]) & (points <= area[2:]), axis=1)
 
@@ -76,16 +81,23 @@ def _find_trip(
     trajectory: Trajectory,
     first: int,
     last: int,
-    surroundings: tuple[Sequence[Arm], Float64[np.ndarray, "4"]],
+    *,
+    arms: Sequence[Arm],
+    area: Float64[np.ndarray, "4"],
 ) -> Trip:
-    """Trip of a road user that is in the area from its first to its last row.
+    """Trip of a road user.
 
-    surroundings: arms and area."""
-    arms, area = surroundings
+    Args:
+        trajectory: The road user.
+        first: First row in the area.
+        last: Last row in the area.
+        arms: Arms of the junction.
+        area: xmin, ymin, xmax, ymax (m)."""
     inside = trajectory.select(slice(first, last + 1))
     steps = np.diff(inside.times)
-    speeds = (inside.speeds[1:] + inside.speeds[:-1]) / 2
+    speeds = (inside.speeds[1:] + inside.speeds[:-1]) / 2  # in each step
     is_moving = speeds > MOVING_M_S
+    # the row outside shows the arm; a road user first (last) seen inside went straight on
     before = None if first == 0 else trajectory.boxes[first - 1, :2]
     after = None if last + 1 == len(trajectory.times) else trajectory.boxes[last + 1, :2]
     begin_course = _mean_course(inside, from_begin=True)
@@ -110,7 +122,8 @@ def _find_trip(
 
 
 def _mean_course(inside: Trajectory, *, from_begin: bool) -> Float64[np.ndarray, "2"]:
-    """Mean velocity (m/s) near the begin or the end of a trajectory."""
+    """Mean velocity (m/s) in the first `COURSE_S` of a trajectory, or (`from_begin` False) in the
+    last."""
     times = inside.times
     is_near = times <= times[0] + COURSE_S if from_begin else times >= times[-1] - COURSE_S
     return inside.velocities[is_near].mean(axis=0)

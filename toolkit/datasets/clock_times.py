@@ -28,7 +28,7 @@ LATEST_S = 4.1e9  # since 1970
 MAX_MICROSECONDS = LATEST_S * 1e6  # since 1970; larger numbers have a smaller unit
 # share of the fastest sensor's period by which two clouds of one frame differ from the sensors' lag
 MAX_JITTER_SHARE = 0.5
-MAX_PERIOD_S = 0.2  # of a sensor that always measures; slower recordings are samples
+MAX_PERIOD_S = 0.2  # for a sensor that always measures; slower recordings are samples
 UNPAIRED = "frames that lack the cloud of some sensor at their time"
 BY_ORDER = "frames put together by the order of their clouds, whose names are no times"
 
@@ -96,7 +96,7 @@ def parse_time(value: object, name: str) -> float | None:
 
 
 def parse_microseconds(ticks: float) -> float:
-    """Return the seconds of a time from a format that states microseconds.
+    """Return the seconds of a time from a format that states it as a number of microseconds.
 
     Numbers too large for microseconds since 1970 count as nanoseconds.
 

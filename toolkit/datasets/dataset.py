@@ -65,6 +65,7 @@ class CoopDataset(DisplayedRecording, Sequence[Frame]):
     def __init__(
         self, path: str | Path, site: Site | None = None, *, drop_invalid: bool = False
     ) -> None:
+        """Open the file, check its datasets, and read the times and the numbers of objects."""
         self.path = Path(path)
         self.drop_invalid = drop_invalid
         self._open: tuple[int, h5py.File, dict[str, h5py.Dataset]] | None = None

@@ -146,10 +146,16 @@ def parse_rows(
 ) -> Objects:
     """Turn published rows into objects of the site frame.
 
-    Pitch and roll are lost, yaw is in -pi..pi. rows: columns as in `OBJECT_COLUMNS`; map_SE3_site:
-    pose of the site in the map; ids: track id of each row, None for row numbers; name: what errors
-    call the table. Raises ValueError if the rows have another width, and InvalidObjects for a row
-    that no object can have."""
+    Pitch and roll are lost, yaw is in -pi..pi.
+
+    Args:
+        rows: A row for each object, with the columns `OBJECT_COLUMNS`.
+        map_SE3_site: Pose of the site in the map.
+        ids: Track id of each row, None for row numbers.
+        name: What errors call the table.
+
+    Raises ValueError if the rows have another width, and InvalidObjects for a row that no object
+    can have."""
     if np.asarray(rows).dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold numbers, got {np.asarray(rows).dtype}")
     rows = np.asarray(rows, np.float64)

@@ -201,7 +201,9 @@ def _create(file: h5py.File, header: Header, *, frames: int, objects: int) -> No
 
 
 def _create_images(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
-    """Make an empty, compressed float32 dataset with one image, the last two axes, per chunk."""
+    """Make an empty, compressed float32 dataset of a shape.
+
+    A chunk holds one image, that is, the last two axes."""
     chunks = (*(1,) * (len(shape) - 2), *shape[-2:])
     return file.create_dataset(
         name,

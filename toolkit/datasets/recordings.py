@@ -188,6 +188,7 @@ class _Loader:
 
     @cached_property
     def _load(self) -> Callable[[str], Frame]:
+        """Function that reads a frame by its name, from an opened recording if none was given."""
         if self.load is not None:
             return self.load
         recording = find_layout(self.layout).open(self.path, **self.options)

@@ -465,7 +465,8 @@ def _without_failed(paths: list[Path], seed: int) -> Iterator[Path]:
         if not content.startswith(_NOTE):
             yield path
             continue
-        number, reason = content[len(_NOTE) :].decode().split(" ", 1)
+        # a long reason is cut, perhaps within a letter
+        number, reason = content[len(_NOTE) :].decode(errors="ignore").split(" ", 1)
         warnings.warn(f"random site {number} of seed {seed} left out: {reason}", stacklevel=2)
 
 

@@ -181,6 +181,7 @@ def _first_comments(text: str) -> list[str]:
 
 
 def _is_number(cell: str) -> bool:
+    """Return True if a cell can be read as a number."""
     try:
         float(cell)
     except ValueError:

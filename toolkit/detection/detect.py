@@ -78,7 +78,7 @@ def detect_frames(
     middle of the area, or at a known site in the site's frame; place: area and ground; scene:
     standing scene, whose detections are left out, None to keep all. A frame without points has no
     detections."""
-    end = perf_counter()  # of the frame before
+    end = perf_counter()  # end of the frame before
     for frame, stand in place.stands(frames, getattr(frames, "site", None)):
         read_ms = 1e3 * (perf_counter() - end) - stand.ms
         yield replace(detect_frame(frame, stand, detector, scene), read_ms=read_ms)
@@ -90,7 +90,9 @@ def detect_frame(
 ) -> FrameDetections:
     """Detect in all points of a frame together, on level ground.
 
-    ground: ground and area of the frame; detector, scene: as in `detect_frames`."""
+    ground: ground and area of the frame; detector: gets points counted from the middle of the
+    area, or at a known site in the site's frame; scene: standing scene, whose detections are left
+    out, None to keep all."""
     begin = perf_counter()
     site = ground.area if isinstance(ground.area, Site) else None
     # all points of the frame, which a known site needs only to leave out a standing scene

@@ -25,7 +25,7 @@ def format_table(rows: Iterable[Row]) -> str:
 
 
 def _format_rows(rows: Sequence[Row]) -> str:
-    """Format the rows of one class as a table of text, see `format_table`."""
+    """Format the rows of one class as a table of text, part of the one of `format_table`."""
     # row by IoU threshold of each line, by its scheme and sensors
     lines: dict[tuple[str, str], dict[float, Row]] = {}
     for row in rows:

@@ -102,7 +102,7 @@ class ScoringJob:
         memory = LinkMemory()
         previous_names = list[str]()
         stands = self.place.stands(frames, self.site)  # each frame with its ground and area
-        end = perf_counter()  # of the frame before
+        end = perf_counter()  # end of the frame before
         for number, (frame, stand) in zip(numbers, stands, strict=True):
             read_ms = 1e3 * (perf_counter() - end) - stand.ms
             names = [sensor.name for sensor in frame.sensors]

@@ -34,10 +34,13 @@ def find_explanation(views: Sequence[GroundView], current_fits: np.ndarray) -> E
     def undo_in_frames(
         mistake: LabelMistake, list_frames: Callable[[Frame], Sequence[np.ndarray]]
     ) -> Explanation:
-        # list_frames: returns, for a frame of the recording, the motion frame_SE3_world to each
-        # frame of coordinates in which the mistake may have been made
+        """Explain labels by a mistake that was made in some frame of coordinates.
+
+        list_frames: returns, for a frame of the recording, the motion frame_SE3_world to each
+        frame of coordinates in which the mistake may have been made."""
+
         def choose(sample: Frame) -> list[np.ndarray]:
-            # the frame's boxes without the mistake, an array for each frame of coordinates
+            """Boxes of the frame without the mistake, an array for each frame of coordinates."""
             return [
                 undo_mistake(mistake, sample.objects.boxes, frame_SE3_world)
                 for frame_SE3_world in list_frames(sample)
@@ -80,7 +83,7 @@ def turn_each(views: Sequence[GroundView]) -> Explanation:
     views: frames with their points above the ground."""
 
     def list_turned_boxes(sample: Frame) -> list[np.ndarray]:
-        # the frame's boxes with each of the possible headings
+        """Boxes of the frame with each of the possible headings."""
         boxes = sample.objects.boxes
         centres_and_sizes = boxes[:, :6]
         stored_yaw = boxes[:, 6]

@@ -50,8 +50,10 @@ def suspect_sensor(
     stored = published.extrinsic(sensor.pose, map_SE3_site)
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
-        # share of the moving points on boxes, 0 to 1, for a pose of the sensor. matrix: the pose as
-        # a published extrinsic; along_ray: True if depth is the distance along the ray
+        """Share of the moving points on boxes, 0 to 1, for a pose of the sensor.
+
+        matrix: the pose as a published extrinsic; along_ray: True if depth is the distance along
+        the ray."""
         pose = published.parse_extrinsic(matrix, map_SE3_site)
         clouds = []
         for witness in witnesses:

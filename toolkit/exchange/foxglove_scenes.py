@@ -196,7 +196,7 @@ def _vector(numbers: Float64[np.ndarray, "3"]) -> _Message:
 
 
 def _colour(code: str, opacity_share: float) -> _Message:
-    """Return message Color; code: #rrggbb."""
+    """Return message Color; code: #rrggbb; opacity_share: 0 to 1."""
     from foxglove_schemas_protobuf.Color_pb2 import Color
 
     red_green_blue = [int(code[k : k + 2], 16) / 255 for k in (1, 3, 5)]

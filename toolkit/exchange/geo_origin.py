@@ -16,7 +16,7 @@ from toolkit.sites.site import Site
 
 EQUATOR_RADIUS_M = 6378137.0
 WGS84_ECCENTRICITY_SQUARED = 6.69437999014e-3
-_STEPS = 5  # of the fixed point for latitude; four give nanometres
+_STEPS = 5  # steps of the fixed point for latitude; four give nanometres
 _BASELINE_M = 100.0  # over which a site's x axis is measured on the ground
 
 

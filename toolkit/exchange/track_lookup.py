@@ -111,7 +111,8 @@ class TrackLookup:
     def check_all_used(self, frames: int, last: FrameKey | None = None) -> None:
         """Raise ValueError for a frame of the file that is not in the recording.
 
-        frames: number of frames of the recording; last: as in `list_unused`."""
+        frames: number of frames of the recording; last: last frame of a part of the recording, None
+        if the whole recording was looked up."""
         for frame in self.list_unused(last):
             key = FrameKey(frame.number, frame.name, frame.time)
             raise ValueError(

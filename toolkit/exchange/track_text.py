@@ -60,7 +60,8 @@ def read_detection_text(
     """Read detections of KITTI's text by the number of their frame; tracks do not matter.
 
     Scores outside 0 to 1 are logits: all of the file become probabilities. Rows without a score
-    have 1. world_SE3_camera: as in `read_track_file`. Raises ValueError that names the file."""
+    have 1. world_SE3_camera: pose of the camera, by default one at the world's origin that faces
+    along x. Raises ValueError that names the file."""
     detections = {}
     with name_damage(path, "file of detections"):
         frames = _place_text(read_track_rows(path), world_SE3_camera, problems={})

@@ -23,7 +23,7 @@ def draw_north(
     from matplotlib.transforms import ScaledTranslation
 
     def away(points: float) -> "Transform":
-        # Shift of a place by points (1/72 inch) towards north, whatever the scale of the axes.
+        """Shift of a place by points (1/72 inch) towards north, whatever the scale of the axes."""
         x, y = direction * points / 72
         return axes.transData + ScaledTranslation(x, y, axes.figure.dpi_scale_trans)
 

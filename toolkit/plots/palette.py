@@ -37,8 +37,12 @@ DRAWN_HATCH = "//////"
 BLIND = {"lanes": "#b3001b", "footways": "#e8853a", "elsewhere": "#f6cfa0"}
 OUTCOME: dict[Outcome, LineStyle] = {
     "hit": LineStyle("#004a3a", "solid", 1.7, order=4.0),
-    "missed": LineStyle("#f21c09", (0, (3.5, 1.6)), 2.1, "X", 10.0, 4.4),
-    "false alarm": LineStyle("#5600f4", (0, (7, 1.6, 1.2, 1.6)), 1.9, "^", 9.0, 4.2),
+    "missed": LineStyle(
+        colour="#f21c09", line=(0, (3.5, 1.6)), width=2.1, marker="X", size=10.0, order=4.4
+    ),
+    "false alarm": LineStyle(
+        colour="#5600f4", line=(0, (7, 1.6, 1.2, 1.6)), width=1.9, marker="^", size=9.0, order=4.2
+    ),
     "not scored": LineStyle(FAINT, (0, (1, 1.4)), 1.3, order=3.8),
     "detection": LineStyle(INK, (0, (4, 1.5)), 1.4, order=4.0),
 }

@@ -61,7 +61,9 @@ def name_poles(
             (x - width / 2, y + 5),
             (x - width / 2, y - 12.5),
         ]
-        boxes = [_MapBox(left, bottom, left + width, bottom + height) for left, bottom in spots]
+        boxes = [
+            _MapBox(left, bottom, right=left + width, top=bottom + height) for left, bottom in spots
+        ]
         free_box = next((box for box in boxes if not _overlaps_any(box, occupied)), None)
         if free_box is not None:
             occupied.append(free_box)

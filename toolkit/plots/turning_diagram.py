@@ -169,7 +169,9 @@ def _spread(
 
 
 def _measure_turn(outward: Float64[np.ndarray, "2"], target: Float64[np.ndarray, "2"]) -> float:
-    """Turn from one direction counter-clockwise to another (rad, 0 to 2 pi), turned round."""
+    """Turn from `outward` counter-clockwise to `target` (rad, 0 to 2 pi), with the sign -.
+
+    Both are directions x, y."""
     cross = outward[0] * target[1] - outward[1] * target[0]
     return -float(np.arctan2(cross, outward @ target) % (2 * np.pi))
 
@@ -180,7 +182,10 @@ def _curve(
     begin_outward: Float64[np.ndarray, "2"],
     end_outward: Float64[np.ndarray, "2"],
 ) -> Float64[np.ndarray, "k 2"]:
-    """Points of a cubic curve between two places on the circle, straight at both."""
+    """Points of a cubic curve between two places on the circle, straight at both.
+
+    begin, end: x, y of the places; begin_outward, end_outward: unit vectors from the middle of the
+    junction outwards along their roads."""
     # control points go less far in, the shorter the way is
     reach = 0.35 + 0.25 * float(np.hypot(*(end - begin))) / 2
     controls = [begin, begin - reach * begin_outward, end - reach * end_outward, end]
@@ -191,7 +196,7 @@ def _curve(
 
 
 def _draw_band(axes: "Axes", middle: Float64[np.ndarray, "k 2"], width: float, colour: str) -> None:
-    """Draw a band along a curve, with a head at its end."""
+    """Draw a band along a curve, with a head at its end; middle: x, y of the curve's points."""
     along = np.gradient(middle, axis=0)
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
     normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -204,7 +209,7 @@ def _draw_band(axes: "Axes", middle: Float64[np.ndarray, "k 2"], width: float, c
 
 
 def _write_count(axes: "Axes", middle: Float64[np.ndarray, "k 2"], count: int, colour: str) -> None:
-    """Write a count on its band, near the entry."""
+    """Write a count on its band, near the entry; middle: x, y of the points of the band's curve."""
     from matplotlib.patheffects import withStroke
 
     x, y = middle[CURVE_POINTS // 4]

@@ -77,7 +77,7 @@ def _parse_text(path: Path, skipped: int, row: np.dtype, max_rows: int | None) -
 
 
 def _fit(column: np.ndarray, kind: np.dtype) -> np.ndarray:
-    """Return a column as `kind`. Raises ValueError for a number that does not fit."""
+    """Return a column as numbers of type `kind`. Raises ValueError if it does not fit."""
     if kind.kind in "iu" and column.dtype.kind == "f":
         limits = np.iinfo(kind)
         if not ((column >= limits.min) & (column <= limits.max)).all():

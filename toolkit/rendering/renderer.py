@@ -60,6 +60,7 @@ class Moment:
     def __init__(
         self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL
     ) -> None:
+        """Move the meshes to their boxes, and build the scene from them."""
         self.bodies = tuple(bodies)
         self.boxes = boxes
         self._threads = threads
@@ -166,7 +167,9 @@ def build_scene(vertices: np.ndarray, triangles: np.ndarray, threads: int) -> Ra
 
 @lru_cache(maxsize=4096)
 def _body_outline(body: Body) -> Float64[np.ndarray, "k 2"]:
-    # x, y corners of the convex hull of a body seen from above, body frame, the first not repeated.
+    """Corners x, y (m, body frame) of the convex hull of a body seen from above.
+
+    The first one is not repeated."""
     hull = shapely.convex_hull(shapely.MultiPoint(body.vertices[:, :2].astype(np.float64)))
     return np.array(hull.exterior.coords[:-1])
 
@@ -198,7 +201,9 @@ class SightLines:
 
 @lru_cache(maxsize=400)  # in a drawn fleet each object has another body, so memory needs a limit
 def body_scene(body: Body, threads: int) -> RaycastingScene:
-    """Ray casting scene of one body in its frame, kept for the next frames."""
+    """Ray casting scene of one body in its frame, kept for the next frames.
+
+    threads: number of threads that cast its rays."""
     return build_scene(body.vertices, body.triangles, threads)
 
 
@@ -231,6 +236,7 @@ class Renderer:
         scenery: Mesh | None = None,
         threads: int = 0,
     ) -> None:
+        """Build the scene of the site, and cast the sensors' images of it."""
         self.sensors = tuple(sensors)
         self.bodies = tuple(bodies)
         self._site = site
@@ -259,7 +265,7 @@ class Renderer:
         return renderer
 
     def _with(self, **changes: object) -> "Renderer":
-        # Copy of the renderer with some attributes replaced, without building scenes again.
+        """Copy of the renderer with some attributes replaced, without building scenes again."""
         renderer = object.__new__(Renderer)
         renderer.__dict__.update(self.__dict__, **changes)
         return renderer
@@ -377,7 +383,7 @@ class Renderer:
         return image, hits
 
     def _cast_image(self, scene: RaycastingScene, sensor: Sensor) -> np.ndarray:
-        # Image of a whole scene (world frame), 0 for no return.
+        """Image of a whole scene (world frame), 0 for no return."""
         image = self._cast(scene, _homogeneous_rays(sensor.model), sensor.pose)
         return np.where(image < sensor.model.max_range, image, np.float32(0))
 
@@ -399,13 +405,16 @@ class Renderer:
     def _hit_distances(
         self, scene: RaycastingScene, lines: Float32[np.ndarray, "*n 6"]
     ) -> Float32[np.ndarray, "*n"]:
-        # Distance along each line (start, direction) as a multiple of the direction, else infinite.
+        """Distance along each line (start, direction) as a multiple of the direction, else
+        infinite."""
         cast = scene.cast_rays(o3d.core.Tensor.from_numpy(lines), self._threads)
         return cast["t_hit"].numpy()
 
     def _measure_bodies(self) -> None:
-        # By row of `bodies`: size of the labelled box, middle and size of the whole mesh's box, and
-        # True if the mesh is larger than the labelled box.
+        """Measure the bodies, a row for each of `bodies`.
+
+        A row has the size of the labelled box, the middle and size of the whole mesh's box, and
+        True if the mesh is larger than the labelled box."""
         self._sizes = np.array([body.size for body in self.bodies]).reshape(-1, 3)
         self._bounds = np.array([body.bounds for body in self.bodies]).reshape(-1, 6)
         self._exceeds_box = np.array([body.truth is not None for body in self.bodies], bool)
@@ -431,6 +440,6 @@ class Renderer:
 
 @lru_cache(maxsize=64)
 def _homogeneous_rays(model: SensorModel) -> Float32[np.ndarray, "rows columns 4"]:
-    # Rays (x, y, z in the sensor's frame) with a 1 after each, for one product with a matrix.
+    """Rays (x, y, z in the sensor's frame) with a 1 after each, for one product with a matrix."""
     rays = model.rays()
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)

@@ -139,9 +139,9 @@ def _cell_borders(low: float, high: float) -> Float64[np.ndarray, " k"]:
 
 
 def _measure_skin(solid: Solid) -> float:
-    """Area of a solid's sides and top (m²) as `MAX_SKIN_M2` counts it, 0 for a plain prism.
+    """Area of a solid's sides and top (m²) that `MAX_SKIN_M2` limits, 0 for a plain prism.
 
-    A plant's counts four times."""
+    The area of a plant counts four times."""
     if solid.kind not in SKINNED_KINDS:
         return 0.0
     outline = shapely.Polygon(solid.footprint)

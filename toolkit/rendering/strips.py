@@ -86,7 +86,7 @@ class Sectors(NamedTuple):
     step: Float64[np.ndarray, " p"]  # about how far apart the rays of a column are (rad)
 
     def take(self, pairs: Int64[np.ndarray, " q"]) -> "Sectors":
-        """Choose sectors by row."""
+        """Choose sectors; pairs: their rows."""
         return Sectors(*(column.take(pairs) for column in self))
 
 
@@ -162,7 +162,15 @@ def concatenate_strips(parts: list[Strips]) -> Strips:
     if not parts:
         integers = np.zeros(0, np.int32)
         numbers = np.zeros(0, np.float32)
-        return Strips(integers, integers, numbers, numbers, numbers, numbers, integers)
+        return Strips(
+            viewpoint=integers,
+            item=integers,
+            left=numbers,
+            right=numbers,
+            bottom=numbers,
+            top=numbers,
+            shows=integers,
+        )
     return Strips(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -173,7 +181,14 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     if not len(ground.low) or not len(viewpoints):
         integers = np.zeros(0, np.int64)
         numbers = np.zeros(0)
-        return Sectors(integers, integers, numbers, numbers, integers, numbers)
+        return Sectors(
+            viewpoint=integers,
+            item=integers,
+            start=numbers,
+            width=numbers,
+            columns=integers,
+            step=numbers,
+        )
     begin = ground.first[:-1]
     sizes = np.diff(ground.first)
     # middle of each footprint's corners, (viewpoint, object, x y) counted from the viewpoint;
@@ -203,13 +218,21 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     start = np.arctan2(middle[..., 1], middle[..., 0]) + first
     viewpoint, item = np.indices(first.shape).reshape(2, -1)
     width = (last - first) / columns
-    return Sectors(viewpoint, item, start.ravel(), width.ravel(), columns.ravel(), 2 * grid.ravel())
+    return Sectors(
+        viewpoint,
+        item,
+        start=start.ravel(),
+        width=width.ravel(),
+        columns=columns.ravel(),
+        step=2 * grid.ravel(),
+    )
 
 
 def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _Columns:
     """Columns of rays that cover each sector's object from bottom to top.
 
-    An object counts as an upright prism on its footprint's rectangle."""
+    An object counts as an upright prism on its footprint's rectangle. viewpoints: x, y, ... (m) of
+    each place that is looked from."""
     window = np.repeat(np.arange(len(windows.columns)), windows.columns)
     azimuth = windows.start[window] + (counting(windows.columns) + 0.5) * windows.width[window]
     # distances at which each column's ray enters and leaves its rectangle, seen from above
@@ -253,8 +276,10 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
 
 
 def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
-    # Strips of some columns: cast their rays, find the edges between rays that show different
-    # things by bisection, and pair each edge with the next above.
+    """Strips of some columns of rays.
+
+    Their rays are cast, the edges between rays that show different things are found by bisection,
+    and each edge is paired with the next above."""
     window = columns.window
     azimuth = columns.azimuth.astype(np.float32)
     rows = columns.rows
@@ -311,6 +336,7 @@ class SuccessiveStrips:
     changes no result."""
 
     def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
+        """Begin before the first frame, without strips."""
         self._renderer = renderer
         self._viewpoints = viewpoints
         self._counted = counted
@@ -347,7 +373,13 @@ class SuccessiveStrips:
             np.flatnonzero(is_kept[kept_strips.viewpoint, kept_strips.item])
         )
         new_sectors = sectors.take(np.flatnonzero(~is_kept))
-        strips = cast_strips(self._renderer, moment, self._viewpoints, self._counted, new_sectors)
+        strips = cast_strips(
+            renderer=self._renderer,
+            moment=moment,
+            viewpoints=self._viewpoints,
+            counted=self._counted,
+            windows=new_sectors,
+        )
         if len(kept_strips.item):
             strips = concatenate_strips([kept_strips, strips])
             pair = strips.viewpoint.astype(np.int64) * len(objects) + strips.item

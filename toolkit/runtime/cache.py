@@ -75,6 +75,7 @@ class Cache:
         """Values of some keys, None for unknown ones."""
 
         def select(database: sqlite3.Connection) -> dict[bytes, bytes]:
+            """Stored values by key, asked for `QUERY_KEYS` keys at a time."""
             values: dict[bytes, bytes] = {}
             for start in range(0, len(keys), QUERY_KEYS):
                 chunk = list(keys[start : start + QUERY_KEYS])
@@ -94,6 +95,7 @@ class Cache:
         """Keep all values or, if the process ends before, none."""
 
         def insert(database: sqlite3.Connection) -> None:
+            """Write all values that are not too large, in one transaction."""
             rows = [
                 (key, encode_arrays(key + self._secret, value)) for key, value in values.items()
             ]
@@ -392,7 +394,9 @@ def _file(module: str, top: Path) -> Path | None:
 
 @cache
 def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...]:
-    """Imports of a module when it and its functions run, without imports for type checkers only."""
+    """Imports of a module when it and its functions run, without imports for type checkers only.
+
+    source: its text; module: its dotted name; is_package: it is the __init__.py of a package."""
     imports: list[_Import] = []
     pending: list[ast.AST] = [ast.parse(source)]
     while pending:

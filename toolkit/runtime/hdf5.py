@@ -153,7 +153,7 @@ def dataset(
 def array(
     group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
 ) -> np.ndarray:
-    """All numbers of a dataset, which must pass `dataset`."""
+    """All numbers of a dataset, which must pass `dataset` with this number of axes and kinds."""
     return rows(dataset(group, name, axes=axes, kinds=kinds), name, ...)
 
 
@@ -235,6 +235,7 @@ class _Disk(io.FileIO):
         return size
 
     def truncate(self, size: int | None = None) -> int:
+        """Cut the file to a size, and remember the first error, as HDF5 does not report it."""
         try:
             super().truncate(size)
         except OSError as error:

@@ -30,6 +30,7 @@ class JsonObject:
     ValueError: file.a.b must be a whole number, got 'True'"""
 
     def __init__(self, value: Any, path: str = "") -> None:
+        """Keep a value, which errors call by its path. Raises ValueError if it is no object."""
         if not isinstance(value, dict):
             raise ValueError(
                 f"{path or 'it'} must be an object {{...}}, got {str(value)[:_MAX_TEXT]}"

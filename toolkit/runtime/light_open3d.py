@@ -16,6 +16,7 @@ class _Viewer(ModuleType):
     __all__ = ()
 
     def __getattr__(self, name: str) -> Any:
+        """Function that loads the viewer and calls its function of this name."""
         if name.startswith("__"):
             raise AttributeError(name)
 

@@ -41,8 +41,9 @@ def check_new_folder(
 ) -> None:
     """Check that `writing_folder` may write `out`.
 
-    Raises as `check_output`, and ValueError if files would be lost that `writing_folder` has not
-    written, or that are inputs."""
+    Raises ValueError if `out` is one of the inputs, or inside one, or if files would be lost that
+    `writing_folder` has not written, or that are inputs; FileExistsError if it is a folder that is
+    not empty, without `overwrite`."""
     out = Path(out)
     inputs = list(inputs)
     note = out / WRITTEN

@@ -9,6 +9,7 @@ import os
 import pickle
 import signal
 import socket
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +20,7 @@ from functools import lru_cache
 from importlib import import_module
 from itertools import islice
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 Value = Any  # an input or result of a job, or an object of Ray, which has no types
@@ -295,13 +297,19 @@ class _Pool:
     """
 
     def __init__(self, pickled: bytes, workers: int) -> None:
+        """Prepare the processes, which start with the first work. pickled: the job."""
         # forking would copy the locks of Open3D's and torch's threads
         context = multiprocessing.get_context("spawn")
+        # as an argument, a job larger than a pipe's buffer would block this process for ever if a
+        # new one died before it read it: in a script without `if __name__ == "__main__":`
+        self._folder = tempfile.TemporaryDirectory(prefix="coview-job-")
+        job_path = Path(self._folder.name) / "job"
+        job_path.write_bytes(pickled)
         # nothing is sent: processes end when the writing end is closed (`_end_after`)
         self._reader, self._writer = context.Pipe(duplex=False)
         self.counter = context.Value("q")
         self.executor = ProcessPoolExecutor(
-            workers, context, _start_worker, (pickled, self._reader, self.counter)
+            workers, context, _start_worker, (job_path, self._reader, self.counter)
         )
         self.idle: threading.Timer | None = None
 
@@ -320,6 +328,7 @@ class _Pool:
         self.executor.shutdown(cancel_futures=True)
         self._reader.close()
         self._writer.close()
+        self._folder.cleanup()
 
 
 _kept: dict[tuple[bytes, int], _Pool] = {}  # one at most
@@ -339,13 +348,13 @@ _job: Task
 _ticks: Value = None  # a number that all workers of a pool count up; None in other processes
 
 
-def _start_worker(pickled: bytes, parent: Connection, ticks: Value) -> None:
-    """Prepare a process of a pool: its job, and its end with its parent's."""
+def _start_worker(job_path: Path, parent: Connection, ticks: Value) -> None:
+    """Prepare a process of a pool: its job, pickled in a file, and its end with its parent's."""
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
     keep_freed_memory()
-    _job = pickle.loads(pickled)
+    _job = pickle.loads(job_path.read_bytes())
     _ticks = ticks
 
 

@@ -59,7 +59,10 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text(path: str | Path, kind: str = "text") -> str:
-    """Read UTF-8 as `read_bytes`. kind: word for the file in the ValueError if it is no text."""
+    """Read UTF-8 text from a file or a pipe.
+
+    kind: word for the file in the ValueError if it is no text. Raises the errors of `read_bytes`.
+    """
     if (size := os.stat(path).st_size) > MAX_TEXT_BYTES:
         raise ValueError(f"{path} has {size / 2**30:.1f} GiB, too much for a {kind} file: split it")
     try:

@@ -177,6 +177,7 @@ def make_shards(
     finished_items = 0
 
     def count(items: int = 1) -> None:
+        """Count finished items, and report their number."""
         nonlocal finished_items
         finished_items += items
         if progress is not None:

@@ -126,6 +126,7 @@ class Run(Simulation):
     folder."""
 
     def __post_init__(self) -> None:
+        """Turn the cache into a path. Raises ValueError if it is a file."""
         super().__post_init__()
         set_fields(self, cache=None if self.cache is None else Path(self.cache))
         if self.cache is not None and self.cache.exists() and not self.cache.is_dir():
@@ -143,7 +144,9 @@ class Run(Simulation):
 
 
 def check_whole(name: str, value: object, *, least: int, remedy: str = "") -> None:
-    """Raise ValueError unless a number is whole and large enough."""
+    """Raise ValueError unless a number is whole and at least `least`.
+
+    name: what errors call it; remedy: end of the error, such as what to do."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
         raise ValueError(
             f"{name} must be a whole number of at least {least}, got "

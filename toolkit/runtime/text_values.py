@@ -26,6 +26,7 @@ def parse_json(text: str) -> Any:
 
 
 def _whole_number(digits: str) -> int:
+    """Number of a text of digits. Raises ValueError for more digits than any float has."""
     # no float is as large, and Python turns no text of thousands into a number
     if len(digits) > 300:
         raise ValueError(f"it has a number of {len(digits)} digits")
@@ -101,7 +102,9 @@ def parse_yaml(text: str) -> Any:
 
 
 def _count_values(node: Any, counted: dict[int, int]) -> int:
-    """Count a YAML node and all below it; aliases lead to one node many times."""
+    """Count a YAML node and all below it; aliases lead to one node many times.
+
+    counted: numbers so far, by `id` of the node."""
     if id(node) not in counted:
         counted[id(node)] = MAX_YAML_VALUES + 1  # met again below itself
         below = node.value if node.id != "scalar" else ()

@@ -69,7 +69,8 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
 def writing_together(folder: str | Path) -> Iterator[Path]:
     """Give the block a folder, and move its files into `folder` at the end.
 
-    `folder` is made if missing. If the block raises, nothing moves. Raises OSError as `writing`."""
+    `folder` is made if missing. If the block raises, nothing moves. Raises OSError, with file and
+    reason in one line, if the disk is full or the folder cannot be written."""
     with (
         _name_output(folder),
         _aside(Path(os.path.realpath(folder)), inside=True) as (target, unfinished),
@@ -83,10 +84,11 @@ def writing_together(folder: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def writing_folder(folder: str | Path) -> Iterator[Path]:
-    """Give the block a folder that replaces `folder` at the end: see `check_new_folder`.
+    """Give the block a folder that replaces `folder` at the end.
 
-    If the block raises, `folder` stays as it was. Raises OSError as `writing`, and while another
-    process writes it."""
+    `check_new_folder` says whether it may. If the block raises, `folder` stays as it was. Raises
+    OSError, with file and reason in one line, if the disk is full or the folder cannot be written,
+    and while another process writes it."""
     target = Path(os.path.realpath(folder))
     try:
         with _aside(target, inside=target.exists()) as (_, unfinished):
@@ -197,6 +199,7 @@ def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | No
 
 @contextmanager
 def _name_output(path: str | Path) -> Iterator[None]:
+    """Name the path in an OSError of the block, with a remedy and the same number of error."""
     try:
         yield
     except OSError as error:

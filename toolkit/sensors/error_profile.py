@@ -11,7 +11,7 @@ from toolkit.runtime.cache import make_key
 from toolkit.sensors.error_terms import Calibration
 from toolkit.sensors.readings import Draws, ErrorTerm, Reading, TrueImage
 
-USUAL_DISTANCE_M = 15.0  # of a road user from the sensor that sees it best
+USUAL_DISTANCE_M = 15.0  # from a road user to the sensor that sees it best
 
 
 @dataclass(frozen=True)

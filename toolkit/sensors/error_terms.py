@@ -135,6 +135,7 @@ class BlindSector(_Term):
     share: float = 0.0
 
     def _change(self, reading: Reading, draws: Draws) -> Reading:
+        """Drop all returns of neighbouring columns, from one that is drawn for the sensor."""
         columns = reading.measurement.shape[1]
         # columns from `first` on, and again from 0 on past the last one
         first = int(draws.of_sensor().integers(columns))
@@ -310,6 +311,7 @@ class RangeNoise(_Term):
     measures: Measure | None = None
 
     def __post_init__(self) -> None:
+        """Raise ValueError for numbers out of range, or an unknown measure."""
         super().__post_init__()
         if self.measures not in (None, "depth", "range"):
             raise ValueError(
@@ -379,6 +381,7 @@ class Glass(_Term):
     behind: float = 0.3
 
     def __post_init__(self) -> None:
+        """Raise ValueError for numbers out of range, or a band that does not rise."""
         super().__post_init__()
         if not self.lower < self.upper:
             raise ValueError(
@@ -518,6 +521,7 @@ class Weather(_Term):
     reach: float = 8.0
 
     def __post_init__(self) -> None:
+        """Raise ValueError for numbers out of range, or a share of 1."""
         super().__post_init__()
         if self.share == 1:
             raise ValueError(

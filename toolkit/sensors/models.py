@@ -214,7 +214,9 @@ def unit_rays(grid: AngleGrid) -> ImageVectors:
 
 
 def _half_angle(radius: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Half of the angle (rad) that a sphere fills, 2 pi if the sensor is inside the sphere."""
+    """Half of the angle (rad) that a sphere fills, 2 pi if the sensor is inside the sphere.
+
+    distance: from the sensor to the sphere's middle (m)."""
     return np.where(
         distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1)), 2 * np.pi
     )

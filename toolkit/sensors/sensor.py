@@ -170,7 +170,7 @@ def freeze(rays: np.ndarray) -> np.ndarray:
 
 
 def angle(default: float | tuple[float, ...]) -> Any:
-    """Declare a dataclass field as an angle: radians here, degrees in files."""
+    """Declare a dataclass field as an angle, with a default: radians here, degrees in files."""
     return field(default=default, metadata={"unit": "rad"})
 
 
@@ -239,6 +239,7 @@ class Sensor:
         self.pose.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
+        """Sensors are equal if their name, model and pose are."""
         if not isinstance(other, Sensor):
             return False
         return (self.name, self.model) == (other.name, other.model) and np.array_equal(

@@ -31,11 +31,11 @@ from toolkit.sites import BUILT_IN
 from toolkit.sites.georeference import map_turn
 from toolkit.sites.site import HYBRID_RADIUS_M, ORIGINS, Mount, Relief, Site, Solid, check_polygon
 
-VERSION = 1  # of the file format
+VERSION = 1  # version of the file format
 _MAX_SITE_SENSORS = 10_000
 _MAX_TILT_DEG = 90.0  # below or above the horizon
 _MIN_LEVEL_LENGTH = 1e-9  # a unit vector with less length on the ground plane is vertical
-JsonValue = Any  # of a JSON document, not yet checked
+JsonValue = Any  # value in a JSON document, not yet checked
 # layers of features: names of their properties
 _LAYERS: Mapping[str, tuple[str, ...]] = {
     "area": (),
@@ -252,8 +252,9 @@ def _read_network(root: JsonObject) -> list[JsonValue]:
 
 
 def _read_matrix(root: JsonObject) -> Float64[np.ndarray, "..."]:
-    # Array of the member `map_SE3_site` of a site's document. It may have any shape and values:
-    # `Site` checks them.
+    """Array of the member `map_SE3_site` of a site's document.
+
+    It may have any shape and values: `Site` checks them."""
     rows = root.get("map_SE3_site", list)
     try:
         return np.array(rows, np.float64)
@@ -280,8 +281,9 @@ def _replace_bearing(properties: JsonObject, matrix: Float64[np.ndarray, "..."])
 
 
 def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tuple[str, JsonValue]:
-    # Layer of a GeoJSON feature ("lane", "solid", ...), and its value, such as a Solid. matrix: the
-    # document's `map_SE3_site`, for bearings.
+    """Layer of a GeoJSON feature ("lane", "solid", ...), and its value, such as a Solid.
+
+    matrix: the document's `map_SE3_site`, for bearings."""
     properties = feature.node("properties")
     geometry = feature.node("geometry")
     # GIS tools fill up members that a feature lacks with null
@@ -328,7 +330,7 @@ def _read_geometry(layer: str, geometry: JsonObject, properties: JsonObject) -> 
 
 
 def _read_ring(geometry: JsonObject) -> Float64[np.ndarray, "k 2"]:
-    # Corners x, y (m) of a GeoJSON polygon without holes, the repeated last corner left out.
+    """Corners x, y (m) of a GeoJSON polygon without holes, the repeated last corner left out."""
     coordinates = geometry.get("coordinates", list)
     where = geometry.where("coordinates")  # path in the document, for errors
     if len(coordinates) != 1:
@@ -345,7 +347,7 @@ def _read_ring(geometry: JsonObject) -> Float64[np.ndarray, "k 2"]:
 
 
 def _read_area(geometry: JsonObject) -> Float64[np.ndarray, "4"]:
-    # xmin ymin xmax ymax (m) of a GeoJSON polygon, which must be a rectangle along x and y
+    """Area xmin ymin xmax ymax (m) of a GeoJSON polygon, a rectangle along x and y."""
     ring = _read_ring(geometry)
     (xmin, ymin), (xmax, ymax) = ring.min(axis=0), ring.max(axis=0)
     if len(ring) != 4 or not np.isin(ring, [[xmin, ymin], [xmax, ymax]]).all():
@@ -357,7 +359,7 @@ def _read_area(geometry: JsonObject) -> Float64[np.ndarray, "4"]:
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
-    # Solid with the footprint of `geometry`; errors name the path of the feature's properties
+    """Solid with the footprint of `geometry`; errors name the path of the feature's properties."""
     footprint = _read_ring(geometry)
     base = properties.number("base")
     top = properties.number("top")
@@ -370,13 +372,13 @@ def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
 def _read_parking(
     geometry: JsonObject, properties: JsonObject
 ) -> tuple[tuple[float, float, float], str]:
-    # Bay x, y (m), yaw (rad), and its origin
+    """Bay x, y (m), yaw (rad), and its origin."""
     x, y = geometry.numbers("coordinates", 2)
     return (x, y, properties.angle("heading_deg")), _read_origin(properties)
 
 
 def _read_origin(properties: JsonObject) -> str:
-    # Origin of a feature (mapped, surveyed or drawn), "mapped" without one
+    """Origin of a feature (mapped, surveyed or drawn), "mapped" without one."""
     if "origin" not in properties.value:
         return "mapped"
     origin: str = properties.get("origin", str)
@@ -387,7 +389,7 @@ def _read_origin(properties: JsonObject) -> str:
 
 
 def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
-    # Mount with its foot at x, y, z (m, site frame)
+    """Mount with its foot at x, y, z (m, site frame)."""
     position = np.array(geometry.numbers("coordinates", 3))
     name = properties.get("name", str)
     # heights, price and the like; those that a file leaves out have their defaults in `Mount`
@@ -401,7 +403,7 @@ def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
 
 
 def _read_sensor(geometry: JsonObject, properties: JsonObject) -> Sensor:
-    # Sensor at x, y, z (m, site frame)
+    """Sensor at x, y, z (m, site frame)."""
     model = read_model(properties.node("model"))
     return read_sensor(geometry.numbers("coordinates", 3), properties, model)
 
@@ -475,13 +477,13 @@ def _origin(origin: str) -> Json:
 
 
 def _polygon(corners: list[list[float]], **properties: JsonValue) -> Json:
-    # GeoJSON feature of a polygon; the ring repeats its first corner at the end
+    """GeoJSON feature of a polygon; the ring repeats its first corner at the end."""
     geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def _point(coordinates: list[float], **properties: JsonValue) -> Json:
-    # GeoJSON feature of a point x, y or x, y, z
+    """GeoJSON feature of a point x, y or x, y, z."""
     return {
         "type": "Feature",
         "properties": properties,
@@ -490,7 +492,7 @@ def _point(coordinates: list[float], **properties: JsonValue) -> Json:
 
 
 def format_model(model: SensorModel) -> Json:
-    """Members of the JSON object of a sensor model, as `read_model` takes them.
+    """Members of the JSON object of a sensor model, which `read_model` reads.
 
     They are the class name as `type`, and the fields that are not None. Angles, which the model has
     in rad, are in degrees under names that end in `_deg`; tuples become lists."""

@@ -202,7 +202,7 @@ def on_ground(mounts: Sequence[Mount], site: Site) -> tuple[Mount, ...]:
 
 
 def _split_line(line: Sequence[Point], length: float) -> list[tuple[Point, Point]]:
-    # Both ends of equal pieces of each segment of a line, at most `length` m long, on millimetres.
+    """Both ends of equal pieces of a line's segments, at most `length` m long, on millimetres."""
     points = shapely.get_coordinates(shapely.segmentize(shapely.LineString(line), length)).round(3)
     return list(pairwise((float(x), float(y)) for x, y in points))
 

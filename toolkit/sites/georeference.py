@@ -40,8 +40,8 @@ MAX_AXIS_GAP_M = 0.01  # to ellipsoids whose datums are within 2 m of WGS84
 MAX_FLATTENING_GAP = 1e-4  # to the same ellipsoids
 _SCALE_LENGTH_M = 100.0  # length on the map that is measured on the ground to judge its scale
 MAX_STRETCH_SHARE = 0.01  # relative error of a map's scale up to which there is no note
-DEGREE_DECIMALS = 8  # of coordinates: about 1 mm
-METRE_DECIMALS = 3  # of coordinates
+DEGREE_DECIMALS = 8  # for coordinates: about 1 mm
+METRE_DECIMALS = 3  # for coordinates
 # unit vectors east, north of the directions that PROJ names
 _DIRECTIONS = {"east": (1.0, 0.0), "west": (-1.0, 0.0), "north": (0.0, 1.0), "south": (0.0, -1.0)}
 # the same by the letters of the axes, for maps about a pole
@@ -357,7 +357,7 @@ def _open_map(geo_reference: str) -> _EarthMap:
 
 
 def _describe_system(system: "CRS") -> str:
-    # Words for a system that is no projected map, for an error.
+    """Words for a system that is no projected map, for an error."""
     if system.is_geographic:
         return "a system of degrees, and a map must be in lengths"
     if system.is_engineering:
@@ -408,7 +408,7 @@ def _list_missing_grids(geo_reference: str) -> list[str]:
 
 
 def _note_missing_grids(missing: list[str]) -> str | None:
-    # Note for a map whose grids are not installed, None if nothing is missing.
+    """Note for a map whose grids are not installed, None if nothing is missing."""
     if not missing:
         return None
     return (
@@ -457,7 +457,7 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Js
     decimals = METRE_DECIMALS if site.geo_reference is None else DEGREE_DECIMALS
 
     def convert_points(xy: np.ndarray) -> np.ndarray:
-        # coordinates of the feature, rounded; + 0.0 makes 0 of -0
+        """Coordinates of the feature, rounded; + 0.0 makes 0 of -0."""
         degrees = longitude_latitude(site, xy)
         return (xy if degrees is None else degrees).round(decimals) + 0.0
 
@@ -509,7 +509,7 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
 
 
 def _layers(site: Site) -> Iterator[_Json]:
-    # Features of the area, lanes, footways, solids, bays, mounts and sensors, in this order.
+    """Features of the area, lanes, footways, solids, bays, mounts and sensors, in this order."""
     yield feature(site, shapely.box(*site.area), layer="area", name=site.name, height=site.height)
     for layer, outlines in (("lane", site.lanes), ("footway", site.footways)):
         for i, outline in enumerate(outlines):

@@ -39,8 +39,8 @@ _OPTIONS = (
     "--aggregate-warnings=-1",
 )
 
-MAX_RUN_S = 60.0  # of netconvert
-MAX_MEMORY_BYTES = 1 << 31  # of netconvert
+MAX_RUN_S = 60.0  # limit for netconvert
+MAX_MEMORY_BYTES = 1 << 31  # limit for netconvert
 # program that runs netconvert (argv[2:]) with limited memory, unless the parent (process argv[1])
 # is gone
 _LIMITED = f"""
@@ -124,9 +124,9 @@ def run_netconvert(options: Sequence[str]) -> str:
 
 
 def run_netconvert_with_warnings(options: Sequence[str]) -> tuple[str, list[str]]:
-    """Run netconvert as `run_netconvert` does; return the net.xml text and netconvert's warnings.
+    """Run netconvert with some options; return the net.xml text and netconvert's warnings.
 
-    The warnings are lines without their prefix."""
+    The warnings are lines without their prefix. Raises the errors of `run_netconvert`."""
     netconvert_command = [str(netconvert()), *_OPTIONS, *options]
     # a small Python program that limits its memory and then becomes netconvert; -S: no packages
     launcher = [sys.executable, "-S", "-c", _LIMITED, str(os.getpid())]

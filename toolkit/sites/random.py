@@ -29,10 +29,10 @@ from toolkit.sites.surroundings.road_works import CLOSED_LANE_M
 from toolkit.sites.surroundings.things import draw_everything
 
 LEG_LENGTH_M = 140.0  # from the middle of the junction
-MIN_MOUNT_HEIGHT_M = 1.6  # of sensors above the foot of their mount
-MAX_MOUNT_HEIGHT_M = 9.0  # of sensors above the foot of their mount
+MIN_MOUNT_HEIGHT_M = 1.6  # for sensors, above the foot of their mount
+MAX_MOUNT_HEIGHT_M = 9.0  # for sensors, above the foot of their mount
 _LOW_MOUNT_SHARE = 0.35  # share of mounts that allow a sensor at eye level
-SLOPING_SHARE = 0.4  # of sites on a slope
+SLOPING_SHARE = 0.4  # share of sites on a slope
 MAX_STREET_SLOPE = 0.06  # m per m
 _MAX_TILT_RAD = np.deg2rad(35.0)
 
@@ -108,7 +108,8 @@ def random_site(rng: Rng | int) -> Site:
     area = np.round(np.concatenate([middle - size / 2, middle + size / 2]), 1)
     legs, network = (_draw_roundabout if rng.random() < 0.25 else _draw_crossroads)(rng)
     lanes, footways = road_polygons(network, area)
-    angles = {}  # of parking bays (degrees), by edge: in0, out0, ... as `_leg_edges` names them
+    # angles of parking bays (degrees), by edge: in0, out0, ... as `_leg_edges` names them
+    angles = {}
     for i, leg in enumerate(legs):
         for way, shoulder in zip(("in", "out"), leg.shoulders, strict=True):
             if shoulder.angle is not None:
@@ -188,8 +189,10 @@ def random_sensors(site: Site, rng: Rng | int, count: int | None = None) -> tupl
 
 
 def _draw_sensor(name: str, mount: Mount, site: Site, rng: Rng, *, is_lidar: bool) -> Sensor:
-    # Sensor of random model, height and aim on a mount. name: the sensor's; is_lidar: a lidar, not
-    # a camera. The order of the draws must not change, or all random sites do.
+    """Sensor of random model, height and aim on a mount.
+
+    name: the sensor's; is_lidar: a lidar, not a camera. The order of the draws must not change, or
+    all random sites do."""
     x, y, z = mount.position.tolist()
     # heights above the foot of the mount (m); most sensors at eye level remain below low + 1.5
     low = min(max(MIN_MOUNT_HEIGHT_M, mount.min_height), mount.max_height)
@@ -352,7 +355,7 @@ def _draw_path(rng: Rng, direction: float, *, start: float) -> Float64[np.ndarra
 
 
 def _outer_nodes(legs: Sequence[Leg]) -> list[XmlAttributes]:
-    # Attributes of SUMO's nodes e0, e1, ... at the outer ends of the legs.
+    """Attributes of SUMO's nodes e0, e1, ... at the outer ends of the legs."""
     outer_points = [leg.path[-1] for leg in legs]
     return [{"id": f"e{i}", "x": x, "y": y} for i, (x, y) in enumerate(outer_points)]
 

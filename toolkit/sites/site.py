@@ -25,7 +25,7 @@ _GROUND_KINDS = ("kerb", "island", "pond")
 KINDS = _STREET_KINDS + _FURNITURE_KINDS + _WORKS_KINDS + _GROUND_KINDS
 # taken from a map, measured on site, or made up by coview
 ORIGINS = ("mapped", "surveyed", "drawn")
-MAX_BUILT_HEIGHT_M = 1000.0  # of solids and mounts
+MAX_BUILT_HEIGHT_M = 1000.0  # for solids and mounts
 # m, rad: numbers of equal sites differ by no more, which is what angles lose as degrees in a file
 EQUAL_TOLERANCE = 1e-9
 Furnishing = Literal["none", "light", "dense"]  # how much of a site's surroundings coview drew
@@ -48,6 +48,7 @@ class Solid:
     origin: str = "mapped"
 
     def __post_init__(self) -> None:
+        """Check the footprint, kind, origin and heights. Raises ValueError if one is wrong."""
         set_fields(self, footprint=check_polygon(self.footprint, "solid.footprint"))
         if self.kind not in KINDS:
             raise ValueError(f"solid.kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
@@ -71,15 +72,14 @@ class Mount:
     position: Float64[np.ndarray, "3"]  # foot on the ground: x, y, z (m, site frame)
     min_height: float = 3.0  # lowest height of sensors above the foot (m)
     max_height: float = 8.0  # greatest height of sensors above the foot (m)
-    price: float = 1.0  # of building there, in units of one ordinary mount
-    capacity: float = (
-        2000.0  # of the link to the fusion centre (kbit per frame), shared by all its sensors
-    )
+    price: float = 1.0  # price of building there, in units of one ordinary mount
+    capacity: float = 2000.0  # kbit per frame of its link to the centre, for all its sensors
     max_sensors: int = 1  # most sensors it can carry
     # one of `ORIGINS`; places along the kerb that an import suggests are drawn
     origin: str = "mapped"
 
     def __post_init__(self) -> None:
+        """Check all fields, and turn them into arrays and numbers. Raises ValueError."""
         position = np.asarray(self.position, np.float64)
         if position.shape != (3,) or not np.isfinite(position).all():
             raise ValueError(
@@ -111,10 +111,11 @@ class Relief:
     """Shape of the ground: a plane, and unevenness on it (`Site.ground` has the heights)."""
 
     amplitude: float = 0.0  # largest deviation from the plane (m)
-    seed: int = 0  # of the unevenness: one seed gives one shape
+    seed: int = 0  # decides the unevenness: one seed gives one shape
     slope: Slope = LEVEL  # rise of the plane through the site's origin along x and y (m per m)
 
     def __post_init__(self) -> None:
+        """Check all fields, and turn the slope into floats. Raises ValueError."""
         if not 0 <= self.amplitude < np.inf:
             raise ValueError(
                 f"relief.amplitude must be finite and not negative, got {self.amplitude}"
@@ -170,6 +171,9 @@ class Site(Displayed):
     hybrid_radius: float = HYBRID_RADIUS_M
 
     def __post_init__(self) -> None:
+        """Check the fields, and convert them to arrays and tuples.
+
+        Raises ValueError with the name of a field that does not fit."""
         checked: dict[str, Any] = {"area": check_area(self.area)}
         if not 0 < self.height < np.inf:
             raise ValueError(f"height must be positive, got {self.height}")
@@ -213,7 +217,7 @@ class Site(Displayed):
     __hash__ = None  # type: ignore[assignment]
 
     def _card(self) -> Card:
-        # Card that a notebook shows: size and counts, then tables of sensors and of mounts.
+        """Card that a notebook shows: size and counts, then tables of sensors and of mounts."""
         xmin, ymin, xmax, ymax = self.area
         layers = {
             "lane polygon": self.lanes,
@@ -237,7 +241,7 @@ class Site(Displayed):
         )
 
     def _list_mounts(self) -> Table:
-        # Columns of a table of the mounts, a row for each, in metres of the site frame.
+        """Columns of a table of the mounts, a row for each, in metres of the site frame."""
         positions = np.array([mount.position for mount in self.mounts])
         x, y, _ = positions.reshape(-1, 3).T  # reshape is for a site without mounts
         return {
@@ -363,13 +367,17 @@ def check_polygon(vertices: object, where: str) -> Float64[np.ndarray, "k 2"]:
 
 
 def _check_origin(origin: object, where: str) -> None:
-    # ValueError unless one of `ORIGINS`. where: name of the field to the user.
+    """Raise ValueError unless an origin is one of `ORIGINS`.
+
+    where: name of the field to the user."""
     if origin not in ORIGINS:
         raise ValueError(f"{where} must be one of {', '.join(ORIGINS)}, got {origin!r:.60}")
 
 
 def _check_unique(names: Sequence[str], where: str) -> None:
-    # Raise ValueError if a name is no text, is empty, or is there twice. where: layer of the names.
+    """Raise ValueError if a name is no text, is empty, or is there twice.
+
+    where: layer of the names."""
     first_index: dict[str, int] = {}  # index of the first entry with a name
     for i, name in enumerate(names):
         if not name or not isinstance(name, str):
@@ -382,7 +390,7 @@ def _check_unique(names: Sequence[str], where: str) -> None:
 
 
 def _check_network(network: str) -> None:
-    # Raise ValueError unless the network is "" or the text of a SUMO network with edges.
+    """Raise ValueError unless the network is "" or the text of a SUMO network with edges."""
     if not network:
         return
     try:

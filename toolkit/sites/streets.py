@@ -15,7 +15,7 @@ from toolkit.sites.site import Site
 
 MIN_ARROW_LANE_M = 8.0  # length of a lane within the map from which it gets an arrow
 MIN_NAMED_M = 10.0  # length of a street's line within the map from which it gets its name
-ARROW_SHARE = 0.5  # of the lane's length at which its arrow is
+ARROW_SHARE = 0.5  # share of the lane's length at which its arrow is
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def find_lane_arrows(
 
 
 def _list_streets(site: Site) -> list[ElementTree.Element]:
-    # Edges of the site's network that are streets: edges within junctions have a function.
+    """Edges of the site's network that are streets: edges within junctions have a function."""
     edges = ElementTree.fromstring(site.network or "<net/>").findall("edge")
     return [edge for edge in edges if not edge.get("function")]
 

@@ -22,7 +22,8 @@ SIZE_COST_M = 0.3  # difference of sizes that costs 1 after a gap
 GAP_S = 0.5  # longer without a detection, the size of what returns counts
 SURE_SCORE = 0.35  # of the detections that are assigned in the first round
 
-_UNLIKE = np.array(  # True for two classes that cannot be one road user
+# True for two classes that cannot be one road user; rows and columns as in `LABELS`
+_UNLIKE = np.array(
     [
         [False, True, True, False],
         [True, False, False, True],
@@ -36,14 +37,16 @@ _IMPOSSIBLE_COST = 1e6
 def find_unlike(
     labels: Int64[np.ndarray, " m"], other_labels: Int64[np.ndarray, " n"]
 ) -> Bool[np.ndarray, "m n"]:
-    """Mask of the pairs of classes that cannot be one road user."""
+    """Mask of the pairs that cannot be one road user by their classes (`labels`)."""
     return _UNLIKE[labels][:, other_labels]
 
 
 def assign_detections(
     tracks: TrackStates, detections: MeasuredRows, time: float
 ) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
-    """Return rows of tracks, ascending, and of the detection of each.
+    """Return the rows of the tracks that get a detection, ascending, and the row of each detection.
+
+    Sure detections are assigned first, the others to the tracks that are left.
 
     Args:
         tracks: Tracks as predicted for the time of the detections.
@@ -51,18 +54,20 @@ def assign_detections(
         time: Time of the frame (s)."""
     from scipy.optimize import linear_sum_assignment
 
-    assigned = np.full(len(tracks.ids), -1)  # detection of each track
+    assigned = np.full(len(tracks.ids), -1)  # row of each track's detection, -1 without one
     if not len(tracks.ids) or not len(detections.rows):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     cost = _measure_costs(tracks, detections, time)
     is_sure = detections.scores >= SURE_SCORE
-    for is_of_round in (is_sure, ~is_sure):
-        columns = np.flatnonzero(is_of_round)
-        free = np.flatnonzero(assigned < 0)
-        round_cost = cost[free[:, None], columns]
-        mine, theirs = linear_sum_assignment(round_cost)
-        is_possible = round_cost[mine, theirs] < _IMPOSSIBLE_COST
-        assigned[free[mine[is_possible]]] = columns[theirs[is_possible]]
+    for is_in_round in (is_sure, ~is_sure):
+        round_detections = np.flatnonzero(is_in_round)
+        free_tracks = np.flatnonzero(assigned < 0)
+        round_cost = cost[free_tracks[:, None], round_detections]
+        # the solver pairs all that it can, impossible pairs too
+        rows, columns = linear_sum_assignment(round_cost)
+        is_possible = round_cost[rows, columns] < _IMPOSSIBLE_COST
+        matched_tracks = free_tracks[rows[is_possible]]
+        assigned[matched_tracks] = round_detections[columns[is_possible]]
     assigned_tracks = np.flatnonzero(assigned >= 0)
     return assigned_tracks, assigned[assigned_tracks]
 
@@ -70,22 +75,29 @@ def assign_detections(
 def _measure_costs(
     tracks: TrackStates, detections: MeasuredRows, time: float
 ) -> Float64[np.ndarray, "m n"]:
-    """Cost of each detection for each track, `_IMPOSSIBLE_COST` if they cannot be one.
+    """Cost of each detection for each track, `_IMPOSSIBLE_COST` if they cannot be one road user.
 
-    Arguments as in `assign_detections`."""
+    The cost is the squared Mahalanobis distance of the centres (in variances of the predicted place
+    and of the gate), more for another class and, after a gap, for another size.
+
+    Args:
+        tracks: m tracks as predicted for the time of the detections.
+        detections: n detections of a frame.
+        time: Time of the frame (s)."""
     labels = tracks.label()
     boxes = detections.boxes
     along = np.maximum(GATE_ALONG_M[labels], GATE_LENGTH_SHARE * tracks.size[:, 0])
     gates = rotate_variances(tracks.yaw, along**2, GATE_ACROSS_M[labels] ** 2)
     inverse = np.linalg.inv(tracks.covariance[:, :2, :2] + gates)
-    x = boxes[:, 0] - tracks.motion[:, :1]
-    y = boxes[:, 1] - tracks.motion[:, 1:2]
-    cost = inverse[:, 0, 0, None] * x * x
-    cost += 2 * inverse[:, 0, 1, None] * x * y
-    cost += inverse[:, 1, 1, None] * y * y
+    dx = boxes[:, 0] - tracks.motion[:, :1]  # (m, n)
+    dy = boxes[:, 1] - tracks.motion[:, 1:2]
+    cost = inverse[:, 0, 0, None] * dx * dx
+    cost += 2 * inverse[:, 0, 1, None] * dx * dy
+    cost += inverse[:, 1, 1, None] * dy * dy
     is_impossible = cost > MAX_SQUARED_DISTANCE
     is_impossible |= find_unlike(labels, detections.labels)
     cost += OTHER_CLASS_COST * (labels[:, None] != detections.labels)
+    # a pedestrian's box changes with each step, so its size says nothing
     is_returning = (time - tracks.last_time > GAP_S) & (labels != PEDESTRIAN)
     if is_returning.any():
         sizes = tracks.size[is_returning, None, :2]

@@ -31,12 +31,16 @@ def get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
 def turn_faces(
     doubts: Float64[np.ndarray, "n 5"], is_turned: Bool[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 5"]:
-    """Doubts with front and rear, left and right exchanged for boxes that turn by a half turn."""
+    """Doubts of faces after some boxes made a half turn: front and rear, left and right exchanged.
+
+    doubts: expected error (m) of front, rear, left, right and top, in this order."""
     return np.where(is_turned[:, None], doubts[:, [1, 0, 3, 2, 4]], doubts)
 
 
 def weigh_sizes(doubts: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 3"]:
-    """Weight (1/m²) of the length, width and height of detections, by the doubts of their faces."""
+    """Weight (1/m²) of the length, width and height of detections, by the doubts of their faces.
+
+    doubts: expected error (m) of front, rear, left, right and top; the ground is known."""
     length = np.square(doubts[:, :2]).sum(axis=1)
     width = np.square(doubts[:, 2:4]).sum(axis=1)
     return 1 / np.stack([length, width, np.square(doubts[:, 4])], axis=1)
@@ -125,7 +129,7 @@ def combine_doubts(
     A face that is not seen now follows from the opposite one and the size.
 
     Args:
-        doubts: Doubts of the faces in a detection of each body.
+        doubts: Expected error (m) of front, rear, left, right and top in a detection of each body.
         size_doubts: Expected error (m) of the length, width and height of each body, see
             `doubt_sizes`.
         labels: Class of each body.
@@ -146,7 +150,11 @@ def combine_doubts(
 def centre_covariance(
     yaw: Float64[np.ndarray, " n"], doubts: Float64[np.ndarray, "n 5"]
 ) -> Float64[np.ndarray, "n 2 2"]:
-    """Covariance (m²) of the centres of boxes that are anchored at the surer faces."""
+    """Covariance (m²) along x and y of the centres of boxes that are anchored at the surer faces.
+
+    Args:
+        yaw: Heading of each box (rad).
+        doubts: Expected error (m) of front, rear, left, right and top."""
     weights = 1 / np.square(doubts)
     along = 1 / weights[:, :2].sum(axis=1)
     across = 1 / weights[:, 2:4].sum(axis=1)
@@ -177,12 +185,14 @@ def anchor_centres(
     """Centres (x, y) of bodies of a known size that share their surer faces with detections.
 
     Args:
-        boxes: Detections.
-        yaw: Heading of each body; its detection may have the opposite one.
-        size: Length, width and height of each body.
-        doubts: Of the detections' faces, front and rear as seen by `yaw`."""
+        boxes: Detection of each body.
+        yaw: Heading of each body (rad); its detection may have the opposite one.
+        size: Length, width and height (m) of each body.
+        doubts: Expected error (m) of the detection's front, rear, left, right and top, with the
+            front at the end to which `yaw` points."""
     weights = 1 / np.square(doubts)
-    # how far the centre moves ahead if the front, not the rear, is kept, and by their weights
+    # the centre moves so far if the front (left) face is kept, and as far back if the rear (right)
+    # one is; in between by their weights
     ahead = (boxes[:, 3] - size[:, 0]) / 2
     leftwards = (boxes[:, 4] - size[:, 1]) / 2
     ahead = ahead * (weights[:, 0] - weights[:, 1]) / (weights[:, 0] + weights[:, 1])

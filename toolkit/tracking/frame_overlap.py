@@ -63,14 +63,14 @@ class FrameOverlap:
         """Return the overlap of some true objects and some tracks. truth, tracks: masks."""
         pairs = self.pairs
         return FrameOverlap(
-            FramePairs(
+            pairs=FramePairs(
                 pairs.truth[truth], pairs.tracks[tracks], pairs.similarity[truth][:, tracks]
             ),
-            self.scores[tracks],
-            self.counted[truth],
-            self.outside[tracks],
-            self.truth_rows[truth],
-            self.track_rows[tracks],
+            scores=self.scores[tracks],
+            counted=self.counted[truth],
+            outside=self.outside[tracks],
+            truth_rows=self.truth_rows[truth],
+            track_rows=self.track_rows[tracks],
         )
 
     def above(self, score: float, mean_scores: dict[int, float]) -> "FrameOverlap":
@@ -81,12 +81,16 @@ class FrameOverlap:
         return self.select(np.ones(len(self.counted), np.bool_), np.array(is_above, np.bool_))
 
     def scored(self, threshold: float) -> "FrameOverlap":
-        """Return the overlap without what does not count, as defined at the top of the module.
+        """Return the overlap without the true objects and tracks that do not count.
+
+        These are the objects that are not to be found, the tracks that match one of them, and the
+        tracks outside without a match.
 
         threshold: similarity from which an object and a track match."""
         if self.counted.all() and not self.outside.any():
             return self
         matched_rows, matched_columns = match_similar(self.pairs.similarity, threshold)
+        # mask of tracks; a match decides for a track, also for one outside
         is_ignored = self.outside.copy()
         is_ignored[matched_columns] = ~self.counted[matched_rows]
         return self.select(self.counted, ~is_ignored)
@@ -97,7 +101,9 @@ def match_similar(
 ) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
     """Return rows and columns of the one-to-one pairs of greatest similarity in all.
 
-    Pairs below the threshold do not match."""
+    Pairs below the threshold do not match.
+
+    similarity: n true objects by m tracks, 0 to 1."""
     from scipy.optimize import linear_sum_assignment
 
     score = np.where(similarity >= threshold - SIMILARITY_TOLERANCE, similarity, 0.0)
@@ -142,10 +148,10 @@ def measure_overlap(
     else:
         similarity = iou_3d(true_boxes, boxes)
     return FrameOverlap(
-        FramePairs(objects.ids[truth_rows], tracks.ids[track_rows], similarity),
-        tracks.scores[track_rows],
-        is_of_class[truth_rows],
-        is_outside[track_rows],
-        truth_rows,
-        track_rows,
+        pairs=FramePairs(objects.ids[truth_rows], tracks.ids[track_rows], similarity),
+        scores=tracks.scores[track_rows],
+        counted=is_of_class[truth_rows],
+        outside=is_outside[track_rows],
+        truth_rows=truth_rows,
+        track_rows=track_rows,
     )

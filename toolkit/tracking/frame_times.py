@@ -8,9 +8,9 @@ MAX_INTERVAL_S = 1.0  # median time between frames; farther apart, road users ar
 
 
 def find_time_problem(times: Sequence[float]) -> str | None:
-    """Return why road users cannot be followed through frames at some times (s), None if they can.
+    """Return why road users cannot be followed through frames at these times (s), None if they can.
 
-    Frames need times, in ascending order and at most `MAX_INTERVAL_S` apart in the median."""
+    Times must ascend and be at most `MAX_INTERVAL_S` apart in the median."""
     steps = np.diff(times)
     if len(steps) and not (steps > 0).all():
         number = int(np.argmin(steps > 0)) + 1

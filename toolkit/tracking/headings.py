@@ -22,23 +22,24 @@ def settle_heading(
 ) -> Float64[np.ndarray, " k"]:
     """Heading (rad, continuous) of a track at its detections, without half turns.
 
-    The front is where it moves to; of a track that stands, where most detections have it.
+    The front points the way it moves; if it stands, the way most detections face, by their scores.
 
     Args:
         boxes: Detections of the track, in the order of time.
         scores: Score of each.
         seconds: Time of each (s)."""
-    raw = boxes[:, 6]
-    axes = _find_axes(raw, scores, seconds)
-    yaw = raw + np.pi * np.rint((axes - raw) / np.pi)
-    backwards = np.sign(np.cos(raw - yaw)) @ scores < 0
+    detected_yaw = boxes[:, 6]
+    axes = _find_axes(detected_yaw, scores, seconds)
+    yaw = detected_yaw + np.pi * np.rint((axes - detected_yaw) / np.pi)
+    is_backwards = np.sign(np.cos(detected_yaw - yaw)) @ scores < 0
     offset = boxes[-1, :2] - boxes[0, :2]
-    passed = seconds[-1] - seconds[0]
-    if len(raw) > 1 and np.hypot(*offset) > max(MIN_HEADED_M_S * passed / 3, 2.0):
+    span = seconds[-1] - seconds[0]
+    # from its first to its last place, a third of the speed is enough: it may have stood in between
+    if len(yaw) > 1 and np.hypot(*offset) > max(MIN_HEADED_M_S * span / 3, 2.0):
         steps = np.diff(boxes[:, :2], axis=0)
         along = steps[:, 0] * np.cos(yaw[1:]) + steps[:, 1] * np.sin(yaw[1:])
-        backwards = bool(along.sum() < 0)
-    return yaw + np.pi if backwards else yaw
+        is_backwards = bool(along.sum() < 0)
+    return yaw + np.pi if is_backwards else yaw
 
 
 def _find_axes(
@@ -67,7 +68,11 @@ def find_heading_outliers(
     """Median heading (rad) around each detection, and a mask of headings too far from it.
 
     At the border of the area, where a corner of a body is left, detections face across its course.
-    yaw: heading of each detection (rad, continuous); seconds: time of each."""
+    Less than `MEDIAN_DETECTIONS` have no median: then their headings come back, none an outlier.
+
+    Args:
+        yaw: Heading of each detection (rad, continuous).
+        seconds: Time of each (s), ascending."""
     from scipy.ndimage import median_filter
 
     count = len(yaw)
@@ -76,6 +81,7 @@ def find_heading_outliers(
     median = median_filter(yaw, MEDIAN_DETECTIONS, mode="mirror")
     half = MEDIAN_DETECTIONS // 2
     rows = np.arange(count)
+    # from the first to the last detection of each median; the median is in its middle
     span = seconds[np.minimum(rows + half, count - 1)] - seconds[np.maximum(rows - half, 0)]
     max_turn = MAX_HEADING_GAP_RAD + MAX_YAW_RATE_RAD_S * span / 2
     return median, np.abs(yaw - median) > max_turn

@@ -12,7 +12,9 @@ FIRST_SPEEDS_M_S = np.array([9.0, 5.0, 1.5, 8.0])  # standard deviation, of a ne
 def constant_velocities(
     seconds: Float64[np.ndarray, " n"],
 ) -> tuple[Float64[np.ndarray, "n 4 4"], Float64[np.ndarray, "n 4 4"]]:
-    """Transition of x, y and their velocities, and its covariance by white acceleration of 1 m/s².
+    """Transition matrices of the state (x, y, vx, vy), and the covariance that each step adds.
+
+    The covariance is for a white acceleration of 1 m/s² along each axis: multiply by the variance.
 
     seconds: times that pass, a transition for each."""
     count = len(seconds)

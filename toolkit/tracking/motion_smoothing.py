@@ -18,9 +18,9 @@ class MeasuredCourse(NamedTuple):
 
     Attributes:
         centres: Measured x, y (m) of each detection.
-        noise: Covariance of each.
+        noise: Covariance of each place (m²).
         seen: Frame of each detection, counted from the track's first.
-        seconds: Time of each of the track's frames.
+        seconds: Time of each of the track's frames (s).
         label: Class of the track."""
 
     centres: Float64[np.ndarray, "k 2"]
@@ -50,16 +50,16 @@ class _Group(NamedTuple):
 
     @staticmethod
     def from_courses(courses: Sequence[MeasuredCourse]) -> "_Group":
-        """Make a group of courses that are sorted, the longest first."""
+        """Make a group of courses that are sorted by their number of frames, the longest first."""
         lengths = np.array([len(course.seconds) for course in courses])
         shape = (int(lengths[0]), len(courses))
         group = _Group(
             lengths,
-            np.empty(shape),
-            np.zeros(shape, np.bool_),
-            np.zeros((*shape, 2)),
-            np.zeros((*shape, 2, 2)),
-            np.array([course.label for course in courses]),
+            seconds=np.empty(shape),
+            is_seen=np.zeros(shape, np.bool_),
+            centres=np.zeros((*shape, 2)),
+            noise=np.zeros((*shape, 2, 2)),
+            labels=np.array([course.label for course in courses]),
         )
         for column, course in enumerate(courses):
             length = len(course.seconds)
@@ -71,24 +71,28 @@ class _Group(NamedTuple):
         return group
 
     def count(self, frame: int) -> int:
-        """Number of tracks that have a frame; they are the first ones."""
+        """Number of tracks that have a frame; they are the first ones, being the longest."""
         return int((self.lengths > frame).sum())
 
 
 def smooth_motions(courses: Sequence[MeasuredCourse]) -> list[Float64[np.ndarray, "_ 4"]]:
-    """Return x, y (m) and the velocity along both (m/s) of each track in each of its frames."""
+    """Return x, y (m) and the velocity along both (m/s) of each track in each of its frames.
+
+    courses: measured places of each track; the result has their order."""
     motions: list[Float64[np.ndarray, "_ 4"]] = [np.zeros((0, 4))] * len(courses)
-    order = sorted(range(len(courses)), key=lambda k: -len(courses[k].seconds))
-    for numbers in _split(order, courses):
-        group = _Group.from_courses([courses[k] for k in numbers])
+    longest_first = sorted(range(len(courses)), key=lambda number: -len(courses[number].seconds))
+    for numbers in _split(longest_first, courses):
+        group = _Group.from_courses([courses[number] for number in numbers])
         states = _smooth_group(group)
-        for column, k in enumerate(numbers):
-            motions[k] = states[: group.lengths[column], column]
+        for column, number in enumerate(numbers):
+            motions[number] = states[: group.lengths[column], column]
     return motions
 
 
 def _split(order: Sequence[int], courses: Sequence[MeasuredCourse]) -> Iterator[list[int]]:
-    """Yield the numbers of tracks that are smoothed together. order: the longest first."""
+    """Yield the numbers of tracks that are smoothed together, at most `MAX_GROUP_ROWS` rows.
+
+    order: numbers of all tracks, the longest first; courses: measured places, by number."""
     begin = 0
     while begin < len(order):
         longest = len(courses[order[begin]].seconds)
@@ -98,7 +102,9 @@ def _split(order: Sequence[int], courses: Sequence[MeasuredCourse]) -> Iterator[
 
 
 def _smooth_group(group: _Group) -> Float64[np.ndarray, "f n 4"]:
-    """States of a group of tracks; what is after a track's last frame means nothing."""
+    """x, y (m) and the velocity along both (m/s) of n tracks in f frames.
+
+    Rows after a track's last frame mean nothing."""
     frames, tracks = group.seconds.shape
     states = np.zeros((frames, tracks, 4))
     covariances = np.zeros((frames, tracks, 4, 4))
@@ -111,6 +117,7 @@ def _smooth_group(group: _Group) -> Float64[np.ndarray, "f n 4"]:
     covariances[0, :, 3, 3] = first_variance
     variance = ACCELERATIONS_M_S2[group.labels] ** 2
     steps = np.diff(group.seconds, axis=0)
+    # forwards: Kalman's filter
     for k in range(1, frames):
         count = group.count(k)
         transition, step_noise = constant_velocities(steps[k - 1, :count])
@@ -128,6 +135,7 @@ def _smooth_group(group: _Group) -> Float64[np.ndarray, "f n 4"]:
         covariance[rows] -= gain @ seen_covariance[:, :2]
         states[k, :count] = state
         covariances[k, :count] = covariance
+    # backwards: Rauch, Tung and Striebel's smoother
     for k in range(frames - 2, -1, -1):
         count = group.count(k + 1)
         transition, _ = constant_velocities(steps[k, :count])

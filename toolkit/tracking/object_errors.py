@@ -66,8 +66,8 @@ def measure_errors(
     """Measure the errors of the tracks of one class in all frames.
 
     Args:
-        overlaps: Objects and tracks of each frame that count.
-        matches: Matches among them.
+        overlaps: Objects and tracks of the class that count, by frame.
+        matches: Matches among them, by frame.
         tracks: All tracks of each frame, with velocities of NaN if they are unknown.
         truths: All objects of each frame."""
     speed_errors = [np.zeros(0)]
@@ -88,12 +88,12 @@ def measure_errors(
         tail = find_quantile(waits, 0.95)
         never = float(np.isinf(waits).mean())
     return ObjectErrors(
-        _mean(speed_error[np.isfinite(speed_error)]),
-        float(np.rad2deg(_mean(np.concatenate(heading_errors)))),
-        median,
-        tail,
-        never,
-        len(waits),
+        speed_error_mps=_mean(speed_error[np.isfinite(speed_error)]),
+        heading_error_deg=float(np.rad2deg(_mean(np.concatenate(heading_errors)))),
+        first_detection_s=median,
+        first_detection_95_s=tail,
+        never_found=never,
+        entering=len(waits),
     )
 
 
@@ -125,7 +125,11 @@ def collect_ways(
 ) -> list[TrackedWay]:
     """Return the ways of one class, in the order in which they are first to be found.
 
-    Arguments as in `measure_errors`."""
+    Args:
+        overlaps: Objects and tracks of the class that count, by frame.
+        matches: Matches among them, by frame.
+        tracks: All tracks of each frame, with velocities of NaN if they are unknown.
+        truths: All objects of each frame."""
     frame_counts: dict[int, int] = {}
     entry_times: dict[int, float] = {}
     match_times: dict[int, float] = {}
@@ -161,7 +165,13 @@ def collect_ways(
 def _measure_speed_errors(
     overlap: FrameOverlap, match: ClearMatch, tracks: Tracks, truth: TruthMotion
 ) -> Float64[np.ndarray, " k"]:
-    """Error of speed (m/s) of each match of a frame, NaN if a speed is unknown."""
+    """Absolute error of speed (m/s) of each of k matches of a frame, NaN if a speed is unknown.
+
+    Args:
+        overlap: Objects and tracks of the frame that count.
+        match: Matches among them.
+        tracks: All tracks of the frame.
+        truth: All objects of the frame."""
     true_velocities = truth.velocities[overlap.truth_rows[match.rows]]
     velocities = tracks.velocities[overlap.track_rows[match.columns]]
     speeds = np.linalg.norm(velocities, axis=1)
@@ -169,9 +179,9 @@ def _measure_speed_errors(
 
 
 def find_quantile(values: Float64[np.ndarray, " n"], share: float) -> float:
-    """Smallest value that at least this share of the values does not exceed.
+    """Smallest value that at least this share (0 to 1) of the values does not exceed.
 
-    NaN if one of the values is unknown."""
+    NaN if one of the values is NaN. values: at least one."""
     if np.isnan(values).any():
         return float("nan")
     ordered = np.sort(values)

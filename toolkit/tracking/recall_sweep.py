@@ -60,7 +60,7 @@ def sweep_recalls(
     for overlap, match in zip(scored, clear.matches, strict=True):
         hit_ids = overlap.pairs.tracks[match.columns].tolist()
         hit_scores += [mean_scores[number] for number in hit_ids]
-    errors_by_score: dict[float, int] = {}
+    errors_by_score: dict[float, int] = {}  # false positives, misses and switches
     amota = 0.0
     samota = 0.0
     for recall, score in list_recalls(np.array(hit_scores), objects):
@@ -86,7 +86,10 @@ def average_scores(frames: Sequence[FrameOverlap]) -> dict[int, float]:
 
 
 def list_recalls(scores: Float64[np.ndarray, " n"], objects: int) -> list[RecallPoint]:
-    """List the recalls that are reached, each with the score of its true positive.
+    """List the recalls k / `RECALLS` (k = 1, 2, …) that are reached, with the score of each.
+
+    In the order of falling scores, true positive number r · `objects`, rounded, reaches recall r.
+    No two recalls have the same true positive.
 
     Args:
         scores: Score of each true positive's track, in any order.
@@ -98,6 +101,7 @@ def list_recalls(scores: Float64[np.ndarray, " n"], objects: int) -> list[Recall
         if count == len(descending):
             break
         recall = number / RECALLS
+        # rounded, a half down; errors of the product at the tenth digit must not round up
         nearest = int(np.ceil(round(recall * objects - 0.5, 9)))
         count = min(max(nearest, count + 1), len(descending))
         points.append(RecallPoint(recall, descending[count - 1]))

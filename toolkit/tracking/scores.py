@@ -92,7 +92,16 @@ def score_pairs(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD
     numbered = numbers.frames
     if not len(truth_ids):
         nan = float("nan")
-        return TrackScores(nan, nan, nan, nan, nan, 0, nan, 0)
+        return TrackScores(
+            hota=nan,
+            deta=nan,
+            assa=nan,
+            mota=nan,
+            idf1=nan,
+            switches=0,
+            mostly_tracked=nan,
+            objects=0,
+        )
     truth_frames = np.zeros(len(truth_ids))
     track_frames = np.zeros(len(track_ids))
     for pairs in numbered:
@@ -135,7 +144,7 @@ class _Numbers(NamedTuple):
 
 
 def _number(frames: Sequence[FramePairs]) -> _Numbers:
-    """Number all true objects and tracks of a recording."""
+    """Number all true objects and tracks of a recording from 0 on, in the order of their ids."""
     no_ids = np.zeros(0, np.int64)
     truth_ids = np.unique(np.concatenate([no_ids, *(pairs.truth for pairs in frames)]))
     track_ids = np.unique(np.concatenate([no_ids, *(pairs.tracks for pairs in frames)]))
@@ -152,15 +161,16 @@ def _score_hota(
     truth_frames: Float64[np.ndarray, " N"],
     track_frames: Float64[np.ndarray, " M"],
 ) -> tuple[Float64[np.ndarray, " a"], Float64[np.ndarray, " a"]]:
-    """DetA and AssA at each of `THRESHOLDS`.
+    """DetA and AssA (0 to 1) at each of `THRESHOLDS`.
 
     Args:
-        frames: Frames with numbers in place of ids.
+        frames: Frames with numbers in place of ids: of N true objects and M tracks.
         truth_frames: Number of frames of each true object.
         track_frames: Number of frames of each track."""
     from scipy.optimize import linear_sum_assignment
 
-    # how much each true object and each track share over the whole recording
+    # similarity of each true object and each track, summed over the frames; in each frame as a
+    # share of their similarities to all partners
     shared = np.zeros((len(truth_frames), len(track_frames)))
     for truth, tracks, similarity in frames:
         total = similarity.sum(axis=0) + similarity.sum(axis=1)[:, None] - similarity
@@ -169,6 +179,7 @@ def _score_hota(
         )
         shared[truth[:, None], tracks] += share
     alignment = shared / (truth_frames[:, None] + track_frames - shared)
+    # number of frames in which a true object and a track match, at each threshold
     matches = np.zeros((len(THRESHOLDS), len(truth_frames), len(track_frames)))
     for truth, tracks, similarity in frames:
         rows, columns = linear_sum_assignment(-alignment[truth[:, None], tracks] * similarity)
@@ -212,7 +223,7 @@ class ClearCounts(NamedTuple):
 
 
 def match_clear(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD) -> ClearCounts:
-    """Match frame by frame, with preference for the pairs of the frame before.
+    """Match true objects and tracks frame by frame, preferring the pairs of the frame before.
 
     threshold: similarity from which an object and a track match."""
     numbers = _number(frames)
@@ -220,7 +231,13 @@ def match_clear(frames: Sequence[FramePairs], threshold: float = CLEAR_THRESHOLD
     matched = sum(len(match.rows) for match in matches)
     objects = sum(len(pairs.truth) for pairs in frames)
     tracks = sum(len(pairs.tracks) for pairs in frames)
-    return ClearCounts(matches, tracks - matched, objects - matched, switches, objects)
+    return ClearCounts(
+        matches,
+        false_positives=tracks - matched,
+        misses=objects - matched,
+        switches=switches,
+        objects=objects,
+    )
 
 
 def _match_in_order(
@@ -228,14 +245,16 @@ def _match_in_order(
 ) -> tuple[list[ClearMatch], int]:
     """Matched pairs of each frame, and the number of switches.
 
+    Pairs of the frame before are preferred; a frame without objects or tracks is passed over.
+
     Args:
         frames: Frames with numbers in place of ids.
-        objects: Number of true objects.
-        threshold: As in `match_clear`."""
+        objects: Number of true objects in all frames.
+        threshold: Similarity from which an object and a track match."""
     from scipy.optimize import linear_sum_assignment
 
-    last = np.full(objects, -1)  # track of the last match
-    before = np.full(objects, -1)  # track of the match in the frame before
+    last = np.full(objects, -1)  # track of each object's last match, -1 without one
+    before = np.full(objects, -1)  # track of its match in the frame before, -1 without one
     switches = 0
     matches = []
     nothing = ClearMatch(np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -261,12 +280,12 @@ def _match_in_order(
 def _count_identity_hits(
     frames: Sequence[FramePairs], objects: int, tracks: int, threshold: float
 ) -> float:
-    """Most frames in which true objects and tracks are similar, if each has one partner for good.
+    """Largest number of matches (IDTP) if each true object has one and the same track throughout.
 
     Args:
         frames: Frames with numbers in place of ids.
-        objects: Number of true objects.
-        tracks: Number of tracks.
+        objects: Number of true objects in all frames.
+        tracks: Number of tracks in all frames.
         threshold: Similarity from which both are similar."""
     from scipy.optimize import linear_sum_assignment
 

@@ -38,14 +38,14 @@ OUTLIER_DOUBT = 5.0  # factor of the doubts of a detection that cannot face so
 
 
 class _TrackDetections(NamedTuple):
-    """Detections of one track, in the order of time.
+    """k detections of one track, in the order of time.
 
     Attributes:
         frame: Number of the frame of each.
         boxes: Their boxes.
         scores: Their scores.
         labels: Their classes.
-        doubts: Doubts of their faces (m)."""
+        doubts: Expected error (m) of their front, rear, left, right and top."""
 
     frame: Int64[np.ndarray, " k"]
     boxes: BoxRows
@@ -54,23 +54,25 @@ class _TrackDetections(NamedTuple):
     doubts: Float64[np.ndarray, "k 5"]
 
     def select(self, rows: slice | Int64[np.ndarray, " m"]) -> "_TrackDetections":
-        """Some of the detections."""
+        """Select detections by a slice or by row numbers."""
         return _TrackDetections(*(column[rows] for column in self))
 
 
 class _SingleDetections(NamedTuple):
-    """Tracks of one detection each.
+    """m tracks of one detection each.
 
     Attributes:
         ids: Their ids.
-        detections: Detection of each."""
+        detections: Detection of each track, a row for each."""
 
     ids: Int64[np.ndarray, " m"]
     detections: _TrackDetections
 
 
 class _TrackRows(NamedTuple):
-    """Frames of tracks, and columns of `Tracks` in each."""
+    """Rows of tracks in frames, in columns: the number of the frame, then the columns of `Tracks`.
+
+    The order of the columns after `frame` must be the one in `Tracks`."""
 
     frame: Int64[np.ndarray, " n"]
     boxes: BoxRows
@@ -93,7 +95,8 @@ def smooth_tracks(
 ) -> list[Tracks]:
     """Return the tracks in each frame of a recording.
 
-    Tracks that their detections do not confirm are left out, unless their mean score is sure.
+    Tracks that their detections do not confirm are left out, unless their mean score is at least
+    `TENTATIVE_SCORE`.
 
     Args:
         frames: Detections of each frame, in the world frame.
@@ -101,7 +104,7 @@ def smooth_tracks(
         area: xmin, ymin, xmax, ymax (m, world) within which road users are detected, None for no
             border.
         progress: Called with the number of frames that the tracker has done.
-        place_error: As in `Tracker`.
+        place_error: Expected error (m) of places that all frames share, as from the sensors' poses.
 
     Raises ValueError for another number of times than of frames, and for times that do not go on.
     """
@@ -118,8 +121,8 @@ def smooth_tracks(
     rows = _TrackRows(*columns)
     order = np.lexsort((rows.ids, rows.frame))
     joined = Tracks(*(column[order] for column in rows[1:]))
-    begin = np.searchsorted(rows.frame[order], np.arange(len(frames) + 1))
-    return [joined[first:last] for first, last in pairwise(begin.tolist())]
+    begins = np.searchsorted(rows.frame[order], np.arange(len(frames) + 1))
+    return [joined[first:last] for first, last in pairwise(begins.tolist())]
 
 
 def _collect(
@@ -130,9 +133,14 @@ def _collect(
 ) -> tuple[_SingleDetections, dict[int, _TrackDetections]]:
     """Run the tracker; return tracks of one detection, and the detections of others by their id.
 
-    Only tracks that are reported are returned.
+    Only tracks that are reported are returned: confirmed ones and those with a sure mean score.
 
-    Arguments as in `smooth_tracks`."""
+    Args:
+        frames: Detections of each frame, in the world frame.
+        times: Time of each frame (s), ascending.
+        area: xmin, ymin, xmax, ymax (m, world) within which road users are detected, None for no
+            border.
+        progress: Called with the number of frames that the tracker has done."""
     tracker = Tracker(area)
     no_numbers = np.zeros(0, np.int64)
     track_parts = [no_numbers]  # track of each detection that has one
@@ -161,7 +169,8 @@ def _collect(
         doubts=doubts[rows],
     )
     names, begins = np.unique(track_ids, return_index=True)
-    counts = np.diff(np.append(begins, len(track_ids)))
+    counts = np.diff(np.append(begins, len(track_ids)))  # detections of each track
+    # sum of the scores of each track; `reduceat` needs at least one
     evidence = np.add.reduceat(tracked.scores, begins) if len(names) else np.zeros(0)
     is_sure = evidence >= TENTATIVE_SCORE * counts
     is_reported = is_sure | has_evidence(evidence, counts)
@@ -176,15 +185,16 @@ def _collect(
 
 
 class _Settled(NamedTuple):
-    """Track whose class, size and heading are known, but not its motion.
+    """Track of k detections in f frames whose class, size and heading are known, not its motion.
 
     Attributes:
         name: Its id.
         label: Its class.
         size: Length, width, height (m).
-        frames: Its frames in the recording.
+        frames: Numbers of its frames in the recording, without gaps.
         yaw: Heading at its detections (rad, continuous).
-        doubts: Doubts of the detections' faces, by this heading (m).
+        doubts: Expected error (m) of the detections' faces: front, rear, left, right and top, with
+            the front by this heading.
         size_doubts: Expected error of its length, width, height (m).
         misfit: Scatter of their sizes, see `find_inflation`.
         course: Measured places."""
@@ -230,11 +240,23 @@ def _settle_track(
         label=label,
     )
     size_doubts = doubt_sizes(weights.sum(axis=0), np.sqrt(weights).sum(axis=0))
-    return _Settled(name, label, size, frames, yaw, doubts, size_doubts[None], misfit, course)
+    return _Settled(
+        name,
+        label,
+        size,
+        frames,
+        yaw,
+        doubts,
+        size_doubts=size_doubts[None],
+        misfit=misfit,
+        course=course,
+    )
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:
-    """Rows of tracks of one detection: that detection, at rest. place_error: as in `Tracker`."""
+    """Rows of tracks of one detection: that detection, at rest.
+
+    place_error: expected error (m) of places that all frames share."""
     count = len(single.ids)
     detections = single.detections
     yaw = detections.boxes[:, 6]
@@ -244,8 +266,8 @@ def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRo
     doubts = combine_doubts(
         detections.doubts,
         doubt_sizes(weights, np.sqrt(weights)),
-        detections.labels,
-        place_error,
+        labels=detections.labels,
+        place_error=place_error,
         misfit=np.full((count, 3), USUAL_MISFIT),
     )
     return _TrackRows(
@@ -267,13 +289,13 @@ def _make_rows(
     motion: Float64[np.ndarray, "f 4"],
     place_error: float,
 ) -> _TrackRows:
-    """Rows of a track in its frames.
+    """Rows of a track in its f frames, from the first detection to the last one, without gaps.
 
     Args:
         settled: The track.
         track: Its detections.
         motion: x, y (m) and their velocities (m/s) in each of its frames.
-        place_error: As in `Tracker`."""
+        place_error: Expected error (m) of places that all frames share."""
     frames = settled.frames
     seconds = settled.course.seconds
     seen = settled.course.seen
@@ -295,7 +317,11 @@ def _make_rows(
     boxes[:, 6] = np.arctan2(np.sin(all_yaws), np.cos(all_yaws))
     labels = np.full(len(frames), settled.label)
     doubts = combine_doubts(
-        settled.doubts, settled.size_doubts, labels[seen], place_error, misfit=settled.misfit
+        settled.doubts,
+        settled.size_doubts,
+        labels=labels[seen],
+        place_error=place_error,
+        misfit=settled.misfit,
     )
     return _TrackRows(
         frame=frames,
@@ -315,9 +341,12 @@ def _smooth_over_time(
     known_seconds: Float64[np.ndarray, " k"],
     seconds: Float64[np.ndarray, " f"],
 ) -> Float64[np.ndarray, "f c"]:
-    """Means over time of columns that are known at some times, at all frames.
+    """Means over time (`YAW_SMOOTHING_S`) of c columns that are known at k times, in f frames.
 
-    known_seconds: times of the values; seconds: times of the frames."""
+    Args:
+        values: Columns at the known times.
+        known_seconds: Times of the values (s), ascending.
+        seconds: Times of the frames (s), ascending."""
     filled = np.stack([np.interp(seconds, known_seconds, column) for column in values.T], axis=1)
     if len(seconds) < 3:
         return filled

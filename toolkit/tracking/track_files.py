@@ -54,7 +54,8 @@ def write_tracks(
 
 
 def _list_rows(tracks: Tracks) -> list[dict[str, object]]:
-    """Values of each track by the names of `TRACK_COLUMNS` after frame and time."""
+    """Values of each track by the names of `TRACK_COLUMNS` after frame and time, in their order."""
+    # the columns x to unseen_s
     numbers = np.column_stack([tracks.boxes[:, :6], np.rad2deg(tracks.boxes[:, 6]), tracks.scores])
     numbers = np.column_stack([numbers, tracks.velocities, tracks.ages, tracks.unseen])
     rows = []

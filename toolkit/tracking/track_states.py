@@ -21,7 +21,8 @@ from toolkit.tracking.face_doubts import (
 )
 from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, constant_velocities
 
-# weight of a size by that of its surest detection: what looks sure at the border is forgotten
+# largest weight of a size, in weights of its surest detection: so earlier detections fade, such as
+# those at the border of the area, which look surer than they are
 MAX_SIZE_MEMORY = 6.0
 MAX_MISFIT_HITS = 50.0  # detections over which the misfit of sizes is averaged
 MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
@@ -36,14 +37,14 @@ MIN_HEADED_M_S = 1.5  # faster, the motion of a vehicle or cyclist says where it
 
 
 class MeasuredRows(NamedTuple):
-    """Detections of one frame that a tracker can follow.
+    """n detections of one frame that a tracker can follow.
 
     Attributes:
         boxes: Boxes (m, rad), world frame.
         scores: Score of each, 0 to 1.
         labels: Class of each.
-        doubts: Doubts of the faces (m).
-        rows: Row of each among the frame's detections."""
+        doubts: Expected error (m) of the front, rear, left, right and top face.
+        rows: Row of each among all detections of the frame."""
 
     boxes: BoxRows
     scores: Float64[np.ndarray, " n"]
@@ -53,14 +54,14 @@ class MeasuredRows(NamedTuple):
 
     @staticmethod
     def from_detections(detections: Detections) -> "MeasuredRows":
-        """Take the detections whose boxes and scores are finite."""
+        """Take the detections whose boxes and scores are finite, in the same order."""
         is_finite = np.isfinite(detections.boxes).all(axis=1) & np.isfinite(detections.scores)
         measured = MeasuredRows(
             detections.boxes,
             detections.scores,
             detections.labels,
-            get_doubts(detections),
-            np.arange(len(detections)),
+            doubts=get_doubts(detections),
+            rows=np.arange(len(detections)),
         )
         return measured if is_finite.all() else measured.select(is_finite)
 
@@ -70,12 +71,12 @@ class MeasuredRows(NamedTuple):
 
 
 class TrackStates(NamedTuple):
-    """Tracks, a row for each.
+    """State of m tracks, a row for each.
 
     Attributes:
         ids: Number of each track.
         motion: x, y (m) and velocity along both (m/s).
-        covariance: Of the motion.
+        covariance: Covariance of `motion` (m², m²/s, m²/s²).
         floor: z of the underside (m).
         yaw: Heading (rad).
         yaw_rate: Its change (rad/s).
@@ -84,11 +85,11 @@ class TrackStates(NamedTuple):
         size_root: Sum of the roots of these weights (1/m).
         max_weight: Largest of these weights.
         misfit: Scatter of each by what the doubts say, see `find_inflation`.
-        votes: Scores of the detections of each class.
-        score: Averaged score.
+        votes: Sum of the scores of the track's detections of each class of `LABELS`.
+        score: Mean score, the last `SCORE_MEMORY_HITS` detections counting most.
         hits: Number of detections.
         front_votes: Detections that faced the same way, minus those that faced the other way.
-        doubts: Of front, rear, left, right and top in the last detection (m).
+        doubts: Expected error (m) of the front, rear, left, right and top in the last detection.
         first_time: Time of the first detection (s).
         last_time: Time of the last detection (s).
         detection: Row of the track's detection in the last frame, -1 without one.
@@ -119,7 +120,7 @@ class TrackStates(NamedTuple):
         return TrackStates(*(column[rows] for column in self))
 
     def label(self) -> Int64[np.ndarray, " m"]:
-        """Class of each track, by its votes."""
+        """Class of each track: the one with the most votes."""
         return self.votes.argmax(axis=1)
 
     def size_doubts(self) -> Float64[np.ndarray, "m 3"]:
@@ -134,7 +135,9 @@ class TrackStates(NamedTuple):
 def has_evidence(
     evidence: Float64[np.ndarray, " m"], hits: Int64[np.ndarray, " m"]
 ) -> Bool[np.ndarray, " m"]:
-    """Mask of tracks that are confirmed by the sum of the scores of their detections, or number."""
+    """Mask of tracks with enough detections to be confirmed.
+
+    evidence: sum of the scores of each track's detections; hits: their number."""
     return (evidence >= MIN_EVIDENCE) | (hits >= SURE_HITS)
 
 
@@ -150,14 +153,16 @@ def is_standing(tracks: TrackStates) -> Bool[np.ndarray, " m"]:
 
 
 def make_track_boxes(tracks: TrackStates) -> BoxRows:
-    """Boxes (m 7) of tracks, with headings within a half turn of 0."""
-    middle = tracks.floor + tracks.size[:, 2] / 2
+    """Boxes (m 7) of tracks, with headings from -pi to pi."""
+    middle_z = tracks.floor + tracks.size[:, 2] / 2
     yaw = np.arctan2(np.sin(tracks.yaw), np.cos(tracks.yaw))
-    return np.column_stack([tracks.motion[:, :2], middle, tracks.size, yaw])
+    return np.column_stack([tracks.motion[:, :2], middle_z, tracks.size, yaw])
 
 
 def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackStates:
-    """New tracks, one for each detection. first_id: number of the first one."""
+    """New tracks, one for each detection, in the same order.
+
+    time: when they were made (s); first_id: number of the first track, the others count up."""
     boxes = detections.boxes
     count = len(boxes)
     doubts = detections.doubts
@@ -194,9 +199,10 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
 
 
 def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
-    """Return tracks some seconds later, moved with their velocity.
+    """Return tracks some seconds later, moved with their velocity and turned on.
 
     A standing one without a detection is expected where it is, however long it is hidden."""
+    # one transition for all tracks: (4, 4) each
     (step,), (noise,) = constant_velocities(np.array([seconds]))
     variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
@@ -210,7 +216,12 @@ def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
 
 
 def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -> TrackStates:
-    """Return tracks after a detection of each, in the same order. time: of the detections (s)."""
+    """Return tracks after a detection of each.
+
+    Args:
+        tracks: Tracks as predicted for the time of the detections.
+        detections: Detection of each track, in the same order.
+        time: Time of the detections (s)."""
     boxes = detections.boxes
     doubts = detections.doubts
     # a detection that faces the other way is turned, and its faces with it
@@ -218,12 +229,12 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     is_turned = np.abs(residual) > np.pi / 2
     residual = np.where(is_turned, residual - np.pi * np.sign(residual), residual)
     doubts = turn_faces(doubts, is_turned)
-    seconds = np.maximum(time - tracks.last_time, 1e-3)
+    seconds = np.maximum(time - tracks.last_time, 1e-3)  # a step without time divides nothing
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
     tracks = _correct_sizes(tracks, boxes[:, 3:6], doubts)
     centre = anchor_centres(boxes, yaw, tracks.size, doubts)
-    # Kalman's update by the anchored centre
+    # Kalman's update by the anchored centre, which measures the first two parts of the motion
     noise = centre_covariance(yaw, inflate_doubts(doubts, tracks.misfit))
     gain = tracks.covariance[:, :, :2] @ np.linalg.inv(tracks.covariance[:, :2, :2] + noise)
     innovation = (centre - tracks.motion[:, :2])[:, :, None]
@@ -231,7 +242,7 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     covariance = tracks.covariance - gain @ tracks.covariance[:, :2]
     votes = tracks.votes.copy()
     votes[np.arange(len(boxes)), detections.labels] += detections.scores
-    share = 1 / np.minimum(tracks.hits + 1, SCORE_MEMORY_HITS)
+    share = 1 / np.minimum(tracks.hits + 1, SCORE_MEMORY_HITS)  # of this detection in a mean
     floor = boxes[:, 2] - boxes[:, 5] / 2
     corrected = tracks._replace(
         motion=motion,
@@ -279,7 +290,7 @@ def _correct_sizes(
 
 
 def _turn_round(tracks: TrackStates) -> TrackStates:
-    """Turn tracks that face backwards, by their motion or by the votes of their detections."""
+    """Turn tracks by a half turn that face backwards, by their motion or by their front votes."""
     along = tracks.motion[:, 2] * np.cos(tracks.yaw) + tracks.motion[:, 3] * np.sin(tracks.yaw)
     moves_backwards = (along < -MIN_HEADED_M_S) & (tracks.hits >= MIN_HITS)
     is_backwards = moves_backwards | ((tracks.front_votes < 0) & (along < MIN_HEADED_M_S))

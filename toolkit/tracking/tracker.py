@@ -115,7 +115,7 @@ class Tracker:
         return TrackedDetections(detected.ids, detected.detection)
 
     def at(self, time: float) -> Tracks:
-        """Return the tracks as they are expected to be at a time (s), without a detection.
+        """Return the reported tracks as they are expected to be at a time (s), without a detection.
 
         Raises ValueError for a time before the last frame."""
         if self._time is None:
@@ -153,7 +153,7 @@ class Tracker:
         )
 
     def _stays(self, tracks: TrackStates, time: float) -> Bool[np.ndarray, " m"]:
-        """Mask of tracks without a detection in this frame that live on."""
+        """Mask of tracks that live on without a detection in this frame. time: the frame's (s)."""
         max_unseen = np.where(is_standing(tracks), MAX_STANDING_S, MAX_MOVING_S)
         max_unseen = np.where(tracks.is_confirmed(), max_unseen, MAX_MOVING_S)
         max_unseen = np.where(tracks.hits < MIN_HITS, MAX_TENTATIVE_S, max_unseen)
@@ -178,16 +178,18 @@ def track_live(
     Args:
         frames: Detections in each frame, world frame.
         times: Time of each frame (s), ascending.
-        area: As in `Tracker`.
-        place_error: As in `Tracker`.
+        area: xmin, ymin, xmax, ymax (m, world) within which road users are detected, None for no
+            border.
+        place_error: Expected error (m) of places that all frames share, as from the sensors' poses.
 
     Raises the errors of `Tracker.update`."""
     tracker = Tracker(area, place_error)
-    return [tracker.update(rows, time) for rows, time in zip(frames, times, strict=True)]
+    pairs = zip(frames, times, strict=True)
+    return [tracker.update(detections, time) for detections, time in pairs]
 
 
 def _is_ghost(unseen: TrackStates, detected: TrackStates) -> Bool[np.ndarray, " m"]:
-    """Mask of tracks without a detection where a detected track of their kind is."""
+    """Mask of tracks without a detection, at the place of a detected track of their kind."""
     is_ghost = np.zeros(len(unseen.ids), np.bool_)
     # boxes that overlap so much are nearer than this
     diagonals = np.hypot(unseen.size[:, 0], unseen.size[:, 1])[:, None]

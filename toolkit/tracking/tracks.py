@@ -30,6 +30,7 @@ class Tracks(Detections):
     unseen: Shaped[np.ndarray, " n"] = None  # type: ignore[assignment]  # None: 0
 
     def __post_init__(self) -> None:
+        """Turn the fields into arrays, None into defaults. Raises ValueError for wrong shapes."""
         super().__post_init__()
         count = len(self.boxes)
         ids = np.arange(count) if self.ids is None else np.asarray(self.ids, np.int64)
@@ -50,5 +51,5 @@ class Tracks(Detections):
 
     @staticmethod
     def empty() -> "Tracks":
-        """No tracks."""
+        """Tracks without any row."""
         return Tracks(np.zeros((0, 7)), np.zeros(0))

@@ -10,7 +10,7 @@ from toolkit.traffic.sumo import FINE_STEP_S
 
 SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
 REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
-DIRECTION_SMOOTHING_S = 1.5  # of the direction that sides are counted from
+DIRECTION_SMOOTHING_S = 1.5  # smooths the direction that sides are counted from
 MIN_WALKING_M_S = 0.25  # a slower pedestrian keeps the heading
 
 
@@ -88,10 +88,10 @@ def smooth_motion(values: Float64[np.ndarray, "steps k"]) -> Float64[np.ndarray,
 
 
 def smooth_direction(yaws: Float64[np.ndarray, " steps"]) -> Float64[np.ndarray, " steps"]:
-    """Headings (rad) smoothed over `DIRECTION_SMOOTHING_S`, without jumps at half turns.
+    """Headings (`yaws`, rad) smoothed over `DIRECTION_SMOOTHING_S`, without jumps at half turns.
 
-    What goes at a distance beyond a course takes a wide bend, instead of swinging round with each
-    turn of the heading."""
+    A body at a distance to the side of the course then takes a wide bend, instead of swinging round
+    with each turn of the heading."""
     unwrapped = np.unwrap(yaws)[:, None]
     return smooth_rows(unwrapped, DIRECTION_SMOOTHING_S / FINE_STEP_S)[:, 0]
 
@@ -101,7 +101,9 @@ def shift_left(
     directions: Float64[np.ndarray, " steps"],
     left: Float64[np.ndarray, " steps"] | float,
 ) -> Float64[np.ndarray, "steps 3"]:
-    """Poses moved to the left of directions (rad) by distances (m); headings stay."""
+    """Poses (x, y in m, yaw in rad) moved to the left of directions (rad) by distances (m).
+
+    Headings stay."""
     shifted = poses.copy()
     shifted[:, 0] -= left * np.sin(directions)
     shifted[:, 1] += left * np.cos(directions)

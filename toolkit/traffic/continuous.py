@@ -65,7 +65,7 @@ class ContinuousTraffic:
         return len(self.begin) - 1
 
     def objects(self, k: int) -> tuple[Objects, Int64[np.ndarray, " m"]]:
-        """Objects of frame k, on the ground of the site, and the body of each."""
+        """Objects of frame k on the ground of the site, parked ones first, and the body of each."""
         rows = slice(*self.begin[k : k + 2].tolist())
         moving = [self.travellers[index] for index in self.traveller[rows].tolist()]
         moving_ids = np.array([traveller.id for traveller in moving], np.int64)
@@ -105,7 +105,7 @@ def simulate_continuously(
     ways = simulate_ways(site, supply, seconds=seconds, flow=flow, progress=progress)
     stride = round(interval / FINE_STEP_S)
     parked_boxes = parked.boxes(supply)
-    last = max(0, frames - 1) * stride
+    last = max(0, frames - 1) * stride  # number of the last step
     occupancy = Occupancy(site.area, obstacles, parked_boxes, last)
     kept_ways = _keep_apart(ways, supply, occupancy)
     frame_parts = [np.zeros(0, np.int64)]
@@ -146,7 +146,8 @@ def _mask_seen(boxes: LevelBoxes, area: Float64[np.ndarray, "4"]) -> Bool[np.nda
     area: xmin, ymin, xmax, ymax (m)."""
     view = outline_view(area)
     distances = distance_to_area(boxes[:, :2], np.array(view.bounds))
-    is_seen = distances <= 0
+    is_seen = distances <= 0  # the middle is within
+    # outlines decide for the others, unless they are farther than a body is long
     is_open = ~is_seen & (distances <= np.hypot(boxes[:, 3], boxes[:, 4]))
     outlines = shapely.polygons(footprints(boxes[is_open]))
     is_seen[is_open] = shapely.intersects(outlines, view)
@@ -163,7 +164,8 @@ def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> li
     ways_by_number = {}
     for number in order:
         way = ways[number]
-        course = Course(way.first, way.poses, supply.sizes[way.traveller.body], labels[number])
+        size = supply.sizes[way.traveller.body]
+        course = Course(way.first, way.poses, size, label=labels[number])
         placed = place_course(course, occupancy)
         if placed is not None:
             ways_by_number[number] = way._replace(first=placed.first, poses=placed.poses)

@@ -49,6 +49,7 @@ class Flow:
     movements: tuple[Movement, ...]
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a movement of an unknown kind, a wrong number, or listed twice."""
         listed = set()
         for movement in self.movements:
             if movement.kind not in ROAD_USER_KINDS:
@@ -73,7 +74,7 @@ class Flow:
 
     @staticmethod
     def draw(possible: Mapping[str, Mapping[str, Sequence[str]]], rng: Rng) -> "Flow":
-        """Draw the demand of each gate, and the shares of its exits.
+        """Draw the demand of each kind at each gate, and the shares of its exits.
 
         possible: by kind and entry, the exits that can be reached."""
         movements = []
@@ -82,7 +83,9 @@ class Flow:
                 per_hour = rng.uniform(*DRAWN_PER_HOUR[kind])
                 shares = rng.dirichlet(np.full(len(exits), 2.0))
                 for exit_name, share in zip(exits, shares.tolist(), strict=True):
-                    movements.append(Movement(kind, entry, exit_name, float(per_hour * share)))
+                    movements.append(
+                        Movement(kind, entry, exit=exit_name, per_hour=float(per_hour * share))
+                    )
         return Flow(tuple(movements))
 
     @staticmethod
@@ -112,7 +115,7 @@ class Flow:
             except ValueError:
                 raise ValueError(f"{where}: per_hour must be a number, got {number!r}") from None
             kind = KINDS_BY_EARLIER_NAME.get(kind, kind)
-            movements.append(Movement(kind, entry, exit_name, per_hour))
+            movements.append(Movement(kind, entry, exit=exit_name, per_hour=per_hour))
         try:
             return Flow(tuple(movements))
         except ValueError as error:

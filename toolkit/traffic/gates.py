@@ -71,24 +71,27 @@ class Gates:
         for entry in self._ends:
             if entry.edge not in open_edges or not (walks or entry.is_start):
                 continue
+            entry_name = self._names[entry.edge, entry.is_start]
             for leave in self._ends:
                 if leave.edge not in open_edges or not (walks or not leave.is_start):
                     continue
-                names = (
-                    self._names[entry.edge, entry.is_start],
-                    self._names[leave.edge, leave.is_start],
-                )
-                if names[0] == names[1] or names in passages:
+                exit_name = self._names[leave.edge, leave.is_start]
+                if entry_name == exit_name or (entry_name, exit_name) in passages:
                     continue
-                start = 0.0 if entry.is_start else entry.length_m
-                end = 0.0 if leave.is_start else leave.length_m
                 edges = self._find_edges(entry.edge, leave.edge, type_id, walks=walks)
                 if edges and self._comes_near(edges):
-                    passages[names] = Passage(edges, start, end)
+                    passages[entry_name, exit_name] = Passage(
+                        edges=edges,
+                        start_m=0.0 if entry.is_start else entry.length_m,
+                        end_m=0.0 if leave.is_start else leave.length_m,
+                    )
         return passages
 
     def _find_edges(self, first: str, last: str, type_id: str, *, walks: bool) -> tuple[str, ...]:
-        """Ids of the edges of the quickest way between two edges; empty without one."""
+        """Ids of the edges of the quickest way between two edges, both included; empty without one.
+
+        first, last: their ids; type_id: id of a vehicle type that may use them; walks:
+        True for a way on foot."""
         if not walks:
             return tuple(self.sumo.simulation.findRoute(first, last, type_id).edges)
         stages = self.sumo.simulation.findIntermodalRoute(first, last, pType=type_id)
@@ -105,7 +108,7 @@ class Gates:
     def _ends(self) -> list[_End]:
         """Ends of edges at junctions that join no more than one other junction."""
         edge = self.sumo.edge
-        joined: dict[str, set[str]] = {}
+        joined: dict[str, set[str]] = {}  # by junction: junctions at the other ends of its edges
         for name in self.roads.by_edge:
             origin = edge.getFromJunction(name)
             target = edge.getToJunction(name)
@@ -114,10 +117,11 @@ class Gates:
         ends = []
         for name, lanes in self.roads.by_edge.items():
             shape = lanes[0].shape
+            length = lanes[0].length
             if len(joined[edge.getFromJunction(name)]) == 1:
-                ends.append(_End(name, True, lanes[0].length, shape[0]))
+                ends.append(_End(edge=name, is_start=True, length_m=length, point=shape[0]))
             if len(joined[edge.getToJunction(name)]) == 1:
-                ends.append(_End(name, False, lanes[0].length, shape[-1]))
+                ends.append(_End(edge=name, is_start=False, length_m=length, point=shape[-1]))
         return ends
 
     @cached_property
@@ -129,6 +133,7 @@ class Gates:
         if not ends:
             return {}
         points = np.array([end.point for end in ends])
+        # discs around ends touch if these are near each other; a patch of discs is one gate
         discs = shapely.buffer(shapely.points(points), _SAME_GATE_M / 2)
         groups = shapely.get_parts(shapely.union_all(discs))
         group_of_end = shapely.STRtree(groups).query(shapely.points(points), "within")[1]

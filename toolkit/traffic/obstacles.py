@@ -25,6 +25,7 @@ class Obstacles:
         tree: search tree of their footprints, in the same order."""
 
     def __init__(self, site: Site) -> None:
+        """Choose the solids of a site that are higher than `MAX_STEP_HEIGHT_M`."""
         middles = np.array([solid.footprint.mean(axis=0) for solid in site.solids]).reshape(-1, 2)
         # tops above the ground (m)
         heights = np.array([solid.top for solid in site.solids]) - site.ground(middles)
@@ -48,10 +49,10 @@ class Obstacles:
         reach = radii.max(initial=0.0) + BODY_GAP_M
         is_near = np.zeros(len(boxes), bool)
         is_near[self.tree.query(middles, predicate="dwithin", distance=reach)[0]] = True
-        near = np.flatnonzero(is_near)
-        # row of the box and index of the obstacle of each pair that touches, seen from above
-        pairs = self.tree.query(outline_boxes(boxes[near]), predicate="intersects")
-        rows = near[pairs[0]]
+        near_rows = np.flatnonzero(is_near)
+        # row among the near boxes and index of the obstacle of each pair that touches from above
+        pairs = self.tree.query(outline_boxes(boxes[near_rows]), predicate="intersects")
+        rows = near_rows[pairs[0]]
         obstacles = pairs[1]
         centre_z, height = boxes[rows, 2], boxes[rows, 5]
         box_tops = centre_z + height / 2
@@ -67,11 +68,12 @@ def separate(boxes: LevelBoxes, obstacles: Obstacles) -> tuple[LevelBoxes, Mask,
     is dropped. Returns all boxes with their new places, a mask of the rows to keep, and the number
     of rows that were moved or dropped."""
     is_kept = np.ones(len(boxes), bool)
+    # of two boxes that overlap, the later one is in the way
     rows_in_the_way = np.flatnonzero(overlaps(boxes).any(axis=0) | obstacles.hit(boxes))
     if not len(rows_in_the_way):
         return boxes, is_kept, 0
     new_boxes = boxes.copy()
-    shapes = outline_boxes(boxes)
+    shapes = outline_boxes(boxes)  # kept up to date with `new_boxes`
     for row in rows_in_the_way:
         is_kept[row] = False  # so that the row is not compared with itself below
         yaw = boxes[row, 6]
@@ -103,6 +105,7 @@ def overlaps(boxes: LevelBoxes) -> Bool[np.ndarray, "n n"]:
 
     Only entries above the diagonal are set: the row is the earlier box, the column the later."""
     length, width = boxes[:, 3], boxes[:, 4]
+    # radius of the circle around a box that is widened by half of the gap on each side
     radius = np.hypot(length + BODY_GAP_M, width + BODY_GAP_M) / 2
     offsets = boxes[:, None, :2] - boxes[None, :, :2]
     square_distances = np.square(offsets).sum(-1)

@@ -49,6 +49,7 @@ class Occupancy:
         parked_boxes: LevelBoxes,
         last: int,
     ) -> None:
+        """Begin with the parked vehicles only."""
         self.last = last
         self._area = area
         self._obstacles = obstacles
@@ -58,10 +59,11 @@ class Occupancy:
         self._extents = np.empty((_FIRST_CAPACITY, 6))
 
     def add(self, boxes: LevelBoxes, first: int) -> None:
-        """Add a body with a box for each step from `first` on."""
+        """Add a body with a box for each step from `first` on, as far as it may be seen."""
         rows = self._list_seen(boxes, first)
         if not len(rows):
             return
+        # from the first to the last box that may be seen, with what is between them
         begin, end = int(rows[0]), int(rows[-1]) + 1
         count = len(self._boxes)
         if count == len(self._extents):
@@ -75,8 +77,12 @@ class Occupancy:
     ) -> int | None:
         """First step at which a body comes closer to another than `BODY_GAP_M`; None without one.
 
-        boxes: box of the body for each step from `first` on; since: step to begin at, None for the
-        first."""
+        Solids and parked vehicles count too, but only steps in which the body may be seen.
+
+        Args:
+            boxes: Box of the body for each step from `first` on.
+            first: Step of the first box.
+            since: Step to begin at, None for the first."""
         rows = self._list_seen(boxes, first)
         if since is not None:
             rows = rows[rows >= since - first]
@@ -104,7 +110,8 @@ class Occupancy:
         return mask
 
     def is_obstructed_in_view(self, boxes: LevelBoxes, gap: float) -> Bool[np.ndarray, " n"]:
-        """Mask of boxes of `is_obstructed` that may be seen."""
+        """Mask of boxes that may be seen and touch a solid, or are within a gap (m) of a parked
+        vehicle."""
         return self.is_obstructed(boxes, gap) & self._is_near_view(boxes)
 
     def find_blocked(
@@ -159,17 +166,21 @@ class Occupancy:
         return blocked
 
     def _list_seen(self, boxes: LevelBoxes, first: int) -> Int64[np.ndarray, " k"]:
-        """Rows of boxes that may be seen in a frame."""
+        """Rows of boxes that may be seen in a frame. first: step of the first box."""
         steps = first + np.arange(len(boxes))
         return np.flatnonzero((steps >= 0) & (steps <= self.last) & self._is_near_view(boxes))
 
     def _is_near_view(self, boxes: LevelBoxes) -> Bool[np.ndarray, " n"]:
-        """Mask of boxes that may reach into the view."""
+        """Mask of boxes that may reach into the view, the area and a margin around it."""
         radius = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
+        # a corner of the view is a diagonal of the margin away from the area
         return distance_to_area(boxes[:, :2], self._area) <= np.sqrt(2) * VIEW_MARGIN_M + radius
 
     def _list_near(self, bounds: Float64[np.ndarray, "4"], begin: int, end: int) -> list[int]:
-        """Bodies that are within some bounds at some step from `begin` to `end`."""
+        """Numbers of the bodies that may come within bounds at a step from `begin` to `end`.
+
+        bounds: xmin, ymin, xmax, ymax (m)."""
+        # a row for each body: first and last step, xmin, ymin, xmax, ymax
         extents = self._extents[: len(self._boxes)]
         is_near = (extents[:, 0] <= end) & (extents[:, 1] >= begin)
         is_near &= (extents[:, 2:4] <= bounds[2:] + BODY_GAP_M).all(axis=1)
@@ -178,14 +189,16 @@ class Occupancy:
 
 
 def size_boxes(poses: Float64[np.ndarray, "n 3"], size: Float64[np.ndarray, "3"]) -> LevelBoxes:
-    """Boxes of one body on level ground. poses: x, y (m), yaw (rad); size: as `place_boxes`."""
+    """Boxes of one body on level ground, one for each pose.
+
+    poses: x, y (m), yaw (rad); size: length, width, height (m)."""
     return place_boxes(poses, np.tile(size, (len(poses), 1)))
 
 
 def _radius(boxes: LevelBoxes) -> float:
-    """Largest distance (m) from the middle of a body to any place that is close to it.
+    """Largest distance (m) from the middle of a body to any place within `BODY_GAP_M` of it.
 
-    boxes: boxes of the body."""
+    boxes: boxes of the body, all of one size."""
     return float(np.hypot(boxes[0, 3], boxes[0, 4])) / 2 + BODY_GAP_M
 
 

@@ -64,7 +64,9 @@ class Parked:
     def boxes(self, supply: Supply) -> LevelBoxes:
         """Box of each vehicle, on level ground; `supply` gives the sizes."""
         sizes = supply.sizes[self.bodies]
-        return np.column_stack([self.poses[:, :2], sizes[:, 2] / 2, sizes, self.poses[:, 2]])
+        centre_z = sizes[:, 2] / 2
+        yaw = self.poses[:, 2]
+        return np.column_stack([self.poses[:, :2], centre_z, sizes, yaw])
 
     def _replace_vehicles(self, is_gone: np.ndarray, supply: Supply) -> "Parked":
         """Return the vehicles with new ones, in random free bays, for those that left.

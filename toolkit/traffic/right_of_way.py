@@ -71,7 +71,7 @@ class Course:
 
 
 class _Plan(NamedTuple):
-    """Progress on a course, for each step from the course's first on.
+    """Progress on a course and distance from it, for each step from the course's first on.
 
     Attributes:
         progress: row of the course's poses, which may be between two.
@@ -85,18 +85,18 @@ class _Moves(NamedTuple):
     """Planned moments of a window, up to its end or to where nothing is in the way any more.
 
     Attributes:
-        progress: rows of the window at each moment.
-        line: number of the line, from the outermost on the right."""
+        progress: row of the window's course at each moment.
+        line: number of the line next to the course at each moment, 0 for the one farthest right."""
 
     progress: Int64[np.ndarray, " moments"]
     line: Int64[np.ndarray, " moments"]
 
 
 def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps 3"] | None:
-    """Poses of a body that waits and steps aside for others, which is added to them.
+    """Poses of a body that waits and steps aside for others, None if there is no way through.
 
-    Returns x, y (m) and yaw (rad) for each step from the course's first on, None if there is no
-    way through."""
+    They are x, y (m) and yaw (rad) for each step from the course's first on. course: the body's, as
+    if nobody else were there; occupancy: the others, to which the body is added."""
     plan = _Plan(np.arange(len(course.poses), dtype=np.float64), np.zeros(len(course.poses)))
     poses = course.poses
     distances = list(zip(GAPS_M[course.label], HEADWAYS_STEPS, strict=True))
@@ -122,7 +122,9 @@ def give_way(course: Course, occupancy: Occupancy) -> Float64[np.ndarray, "steps
             window = Moments(begin, STRIDE, (conflict + after - begin) // STRIDE + 1)
             reach = conflict - begin + REACH_STEPS
             since = begin - SMOOTHED_STEPS
-            changed = _plan_window(course, plan, window, (*distance, reach), occupancy)
+            changed = _plan_window(
+                course, plan, window, limits=(*distance, reach), occupancy=occupancy
+            )
             setting += changed is None
         plan = changed
         poses = _follow(course, plan, occupancy.last)
@@ -182,7 +184,9 @@ def _plan_window(
 
 
 def _widen(mask: Bool[np.ndarray, "n *k"], margin: int) -> Bool[np.ndarray, "n *k"]:
-    """Mask of rows that are marked, or within a margin of such a row, which smoothing needs."""
+    """Mask of rows that are marked, or at most `margin` rows from such a row.
+
+    The reach about doubles with each round."""
     widened = mask
     reach = 0
     while reach < margin:
@@ -196,9 +200,9 @@ def _widen(mask: Bool[np.ndarray, "n *k"], margin: int) -> Bool[np.ndarray, "n *
 
 
 def _join(before: _Plan, planned: _Plan, count: int) -> _Plan:
-    """Plan of all steps: before a window, in it, and straight on to the end of the course.
+    """Plan of all steps: before a window, in it, and from there on to the end of the course.
 
-    count: number of the course's poses."""
+    before, planned: plans of the first two parts; count: number of the course's poses."""
     onward = np.arange(planned.progress[-1] + 1, count)
     progress = np.concatenate([before.progress, planned.progress, onward])
     aside = np.concatenate([before.aside, planned.aside, np.full(len(onward), planned.aside[-1])])
@@ -220,7 +224,7 @@ class _Costs(NamedTuple):
     waits: Float64[np.ndarray, "l+2 r+2"]
 
     def weigh_waits(self, moment: int) -> float:
-        """Factor of the cost of a wait up to a moment; early ones cost a little more."""
+        """Factor of the cost of a wait that ends at a moment; early ones cost a little more."""
         return 1 + EARLY_WAIT_COST * (len(self.totals) - moment)
 
 
@@ -264,13 +268,13 @@ def _find_moves(
 
 
 def _trace(costs: _Costs, last: int, end: int) -> _Moves:
-    """Moves that lead to an end.
+    """Cheapest moves that lead to an end, traced back from there by the costs.
 
     Args:
         costs: Costs of the window.
         last: Last moment.
-        end: Line and row then, as a flat index."""
-    rows = costs.waits.shape[1] - 1
+        end: Line and row at that moment, as a flat index into `totals` without its borders."""
+    rows = costs.waits.shape[1] - 1  # with the last row, which is all that is farther on
     moves = MOVES if len(costs.waits) > 3 else MOVES[:2]
     line, row = divmod(end, rows)
     progress = np.empty(last + 1, np.int64)
@@ -290,13 +294,16 @@ def _trace(costs: _Costs, last: int, end: int) -> _Moves:
             ahead, left = moves[int(np.argmin(options))]
             row -= ahead
             line -= left
+    # moments in the last row go on ahead, a row each
     arrival = int(np.searchsorted(progress, rows - 1))
     progress[arrival:] = rows - 1 + np.arange(last + 1 - arrival)
     return _Moves(progress, lines)
 
 
 def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "steps 3"]:
-    """Poses of a body that follows a plan up to a last step, with smooth changes."""
+    """Poses (x, y in m, yaw in rad) of a body that follows a plan with smooth changes.
+
+    plan: progress on the course and distance aside; last: last step, later ones are left out."""
     sigma = SMOOTHING_STEPS[course.label]
     count = max(0, last - course.first + 1)
     columns = np.column_stack([plan.progress, plan.aside])
@@ -319,7 +326,9 @@ def _follow(course: Course, plan: _Plan, last: int) -> Float64[np.ndarray, "step
 def _pick(
     poses: Float64[np.ndarray, "steps 3"], rows: Float64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, "k 3"]:
-    """Poses at rows that may be between two; headings are continuous."""
+    """Poses at rows that may be between two; headings turn the shorter way.
+
+    poses: x, y (m), yaw (rad)."""
     low = np.clip(rows.astype(np.int64), 0, len(poses) - 1)
     high = np.minimum(low + 1, len(poses) - 1)
     share = (rows - low)[:, None]
@@ -332,6 +341,8 @@ def _pick(
 def _shift(
     course: Course, rows: Float64[np.ndarray, " k"], left: Float64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, "k 3"]:
-    """Poses to the left of a course. rows: rows that may be between two; left: distances (m)."""
+    """Poses to the left of a course, with its headings.
+
+    rows: rows of its poses, which may be between two; left: distance at each (m)."""
     directions = np.interp(rows, np.arange(len(course.poses)), course.directions)
     return shift_left(_pick(course.poses, rows), directions, left)

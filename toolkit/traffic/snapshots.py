@@ -77,7 +77,7 @@ class Mix:
     flow: Flow | Literal["drawn"] | None = None
 
     def __post_init__(self) -> None:
-        # raises ValueError for a field that is out of range
+        """Raise ValueError for a field that is out of range."""
         if self.most < 1:
             raise ValueError(f"most must be at least 1, got {self.most}")
         if self.parked is not None and not 0 <= self.parked <= self.most:
@@ -149,7 +149,9 @@ def simulate(
     mix = mix or Mix()
     supply = Supply(bodies, np.random.default_rng(seed), once=once)
     if not mix.is_continuous(interval):
-        return _run(site, supply, Obstacles(site), mix, frames, interval)
+        return _run(
+            site, supply, obstacles=Obstacles(site), mix=mix, frames=frames, interval=interval
+        )
     mix.check_continuous()
     return _run_continuously(site, supply, mix, frames, interval)
 
@@ -170,7 +172,14 @@ def check_interval(interval: float) -> None:
 def _run_continuously(
     site: Site, supply: Supply, mix: Mix, frames: int, interval: float
 ) -> Generator[Snapshot, None, None]:
-    """Yield the snapshots of continuous traffic. Arguments are as in `simulate`."""
+    """Yield the snapshots of continuous traffic, simulated in full before the first one.
+
+    Args:
+        site: Site with a network.
+        supply: Gives bodies, ids and random numbers.
+        mix: Demand, and the largest number of parked vehicles.
+        frames: Number of frames.
+        interval: Time between frames (s)."""
     traffic = simulate_continuously(
         site, supply, frames=frames, interval=interval, max_parked=mix.most_parked, flow=mix.demand
     )
@@ -187,9 +196,15 @@ def take_continuous(traffic: ContinuousTraffic, k: int) -> Snapshot:
 def _run(
     site: Site, supply: Supply, obstacles: Obstacles, mix: Mix, frames: int, interval: float
 ) -> Generator[Snapshot, None, None]:
-    """Yield the snapshots of `simulate` while SUMO runs.
+    """Yield a snapshot of each frame while SUMO runs; road users are spawned near the area.
 
-    interval: time between frames (s)."""
+    Args:
+        site: Site with a network.
+        supply: Gives bodies, ids and random numbers.
+        obstacles: Solids of the site.
+        mix: Numbers of objects.
+        frames: Number of frames.
+        interval: Time between frames (s)."""
     # all draw from the supply's one generator: the order of draws decides the results
     parked = Parked.draw(site, obstacles, supply, max_parked=mix.most_parked)
     parked_count = len(parked.ids)
@@ -223,9 +238,15 @@ def _take_snapshot(
     *,
     time: float,
 ) -> Snapshot:
-    """Objects near the area now; those that cannot be kept apart are removed.
+    """Objects that touch the view of the area now; those that cannot be kept apart are removed.
 
-    time: seconds since the first frame."""
+    Args:
+        site: Site.
+        spawner: Moving road users, which are told which ones were seen.
+        obstacles: Solids of the site.
+        parked: Parked vehicles.
+        strays: Road users at unusual places.
+        time: Seconds since the first frame."""
     moving_ids, moving_bodies, moving_poses = spawner.state()
     ids = np.concatenate([parked.ids, moving_ids, strays.ids])
     bodies = np.concatenate([parked.bodies, moving_bodies, strays.bodies])
@@ -240,4 +261,6 @@ def _take_snapshot(
     boxes = boxes[seen]
     boxes[:, 2] += site.ground(footprints(boxes)).mean(axis=1)
     labels = spawner.supply.labels[bodies[seen]]
-    return Snapshot(Objects(boxes, labels, ids[seen]), bodies[seen], time, repaired)
+    return Snapshot(
+        objects=Objects(boxes, labels, ids[seen]), bodies=bodies[seen], time=time, repaired=repaired
+    )

@@ -140,7 +140,7 @@ class Spawner:
 
         A pose is x, y (m) and yaw (rad) of the middle of the body. Objects too far from the area
         are removed."""
-        poses = {}
+        poses = {}  # by id
         for name, spawned in self.spawned.items():
             domain = self.domains[spawned.walks]
             sumo_id = str(name if spawned.leader is None else spawned.leader)
@@ -250,8 +250,9 @@ class Spawner:
         return int(candidates[np.argmax(is_free)]) if is_free.any() else None
 
     def _add_driver(self, name: str, body: int, place: int) -> None:
-        # add vehicle `name` to SUMO at a place (a row of `places`), on a random drive.
-        # body: row of its body
+        """Add a vehicle to SUMO, on a random drive.
+
+        name: its id; body: row of its body; place: row in `places` of its class."""
         vehicle_class = self.supply.classes[body]
         places = self.places[vehicle_class]
         lane = places.lanes[place]
@@ -272,8 +273,9 @@ class Spawner:
         )
 
     def _add_pedestrian(self, name: str, body: int, place: int) -> None:
-        # add person `name` to SUMO at a place (a row of `places`), on a walk to another, random
-        # one. body: row of its body
+        """Add a person to SUMO, on a walk to another, random place.
+
+        name: its id; body: row of its body; place: row in `places` of pedestrians."""
         places = self.places["pedestrian"]
         destination = int(self.rng.integers(len(places.lanes)))
         start_edge = self.roads.lanes[places.lanes[place]].edge
@@ -291,7 +293,7 @@ class Spawner:
         self.sumo.person.appendWalkingStage(name, walk, float(arrival))
 
     def _add_companions(self, leader: int, room: int) -> None:
-        """Add up to three companions next to a pedestrian.
+        """Add up to three companions next to a pedestrian, who take its poses at a distance.
 
         leader: id of the pedestrian; room: largest number of companions."""
         first = self.spawned[leader]

@@ -39,7 +39,7 @@ _Poses = Float64[np.ndarray, "n 3"]
 
 @dataclass(frozen=True, eq=False)
 class Strays:
-    """Strays of a moment, one per row of bodies, ids, poses, speeds, drawn and left.
+    """n strays at one moment: row k of `bodies`, `ids` and the arrays after them is stray k.
 
     Attributes:
         ground: places for them.
@@ -66,8 +66,12 @@ class Strays:
     ) -> "Strays":
         """Draw strays for the first frame.
 
-        number: how many; none if no ground is free. vehicles: boxes (n, 7) of parked vehicles, next
-        to which strays may be too."""
+        Args:
+            site: Site with lanes and footways.
+            obstacles: Solids that strays keep clear of.
+            supply: Gives bodies, ids and random numbers.
+            number: Number of strays; there are none if no ground is free.
+            vehicles: Boxes (n, 7) of parked vehicles, next to which strays may be too."""
         rng = supply.rng
         ground = StrayGround.draw(site, obstacles, rng) if number else StrayGround.empty()
         if number and len(vehicles):

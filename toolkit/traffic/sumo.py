@@ -12,9 +12,8 @@ from types import ModuleType
 
 STEP_S = 1.0  # s; SUMO's own default, for which its driver models are tuned
 FINE_STEP_S = 0.1  # s, for continuous traffic
-LATERAL_RESOLUTION = (
-    0.8  # m; sublanes: cars leave the lane's middle, two-wheelers ride beside each other
-)
+# m; sublanes: cars leave the lane's middle, two-wheelers ride next to each other
+LATERAL_RESOLUTION = 0.8
 # SUMO's command line options without the leading "--"; collisions change nothing, nothing
 # teleports, and what cannot depart when it is due is dropped
 _OPTIONS = {
@@ -48,9 +47,8 @@ def running(
     Raises ImportError without SUMO, RuntimeError if a simulation is open in this process already
     (libsumo knows only one), ValueError with SUMO's words if it refuses the network."""
     try:
-        with redirect_stdout(
-            io.StringIO()
-        ):  # it greets with a warning about pyarrow, which is not used here
+        # it greets with a warning about pyarrow, which is not used here
+        with redirect_stdout(io.StringIO()):
             sumo = import_module("libsumo")
     except ImportError as error:
         raise ImportError(f'traffic needs SUMO ({error}): pip install "coview[sim]"') from None
@@ -71,18 +69,12 @@ def running(
             "step-length": step,
         }
         all_options |= options or {}
+        command = ["sumo"]
+        for name, value in all_options.items():
+            command += [f"--{name}", str(value)]
         try:
             with _stderr_into(files["said.txt"]):
-                sumo.start(
-                    [
-                        "sumo",
-                        *(
-                            word
-                            for name, value in all_options.items()
-                            for word in (f"--{name}", str(value))
-                        ),
-                    ]
-                )
+                sumo.start(command)
         except Exception as error:  # SUMO says why only on stderr
             message = files["said.txt"].read_text(encoding="utf-8").strip() or str(error)
             reason = message.splitlines()[0].removeprefix("Error: ").rstrip(".")

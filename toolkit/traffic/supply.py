@@ -36,6 +36,7 @@ class Supply:
         classes: its SUMO class, which decides which lanes are open to it."""
 
     def __init__(self, bodies: Sequence[Body], rng: Rng, *, once: bool = False) -> None:
+        """Find the SUMO class of each body; none is taken yet."""
         self.rng = rng
         self.once = once  # True to use each body once before any comes again
         self.ids = count()  # ids for objects
@@ -88,7 +89,9 @@ class Supply:
         self._taken[row] = is_used
 
     def several(self, rows: Int64[np.ndarray, " n"], number: int) -> Int64[np.ndarray, " m"]:
-        """Draw `number` of these rows of bodies, with repeats if need be, and take them."""
+        """Draw `number` of these rows of bodies, with repeats if need be, and take them.
+
+        With `once`, no row comes again before all others have been drawn."""
         drawn = [] if self.once else self.rng.choice(rows, number).tolist()
         while len(drawn) < number:
             drawn.append(self.offer(rows))

@@ -177,6 +177,7 @@ class _Demand:
         supply: Gives bodies, ids and random numbers."""
 
     def __init__(self, sumo: ModuleType, site: Site, supply: Supply) -> None:
+        """Find the passages that each SUMO class may take."""
         self._sumo = sumo
         self._supply = supply
         gates = Gates(sumo, site, Roads.read(sumo))
@@ -204,9 +205,11 @@ class _Demand:
         return possible
 
     def add_due(self, flow: Flow, courses: dict[int, _Course]) -> None:
-        """Add the road users that set out in this step, and their courses."""
+        """Add to SUMO the road users that set out in this step, and to `courses` a course of each.
+
+        courses: by id of the road user."""
         rng = self._supply.rng
-        numbers = rng.poisson(flow.per_hour * FINE_STEP_S / 3600)
+        numbers = rng.poisson(flow.per_hour * FINE_STEP_S / 3600)  # by movement
         if not numbers.any():
             return
         for number in np.repeat(np.arange(len(numbers)), numbers).tolist():
@@ -222,10 +225,12 @@ class _Demand:
                 self._add_pedestrian(str(name), body, passage)
             else:
                 self._add_driver(str(name), body, passage)
-            courses[name] = _Course(Traveller(name, body, entry, leave))
+            courses[name] = _Course(Traveller(id=name, body=body, entry=entry, exit=leave))
 
     def _choose_body(self, label: int, gates: tuple[str, str]) -> int | None:
-        """Draw a body of a class with a passage between two gates; None if no body has one."""
+        """Draw a body of a class with a passage between two gates; None if no body has one.
+
+        label: number of the class; gates: names of entry and exit. Returns the body's row."""
         rows = [
             row
             for row in self._bodies[label].tolist()
@@ -254,9 +259,9 @@ class _Demand:
 
 
 def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None:
-    """Add the present positions of all objects to their courses."""
+    """Add the present positions of all objects to their courses. step: number of this step."""
     for domain in (sumo.vehicle, sumo.person):
-        find_position = domain.getPosition
+        find_position = domain.getPosition  # looked up once, since it is called for each object
         for name in domain.getIDList():
             course = courses[int(name)]
             points = course.points

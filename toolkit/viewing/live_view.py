@@ -88,7 +88,7 @@ class LiveView:
         group_handles = [add_grid(server.scene, area), *add_groups(server.scene, self.style)]
         self.groups: dict[str, scene.Handle] = {handle.name: handle for handle in group_handles}
         self.shown: list[scene.Handle] = []
-        self.switches: dict[str, scene.Handle] = {}  # of the page, by the part that they show
+        self.switches: dict[str, scene.Handle] = {}  # by the part that they show
         self._wanted_frame = 0  # index of the frame that was asked for last
         scene.show_area(server, area)
         server.gui.configure_theme(show_share_button=False, show_logo=False)

@@ -39,7 +39,7 @@ _HOUSING_SIZE_M = (0.4, 0.4, 0.4)  # along x, y and z
 _LABEL_RISE_M = 0.6  # height of a name above its sensor
 GRID_NODE = "/grid"
 _MIN_AREA_M = 20.0  # extent of a scene
-_VIEW_PERCENTILES = (10.0, 90.0)  # of the points that the first view shows
+_VIEW_PERCENTILES = (10.0, 90.0)  # percentiles of the points that the first view shows
 _GRID_COLOUR = "#9aa0a6"
 _DASHED = DashPattern(dash=0.4, gap=0.2)
 _DOTTED = DashPattern(dash=0.15, gap=0.25)

@@ -38,7 +38,7 @@ def open_centre(config: "CentreConfig") -> "Iterator[CentreParts]":
                 parts = _replay(config, spec, recording)
             case "junction":
                 parts = _simulate(config, spec)
-            case "velodyne":
+            case "velodyne" | "ouster":
                 parts = _listen(config, spec)
         parts = _configure(parts, config)
         stack.enter_context(_share_cores(parts.detection.parallel))
@@ -85,12 +85,12 @@ def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") 
     scene = learn_standing_scene(frames) if learns_scene else None
     (placed,) = Detectors(spec, config.place).choose([recording], [scene])
     return CentreParts(
-        [source],
-        Detection(
+        inputs=[source],
+        detection=Detection(
             placed.detector, placed.place, site=recording.site if is_known else None, scene=scene
         ),
-        config.interval_s or source.interval_s,
-        source.spread_s,
+        interval_s=config.interval_s or source.interval_s,
+        spread_s=source.spread_s,
         scenes=Scenes(frames, sample=_LEARNT_IMAGES).every,
         speed=config.speed,
         sample=frames[0],
@@ -139,20 +139,28 @@ def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
     from coview.detectors import open_detector
     from toolkit.centre.centre_run import CentreParts
     from toolkit.centre.detection_pool import Detection
-    from toolkit.centre.sensor_message import SensorSetup
-    from toolkit.centre.velodyne_input import VelodyneInput
 
     place = replace(config.place, level=config.place.level or "map")
-    inputs = []
-    for row in config.inputs:
-        pose = config.setups.get(row.name, SensorSetup()).pose
-        inputs.append(VelodyneInput(row.name, row.port, pose, row.address))
     return CentreParts(
-        inputs,
-        Detection(open_detector(spec.in_bfloat16(), place), place),
-        config.interval_s or _INTERVAL_S,
-        config.interval_s or _INTERVAL_S,  # lidars turn freely
+        [_open_lidar(row, config) for row in config.inputs],
+        detection=Detection(open_detector(spec.in_bfloat16(), place), place),
+        interval_s=config.interval_s or _INTERVAL_S,
+        spread_s=config.interval_s or _INTERVAL_S,  # lidars turn freely
     )
+
+
+def _open_lidar(row: "InputConfig", config: "CentreConfig") -> "VelodyneInput | OusterInput":
+    """Return a lidar on the network as an input, at the configuration's pose."""
+    from toolkit.centre.ouster_input import OusterInput, load_ouster_metadata
+    from toolkit.centre.packet_port import PacketPort
+    from toolkit.centre.velodyne_input import VelodyneInput
+
+    port = PacketPort(row.port, row.address)
+    pose = config.setups[row.name].pose if row.name in config.setups else None
+    if row.kind == "velodyne":
+        return VelodyneInput(row.name, port, pose)
+    load_ouster_metadata(row.metadata)  # refuses wrong metadata before the run begins
+    return OusterInput(row.name, row.metadata, port, pose)
 
 
 def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":

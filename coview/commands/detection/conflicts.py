@@ -93,7 +93,9 @@ def conflicts_command(
 
 
 def _search(street: Street, max_pet: float) -> StreetRow:
-    """Conflicts of a street as a JSON object, with shares if both tracks and truth are known."""
+    """Conflicts of a street as a JSON object, with shares if both tracks and truth are known.
+
+    max_pet: longest post-encroachment time (s) of a conflict that counts."""
     from toolkit.counting.conflicts import find_conflicts, match_conflicts
 
     # longer ones too, which may match

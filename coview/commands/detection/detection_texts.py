@@ -16,6 +16,8 @@ from toolkit.calibration.place import Place
 if TYPE_CHECKING:
     from toolkit.frame import Recording
 
+_MAX_FRAMES = 1_000_000  # a day at 10 Hz; a higher number is damage, and takes all memory
+
 
 def read_text_alone(path: Path, rate_hz: float | None, frames: int | None) -> DetectionsInOrder:
     """Read detections of a text, whose frames are numbered from 0.
@@ -25,7 +27,8 @@ def read_text_alone(path: Path, rate_hz: float | None, frames: int | None) -> De
         rate_hz: Frames in a second.
         frames: Number of first frames to use, None for all.
 
-    Raises ValueError without a rate, as the text has no times, and without detections."""
+    Raises ValueError without a rate, as the text has no times, without detections, and for a frame
+    number of 1,000,000 or more."""
     from toolkit.exchange.track_text import read_detection_text
     from toolkit.objects import Detections, Objects
 
@@ -34,7 +37,10 @@ def read_text_alone(path: Path, rate_hz: float | None, frames: int | None) -> De
     detections_by_frame = read_detection_text(path)
     if not detections_by_frame:
         raise ValueError(f"{path} has no detections: give another file")
-    count = max(detections_by_frame) + 1
+    last = max(detections_by_frame)
+    if last >= _MAX_FRAMES:
+        raise ValueError(f"{path} has frame {last}: number the frames from 0 to {_MAX_FRAMES - 1}")
+    count = last + 1
     if frames is not None:
         count = min(count, frames)
     in_order = DetectionsInOrder()

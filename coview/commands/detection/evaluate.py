@@ -239,7 +239,7 @@ def _select_frames(
 
 
 def _check_truths(evaluation: "Evaluation", labels: Sequence[str], count: int) -> None:
-    """Raise ValueError if there is no object to find."""
+    """Raise ValueError if there is no object to find. count: number of frames, for the message."""
     if not any(row.truths for row in evaluation):
         raise ValueError(
             f"there is no AP, since no {' and no '.join(labels)} is to be found in "
@@ -248,7 +248,9 @@ def _check_truths(evaluation: "Evaluation", labels: Sequence[str], count: int) -
 
 
 def _compare(rules: Rules, *, is_known: bool) -> "Comparison":
-    """Return the comparison that the rules describe."""
+    """Return the comparison that the rules describe.
+
+    is_known: the site is known, so that all schemes are compared if the rules name none."""
     from toolkit.detection.comparison import Comparison
     from toolkit.detection.link.range_images import find_codec
     from toolkit.detection.schemes import PAPER_SCHEMES, schemes_in_steps

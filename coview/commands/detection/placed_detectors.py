@@ -30,6 +30,7 @@ class Detectors:
     spec: parsed name of the detector; place: area and ground as the options give them."""
 
     def __init__(self, spec: DetectorSpec, place: Place) -> None:
+        """Open the detector, unless it must first learn the background of each recording."""
         self.spec = spec.in_bfloat16()
         self.place = place
         self.levelled = replace(place, level=place.level or "map")

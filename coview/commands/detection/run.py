@@ -40,6 +40,7 @@ def run_command(
     stop = Event()
 
     def report(event: "CentreEvent") -> None:
+        """Print an event that the centre reports."""
         if json:
             print_result(event.as_dict(), "", as_json=True)
         else:

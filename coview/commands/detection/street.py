@@ -170,7 +170,7 @@ def simulate_street(source: str, demand: StreetDemand, flow: "Flow", *, hidden: 
             progress=bar.to,
         )
     times = FRAME_S * np.arange(len(traffic))
-    return Street(site, times.tolist(), None, list_trajectories(traffic))
+    return Street(site, times=times.tolist(), measured=None, true=list_trajectories(traffic))
 
 
 def record_stretch(
@@ -238,8 +238,8 @@ def observe_street(
     return Street(
         site,
         in_order.times,
-        join_fragments(collect_trajectories(tracks, in_order.times)),
-        collect_trajectories(in_order.truths, in_order.times) if has_truth else None,
+        measured=join_fragments(collect_trajectories(tracks, in_order.times)),
+        true=collect_trajectories(in_order.truths, in_order.times) if has_truth else None,
     )
 
 
@@ -272,6 +272,6 @@ def _read_street(
     return Street(
         site,
         times,
-        join_fragments(collect_trajectories(ordered, times)),
-        collect_trajectories(truths, times) if has_truth else None,
+        measured=join_fragments(collect_trajectories(ordered, times)),
+        true=collect_trajectories(truths, times) if has_truth else None,
     )

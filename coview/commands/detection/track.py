@@ -93,7 +93,7 @@ def track_command(
             origin = writing.place(opened.site)
             if path is not None:
                 sequence = find_sequence(recording, opening)
-                source = DetectionText(path, place, sequence, tracking.rate)
+                source = DetectionText(path, place, sequence, rate_hz=tracking.rate)
                 followed = source.read(opened, tracking.frames)
             else:
                 followed = detect_in_order(

@@ -92,7 +92,14 @@ def accept_command(
             raise ValueError("there is no frame in the recording: check the path and the layout")
         with progress_bar("frame", frames, hidden=writing.json) as bar:
             faults = diagnose(recording, opening.layout, site=planned.setting.place).findings
-            acceptance = _accept(opened, promise, checking, faults, frames, bar.to)
+            acceptance = _accept(
+                opened,
+                promised=promise,
+                checking=checking,
+                findings=faults,
+                frames=frames,
+                progress=bar.to,
+            )
         _write(acceptance, out, plan, recording)
     text = describe_acceptance(acceptance)
     figures = replace_infinite(acceptance.as_dict())
@@ -147,11 +154,11 @@ def _accept(
     recall = _combine_recall(promised.planned, promised.stated)
     detector = open_detector(promised.spec, site)
     return accept_street(
-        ReadRecording(opened, Reads(checking.errors, checking.seed)),
-        Promise(site, promised.stated.classes, recall),
-        PlannedDetection(site, detector, setting.fusion, setting.codec),
-        surface,
-        frames,
+        recording=ReadRecording(opened, Reads(checking.errors, checking.seed)),
+        promise=Promise(site, promised.stated.classes, recall),
+        planned=PlannedDetection(site, detector, scheme=setting.fusion, codec=setting.codec),
+        surface=surface,
+        frames=frames,
         findings=findings,
         progress=progress,
     )

@@ -136,7 +136,7 @@ def what_if_command(
 
     Args:
         plan: Folder of a plan, or a site with sensors."""
-    planner = open_planner(plan, stock, classes, conditions, run)
+    planner = open_planner(where=plan, stock=stock, classes=classes, conditions=conditions, run=run)
     before = planner.finish()
     stated = planner.stated
     changes.apply(planner)
@@ -186,6 +186,7 @@ def live_command(
         return keeping.project or keeping.out / f"{Path(where).stem or 'site'}.live.json"
 
     def begin(where: str) -> "tuple[LivePlanner, ProjectFile]":
+        """Open the planner of a site or plan (`where`), and the file that keeps its project."""
         from placement_env.live.project import ProjectFile
 
         planner = open_planner(where, stock, classes, conditions, run, first=FIRST_FRAMES)
@@ -270,6 +271,9 @@ def _open_plan(
 
 
 def _describe(before: "LiveAnswer", after: "LiveAnswer", stated: "StatedFigure | None") -> str:
+    """Table of the figures before and after a change, the change of AP, and problems, as text.
+
+    stated: AP that the plan states, None without a plan."""
     from placement_env.analysis.intervals import describe_interval
     from toolkit.display import figure_digits, format_share
     from toolkit.runtime.text_tables import align_columns

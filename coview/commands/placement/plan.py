@@ -80,7 +80,7 @@ class Goal:
     compared."""
 
     def __post_init__(self) -> None:
-        # raises ValueError for an option that is out of range
+        """Raise ValueError for an option that is out of range."""
         check_least("--drawings", self.drawings, 1)
         limits = {
             "--budget": self.budget,
@@ -216,6 +216,7 @@ def plan_command(
 
 
 def _describe(plan: "Plan") -> str:
+    """Verdict, sensors and figures of a plan as lines of text."""
     from placement_env.analysis.intervals import AP_TOLERANCE, describe_sureness
     from placement_env.handover.mounted import is_named_by_pole
 

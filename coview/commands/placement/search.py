@@ -69,6 +69,7 @@ class SearchOptions:
     """Maximum number of sets to score."""
 
     def __post_init__(self) -> None:
+        """Raise ValueError for an option out of range."""
         check_least("--budget", self.budget, 1)
         check_least("--parts", self.parts, 1)
         check_positive("--seconds", self.seconds)

@@ -42,7 +42,7 @@ class SurrogateFit:
     """Number of bootstrap refits, which tell how uncertain a prediction is."""
 
     def __post_init__(self) -> None:
-        # raises ValueError for an option that is out of range
+        """Raise ValueError for an option that is out of range."""
         for option, value, minimum in (
             ("--poses", self.poses, 0),
             ("--sets", self.sets, 1),

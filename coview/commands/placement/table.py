@@ -138,7 +138,7 @@ def _draw_ways(
 
 
 def _describe_best(title: str, sets: Sequence[Best], objects: int) -> str:
-    """Line of the best sets of one size with their AP."""
+    """Line of the best sets of one size with their AP, as exact as a number of objects supports."""
     texts = [
         f"{','.join(map(str, best.sensors))}: {format_share(best.ap, objects)}" for best in sets
     ]

@@ -66,8 +66,9 @@ class ViewOptions:
     def make_drawing(self, *, is_site_unknown: bool, sequence: Path | None = None) -> Drawing:
         """Return the options for drawing frames, with the detector or the tracks loaded.
 
-        sequence: KITTI's sequence whose camera a text of tracks is in, None for any other
-        recording."""
+        is_site_unknown: the ground is then found in the recording, unless the options say
+        otherwise; sequence: KITTI's sequence whose camera a text of tracks is in, None for any
+        other recording."""
         default_level: Level = "map" if is_site_unknown else "none"
         place = Place(self.level or default_level, area=self.area)
         spec = self.detector_spec

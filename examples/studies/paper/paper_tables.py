@@ -14,7 +14,7 @@ from examples.studies.paper.paper_rows import (
 from toolkit.runtime.text_values import read_own_table
 
 PAPER_SITES = ("tjunction", "roundabout")
-TEST_FRAMES = 1000  # of each test collection, section III
+TEST_FRAMES = 1000  # in each test collection, section III
 DEPTH_NOISE_M = 0.015  # section III
 IOU_BINS = 200  # uniform bins of point density, section IV-E
 # the paper: "accuracy below 70 is poor, but increases significantly above 100"

@@ -46,7 +46,7 @@ GIVEN_DETECTOR = (
     "The detector is not the shipped one: what the causes say about the shipped network does not "
     "apply to it."
 )
-SEEDS = {"tjunction": 2001, "roundabout": 2002}  # of the test recordings, as in docs/figures.md
+SEEDS = {"tjunction": 2001, "roundabout": 2002}  # for the test recordings, as in docs/figures.md
 NOISE_SEED = 0
 PAGE = "index.html"
 FIGURES = "reproduction.json"

@@ -174,5 +174,5 @@ def build_table(
 def _format_row(
     columns: Sequence[Column], row: Sequence[Cell | str | float | None]
 ) -> tuple[Cell, ...]:
-    # row: one value for each column
+    """Cells of a row, which has one value for each column."""
     return tuple(column.cell(value) for column, value in zip(columns, row, strict=True))

@@ -22,7 +22,7 @@ from placement_env.report.pages.document import (
 from placement_env.report.pages.figure_texts import ap_figure, number_text, price_text
 from toolkit.display import describe_count
 
-MAX_LISTED_SETS = 8  # of each kind in the table of other sets
+MAX_LISTED_SETS = 8  # sets of each kind in the table of other sets
 
 
 def others_section(plan: content.Plan, chosen_option: content.PlanOption) -> Content:

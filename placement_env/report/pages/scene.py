@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from viser import SceneApi
 
 
-MAX_DRAWN_POINTS = 240_000  # of all clouds in all frames together
+MAX_DRAWN_POINTS = 240_000  # points of all clouds in all frames together
 _HOUSING_SIZE_M = (0.7, 0.7, 0.5)  # along x, y and z
 _LABEL_RISE_M = 1.2  # height of a label above its sensor
 MAX_RUN_CELLS = 8  # cells of visible ground in one rectangle
@@ -111,12 +111,12 @@ def _add_sensor(
     pole = tube(pole_ends, radii=0.1)
     scene_parts.add_mesh(api, f"{node}/pole", pole, POLE_INK)
     position = (sensor.x, sensor.y, sensor.z)
-    add_housing(api, f"{node}/housing", position, _HOUSING_SIZE_M, colour)
+    add_housing(api, name=f"{node}/housing", position=position, size=_HOUSING_SIZE_M, colour=colour)
     label_position = (sensor.x, sensor.y, sensor.z + _LABEL_RISE_M)
     scene_parts.add_label(api, f"{node}/label", sensor.name, label_position, scale=1.3)
     if seen_ground is not None:
         scene_parts.add_mesh(api, f"{node}/ground", seen_ground, colour, opacity=0.28)
-    return Layer(sensor.name, node, colour, "points, field of view and visible ground")
+    return Layer(sensor.name, node, colour, mark="points, field of view and visible ground")
 
 
 def _add_views(api: "SceneApi", site: Site, planned: Sequence[PlannedSensor]) -> None:

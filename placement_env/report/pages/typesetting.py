@@ -143,7 +143,7 @@ def _break_words(texts: Iterable[str]) -> list[str]:
 
 
 def _break_up(match: re.Match[str]) -> str:
-    # the matched word with zero-width spaces between its pieces
+    """Matched word with zero-width spaces between its pieces."""
     word = match.group()
     starts = range(0, len(word), WORD_PIECE_LETTERS)
     return "\u200b".join(word[start : start + WORD_PIECE_LETTERS] for start in starts)

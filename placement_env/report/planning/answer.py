@@ -62,7 +62,13 @@ def build_plan(findings: Findings, final: Judge, ground: GroundGrid) -> content.
     choice = findings.choice
     candidates = findings.objective.candidates
     members = choice.members
-    chosen_set = ChosenSet(members, choice.option.sensors, final, findings.objective, question.run)
+    chosen_set = ChosenSet(
+        members,
+        names=choice.option.sensors,
+        judge=final,
+        objective=findings.objective,
+        run=question.run,
+    )
     figures = _judge_chosen(findings, chosen_set)
     sensors = mounted.format_sensors(
         question.site,

@@ -32,7 +32,9 @@ GroupOf = Callable[[Float64[np.ndarray, "n 7"]], Int64[np.ndarray, " n"]]
 def _row(
     name: str, judged: content.Judgement | None, points: Int64[np.ndarray, " t"]
 ) -> content.BreakdownRow:
-    # points: number of the set's points on each object of the group; no mean without objects
+    """Row of a breakdown by groups of objects, without a mean of points if the group is empty.
+
+    points: number of the set's points on each object of the group."""
     mean_points = float(points.mean()) if len(points) else None
     return content.BreakdownRow(name, judged, mean_points)
 
@@ -99,7 +101,9 @@ def by_zone(scored: ScoredBoxes, site: Site, seed: int) -> tuple[content.Breakdo
     names = (f"centre (within {radius:g} m)", *(compass(site, quarter) for quarter in quarters))
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
-        # 0 in the middle circle, else the quarter from 1 to 4, in the order of `quarters`
+        """Number of each box's group: 0 in the middle circle, else 1 to 4 for its quarter.
+
+        Quarters have the order of `quarters`."""
         dx, dy = (boxes[:, :2] - middle).T
         quarter = 1 + (dx < 0) + 2 * (dy < 0)
         return np.where(np.hypot(dx, dy) <= radius, 0, quarter).astype(np.int64)

@@ -86,7 +86,14 @@ def choose_set(
     Raises ValueError if a set's AP in its race and its judgement exclude each other."""
     options = JudgedOptions(objective, entrants, judge)
     if min_ap is not None and (reached := _find_cheapest(options, min_ap, run)) is not None:
-        return Choice(tuple(options.options), entrants.sets, reached, reached, (), "cheapest")
+        return Choice(
+            options=tuple(options.options),
+            sets=entrants.sets,
+            chosen=reached,
+            best=reached,
+            alike=(),
+            rule="cheapest",
+        )
     races = race_sizes(options, confidence, run)
     sizes = entrants.sets.sum(axis=1)
     order = race_order(judge.frames, seed=run.seed)
@@ -104,7 +111,15 @@ def choose_set(
     size_race = races.by_size.get(int(sizes[answer]))
     answer_race = None if size_race is None else size_race.race
     sureness = options.measure_sureness(answer, size_rows, answer_race)
-    return Choice(tuple(options.options), entrants.sets, answer, best, near_options, rule, sureness)
+    return Choice(
+        options=tuple(options.options),
+        sets=entrants.sets,
+        chosen=answer,
+        best=best,
+        alike=near_options,
+        rule=rule,
+        confidence=sureness,
+    )
 
 
 def _find_cheapest(options: JudgedOptions, min_ap: float, run: Run) -> int | None:

@@ -17,7 +17,7 @@ from toolkit.arrays import Bool, Float64
 from toolkit.detection.schemes import PAPER_SCHEMES
 from toolkit.runtime.run import Run
 
-MAX_SUBSET_SENSORS = 6  # of larger sets, not every subset is judged by the detector
+MAX_SUBSET_SENSORS = 6  # for larger sets, not every subset is judged by the detector
 
 
 @dataclass(frozen=True, eq=False)

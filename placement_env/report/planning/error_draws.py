@@ -24,7 +24,8 @@ def by_draw(
     all draws, their mean and their 10 % quantile. A profile has no row if it has only the noise of
     the sensors' models, or if its measurements cannot be drawn again (other than `Renders`).
 
-    judge: judge, whose first `MAX_DRAW_FRAMES` frames are used; run: reports the draws."""
+    judge: judge, whose first `MAX_DRAW_FRAMES` frames are used; members: indices of the set's
+    candidates; run: reports the draws."""
     frames = min(judge.frames, MAX_DRAW_FRAMES)
     rows = []
     for detected in judge.profiles:

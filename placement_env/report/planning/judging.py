@@ -120,8 +120,12 @@ class Judge:
     def _evaluator(self, cases: Cases, tie: float = 0.0) -> CasesEvaluator:
         """Return an evaluator over some cases and all drawings of the site.
 
-        cases: conditions to reduce over; tie: share of the intact AP that is added after
-        failures."""
+        A drawing fills in at random what no map knows of the site.
+
+        Args:
+            cases: Conditions (error profiles, failures, levels of traffic) to reduce over.
+            tie: Share of the AP before failures that is added to the AP after them, so that sets
+                that fail completely differ."""
         return CasesEvaluator(
             by_profile=tuple(
                 DetectorEvaluator(detected, cases.ious, self.seed)

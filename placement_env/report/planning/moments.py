@@ -74,7 +74,8 @@ def thin(
 ) -> Float32[np.ndarray, "m 3"]:
     """Draw at most `points` points of a cloud without replacement; they keep their order.
 
-    A cloud without more points comes back unchanged. cloud: x, y, z (m)."""
+    A cloud without more points comes back unchanged. cloud: x, y, z (m); seed: numbers that decide
+    the draw together."""
     if len(cloud) <= points:
         return cloud
     rng = np.random.default_rng(seed)

@@ -54,7 +54,9 @@ def measure_motion(
     except NoPassage as error:
         return replace(figures, refusal=f"Road users are not followed: {error}.", frames=0)
     set_candidates = candidates.select(np.array(members))
-    street = _detect_street(question, set_candidates, detector, traffic, run)
+    street = _detect_street(
+        question, candidates=set_candidates, detector=detector, traffic=traffic, run=run
+    )
     labels = known_labels(detector) or question.setting.counted.names
     counted = count_groups(street, labels, run.seed)
     return replace(

@@ -157,13 +157,15 @@ def _summarise_total(total: CountedTotal, speed_errors: Sequence[float], seed: i
 
 
 def _find_share(count: int, total: int) -> RoadUserFigure:
-    """Share of a number of road users, NaN without any."""
+    """Share that `count` is of `total` road users, with its interval; NaN without any."""
     share = count / total if total else float("nan")
     return RoadUserFigure(share, *wilson_interval(share, total))
 
 
 def _find_quantile_figure(values: Float64[np.ndarray, " n"], share: float) -> RoadUserFigure:
-    """Quantile of values of 0 or more, NaN without any."""
+    """Quantile of values of 0 or more, NaN without any.
+
+    share: share of the values below it, 0.5 for the median."""
     if not len(values):
         return RoadUserFigure(float("nan"))
     low, high = quantile_interval(values.tolist(), share)

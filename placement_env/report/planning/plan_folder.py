@@ -315,7 +315,7 @@ def _read_class(row: JsonObject) -> StatedClass:
     else:
         iou = row.number("iou", 0, 1)
     weight = row.number("weight", 0)
-    return StatedClass(row.choice("label", LABELS), weight, iou, judgement)
+    return StatedClass(label=row.choice("label", LABELS), weight=weight, iou=iou, judged=judgement)
 
 
 def _read_stated(chosen_set: JsonObject, errors: str) -> StatedFigure:

@@ -155,7 +155,7 @@ def read_stock(stock: JsonObject, site: Site, head: dict[str, str]) -> Stock:
 
 
 def _read_pole(pole: JsonObject) -> Mount:
-    """Read a pole of a plan.json; its members are as in `_format_pole`.
+    """Read a pole of a plan.json: its foot, heights of sensors, price, link and room.
 
     Raises ValueError for a wrong member."""
     name = pole.get("name", str)

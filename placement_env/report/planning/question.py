@@ -47,6 +47,7 @@ class Stock:
     only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a wrong capacity, and for a catalogue without use."""
         _check_amount("capacity_kbit", self.capacity_kbit)
         if self.capacity_kbit == 0:
             raise ValueError("capacity_kbit must be above 0: leave it out for each mount's own")
@@ -141,6 +142,7 @@ class Question:
     drawings: int = 1
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the fields do not fit; make a `Stock` of named candidates."""
         failing = self.cases.failing
         if self.sensors is None and self.money is None:
             raise ValueError("a plan needs a budget: a number of sensors, a sum of money, or both")
@@ -292,7 +294,7 @@ class Question:
 
 
 def _check_amount(name: str, value: float | None) -> None:
-    # raises ValueError for an infinite or negative amount; None is any amount
+    """Raise ValueError for an infinite or negative amount; None is any amount."""
     if value is not None and not 0 <= value < math.inf:
         raise ValueError(
             f"{name} must be a finite number from 0 up, got {value}: leave it out for any"

@@ -111,7 +111,7 @@ def fuse_clouds(detected: Detected, members: Sequence[int], k: int) -> Float32[n
 def count_set_points(detected: Detected, members: Sequence[int]) -> Int64[np.ndarray, " t"]:
     """Count the points of a set on each scored object, frame after frame.
 
-    The order is the same as in `ScoredBoxes.truths`."""
+    members: indices of the set's candidates. The objects have the order of `ScoredBoxes.truths`."""
     counts = [np.empty(0, np.int64)]
     for k in range(detected.frames):
         cloud = fuse_clouds(detected, members, k)

@@ -224,9 +224,15 @@ def _prove_lowest_bound(
     views: int,
     members: list[int],
 ) -> int:
-    """Lowest of the bounds on the worth of each group of objects, see `prove_bound`.
+    """Lowest upper bound on what sets can cover, over groups of objects.
 
-    weights: worth of covering each object, a row for each group."""
+    Args:
+        objects: Candidates × objects, True if seen.
+        weights: Weight of covering each object, a row for each group.
+        mount: Number of each candidate's mount; at most one candidate of a mount is built.
+        budget: Largest number of candidates.
+        views: Views that cover an object.
+        members: Any set, as indices of candidates; the better it is, the tighter the bounds."""
     bounds = [
         prove_bound(objects, weight, mount, budget, views=views, members=members)
         for weight in weights

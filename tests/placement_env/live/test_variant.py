@@ -21,6 +21,7 @@ from placement_env.live.variant import (
     check_keep_out,
     check_name,
     free_name,
+    name_on_pole,
 )
 from toolkit.sensors.models import DepthCamera, SpinningLidar
 from toolkit.sites.files import load_site
@@ -148,6 +149,17 @@ def test_a_free_name_goes_on_from_its_number():
     assert free_name(variant, "cam 2") == "cam 4"
     assert free_name(variant, "7") == "7 2"
     assert len(free_name(variant, "x" * 200)) == MAX_NAME_LENGTH
+
+
+def test_names_on_a_pole_with_a_long_name_can_be_read_again():
+    pole = "p" * 200
+    variant = Variant()
+    for _ in range(28):  # more than there are letters
+        sensor = replace(SENSOR, name=name_on_pole(variant, pole))
+        variant = replace(variant, sensors=(*variant.sensors, sensor))
+    again = Variant.from_dict(variant.as_dict())
+    assert again.sensors == variant.sensors
+    assert len({sensor.name for sensor in again.sensors}) == 28
 
 
 def test_a_sensor_is_placed_on_the_nearest_pole_or_on_one_of_its_own(yard):

@@ -25,6 +25,10 @@ address = "192.168.1.201"
 [[input]]
 kind = "velodyne"
 name = "south"
+[[input]]
+kind = "ouster"
+name = "east"
+metadata = "east.json"
 [replay]
 interval_s = 0.2
 [[sensor]]
@@ -69,7 +73,9 @@ def test_every_key_is_read(tmp_path):
     assert [(row.name, row.port, row.address) for row in config.inputs] == [
         ("north", 2369, "192.168.1.201"),
         ("south", 2368, None),
+        ("east", 7502, None),
     ]
+    assert config.inputs[2].metadata == tmp_path / "east.json"
     assert (config.interval_s, config.detect_every, config.parallel) == (0.2, 2, 3)
     north = config.setups["north"]
     assert np.array_equal(north.pose[:3, 3], [5, 0, 6])

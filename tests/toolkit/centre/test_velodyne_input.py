@@ -10,6 +10,7 @@ import pytest
 
 from toolkit.centre.input_pumps import InputPumps
 from toolkit.centre.message_queue import MessageQueue
+from toolkit.centre.packet_port import PacketPort
 from toolkit.centre.velodyne_input import VelodyneInput
 from toolkit.geometry import pose
 
@@ -33,7 +34,7 @@ def packet(number, last=VLP16):
 def free_port():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
         port.bind(("127.0.0.1", 0))
-        return port.getsockname()[1]
+        return PacketPort(port.getsockname()[1], "127.0.0.1", "127.0.0.1")
 
 
 def send(port, stop, last=VLP16):
@@ -50,7 +51,7 @@ def receive(source, last=VLP16, count=3):
     stop = Event()
     queue = MessageQueue(stop)
     pumps = InputPumps([source], {}, queue, stop)
-    sender = Thread(target=send, args=(source.port, stop, last))
+    sender = Thread(target=send, args=(source.port.number, stop, last))
     pumps.start()
     sender.start()
     messages = []
@@ -67,7 +68,7 @@ def receive(source, last=VLP16, count=3):
 
 def test_a_message_for_every_turn():
     world_SE3_north = pose(0.0, 0.0, 5.0)
-    source = VelodyneInput("north", free_port(), world_SE3_north, "127.0.0.1", "127.0.0.1")
+    source = VelodyneInput("north", free_port(), world_SE3_north)
     messages, _ = receive(source)
     turn = messages[1]
     ranges = np.linalg.norm(turn.measurement.points, axis=1)
@@ -81,7 +82,7 @@ def test_a_message_for_every_turn():
 
 
 def test_an_unknown_model_is_refused():
-    source = VelodyneInput("north", free_port(), host="127.0.0.1")
+    source = VelodyneInput("north", free_port())
     messages, pumps = receive(source, last=0x99)
     assert messages == []
     with pytest.raises(ValueError, match="end in 0x99"):

@@ -8,7 +8,7 @@ import pytest
 
 from toolkit.counting.arms import find_arms
 from toolkit.counting.conflicts import find_conflicts
-from toolkit.counting.counts import count_street
+from toolkit.counting.counts import MovementKey, count_street
 from toolkit.counting.fragments import join_fragments
 from toolkit.counting.resampling import refine_trajectories
 from toolkit.counting.trajectories import collect_trajectories
@@ -75,9 +75,9 @@ def check(road_users, times):
     counts = count_street(road_users, SITE, ARMS, times)
     assert {movement.key: movement.count for movement in counts.movements} == MOVEMENTS
     speeds = {movement.key: movement.speed_km_h for movement in counts.movements}
-    assert speeds["vehicle", "west", "east"] == pytest.approx(28.8, abs=0.5)
-    assert speeds["vehicle", "east", "west"] == pytest.approx(25.2, abs=0.5)
-    assert speeds["cyclist", "west", "east"] == pytest.approx(18.0, abs=0.5)
+    assert speeds[MovementKey("vehicle", "west", "east")] == pytest.approx(28.8, abs=0.5)
+    assert speeds[MovementKey("vehicle", "east", "west")] == pytest.approx(25.2, abs=0.5)
+    assert speeds[MovementKey("cyclist", "west", "east")] == pytest.approx(18.0, abs=0.5)
     conflicts = find_conflicts(road_users, AREA, max_pet=1.5)
     assert [conflict.labels for conflict in conflicts] == [("vehicle", "vehicle")]
     assert conflicts[0].pet_s == pytest.approx(PET_S, abs=0.3)

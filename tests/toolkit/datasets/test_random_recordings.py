@@ -160,6 +160,19 @@ def test_a_file_of_recordings_goes_on_where_it_was_killed(tmp_path, draw_by):
     assert [path.name for path in tmp_path.iterdir()] == ["x.packed"]
 
 
+def test_a_long_reason_is_cut_and_stays_readable(tmp_path, draw_by):
+    def fail(seed, number, frames, *, fleet, sites):
+        if number == 0:
+            return "drawn"
+        raise ValueError("ä" * 3000 if number == 1 else "x" + "ä" * 3000)
+
+    draw_by(fail)
+    run = Run(frames=4, seed=7)
+    with pytest.warns(UserWarning, match="left out: ValueError: x?ä{900}"):
+        count = random_recordings_file(3, tmp_path / "x", run=run, encode=as_bytes, join=as_lines)
+    assert count == 1
+
+
 def test_another_run_is_dropped_when_told_to(tmp_path, draw_by):
     out = tmp_path / "x.packed"
     draw_by(Noted(kill_at=1))

@@ -163,6 +163,27 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     assert ends(int(told.stdout)), "the worker outlived its parent"
 
 
+def test_a_large_job_of_a_script_without_a_guard_is_refused(tmp_path):
+    """Its processes die while they import the script, before they read their job."""
+    script = tmp_path / "unguarded.py"
+    script.write_text(
+        "from functools import partial\n"
+        "from toolkit.runtime.parallel import spread\n"
+        "print(list(spread(partial(max, b'x' * 200_000), [b'y'], workers=2)))\n"
+    )
+    root = Path(__file__).parents[3]
+    told = subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "PYTHONPATH": str(root), "TMPDIR": str(tmp_path)},
+    )
+    assert told.returncode == 1
+    assert 'without `if __name__ == "__main__":`' in told.stderr.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == [script]
+
+
 def test_wrong_numbers_and_missing_ray_are_told_in_one_line(without_packages):
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         spread(square, [1], workers=0)

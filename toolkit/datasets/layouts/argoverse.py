@@ -235,7 +235,9 @@ def _read_vehicle_pose(log: Path, time_ns: int, problems: problem_kinds.Problems
 
 
 def _first_offset_ns(columns: Mapping[str, np.ndarray]) -> int:
-    """Time (ns) from a sweep's time to a lidar's first point, 0 if the points have no times."""
+    """Time (ns) from a sweep's time to a lidar's first point, 0 if the points have no times.
+
+    columns: columns of the points, by name."""
     offsets = columns.get("offset_ns", np.zeros(0, np.int64))
     return int(offsets.min()) if offsets.size and offsets.dtype.kind in "iu" else 0
 
@@ -344,7 +346,9 @@ def _pose_columns(poses: Sequence[np.ndarray]) -> dict[str, list[float]]:
 
 
 def _write_table(path: Path, columns: Mapping[str, object]) -> None:
-    """Write a feather file, whole or not at all; ImportError without pyarrow."""
+    """Write columns, by name, to a feather file, whole or not at all.
+
+    Raises ImportError without pyarrow."""
     try:
         import pyarrow
         from pyarrow import feather

@@ -239,6 +239,7 @@ def _holds_rows(file: Path) -> bool:
 
 
 def _list_cloud_files(path: Path) -> list[Path]:
+    """Files of clouds in a folder, by their endings, without the file of poses."""
     files = folders.list_files(path)
     return [
         file for file in files if file.suffix.lower() in folders.ENDINGS and file.name not in POSES
@@ -285,7 +286,9 @@ def _group_files(clouds: Mapping[str, list[Path]]) -> tuple[dict[str, dict[str, 
 
 
 def _sort_frames(by_stem: Mapping[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
-    """Return the files of each frame with the frames in the natural order of their names."""
+    """Return the files of each frame with the frames in the natural order of their names.
+
+    by_stem: files by sensor, by name of the frame."""
     return {stem: by_stem[stem] for stem in sorted(by_stem, key=folders.natural_order)}
 
 
@@ -311,7 +314,8 @@ def _parse_times(
 ) -> dict[str, tuple[float | None, dict[str, float]]]:
     """Times (s) in labels.json by frame: the frame's, and its clouds' by sensor.
 
-    Times of frames that are all the same are None, as they state nothing."""
+    entries: what the file says of each frame. Times of frames that are all the same are None, as
+    they state nothing."""
     times = {}
     for name, content in entries.items():
         cloud_times = {}

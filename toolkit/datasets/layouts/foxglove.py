@@ -93,7 +93,7 @@ def foxglove(path: Path) -> listing.Listing:
     for number, group in enumerate(group_by_time(times)):
         groups[f"{number:06d}"] = [index.clouds[topic][row] for topic, row in group.items()]
     is_one_frame = len(index.frames) == 1 and not index.links
-    source = _Source(file, len(index.clouds), tree, is_one_frame)
+    source = _Source(file, topic_count=len(index.clouds), tree=tree, is_one_frame=is_one_frame)
     load = partial(_load, source, groups)
     return listing.Listing(tuple(groups), load, noted=tree.problems)
 
@@ -182,13 +182,13 @@ def _link(transform: _Message, log_ns: int) -> TransformLink:
     turn = transform.rotation
     place = transform.translation
     return TransformLink(
-        transform.child_frame_id,
-        transform.parent_frame_id,
-        parse_link_pose(
+        child=transform.child_frame_id,
+        parent=transform.parent_frame_id,
+        parent_SE3_child=parse_link_pose(
             np.array([turn.w, turn.x, turn.y, turn.z]), np.array([place.x, place.y, place.z])
         ),
-        _stamp_ns(transform.timestamp) or log_ns,
-        log_ns,
+        stamp_ns=_stamp_ns(transform.timestamp) or log_ns,
+        recorded_ns=log_ns,
         is_static=False,
     )
 

@@ -230,8 +230,9 @@ def _write(group: h5py.Group, sample: Frame) -> None:
 def hdf5(path: Path, *, site: Site | None = None, drop_invalid: bool = False) -> Recording:
     """Open a file of images or of recorded clouds.
 
-    site, drop_invalid: for a file of images, its site and whether to leave out impossible objects,
-    see `CoopDataset`. Raises the errors of `CoopDataset` and `hdf5_clouds`."""
+    site: site of a file of images, None for the one that it names; drop_invalid: True to leave out
+    impossible objects of a file of images instead of refusing it. Raises the errors of
+    `CoopDataset` and `hdf5_clouds`."""
     if path.is_file() and holds_clouds(path):
         return hdf5_clouds(path)
     return CoopDataset(path, site, drop_invalid=drop_invalid)

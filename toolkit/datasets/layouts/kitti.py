@@ -71,6 +71,13 @@ def kitti(path: Path) -> listing.Listing:
 
 
 def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) -> Frame:
+    """Read a frame of KITTI: its cloud, and its labels, moved from the camera's frame.
+
+    Args:
+        folder: Folder with `velodyne`, `label_2` and `calib`.
+        middles: Origins of clouds that are far from their sensor's.
+        is_labelled: True if any frame has labels, so that a missing file is a problem.
+        name: Name of the frame's files without their ending."""
     problems: problem_kinds.Problems = {}
     file = folder / "velodyne" / f"{name}.bin"
     cloud = cloud_records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)
@@ -108,8 +115,8 @@ class LabelRows(NamedTuple):
     """Labels of one frame.
 
     kinds: their types, DontCare too; values: the 14 numbers after each; ids: track of each label,
-    None if the labels have no tracks; scores: of detections, NaN for a row without one, None if
-    they were not read."""
+    None if the labels have no tracks; scores: scores of detections, NaN for a row without one, None
+    if they were not read."""
 
     kinds: list[str]
     values: Float64[np.ndarray, "n 14"]
@@ -126,7 +133,7 @@ class LabelRows(NamedTuple):
 class LabelledView(NamedTuple):
     """Camera whose image is labelled.
 
-    calibration: of the camera; size_px: width and height of its image."""
+    calibration: calibration of the camera; size_px: width and height of its image."""
 
     calibration: "KittiCalibration"
     size_px: tuple[int, int]
@@ -227,8 +234,6 @@ def _parse_calibration(text: str) -> KittiCalibration:
         projection=projection,
         map_SE3_lidar=map_SE3_lidar,
     )
-    camera_SE3_lidar = rectification @ unrectified_SE3_lidar
-    return KittiCalibration(camera_SE3_lidar, projection, map_SE3_lidar)
 
 
 def read_image_size(image: Path) -> tuple[int, int]:

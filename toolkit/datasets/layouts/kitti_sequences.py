@@ -45,7 +45,7 @@ MISSING_CLOUDS = "frames that labels refer to and that have no cloud"
 class _Sequence(NamedTuple):
     """Files of one sequence.
 
-    folder: the folder with velodyne/, label_02/ and calib/; name: of the sequence."""
+    folder: the folder with velodyne/, label_02/ and calib/; name: name of the sequence."""
 
     folder: Path
     name: str
@@ -131,8 +131,8 @@ def _load(
 ) -> Frame:
     """Read a frame.
 
-    numbers: of the frames by name; labels: of the frames by number, None without a file; name: of
-    the frame."""
+    numbers: number of each frame, by name; labels: labels of each frame, by number, None without a
+    file; name: name of the frame."""
     problems: problem_kinds.Problems = {}
     file = sequence.clouds / f"{name}.bin"
     cloud = cloud_records.read_cloud(file, SENSOR, np.eye(4), problems, middles=middles)

@@ -192,7 +192,9 @@ def _load(
 
     tables: rows by token, by name of the table; lidars, labels: rows of sample_data and of
     sample_annotation by token of the sample; is_clock: True if timestamps are times."""
-    return _read_frame(folder, token, tables, lidars[token], labels.get(token, []), is_clock)
+    return _read_frame(
+        folder, token, tables, data=lidars[token], labels=labels.get(token, []), is_clock=is_clock
+    )
 
 
 def _find_sensor_entry(tables: dict[str, _Row], row: _Row, key: str) -> str:
@@ -211,7 +213,10 @@ def _read_frame(
     labels: list[_Row],
     is_clock: bool,
 ) -> Frame:
-    """Read a sample. data, labels: its rows of sample_data and of sample_annotation."""
+    """Read a sample.
+
+    tables: rows of each table, by their tokens; data, labels: the sample's rows of sample_data and
+    of sample_annotation; is_clock: the tables' times are those of a clock."""
     problems: problem_kinds.Problems = {}
     ego_poses = [_read_pose(folder, tables, "ego_pose", row) for row in data]
     sensor_poses = [_read_pose(folder, tables, "calibrated_sensor", row) for row in data]

@@ -81,7 +81,9 @@ def openlabel(path: Path) -> listing.Listing:
                 stem if len(described) == 1 else f"{stem}#{key}": key for key in described
             }
             for name, key in keys_by_name.items():
-                sensors = find_sensors(file, content, described[key], clouds, {})
+                sensors = find_sensors(
+                    file, content, frame=described[key], clouds=clouds, problems={}
+                )
                 cloud_names += [name] * bool(sensors)
                 first_clouds = sensors | first_clouds
         frames |= {name: (file, key) for name, key in keys_by_name.items()}

@@ -118,7 +118,7 @@ class CuboidRows:
                 table[rows, :3] = transform(in_root, table[rows, :3])
                 turned_boxes[rows] = in_root[:3, :3] @ turned_boxes[rows]
         table[:, 6] = box_frames.find_headings(turned_boxes, problems)
-        return CuboidRows(table, kinds, ids, counts, names.count(""))
+        return CuboidRows(boxes=table, kinds=kinds, ids=ids, counts=counts, unnamed=names.count(""))
 
 
 def _list_object_data(

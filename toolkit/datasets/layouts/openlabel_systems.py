@@ -103,4 +103,6 @@ def parse_systems(content: Unchecked, frame: Unchecked) -> Systems:
             parents[source] = target, dst_SE3_src
             unplaced.discard(source)
             unreadable.pop(source, None)
-    return Systems(parents, frozenset(system_names), frozenset(unplaced), unreadable)
+    return Systems(
+        parents, known=frozenset(system_names), unplaced=frozenset(unplaced), unreadable=unreadable
+    )

@@ -123,6 +123,13 @@ def _load(
 def _read_frame(
     name: str, files: list[Path], mirror: np.ndarray, problems: problem_kinds.Problems
 ) -> Frame:
+    """Read a frame of OPV2V, in the frame of its first agent's lidar with z up.
+
+    Args:
+        name: Name of the frame.
+        files: YAML file of each agent; its cloud is next to it.
+        mirror: Matrix that turns the simulator's left-handed axes.
+        problems: Problems of the recording, which the frame gets and adds to."""
     contents = []
     poses = []
     for file in files:
@@ -215,7 +222,9 @@ def _mirror(cloud: SensorCloud, mirror: np.ndarray) -> SensorCloud:
 
 
 def write_opv2v(samples: Iterable[Frame], folder: Path, *, left_handed: bool = True) -> None:
-    """Write frames as a scenario. Each sensor is an agent, from 0, that lists all objects."""
+    """Write frames as a scenario. Each sensor is an agent, from 0, that lists all objects.
+
+    left_handed: in Unreal's axes, with y mirrored, as the data set has them."""
     import yaml
 
     mirror = MIRROR if left_handed else np.eye(4)

@@ -19,7 +19,7 @@ import numpy as np
 from toolkit.datasets.layouts.packet_sweeps import Sweep
 from toolkit.datasets.record_values import name_damage
 
-MIN_COLUMN_SHARE = 0.97  # of the columns of a whole turn that must be there
+MIN_COLUMN_SHARE = 0.97  # share of a whole turn's columns that must be there
 _NS_PER_S = 10**9
 
 
@@ -56,7 +56,7 @@ class OusterCapture:
                         tables[serial] = core.XYZLut(frame.sensor_info)
                     name = names[serial]
                     counts[name] += 1
-                    yield _sweep(frame, tables[serial](frame), name, counts[name] - 1)
+                    yield convert_frame(frame, tables[serial](frame), name, counts[name] - 1)
 
 
 def find_metadata(path: Path) -> list[Path]:
@@ -71,13 +71,9 @@ def open_ousters(path: Path) -> OusterCapture:
 
     Raises ImportError without ouster-sdk, ValueError for a damaged capture or metadata of another
     sensor."""
-    try:
-        from ouster.sdk import open_source
-    except ImportError:
-        raise ImportError(
-            "reading an Ouster's .pcap needs ouster-sdk, which pins other packages than coview: "
-            "pip install --no-deps ouster-sdk more-itertools prettytable"
-        ) from None
+    import_ouster("reading an Ouster's .pcap")
+    from ouster.sdk import open_source
+
     with name_damage(path, "capture", (Exception,)):
         source = open_source(str(path))
         serials = tuple(int(info.sn) for info in source.sensor_info)
@@ -86,10 +82,22 @@ def open_ousters(path: Path) -> OusterCapture:
     return OusterCapture(path, serials)
 
 
-def _sweep(frame: Any, points: np.ndarray, name: str, number: int) -> Sweep:
-    """Return a frame as a sweep.
+def import_ouster(use: str) -> Any:
+    """Import `ouster.sdk.core`; use: what needs it, named in the ImportError if it is missing."""
+    try:
+        from ouster.sdk import core
+    except ImportError:
+        raise ImportError(
+            f"{use} needs ouster-sdk, which pins other packages than coview: "
+            "pip install --no-deps ouster-sdk more-itertools prettytable"
+        ) from None
+    return core
 
-    points: (rows, columns, 3) m, of every pixel."""
+
+def convert_frame(frame: Any, points: np.ndarray, name: str, number: int) -> Sweep:
+    """Convert a LidarFrame of ouster-sdk to a sweep.
+
+    points: (rows, columns, 3) m, of every pixel; name: of the sensor; number: among its sweeps."""
     ranges = np.asarray(frame.field("RANGE"))
     is_valid = np.asarray(frame.status) & 1 == 1
     is_return = (ranges > 0) & is_valid
@@ -103,10 +111,10 @@ def _sweep(frame: Any, points: np.ndarray, name: str, number: int) -> Sweep:
     first, last = frame.sensor_info.format.column_window
     width = (last - first) % len(is_valid) + 1
     return Sweep(
-        name,
-        number,
-        frame.get_first_valid_packet_timestamp() / _NS_PER_S,
-        {
+        sensor=name,
+        number=number,
+        time_s=frame.get_first_valid_packet_timestamp() / _NS_PER_S,
+        columns={
             "positions": points[rows, columns],
             "intensity": np.asarray(intensity)[rows, columns],
             "ring": rows,

@@ -104,6 +104,7 @@ class _Loader:
     middles: Middles = field(default_factory=Middles)
 
     def __call__(self, name: str) -> Frame:
+        """Read the frame of a name: a sweep of each sensor, with problems counted."""
         problems: Problems = {}
         group = self.groups[name]
         add_problem(problems, UNPAIRED, int(len(group) < self.sensor_count))

@@ -23,7 +23,7 @@ from toolkit.arrays import Float64, Int64
 from toolkit.boxes import iou_bev
 from toolkit.datasets.clock_times import BY_ORDER, UNPAIRED, find_epoch, group_by_time
 from toolkit.datasets.cloud_records import read_cloud
-from toolkit.datasets.folders import ENDINGS, list_files, natural_order
+from toolkit.datasets.folders import ENDINGS, NameOrder, list_files, natural_order
 from toolkit.datasets.frame_times import frame_time
 from toolkit.datasets.layouts.dair import read_annotations, read_transform
 from toolkit.datasets.listing import Listing
@@ -92,7 +92,7 @@ def _list_times(files: Sequence[Path]) -> Float64[np.ndarray, " n"]:
 
 
 def _take(files: Mapping[str, Sequence[Path]], rows: Mapping[str, int]) -> dict[str, Path]:
-    """Cloud file of each agent by its index among the agent's files."""
+    """Cloud file of each agent; rows: its index among the agent's files."""
     return {agent: files[agent][row] for agent, row in rows.items()}
 
 
@@ -102,7 +102,8 @@ def _clouds(folder: Path) -> list[Path]:
     )
 
 
-def _time(file: Path) -> tuple[float, tuple[str | int, ...]]:
+def _time(file: Path) -> tuple[float, NameOrder]:
+    """Key that sorts files by the time in their names, and those without a time after them."""
     try:
         return float(file.stem), natural_order(file.stem)
     except ValueError:

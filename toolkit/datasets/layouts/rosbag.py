@@ -250,7 +250,9 @@ def rosbag(path: Path) -> Bag:
         replayed = sum(len(stamps_ns) - len(np.unique(stamps_ns)) for stamps_ns in stamped)
         add_problem(problems, REPLAYED, replayed)
     add_problem(problems, NO_XYZ, len(index.stamps_ns) - len(topics))
-    return Bag(path, tuple(groups), tree, topics, instead, problems)
+    return Bag(
+        path, groups=tuple(groups), tree=tree, topics=topics, recorded=instead, problems=problems
+    )
 
 
 def write_rosbag(samples: Iterable[Frame], folder: Path) -> None:

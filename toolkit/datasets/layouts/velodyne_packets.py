@@ -65,7 +65,13 @@ class VelodyneCapture:
         counts[name] += 1
         columns = list_sweep_columns(points)
         is_partial = len(points) > 0 and _measure_turn(points) < _MIN_TURN_RAD
-        return Sweep(name, counts[name] - 1, float(stamp.host), columns, is_partial)
+        return Sweep(
+            sensor=name,
+            number=counts[name] - 1,
+            time_s=float(stamp.host),
+            columns=columns,
+            is_partial=is_partial,
+        )
 
 
 def list_sweep_columns(points: np.ndarray) -> dict[str, np.ndarray]:
@@ -81,7 +87,7 @@ def list_sweep_columns(points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _measure_turn(points: np.ndarray) -> float:
-    """Return the angle (rad) that a sweep covers: a turn less its largest gap."""
+    """Return the angle (rad) that a sweep's points cover: a turn less its largest gap."""
     azimuths = np.unique(np.round(np.arctan2(points["y"], points["x"]), 4))
     if len(azimuths) < 2:
         return 0.0
@@ -90,7 +96,7 @@ def _measure_turn(points: np.ndarray) -> float:
 
 
 def make_velodyne_decoder(last_byte: int) -> Any:
-    """Make the decoder of a sensor's packets."""
+    """Make the decoder of a sensor's packets; last_byte: their last byte, which names the model."""
     import velodyne_decoder
 
     model = getattr(velodyne_decoder.Model, VELODYNE_MODELS[last_byte])

@@ -109,6 +109,7 @@ class Foreground(SendsForeground):
     max_step: float = MAX_STEP_M
 
     def __post_init__(self) -> None:
+        """Raise ValueError for wrong values."""
         wire.step_in_mm(self.step)
         wire.step_in_mm(self.max_step)
         if not 0 < self.sigmas < np.inf:
@@ -179,9 +180,15 @@ def encode_in_packet(
 ) -> bytes:
     """Encode a foreground in the finest step in which the message fits one packet of the radio.
 
-    image, scene, missing: as in `encode_foreground`; step: finest step of measurements (m);
-    max_step: coarsest step (m), taken if the message fits in no step. The step is in the message.
-    Raises ValueError as `encode_foreground`."""
+    Args:
+        image: Measurements (m) of the foreground, every pixel that returns something.
+        scene: Empty scene of the sensor.
+        missing: Mask of pixels in which the centre must not draw the empty scene, None for none.
+        step: Finest step of measurements (m).
+        max_step: Coarsest step (m), taken if the message fits in no step.
+
+    The step is in the message. Raises ValueError for the empty scene of another sensor, and for a
+    missing pixel that returns something."""
     message = b""
     for candidate_step in list_steps(step, max_step):
         message = encode_foreground(image, scene, missing, step=candidate_step)
@@ -246,7 +253,13 @@ def restore(
                 f"{rule}, {(missing & sent).sum()} sent, and {len(content) - end} bytes more"
             )
     measured = from_steps(steps, sent, header.step, scene.model)
-    return Restored(header, np.where(sent | missing, measured, scene.first), sent, missing, steps)
+    return Restored(
+        header,
+        image=np.where(sent | missing, measured, scene.first),
+        sent=sent,
+        missing=missing,
+        steps=steps,
+    )
 
 
 def check_pixels(

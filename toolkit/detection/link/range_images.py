@@ -21,7 +21,7 @@ from toolkit.detection.parameters import Parameters
 from toolkit.objects import Detections
 from toolkit.sensors.sensor import Sensor, SensorModel, is_return
 
-BOX_STEP_M = 0.02  # of centres and sizes
+BOX_STEP_M = 0.02  # for centres and sizes
 TURN_STEPS = 720  # in a full turn of yaw
 MAX_SCORE_STEP = 511  # step of score 0; score 1 is step 0
 _COUNT = struct.Struct("<H")  # number of boxes

@@ -16,7 +16,7 @@ from toolkit.sites.surroundings.parking_bays import bay_outline
 from toolkit.sites.surroundings.plot import Road
 from toolkit.sites.surroundings.things import count_things, describe_things, mark_drawn
 
-MAX_ROUGHNESS_M = 0.12  # of drawn ground, as in random sites
+MAX_ROUGHNESS_M = 0.12  # for drawn ground, as in random sites
 
 
 def furnish_site(

@@ -39,6 +39,7 @@ class MapPiece:
     density: Furnishing = "dense"
 
     def __post_init__(self) -> None:
+        """Raise FileNotFoundError without the map, ValueError for a wrong place or size."""
         path = self.path
         centre = self.centre
         size = self.size

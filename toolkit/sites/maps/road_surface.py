@@ -16,7 +16,7 @@ SLIVER_M = 0.2  # half the width of the thinnest footway that is kept
 MIN_ROAD_M = 0.5  # half the width of the thinnest carriageway that is kept
 # a smaller footway in the middle of a carriageway is a fault of the network's corners
 MAX_ISLET_M2 = 20.0
-MIN_ISLET_SHARE = 0.85  # of its border that is next to the carriageway
+MIN_ISLET_SHARE = 0.85  # share of its border that is next to the carriageway
 KERB_SIZE_M = (0.15, 0.12)  # width and height of kerbstones
 
 

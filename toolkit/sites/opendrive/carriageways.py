@@ -16,7 +16,7 @@ from toolkit.sites.opendrive.cubics import Cubics, read_cubics, read_number
 from toolkit.sites.opendrive.lane_sections import LaneSection, SectionLane, read_sections
 from toolkit.sites.opendrive.plain_names import SAFE_NAME
 
-MIN_ROAD_LENGTH_M = 2e-3  # of a road whose geometry is shorter
+MIN_ROAD_LENGTH_M = 2e-3  # given to a road whose geometry is shorter
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,7 +139,7 @@ def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str
 
 
 def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str]) -> tuple[str, ...]:
-    # Users of a lane by its type and access rules; differences from the map go to `problems`.
+    """Users of a lane by its type and access rules; differences from the map go to `problems`."""
     kind = lane.kind
     if kind not in USERS:
         problems[f"lanes of type {kind[:30]!r} are closed, as the type is unknown"] += 1
@@ -197,8 +197,8 @@ def _find_limit(
     defaults: dict[str, float],
     problems: Counter[str],
 ) -> float | None:
-    # Limit (m/s) of a lane at its section's start: the lane's, the road's there, or the header's
-    # for the road's type (`defaults`); None without any.
+    """Limit (m/s) of a lane at its section's start: the lane's, the road's there, or the header's
+    for the road's type (`defaults`); None without any."""
     for speed in _list_active(lane.element.findall("speed"), lane.offset):
         limit = _parse_limit(speed.get("max"), speed.get("unit"), problems)
         if limit is not None:

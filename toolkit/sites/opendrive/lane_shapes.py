@@ -22,7 +22,7 @@ from toolkit.sites.opendrive.plain_map import PlainMap
 
 MAX_DEVIATION_M = 0.1  # up to which a lane off its middle line in the map is left as it is
 MAX_PLACE_GAP_M = 5.0  # between the lengths of a lane and of its piece of road, as on a ring
-MAX_PLACE_GAP_SHARE = 0.2  # of the lane's length, in addition
+MAX_PLACE_GAP_SHARE = 0.2  # share of the lane's length, in addition
 SHAPE_TOLERANCE_M = 0.01  # by which a simplified middle line may be off
 MIN_DRIVEN_WIDTH_M = 1.8  # width from which a lane is driven on
 SAMPLES_EVERY_M = 1.0  # between places along a line
@@ -102,7 +102,7 @@ def _varies(road: Carriageway) -> bool:
 
 
 def _is_bent(function: Cubics) -> bool:
-    # True if a function has a slope, or steps from one piece to the next.
+    """Return True if a function has a slope, or steps from one piece to the next."""
     values = function.rows[:, 0]  # at the starts of the pieces
     slopes = function.rows[:, 1:]  # and higher derivatives
     return bool(slopes.any()) or bool((values[1:] != values[:-1]).any())

@@ -42,7 +42,7 @@ class ObjectRow(NamedTuple):
     """Row of repeated objects.
 
     Attributes:
-        length: of the row (m).
+        length: length of the row (m).
         spacing: from object to object (m), 0 for one continuous object.
         objects: their number."""
 

@@ -40,7 +40,7 @@ class _Size:
 
     Attributes:
         height: above its base.
-        radius: of a round object.
+        radius: radius of a round object.
         length: along its heading.
         width: across its heading."""
 

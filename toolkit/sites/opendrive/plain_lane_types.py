@@ -24,7 +24,9 @@ def find_lane_type(
     Lanes of one type and use share a name, which is kept in `writer.uses`; the usual use of a type
     has the type's name. road: the lane's carriageway, whose `closed` lanes nobody uses; defaults:
     limits (m/s) by type of road; problems: differences from the map are counted there."""
-    use = find_use(road.element, section, lane, dict(defaults), problems)
+    use = find_use(
+        road=road.element, section=section, lane=lane, defaults=dict(defaults), problems=problems
+    )
     if use.limit is None and "passenger" in use.users and road.junction == "-1":
         problems[NO_LIMIT_NOTE] = 1  # counted once a road, however many lanes it has
     if lane in road.closed:

@@ -11,7 +11,7 @@ from toolkit.arrays import Float, Float64
 from toolkit.sites.opendrive.cubics import Cubics, read_number
 
 CURVE_STEP_M = 0.25  # between the points at which a curve is summed up
-MIN_CURVE_STEPS = 16  # of a short curve too
+MIN_CURVE_STEPS = 16  # for a short curve too
 
 _U_KEYS = ("aU", "bU", "cU", "dU")
 _V_KEYS = ("aV", "bV", "cV", "dV")

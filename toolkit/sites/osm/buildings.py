@@ -36,7 +36,7 @@ def make_buildings(
         cut_count += bool(shape.area - shape_off_road.area > 0.1)  # m²
         for ring in nets.cut_polygons([shape_off_road], reach):
             if shapely.Polygon(ring).area > 1.0:
-                solids.append(Solid(ring, base, top, "building"))
+                solids.append(Solid(footprint=ring, base=base, top=top, kind="building"))
     if not cut_count:
         return solids, []
     return solids, [f"{cut_count} buildings reached over a road and were cut back to its edge"]

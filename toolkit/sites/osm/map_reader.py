@@ -120,7 +120,7 @@ def _make_ways(raw_map: RawMap, positions: Mapping[str, np.ndarray]) -> dict[str
                 continue
             line = np.array([positions[node] for node in nodes])
             key = f"{name}~{number}" if number else name
-            ways[key] = Way(line, tuple(nodes), raw_way.tags, name)
+            ways[key] = Way(line, nodes=tuple(nodes), tags=raw_way.tags, name=name)
             # a distance too long between nodes is a fault of the map, which is kept
             step_lengths = np.hypot(*np.diff(line, axis=0).T)
             has_leap = step_lengths.max() > MAX_LEAP_M

@@ -80,7 +80,7 @@ def cut_way(
         if len(piece) > 1:
             points = np.array([corner.xy for corner in piece])
             nodes = tuple(corner.node for corner in piece)
-            yield Way(points, nodes, tags, way.name, reading.rules)
+            yield Way(line=points, nodes=nodes, tags=tags, name=way.name, rules=reading.rules)
 
 
 def _add_stretch(

@@ -21,22 +21,22 @@ Tags = Mapping[str, str]
 Users = frozenset[str]
 
 ROADS = {  # by the value of highway
-    "motorway": RoadClass(2, 36.1, 14, False),
-    "trunk": RoadClass(2, 27.8, 13, False),
-    "primary": RoadClass(1, 13.9, 12, True),
-    "secondary": RoadClass(1, 13.9, 11, True),
-    "tertiary": RoadClass(1, 13.9, 10, True),
-    "unclassified": RoadClass(1, 13.9, 8, True),
-    "residential": RoadClass(1, 8.3, 7, True),
-    "living_street": RoadClass(1, 2.8, 6, True),
-    "busway": RoadClass(1, 8.3, 5, False),
-    "service": RoadClass(1, 5.6, 4, False),
-    "cycleway": RoadClass(1, 5.6, 2, False),
-    "motorway_link": RoadClass(2, 36.1, 14, False),
-    "trunk_link": RoadClass(2, 27.8, 13, False),
-    "primary_link": RoadClass(1, 13.9, 12, True),
-    "secondary_link": RoadClass(1, 13.9, 11, True),
-    "tertiary_link": RoadClass(1, 13.9, 10, True),
+    "motorway": RoadClass(lanes=2, speed=36.1, priority=14, has_footways=False),
+    "trunk": RoadClass(lanes=2, speed=27.8, priority=13, has_footways=False),
+    "primary": RoadClass(lanes=1, speed=13.9, priority=12, has_footways=True),
+    "secondary": RoadClass(lanes=1, speed=13.9, priority=11, has_footways=True),
+    "tertiary": RoadClass(lanes=1, speed=13.9, priority=10, has_footways=True),
+    "unclassified": RoadClass(lanes=1, speed=13.9, priority=8, has_footways=True),
+    "residential": RoadClass(lanes=1, speed=8.3, priority=7, has_footways=True),
+    "living_street": RoadClass(lanes=1, speed=2.8, priority=6, has_footways=True),
+    "busway": RoadClass(lanes=1, speed=8.3, priority=5, has_footways=False),
+    "service": RoadClass(lanes=1, speed=5.6, priority=4, has_footways=False),
+    "cycleway": RoadClass(lanes=1, speed=5.6, priority=2, has_footways=False),
+    "motorway_link": RoadClass(lanes=2, speed=36.1, priority=14, has_footways=False),
+    "trunk_link": RoadClass(lanes=2, speed=27.8, priority=13, has_footways=False),
+    "primary_link": RoadClass(lanes=1, speed=13.9, priority=12, has_footways=True),
+    "secondary_link": RoadClass(lanes=1, speed=13.9, priority=11, has_footways=True),
+    "tertiary_link": RoadClass(lanes=1, speed=13.9, priority=10, has_footways=True),
 }
 
 MPH_M_S = 0.44704
@@ -368,7 +368,7 @@ def number_lanes(tags: Tags) -> dict[str, str]:
 
 
 def number_one_way_lanes(tags: Tags, oneway: str) -> dict[str, str]:
-    """Number of lanes of a one-way street as `lanes`, without lanes against its traffic.
+    """Tag `lanes` of a one-way street: its number of lanes, without lanes against its traffic.
 
     oneway: "yes" or "-1". Empty if the number is unknown."""
     numbers = number_lanes(tags)
@@ -495,9 +495,11 @@ def _read_users(tags: Tags, side: str, notes: list[str]) -> Users:
 def _is_open(
     tags: Tags, user: str, keys: Collection[str], side: str, *, usual: bool, notes: list[str]
 ) -> bool:
-    # True if a user (SUMO's vehicle class) may drive in a direction. keys: access keys of the user,
-    # from the general to the particular; side: "forward" or "backward"; usual: True if roads of
-    # this class are open to the user; notes: notes on rules that are not understood are added
+    """Return True if a user (SUMO's vehicle class) may drive in a direction.
+
+    keys: access keys of the user, from the general to the particular; side: "forward" or
+    "backward"; usual: True if roads of this class are open to the user; notes: notes on rules that
+    are not understood are added."""
     is_open = usual
     for key in keys:
         for name in (key, f"{key}:{side}"):
@@ -533,8 +535,9 @@ def _read_access(value: str, user: str, notes: list[str]) -> bool | None:
 
 
 def _is_limit_below(tags: Tags, key: str, limit: float) -> bool:
-    # True if the value of a tag of weight or size is at most `limit` (t or m). The value is a
-    # number, its unit, and inches after feet, as in 7'6"
+    """Return True if the value of a tag of weight or size is at most `limit` (t or m).
+
+    The value is a number, its unit, and inches after feet, as in 7'6"."""
     match = re.match(r"(\d+(?:[.,]\d+)?)\s*(t|m|kg|lbs|st|'|ft)?\s*(\d+)?", tags.get(key, ""))
     if match is None:
         return False
@@ -569,7 +572,7 @@ def _read_oneway(tags: Tags, notes: list[str]) -> str:
         notes.append(DIRECTION_NOTE)
     is_for_all = tags.get("oneway", "") in _FORWARD | _BACKWARD or "oneway:vehicle" in tags
     if value in _FORWARD | _BACKWARD and not is_for_all:
-        notes.append(CONTRAFLOW_NOTE)  # of bicycles
+        notes.append(CONTRAFLOW_NOTE)
     return oneway
 
 
@@ -655,7 +658,7 @@ def parse_speed(value: str) -> float | None:
 
 
 def _parse_one_speed(text: str) -> float | None:
-    # limit (m/s) of one number with its unit, or of one zone; None if it is not understood
+    """Limit (m/s) of one number with its unit, or of one zone; None if it is not understood."""
     number_match = re.fullmatch(r"(\d+(?:[.,]\d+)?)\s*([a-z/]*)", text)
     if number_match is not None:
         number, unit_name = number_match.groups()
@@ -721,14 +724,14 @@ def _list_unused(tags: Tags) -> list[str]:
 
 
 def _bears_on_traffic(key: str) -> bool:
-    # True for the key of a rule of access, speed, direction, lanes or turns
+    """Return True for the key of a rule of access, speed, direction, lanes or turns."""
     head = key.partition(":")[0]
     other_heads = {"maxspeed", "oneway", "lanes", "turn", "restriction", "hov"}
     return head in ACCESS_KEYS | other_heads
 
 
 def _has_reserved_lanes(key: str, value: str) -> bool:
-    # True for a tag of lanes that only some users may take, such as bus:lanes=|designated
+    """Return True for a tag of lanes for some users only, such as bus:lanes=|designated."""
     head, _, suffix = key.partition(":")
     parts = suffix.split(":")
     if key.endswith(":conditional"):

@@ -11,7 +11,7 @@ from toolkit.sites.surroundings.plot import Plot
 from toolkit.sites.surroundings.street_furniture import BUILT, PLANTED
 from toolkit.sites.surroundings.street_trees import plant_tree
 
-_MIN_ISLAND_M2 = 30.0  # of an island with solids on it
+_MIN_ISLAND_M2 = 30.0  # for an island with solids on it
 _MAX_RING_HEDGES = 60
 
 

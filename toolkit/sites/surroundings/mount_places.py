@@ -8,8 +8,8 @@ from toolkit.sites.site import Mount
 from toolkit.sites.surroundings.places import points_along
 from toolkit.sites.surroundings.plot import Road
 
-MIN_MOUNTS = 12  # of a site
-POLE_HEIGHT_M = 2.8  # of a mount's pole: sensors are above it
+MIN_MOUNTS = 12  # for a site
+POLE_HEIGHT_M = 2.8  # height of a mount's pole: sensors are above it
 Extent = Float[np.ndarray, "4"]  # xmin ymin xmax ymax (m)
 
 

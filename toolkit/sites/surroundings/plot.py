@@ -15,7 +15,7 @@ from toolkit.sites.network import unite
 from toolkit.sites.site import Mount, Solid
 
 LANE_CLEARANCE_M = 0.25  # between a lane and solids next to it
-MOUNT_CLEARANCE_M = 0.5  # of air around a mount's axis
+MOUNT_CLEARANCE_M = 0.5  # air around a mount's axis
 Strip = tuple[Float[np.ndarray, "_ 2"], float]  # middle line as traffic goes, width (m)
 
 

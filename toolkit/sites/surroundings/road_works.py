@@ -74,8 +74,9 @@ def _put_works(
     start, end = span
 
     def place_solids(solids: list[Solid], s: float, left: float, turn: float = 0.0) -> None:
-        # Place solids made about the origin next to the path, if there is room for them. s: m along
-        # the path; left: m to its left; turn: rad from the path's direction.
+        """Place solids made about the origin next to the path, if there is room for them.
+
+        s: m along the path; left: m to its left; turn: rad from the path's direction."""
         here = path.interpolate(s)
         ahead = path.interpolate(s + 0.5)
         yaw = float(np.arctan2(ahead.y - here.y, ahead.x - here.x))

@@ -17,7 +17,7 @@ UNDERSIDE_M = (2.5, 5.0)  # range of the underside of crowns over lanes or bays,
 CROWN_WIDTH_M = (3.0, 9.0)  # range of the width of such crowns
 _TRIMMED_UNDERSIDE_M = 4.2  # underside of crowns over tall vehicles
 _MOUNT_AIR_M = 1.0  # between a crown and a mount's axis
-_MIN_CROWN_RADIUS_M = 1.0  # of a crown that is planted
+_MIN_CROWN_RADIUS_M = 1.0  # for a crown that is planted
 # function that draws an object at x, y (m) for the direction of the road's edge there (rad)
 Draw = Callable[[float, float, float], list[Solid]]
 

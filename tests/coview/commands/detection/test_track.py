@@ -105,6 +105,10 @@ def test_texts_that_cannot_be_followed_are_refused(recording, tmp_path, refused)
     assert "at most 1 s apart, got 2 s" in line
     line = refused("track", recording, "--detections", text, *out)
     assert "has frame 4, which is not among the recording's 4 frames" in line
+    row = text.read_text().splitlines()[0].split(" ", 1)[1]
+    text.write_text(f"0 {row}\n2000000000 {row}\n")
+    line = refused("track", text, "--rate", 10, *out)
+    assert "has frame 2000000000: number the frames from 0 to 999999" in line
     text.write_text("")
     assert "has no detections" in refused("track", text, "--rate", 10, *out)
 

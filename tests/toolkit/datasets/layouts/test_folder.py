@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.datasets.clock_times import parse_epoch
+from toolkit.datasets.folders import list_files
 from toolkit.datasets.layouts.folder import folder
 from toolkit.geometry import pose
 
@@ -36,6 +37,19 @@ def test_sensors_share_names_or_go_by_order(tmp_path):
     put(tmp_path / "one.npy")
     put(tmp_path / "two.npy")
     assert [sample.name for sample in folder(tmp_path / "one.npy")] == ["one"]
+
+
+def test_a_name_may_go_on_with_a_number(tmp_path):
+    for name in ("scan10.npy", "scan2.npy", "scan.npy", "scan2a.npy"):
+        put(tmp_path / name)
+    assert [sample.name for sample in folder(tmp_path)] == ["scan", "scan2", "scan2a", "scan10"]
+    for name in ("a.npy", "a1.npy", "a/b.npy"):
+        put(tmp_path / "deep" / name)
+    files = [
+        file.relative_to(tmp_path / "deep")
+        for file in list_files(tmp_path / "deep", recursive=True)
+    ]
+    assert [str(file) for file in files] == ["a", "a.npy", "a/b.npy", "a1.npy"]
 
 
 def test_poses_of_sensors_and_of_moving_ones(tmp_path):
