@@ -11,7 +11,7 @@ from toolkit.objects import USUAL_DOUBTS_M, Detections
 
 # least error of a face by class of `LABELS`: bodies are no boxes, and people move arms and legs
 MIN_DOUBTS_M = np.array([0.005, 0.005, 0.02, 0.06])
-# mean square of an error by that of its mean absolute value, if it is normal
+# mean square of a normal error by its squared mean absolute value
 USUAL_MISFIT = np.pi / 2
 IS_RIGID = np.array([True, False, False, True])  # by class; the others move arms and legs
 # by class: weight of a length that is longer than the mean. What is seen of a long body is shorter.
@@ -112,7 +112,7 @@ def find_inflation(misfit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n
 def inflate_doubts(
     doubts: Float64[np.ndarray, "n 5"], misfit: Float64[np.ndarray, "n 3"]
 ) -> Float64[np.ndarray, "n 5"]:
-    """Doubts times the factors of `find_inflation`, those of ends by the length's and so on."""
+    """Doubts times `find_inflation`: ends by the factor of lengths, sides by the factor of widths."""
     return doubts * find_inflation(misfit)[:, _SIZE_OF_FACE]
 
 

@@ -10,8 +10,8 @@ from toolkit.arrays import Bool, BoxRows, Float64
 from toolkit.tracking.track_states import MIN_HEADED_M_S
 
 MAX_SLIP_RAD = np.radians(10.0)  # between heading and course of a car, as in narrow bends
-MIN_RADIUS_M = 10.0  # of a bend that the middle of a body takes; longer bodies slip more in it
-REFERENCE_S = 0.35  # before and after a detection, in which others say how the body faces and moves
+MIN_RADIUS_M = 10.0  # radius of a bend that the middle of a body takes; long bodies slip more
+REFERENCE_S = 0.35  # time around a detection in which others show how the body faces and moves
 MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
 MAX_HEADING_GAP_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
 MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
@@ -95,7 +95,7 @@ def keep_near_course(
 ) -> Float64[np.ndarray, " k"]:
     """Headings (rad, continuous) that do not slip too far from the course of what moves.
 
-    So a body of which little is seen at the border does not turn. In a bend the middle of a body
+    So a body that is hardly seen at the border does not turn. In a bend the middle of a body
     slips by the angle whose sine is half its length by the radius; `MAX_SLIP_RAD` is allowed to
     all.
 
@@ -107,7 +107,7 @@ def keep_near_course(
     max_slip = max(MAX_SLIP_RAD, np.arcsin(min(1.0, length / 2 / MIN_RADIUS_M)))
     course = np.arctan2(motion[:, 3], motion[:, 2])
     slip = np.arctan2(np.sin(yaw - course), np.cos(yaw - course))
-    # what stands may seem to move for a moment, but does not get on
+    # a body at rest may seem to move for a moment, but does not get on
     first = np.searchsorted(seconds, seconds - REFERENCE_S)
     last = np.searchsorted(seconds, seconds + REFERENCE_S, side="right") - 1
     steps = motion[last, :2] - motion[first, :2]

@@ -84,7 +84,7 @@ class TrackStates(NamedTuple):
         size_weight: Sum of the weights (1/m²) of the detections behind each.
         size_root: Sum of the roots of these weights (1/m).
         max_weight: Largest of these weights.
-        misfit: Scatter of each by what the doubts say, see `find_inflation`.
+        misfit: Scatter of each by its doubted variance, see `find_inflation`.
         votes: Sum of the scores of the track's detections of each class of `LABELS`.
         score: Mean score, the last `SCORE_MEMORY_HITS` detections counting most.
         hits: Number of detections.
@@ -264,7 +264,7 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
 def _correct_sizes(
     tracks: TrackStates, sizes: Float64[np.ndarray, "m 3"], doubts: Float64[np.ndarray, "m 5"]
 ) -> TrackStates:
-    """Return tracks whose sizes are means with those of a detection of each.
+    """Return tracks whose sizes are averaged with a further detection of each.
 
     Args:
         tracks: Tracks.
