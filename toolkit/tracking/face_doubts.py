@@ -78,7 +78,7 @@ def doubt_sizes(
 
     Args:
         weights: Sum of the weights of detections, see `weigh_sizes`.
-        roots: Sum of the roots of these weights (1/m), each a weight times a doubt."""
+        roots: Sum of their square roots (1/m), each a weight times a doubt."""
     return roots / weights
 
 
@@ -112,7 +112,7 @@ def find_inflation(misfit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n
 def inflate_doubts(
     doubts: Float64[np.ndarray, "n 5"], misfit: Float64[np.ndarray, "n 3"]
 ) -> Float64[np.ndarray, "n 5"]:
-    """Doubts times `find_inflation`: ends by the factor of lengths, sides by the factor of widths."""
+    """Doubts times the factors of `find_inflation`: ends by the length's, sides by the width's."""
     return doubts * find_inflation(misfit)[:, _SIZE_OF_FACE]
 
 

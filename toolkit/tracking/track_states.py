@@ -82,7 +82,7 @@ class TrackStates(NamedTuple):
         yaw_rate: Its change (rad/s).
         size: Length, width, height (m).
         size_weight: Sum of the weights (1/m²) of the detections behind each.
-        size_root: Sum of the roots of these weights (1/m).
+        size_root: Sum of their square roots (1/m).
         max_weight: Largest of these weights.
         misfit: Scatter of each by its doubted variance, see `find_inflation`.
         votes: Sum of the scores of the track's detections of each class of `LABELS`.
