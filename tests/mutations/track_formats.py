@@ -95,7 +95,7 @@ def make_detections(path: Path) -> None:
 def make_flow(path: Path) -> None:
     path.write_text(
         "kind,entry,exit,per_hour\nvehicle,north,south,300\nvehicle,south,west,80.5\n"
-        "cyclist,west,north,30\nwalker,north,south,40\n"
+        "cyclist,west,north,30\npedestrian,north,south,40\n"
     )
 
 

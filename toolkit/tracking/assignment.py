@@ -14,6 +14,8 @@ from toolkit.tracking.track_states import MeasuredRows, TrackStates
 # by class of `LABELS`: standard deviations
 GATE_ALONG_M = np.array([0.8, 0.5, 0.35, 1.2])
 GATE_ACROSS_M = np.array([0.4, 0.35, 0.35, 0.5])
+# least deviation along the heading by the length: now one end of a long body is seen, now another
+GATE_LENGTH_SHARE = 0.15
 MAX_SQUARED_DISTANCE = 12.0  # of a detection from a track, in such standard deviations
 OTHER_CLASS_COST = 3.0  # added to the squared distance
 SIZE_COST_M = 0.3  # difference of sizes that costs 1 after a gap
@@ -84,7 +86,8 @@ def _measure_costs(
         time: Time of the frame (s)."""
     labels = tracks.label()
     boxes = detections.boxes
-    gates = rotate_variances(tracks.yaw, GATE_ALONG_M[labels] ** 2, GATE_ACROSS_M[labels] ** 2)
+    along = np.maximum(GATE_ALONG_M[labels], GATE_LENGTH_SHARE * tracks.size[:, 0])
+    gates = rotate_variances(tracks.yaw, along**2, GATE_ACROSS_M[labels] ** 2)
     inverse = np.linalg.inv(tracks.covariance[:, :2, :2] + gates)
     dx = boxes[:, 0] - tracks.motion[:, :1]  # (m, n)
     dy = boxes[:, 1] - tracks.motion[:, 1:2]

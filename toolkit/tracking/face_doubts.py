@@ -9,11 +9,16 @@ import numpy as np
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.objects import USUAL_DOUBTS_M, Detections
 
-# Errors of a face are alike from frame to frame: r is .4 to .5 after 3 s. The mean of any number of
-# them has the variance of about 1 / .45 independent ones.
-MAX_EQUIVALENT_FRAMES = 2.2
 # least error of a face by class of `LABELS`: bodies are no boxes, and people move arms and legs
-MIN_DOUBTS_M = np.array([0.005, 0.005, 0.02, 0.005])
+MIN_DOUBTS_M = np.array([0.005, 0.005, 0.02, 0.06])
+# mean square of a normal error by its squared mean absolute value
+USUAL_MISFIT = np.pi / 2
+IS_RIGID = np.array([True, False, False, True])  # by class; the others move arms and legs
+# by class: weight of a length that is longer than the mean. What is seen of a long body is shorter.
+LONGER_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0])
+EXPECTILE_ROUNDS = 8
+MISFIT_HITS = 10.0  # detections that the usual misfit counts as
+_SIZE_OF_FACE = [0, 0, 1, 1, 2]  # length, width or height
 
 
 def get_doubts(detections: Detections) -> Float64[np.ndarray, "n 5"]:
@@ -41,12 +46,83 @@ def weigh_sizes(doubts: Float64[np.ndarray, "n 5"]) -> Float64[np.ndarray, "n 3"
     return 1 / np.stack([length, width, np.square(doubts[:, 4])], axis=1)
 
 
+def estimate_size(
+    sizes: Float64[np.ndarray, "k 3"], weights: Float64[np.ndarray, "k 3"], label: int
+) -> Float64[np.ndarray, "3"]:
+    """Length, width and height (m) of a body: means over its detections, an expectile of lengths.
+
+    An expectile is a mean in which what is above it has more weight (Newey and Powell, Econometrica
+    55(4), 1987).
+
+    Args:
+        sizes: Length, width and height of each detection (m).
+        weights: As from `weigh_sizes`.
+        label: Class of the body."""
+    size = (weights * sizes).sum(axis=0) / weights.sum(axis=0)
+    if LONGER_WEIGHTS[label] == 1:
+        return size
+    for _ in range(EXPECTILE_ROUNDS):
+        is_longer = sizes[:, 0] > size[0]
+        length_weights = weights[:, 0] * np.where(is_longer, LONGER_WEIGHTS[label], 1.0)
+        size[0] = (length_weights @ sizes[:, 0]) / length_weights.sum()
+    return size
+
+
+def doubt_sizes(
+    weights: Float64[np.ndarray, "*n 3"], roots: Float64[np.ndarray, "*n 3"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Expected error (m) of means of sizes.
+
+    Errors of a body's faces are alike from frame to frame, so no number of detections makes their
+    weighted mean surer than the doubts are in the same mean.
+
+    Args:
+        weights: Sum of the weights of detections, see `weigh_sizes`.
+        roots: Sum of their square roots (1/m), each a weight times a doubt."""
+    return roots / weights
+
+
+def find_misfit(
+    differences: Float64[np.ndarray, "k 3"], weights: Float64[np.ndarray, "k 3"], label: int
+) -> Float64[np.ndarray, "3"]:
+    """Misfit of the length, width and height of a body, see `find_inflation`.
+
+    It is the usual one for bodies that are not rigid, and near it for few detections.
+
+    Args:
+        differences: Sizes of its detections less its size (m).
+        weights: As from `weigh_sizes`.
+        label: Class of the body."""
+    if not IS_RIGID[label]:
+        return np.full(3, USUAL_MISFIT)
+    surprise = (weights * np.square(differences)).sum(axis=0)
+    return (surprise + MISFIT_HITS * USUAL_MISFIT) / (len(differences) + MISFIT_HITS)
+
+
+def find_inflation(misfit: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Factors, at least 1, by which doubts explain how sizes scatter: Birge's ratio.
+
+    Detectors are too sure of bodies that they see in parts (Birge, Phys. Rev. 40, 1932).
+
+    misfit: mean of the squared differences of length, width and height from the size of the body,
+        by their variances as doubted."""
+    return np.sqrt(np.maximum(misfit / USUAL_MISFIT, 1.0))
+
+
+def inflate_doubts(
+    doubts: Float64[np.ndarray, "n 5"], misfit: Float64[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "n 5"]:
+    """Doubts times the factors of `find_inflation`: ends by the length's, sides by the width's."""
+    return doubts * find_inflation(misfit)[:, _SIZE_OF_FACE]
+
+
 def combine_doubts(
     doubts: Float64[np.ndarray, "n 5"],
-    size_weight: Float64[np.ndarray, "n 3"],
-    max_weight: Float64[np.ndarray, "n 3"],
+    size_doubts: Float64[np.ndarray, "n 3"],
     labels: Int64[np.ndarray, " n"],
     place_error: Float64[np.ndarray, " n"] | float = 0.0,
+    *,
+    misfit: Float64[np.ndarray, "n 3"],
 ) -> Float64[np.ndarray, "n 5"]:
     """Doubts of the faces of tracked bodies, whose size is known from all their detections.
 
@@ -54,16 +130,15 @@ def combine_doubts(
 
     Args:
         doubts: Expected error (m) of front, rear, left, right and top in a detection of each body.
-        size_weight: Sum of the weights (1/m²) of the detections behind each size, see
-            `weigh_sizes`.
-        max_weight: Largest such weight.
+        size_doubts: Expected error (m) of the length, width and height of each body, see
+            `doubt_sizes`.
         labels: Class of each body.
-        place_error: Expected error (m) of places, which is added to all faces."""
-    weight = np.minimum(size_weight, MAX_EQUIVALENT_FRAMES * max_weight)
+        place_error: Expected error (m) of places, which is added to all faces.
+        misfit: As in `find_inflation`."""
+    doubts = inflate_doubts(doubts, misfit)
+    size_doubts = size_doubts * find_inflation(misfit)
     combined = doubts.copy()
-    length_error = 1 / np.sqrt(weight[:, 0])
-    width_error = 1 / np.sqrt(weight[:, 1])
-    for face, opposite, error in ((0, 1, length_error), (2, 3, width_error)):
+    for face, opposite, error in ((0, 1, size_doubts[:, 0]), (2, 3, size_doubts[:, 1])):
         first = doubts[:, face]
         second = doubts[:, opposite]
         combined[:, face] = np.minimum(first, np.hypot(second, error))

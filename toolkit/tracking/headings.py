@@ -9,7 +9,9 @@ import numpy as np
 from toolkit.arrays import Bool, BoxRows, Float64
 from toolkit.tracking.track_states import MIN_HEADED_M_S
 
-MAX_SLIP_RAD = np.radians(10.0)  # between heading and course, as in narrow bends
+MAX_SLIP_RAD = np.radians(10.0)  # between heading and course of a car, as in narrow bends
+MIN_RADIUS_M = 10.0  # radius of a bend that the middle of a body takes; long bodies slip more
+REFERENCE_S = 0.35  # time around a detection in which others show how the body faces and moves
 MEDIAN_DETECTIONS = 7  # whose median heading a detection is compared with
 MAX_HEADING_GAP_RAD = np.radians(12.0)  # error of a heading, on top of the turn of the body
 MAX_YAW_RATE_RAD_S = 1.5  # no body on wheels turns faster
@@ -27,8 +29,8 @@ def settle_heading(
         scores: Score of each.
         seconds: Time of each (s)."""
     detected_yaw = boxes[:, 6]
-    # doubled angles do not know half turns
-    yaw = np.unwrap(2 * detected_yaw) / 2
+    axes = _find_axes(detected_yaw, scores, seconds)
+    yaw = detected_yaw + np.pi * np.rint((axes - detected_yaw) / np.pi)
     is_backwards = np.sign(np.cos(detected_yaw - yaw)) @ scores < 0
     offset = boxes[-1, :2] - boxes[0, :2]
     span = seconds[-1] - seconds[0]
@@ -38,6 +40,26 @@ def settle_heading(
         along = steps[:, 0] * np.cos(yaw[1:]) + steps[:, 1] * np.sin(yaw[1:])
         is_backwards = bool(along.sum() < 0)
     return yaw + np.pi if is_backwards else yaw
+
+
+def _find_axes(
+    yaw: Float64[np.ndarray, " k"],
+    scores: Float64[np.ndarray, " k"],
+    seconds: Float64[np.ndarray, " k"],
+) -> Float64[np.ndarray, " k"]:
+    """Mean axis (rad, continuous) of the detections within `REFERENCE_S` of each.
+
+    A few that face across the body do not turn those after them.
+
+    Args:
+        yaw: Heading of each detection (rad).
+        scores: Score of each.
+        seconds: Time of each (s), ascending."""
+    # doubled angles do not know half turns
+    directions = np.append(0.0, np.cumsum(scores * np.exp(2j * yaw)))
+    first = np.searchsorted(seconds, seconds - REFERENCE_S)
+    last = np.searchsorted(seconds, seconds + REFERENCE_S, side="right")
+    return np.unwrap(np.angle(directions[last] - directions[first])) / 2
 
 
 def find_heading_outliers(
@@ -66,17 +88,31 @@ def find_heading_outliers(
 
 
 def keep_near_course(
-    yaw: Float64[np.ndarray, " k"], velocities: Float64[np.ndarray, "k 2"]
+    yaw: Float64[np.ndarray, " k"],
+    motion: Float64[np.ndarray, "k 4"],
+    seconds: Float64[np.ndarray, " k"],
+    length: float,
 ) -> Float64[np.ndarray, " k"]:
-    """Headings (rad), of moving bodies at most `MAX_SLIP_RAD` from their course.
+    """Headings (rad, continuous) that do not slip too far from the course of what moves.
 
-    So a body that is hardly seen at the border does not turn.
+    So a body that is hardly seen at the border does not turn. In a bend the middle of a body
+    slips by the angle whose sine is half its length by the radius; `MAX_SLIP_RAD` is allowed to
+    all.
 
     Args:
-        yaw: Heading of a body at k times (rad).
-        velocities: Velocity along x and y (m/s) at these times."""
-    course = np.arctan2(velocities[:, 1], velocities[:, 0])
+        yaw: Headings.
+        motion: x, y (m) and velocities along both (m/s).
+        seconds: Time of each (s), ascending.
+        length: Length of the body (m)."""
+    max_slip = max(MAX_SLIP_RAD, np.arcsin(min(1.0, length / 2 / MIN_RADIUS_M)))
+    course = np.arctan2(motion[:, 3], motion[:, 2])
     slip = np.arctan2(np.sin(yaw - course), np.cos(yaw - course))
-    is_moving = np.hypot(velocities[:, 0], velocities[:, 1]) > MIN_HEADED_M_S
-    kept_slip = np.where(is_moving, np.clip(slip, -MAX_SLIP_RAD, MAX_SLIP_RAD), slip)
-    return yaw + kept_slip - slip
+    # a body at rest may seem to move for a moment, but does not get on
+    first = np.searchsorted(seconds, seconds - REFERENCE_S)
+    last = np.searchsorted(seconds, seconds + REFERENCE_S, side="right") - 1
+    steps = motion[last, :2] - motion[first, :2]
+    way = steps[:, 0] * np.cos(course) + steps[:, 1] * np.sin(course)
+    is_moving = way > MIN_HEADED_M_S * (seconds[last] - seconds[first])
+    is_moving &= np.hypot(motion[:, 2], motion[:, 3]) > MIN_HEADED_M_S
+    kept_slip = np.where(is_moving, np.clip(slip, -max_slip, max_slip), slip)
+    return np.unwrap(yaw + kept_slip - slip)

@@ -14,10 +14,15 @@ from toolkit.arrays import BoxRows, Float64, Int64
 from toolkit.geometry import smooth_rows
 from toolkit.objects import LABELS, PEDESTRIAN, Detections
 from toolkit.tracking.face_doubts import (
+    USUAL_MISFIT,
     anchor_centres,
     centre_covariance,
     combine_doubts,
+    doubt_sizes,
+    estimate_size,
+    find_misfit,
     get_doubts,
+    inflate_doubts,
     turn_faces,
     weigh_sizes,
 )
@@ -190,7 +195,8 @@ class _Settled(NamedTuple):
         yaw: Heading at its detections (rad, continuous).
         doubts: Expected error (m) of the detections' faces: front, rear, left, right and top, with
             the front by this heading.
-        size_weights: Weight of each detection in the size (1/m²).
+        size_doubts: Expected error of its length, width, height (m).
+        misfit: Scatter of their sizes, see `find_inflation`.
         course: Measured places."""
 
     name: int
@@ -199,7 +205,8 @@ class _Settled(NamedTuple):
     frames: Int64[np.ndarray, " f"]
     yaw: Float64[np.ndarray, " k"]
     doubts: Float64[np.ndarray, "k 5"]
-    size_weights: Float64[np.ndarray, "k 3"]
+    size_doubts: Float64[np.ndarray, "1 3"]
+    misfit: Float64[np.ndarray, "1 3"]
     course: MeasuredCourse
 
 
@@ -222,16 +229,28 @@ def _settle_track(
         yaw = np.where(is_outlier, usual_yaw, yaw)
         doubts = np.where(is_outlier[:, None], OUTLIER_DOUBT * doubts, doubts)
     weights = weigh_sizes(doubts)
-    size = (weights * track.boxes[:, 3:6]).sum(axis=0) / weights.sum(axis=0)
+    size = estimate_size(track.boxes[:, 3:6], weights, label)
+    misfit = find_misfit(track.boxes[:, 3:6] - size, weights, label)[None]
     sizes = np.tile(size, (len(yaw), 1))
     course = MeasuredCourse(
         centres=anchor_centres(track.boxes, yaw, sizes, doubts),
-        noise=centre_covariance(yaw, doubts),
+        noise=centre_covariance(yaw, inflate_doubts(doubts, misfit)),
         seen=track.frame - first,
         seconds=times[frames],
         label=label,
     )
-    return _Settled(name, label, size, frames, yaw, doubts, size_weights=weights, course=course)
+    size_doubts = doubt_sizes(weights.sum(axis=0), np.sqrt(weights).sum(axis=0))
+    return _Settled(
+        name,
+        label,
+        size,
+        frames,
+        yaw,
+        doubts,
+        size_doubts=size_doubts[None],
+        misfit=misfit,
+        course=course,
+    )
 
 
 def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRows:
@@ -243,13 +262,13 @@ def _make_single_rows(single: _SingleDetections, place_error: float) -> _TrackRo
     yaw = detections.boxes[:, 6]
     boxes = detections.boxes.copy()
     boxes[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
-    weight = weigh_sizes(detections.doubts)
+    weights = weigh_sizes(detections.doubts)
     doubts = combine_doubts(
         detections.doubts,
-        size_weight=weight,
-        max_weight=weight,
+        doubt_sizes(weights, np.sqrt(weights)),
         labels=detections.labels,
         place_error=place_error,
+        misfit=np.full((count, 3), USUAL_MISFIT),
     )
     return _TrackRows(
         frame=detections.frame,
@@ -282,7 +301,7 @@ def _make_rows(
     seen = settled.course.seen
     yaw = settled.yaw
     if settled.label != PEDESTRIAN:
-        yaw = keep_near_course(yaw, motion[seen, 2:])
+        yaw = keep_near_course(yaw, motion[seen], seconds[seen], settled.size[0])
     floors = track.boxes[:, 2] - track.boxes[:, 5] / 2
     smoothed = _smooth_over_time(np.stack([yaw, floors], axis=1), seconds[seen], seconds)
     all_yaws, floor = smoothed.T
@@ -297,13 +316,12 @@ def _make_rows(
     boxes[:, 3:6] = settled.size
     boxes[:, 6] = np.arctan2(np.sin(all_yaws), np.cos(all_yaws))
     labels = np.full(len(frames), settled.label)
-    weights = settled.size_weights
     doubts = combine_doubts(
         settled.doubts,
-        size_weight=weights.sum(axis=0)[None],
-        max_weight=weights.max(axis=0)[None],
+        settled.size_doubts,
         labels=labels[seen],
         place_error=place_error,
+        misfit=settled.misfit,
     )
     return _TrackRows(
         frame=frames,

@@ -7,9 +7,15 @@ import numpy as np
 from toolkit.arrays import Bool, BoxRows, Float64, Int64
 from toolkit.objects import LABELS, Detections
 from toolkit.tracking.face_doubts import (
+    IS_RIGID,
+    LONGER_WEIGHTS,
+    MISFIT_HITS,
+    USUAL_MISFIT,
     anchor_centres,
     centre_covariance,
+    doubt_sizes,
     get_doubts,
+    inflate_doubts,
     turn_faces,
     weigh_sizes,
 )
@@ -18,6 +24,7 @@ from toolkit.tracking.motion_model import ACCELERATIONS_M_S2, FIRST_SPEEDS_M_S, 
 # largest weight of a size, in weights of its surest detection: so earlier detections fade, such as
 # those at the border of the area, which look surer than they are
 MAX_SIZE_MEMORY = 6.0
+MAX_MISFIT_HITS = 50.0  # detections over which the misfit of sizes is averaged
 MAX_TURNING_S = 0.5  # without a detection; bodies turn for a moment only
 MIN_EVIDENCE = 2.0  # sum of the scores of its detections that confirms a track
 SURE_HITS = 10  # detections that confirm a track, however low their scores
@@ -75,7 +82,9 @@ class TrackStates(NamedTuple):
         yaw_rate: Its change (rad/s).
         size: Length, width, height (m).
         size_weight: Sum of the weights (1/m²) of the detections behind each.
-        max_weight: Largest such weight.
+        size_root: Sum of their square roots (1/m).
+        max_weight: Largest of these weights.
+        misfit: Scatter of each by its doubted variance, see `find_inflation`.
         votes: Sum of the scores of the track's detections of each class of `LABELS`.
         score: Mean score, the last `SCORE_MEMORY_HITS` detections counting most.
         hits: Number of detections.
@@ -94,7 +103,9 @@ class TrackStates(NamedTuple):
     yaw_rate: Float64[np.ndarray, " m"]
     size: Float64[np.ndarray, "m 3"]
     size_weight: Float64[np.ndarray, "m 3"]
+    size_root: Float64[np.ndarray, "m 3"]
     max_weight: Float64[np.ndarray, "m 3"]
+    misfit: Float64[np.ndarray, "m 3"]
     votes: Float64[np.ndarray, "m classes"]
     score: Float64[np.ndarray, " m"]
     hits: Int64[np.ndarray, " m"]
@@ -111,6 +122,10 @@ class TrackStates(NamedTuple):
     def label(self) -> Int64[np.ndarray, " m"]:
         """Class of each track: the one with the most votes."""
         return self.votes.argmax(axis=1)
+
+    def size_doubts(self) -> Float64[np.ndarray, "m 3"]:
+        """Expected error (m) of the size of each track, but for its misfit."""
+        return doubt_sizes(self.size_weight, self.size_root)
 
     def is_confirmed(self) -> Bool[np.ndarray, " m"]:
         """Mask of tracks with enough detections to be no false alarm of the detector."""
@@ -169,7 +184,9 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
         yaw_rate=np.zeros(count),
         size=boxes[:, 3:6].copy(),
         size_weight=weight,
+        size_root=np.sqrt(weight),
         max_weight=weight,
+        misfit=np.full((count, 3), USUAL_MISFIT),
         votes=votes,
         score=detections.scores.copy(),
         hits=np.ones(count, np.int64),
@@ -182,14 +199,19 @@ def start_tracks(detections: MeasuredRows, time: float, first_id: int) -> TrackS
 
 
 def predict_tracks(tracks: TrackStates, seconds: float) -> TrackStates:
-    """Return tracks some seconds later, moved with their velocity and turned on."""
+    """Return tracks some seconds later, moved with their velocity and turned on.
+
+    A standing one without a detection is expected where it is, however long it is hidden."""
     # one transition for all tracks: (4, 4) each
     (step,), (noise,) = constant_velocities(np.array([seconds]))
     variance = ACCELERATIONS_M_S2[tracks.label()] ** 2
     covariance = step @ tracks.covariance @ step.T + variance[:, None, None] * noise
     turn = tracks.yaw_rate * min(seconds, MAX_TURNING_S)
+    stays = is_standing(tracks) & (tracks.detection < 0)
     return tracks._replace(
-        motion=tracks.motion @ step.T, covariance=covariance, yaw=tracks.yaw + turn
+        motion=np.where(stays[:, None], tracks.motion, tracks.motion @ step.T),
+        covariance=np.where(stays[:, None, None], tracks.covariance, covariance),
+        yaw=tracks.yaw + turn,
     )
 
 
@@ -210,13 +232,10 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
     seconds = np.maximum(time - tracks.last_time, 1e-3)  # a step without time divides nothing
     yaw = tracks.yaw + YAW_GAIN * residual
     yaw_rate = tracks.yaw_rate + YAW_RATE_GAIN * residual / np.maximum(seconds, 0.1)
-    weight = weigh_sizes(doubts)
-    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
-    size_weight = earlier_weight + weight
-    size = (earlier_weight * tracks.size + weight * boxes[:, 3:6]) / size_weight
-    centre = anchor_centres(boxes, yaw, size, doubts)
+    tracks = _correct_sizes(tracks, boxes[:, 3:6], doubts)
+    centre = anchor_centres(boxes, yaw, tracks.size, doubts)
     # Kalman's update by the anchored centre, which measures the first two parts of the motion
-    noise = centre_covariance(yaw, doubts)
+    noise = centre_covariance(yaw, inflate_doubts(doubts, tracks.misfit))
     gain = tracks.covariance[:, :, :2] @ np.linalg.inv(tracks.covariance[:, :2, :2] + noise)
     innovation = (centre - tracks.motion[:, :2])[:, :, None]
     motion = tracks.motion + (gain @ innovation)[:, :, 0]
@@ -231,9 +250,6 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         floor=tracks.floor + np.maximum(share, 0.2) * (floor - tracks.floor),
         yaw=yaw,
         yaw_rate=yaw_rate,
-        size=size,
-        size_weight=size_weight,
-        max_weight=np.maximum(tracks.max_weight, weight),
         votes=votes,
         score=tracks.score + share * (detections.scores - tracks.score),
         hits=tracks.hits + 1,
@@ -243,6 +259,34 @@ def correct_tracks(tracks: TrackStates, detections: MeasuredRows, time: float) -
         detection=detections.rows,
     )
     return _turn_round(corrected)
+
+
+def _correct_sizes(
+    tracks: TrackStates, sizes: Float64[np.ndarray, "m 3"], doubts: Float64[np.ndarray, "m 5"]
+) -> TrackStates:
+    """Return tracks whose sizes are averaged with a further detection of each.
+
+    Args:
+        tracks: Tracks.
+        sizes: Length, width and height of their detections (m).
+        doubts: Doubts of their detections' faces (m)."""
+    labels = tracks.label()
+    weight = weigh_sizes(doubts)
+    weight[:, 0] *= np.where(sizes[:, 0] > tracks.size[:, 0], LONGER_WEIGHTS[labels], 1.0)
+    earlier_weight = np.minimum(tracks.size_weight, MAX_SIZE_MEMORY * tracks.max_weight)
+    kept_share = earlier_weight / tracks.size_weight
+    size_weight = earlier_weight + weight
+    # the difference from an earlier mean has both variances
+    surprise = np.square(sizes - tracks.size) / (1 / weight + 1 / earlier_weight)
+    misfit_share = 1 / np.minimum(tracks.hits + MISFIT_HITS, MAX_MISFIT_HITS)[:, None]
+    misfit = tracks.misfit + misfit_share * (surprise - tracks.misfit)
+    return tracks._replace(
+        size=(earlier_weight * tracks.size + weight * sizes) / size_weight,
+        size_weight=size_weight,
+        size_root=kept_share * tracks.size_root + np.sqrt(weight),
+        max_weight=np.maximum(tracks.max_weight, weight),
+        misfit=np.where(IS_RIGID[labels][:, None], misfit, USUAL_MISFIT),
+    )
 
 
 def _turn_round(tracks: TrackStates) -> TrackStates:

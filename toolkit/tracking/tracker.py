@@ -139,7 +139,7 @@ class Tracker:
         variance = (tracks.covariance[:, 0, 0] + tracks.covariance[:, 1, 1]) / 2
         place_error = np.hypot(self._place_error, np.where(unseen > 0, np.sqrt(variance), 0.0))
         doubts = combine_doubts(
-            tracks.doubts, tracks.size_weight, tracks.max_weight, labels, place_error
+            tracks.doubts, tracks.size_doubts(), labels, place_error, misfit=tracks.misfit
         )
         return Tracks(
             boxes=make_track_boxes(tracks),
@@ -155,6 +155,7 @@ class Tracker:
     def _stays(self, tracks: TrackStates, time: float) -> Bool[np.ndarray, " m"]:
         """Mask of tracks that live on without a detection in this frame. time: the frame's (s)."""
         max_unseen = np.where(is_standing(tracks), MAX_STANDING_S, MAX_MOVING_S)
+        max_unseen = np.where(tracks.is_confirmed(), max_unseen, MAX_MOVING_S)
         max_unseen = np.where(tracks.hits < MIN_HITS, MAX_TENTATIVE_S, max_unseen)
         stays = time - tracks.last_time <= max_unseen
         if self._area is not None:

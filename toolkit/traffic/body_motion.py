@@ -11,7 +11,7 @@ from toolkit.traffic.sumo import FINE_STEP_S
 SMOOTHING_S = 0.4  # standard deviation of the mean over time that makes motion smooth
 REAR_AXLE_SHARE = 0.75  # distance of the rear axle from the front bumper, per length of the body
 DIRECTION_SMOOTHING_S = 1.5  # smooths the direction that sides are counted from
-MIN_WALKING_M_S = 0.25  # a slower walker keeps the heading
+MIN_WALKING_M_S = 0.25  # a slower pedestrian keeps the heading
 
 
 def move_driver(
@@ -45,10 +45,10 @@ def move_driver(
     return poses
 
 
-def move_walker(
+def move_pedestrian(
     points: Float64[np.ndarray, "steps 2"], yaw: float
 ) -> Float64[np.ndarray, "steps 3"]:
-    """Poses (x, y, yaw) of a walker who takes a course and faces where it leads.
+    """Poses (x, y, yaw) of a pedestrian who takes a course and faces where it leads.
 
     Args:
         points: x, y (m), one for each step of `FINE_STEP_S`.
@@ -60,9 +60,9 @@ def move_walker(
 def face_course(
     points: Float64[np.ndarray, "steps 2"], yaw: float
 ) -> Float64[np.ndarray, " steps"]:
-    """Headings (rad, without jumps) of a walker who faces where the course leads.
+    """Headings (rad, without jumps) of a pedestrian who faces where the course leads.
 
-    Slower than `MIN_WALKING_M_S` a walker keeps the last heading.
+    Slower than `MIN_WALKING_M_S` a pedestrian keeps the last heading.
 
     Args:
         points: x, y (m), one for each step of `FINE_STEP_S`.

@@ -16,9 +16,10 @@ import numpy as np
 from toolkit.arrays import Float64, Rng
 from toolkit.runtime.reading import read_text
 
-ROAD_USER_KINDS = ("vehicle", "cyclist", "walker")
+ROAD_USER_KINDS = ("vehicle", "cyclist", "pedestrian")
+KINDS_BY_EARLIER_NAME = {"walker": "pedestrian"}  # in tables of earlier versions
 # road users an hour that come in at a gate, lowest and highest draw by kind
-DRAWN_PER_HOUR = {"vehicle": (160.0, 320.0), "cyclist": (20.0, 80.0), "walker": (60.0, 160.0)}
+DRAWN_PER_HOUR = {"vehicle": (160.0, 320.0), "cyclist": (20.0, 80.0), "pedestrian": (60.0, 160.0)}
 MAX_PER_HOUR = 3600.0  # at one gate, of one kind
 _COLUMNS = ("kind", "entry", "exit", "per_hour")
 
@@ -91,6 +92,7 @@ class Flow:
     def read(path: str | Path) -> "Flow":
         """Read a table (CSV) with the columns kind, entry, exit, per_hour.
 
+        Kinds may have the names of earlier versions, see `KINDS_BY_EARLIER_NAME`.
         Raises ValueError, with the line, for another table or a number that is none."""
         path = Path(path)
         lines = read_text(path).splitlines()
@@ -112,6 +114,7 @@ class Flow:
                 per_hour = float(number)
             except ValueError:
                 raise ValueError(f"{where}: per_hour must be a number, got {number!r}") from None
+            kind = KINDS_BY_EARLIER_NAME.get(kind, kind)
             movements.append(Movement(kind, entry, exit=exit_name, per_hour=per_hour))
         try:
             return Flow(tuple(movements))

@@ -1,10 +1,10 @@
 """Right of way: bodies that would overlap others wait for them, or step aside.
 
-Road users are placed in turn, vehicles first and walkers last, each by those who were before it.
-The course of a road user in space is given; when it goes along it is planned, and how far from it
-to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A plan is
-the cheapest sequence of moments to go on, to wait or to step aside in which no body comes near
-another, found by dynamic programming in a window of time around each conflict."""
+Road users are placed in turn, vehicles first and pedestrians last, each by those who were before
+it. The course of a road user in space is given; when it goes along it is planned, and how far from
+it to the side (Kant and Zucker, Int. J. of Robotics Research 5(3), 1986). A plan is the cheapest
+sequence of moments to go on, to wait or to step aside in which no body comes near another, found by
+dynamic programming in a window of time around each conflict."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -23,7 +23,7 @@ SPAWN_REACH_M = (
 _LEEWAY_M = 10.0  # m
 _ROUTE_LENGTH_M = 300.0  # m; farther than anything drives in its life
 _MAX_PLACE_TRIES = 8  # places looked at before a spawn is put off to the next step
-_MAX_WALKER_OFFSET_M = (
+_MAX_PEDESTRIAN_OFFSET_M = (
     0.3  # m, at most, that a pedestrian walks left or right of the middle of its stripe
 )
 # shares of pedestrians of a drawn fleet with 0, 1, 2, 3 companions
@@ -217,8 +217,12 @@ class Spawner:
                 continue
             self.supply.take(body)
             name = next(self.ids)
-            (self._add_walker if walks else self._add_driver)(str(name), body, place)
-            aside = self.rng.uniform(-_MAX_WALKER_OFFSET_M, _MAX_WALKER_OFFSET_M) if walks else 0.0
+            (self._add_pedestrian if walks else self._add_driver)(str(name), body, place)
+            aside = (
+                self.rng.uniform(-_MAX_PEDESTRIAN_OFFSET_M, _MAX_PEDESTRIAN_OFFSET_M)
+                if walks
+                else 0.0
+            )
             turn = float(np.radians(self.rng.normal(0, SWAY_DEG[label])))
             self.spawned[name] = Spawned(body, walks, aside, turn)
             if walks and self.supply.once:
@@ -268,7 +272,7 @@ class Spawner:
             departSpeed="max",
         )
 
-    def _add_walker(self, name: str, body: int, place: int) -> None:
+    def _add_pedestrian(self, name: str, body: int, place: int) -> None:
         """Add a person to SUMO, on a walk to another, random place.
 
         name: its id; body: row of its body; place: row in `places` of pedestrians."""

@@ -2,7 +2,7 @@
 
 Nobody appears or vanishes inside the view: who comes in at a gate leaves at another, or is under
 way when the recording begins or ends. SUMO moves points along the middles of lanes; `move_driver`
-and `move_walker` turn them into the motion of bodies."""
+and `move_pedestrian` turn them into the motion of bodies."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from toolkit.sites.site import Site
 from toolkit.traffic.body_motion import (
     face_course,
     move_driver,
-    move_walker,
+    move_pedestrian,
     shift_left,
     smooth_direction,
 )
@@ -28,10 +28,10 @@ from toolkit.traffic.sumo import FINE_STEP_S, running
 from toolkit.traffic.supply import HEAVY_SHARE, LANE_OFFSETS_M, SWAY_DEG, Supply
 
 WARM_UP_S = 150.0  # before the first frame, so that the roads are as full as they stay
-MAX_STRIPE_SHIFT_M = 0.3  # sideways, of a walker from the middle of its stripe
-GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # walkers with 0, 1, 2, 3 companions
+MAX_STRIPE_SHIFT_M = 0.3  # sideways, of a pedestrian from the middle of its stripe
+GROUP_SHARES = (0.7, 0.19, 0.08, 0.03)  # pedestrians with 0, 1, 2, 3 companions
 COMPANION_GAP_M = (0.15, 0.4)  # lowest and highest gap between companions next to each other
-LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "walker": (PEDESTRIAN,)}
+LABELS_OF_KIND = {"vehicle": (VEHICLE, HEAVY), "cyclist": (CYCLIST,), "pedestrian": (PEDESTRIAN,)}
 
 
 class NoPassage(ValueError):
@@ -221,8 +221,8 @@ class _Demand:
                 continue
             name = next(self._supply.ids)
             passage = self._passages[self._supply.classes[body]][entry, leave]
-            if kind == "walker":
-                self._add_walker(str(name), body, passage)
+            if kind == "pedestrian":
+                self._add_pedestrian(str(name), body, passage)
             else:
                 self._add_driver(str(name), body, passage)
             courses[name] = _Course(Traveller(id=name, body=body, entry=entry, exit=leave))
@@ -252,7 +252,7 @@ class _Demand:
             name, route, str(body), departLane="best", departPos="base", departSpeed="max"
         )
 
-    def _add_walker(self, name: str, body: int, passage: Passage) -> None:
+    def _add_pedestrian(self, name: str, body: int, passage: Passage) -> None:
         """Add a person to SUMO, who walks the passage."""
         self._sumo.person.add(name, passage.edges[0], passage.start_m, typeID=str(body))
         self._sumo.person.appendWalkingStage(name, passage.edges, passage.end_m)
@@ -274,7 +274,7 @@ def _record(sumo: ModuleType, step: int, courses: Mapping[int, _Course]) -> None
 
 
 def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
-    """Way of an object of SUMO; a walker may have companions, with ways next to it."""
+    """Way of an object of SUMO; a pedestrian may have companions, with ways next to it."""
     rng = supply.rng
     traveller = course.traveller
     label = int(supply.labels[traveller.body])
@@ -285,7 +285,7 @@ def _make_ways(course: _Course, supply: Supply) -> list[Journey]:
         poses = move_driver(points, course.yaw, length)
         poses[:, 2] += turn
         return [Journey(traveller, course.first, poses)]
-    walked = move_walker(points, course.yaw)
+    walked = move_pedestrian(points, course.yaw)
     directions = smooth_direction(walked[:, 2])
     ways = []
     left = rng.uniform(-MAX_STRIPE_SHIFT_M, MAX_STRIPE_SHIFT_M)  # of the walked course (m)

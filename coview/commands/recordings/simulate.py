@@ -54,8 +54,8 @@ def simulate_command(
         every: Seconds between frames: 5, or 0.1 for sensors at 10 Hz. Below 1 s traffic goes on:
             road users come in at the border of the map and leave there.
         flow: Demand of traffic that goes on: a table (CSV) with the columns kind (vehicle, cyclist
-            or walker), entry, exit and per_hour, or drawn; drawn when left out, below 1 s between
-            frames."""
+            or pedestrian), entry, exit and per_hour, or drawn; drawn when left out, below 1 s
+            between frames."""
     from toolkit.bodies.fleet import fleet_named
     from toolkit.datasets.simulation import DEFAULT_FRAMES, simulate_dataset
     from toolkit.sites.files import load_site

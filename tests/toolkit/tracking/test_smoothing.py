@@ -127,3 +127,39 @@ def test_bodies_that_turn_keep_their_headings():
     tracks = smooth_tracks(frames, 0.5 * np.arange(12))
     errors = [tracks[k].boxes[0, 6] - truth[k, 6] for k in range(12)]
     assert np.abs(np.arctan2(np.sin(errors), np.cos(errors))).max() < np.radians(15.0)
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, np.pi])
+def test_detections_across_a_body_do_not_turn_those_after_them(heading):
+    """Two detections turn on by 60 degrees each, as if the body made a half turn."""
+    truth = turn_boxes(straight_drive(40), heading)
+    detections = truth.copy()
+    detections[[18, 19], 6] += np.radians([60.0, 120.0])
+    detections[::3, 6] += np.pi
+    frames = [detected(box) for box in detections]
+    tracks = smooth_tracks(frames, times_of(frames))
+    turns = np.array([found.boxes[0, 6] for found in tracks]) - heading
+    assert np.abs(np.arctan2(np.sin(turns), np.cos(turns))).max() < np.radians(3.0)
+
+
+def turn_boxes(boxes, angle):
+    """Boxes turned about the origin."""
+    turned = boxes.copy()
+    turned[:, 0] = boxes[:, 0] * np.cos(angle) - boxes[:, 1] * np.sin(angle)
+    turned[:, 1] = boxes[:, 0] * np.sin(angle) + boxes[:, 1] * np.cos(angle)
+    turned[:, 6] += angle
+    return turned
+
+
+def test_a_long_body_slips_in_a_bend():
+    """The middle of a truck goes round by 15 m, its rear axle 6 m behind follows inside."""
+    angle = np.linspace(0, 1.5, 60)
+    slip = np.arcsin(6.0 / 15.0)
+    truth = np.tile([0, 0, 1.75, 16.0, 2.5, 3.5, 0.0], (60, 1))
+    truth[:, 0] = 15 * np.sin(angle)
+    truth[:, 1] = 15 * (1 - np.cos(angle))
+    truth[:, 6] = angle - slip
+    frames = [detected(box, HEAVY) for box in truth]
+    tracks = smooth_tracks(frames, times_of(frames))
+    turns = [tracks[k].boxes[0, 6] - truth[k, 6] for k in range(60)]
+    assert np.abs(turns).max() < np.radians(3.0)

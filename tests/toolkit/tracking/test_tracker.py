@@ -226,3 +226,43 @@ def test_columns_of_tracks_must_fit(name, value):
     with pytest.raises(ValueError, match=f"{name} must have shape"):
         Tracks(drive(1), np.ones(1), **{name: value})
     assert len(Tracks.empty()) == 0
+
+
+def test_a_standing_track_does_not_reach_for_what_appears_far_away():
+    """What stands is expected where it stood, however long it is hidden."""
+    person = drive(1, speed=0.0)[0]
+    person[3:6] = (0.6, 0.6, 1.7)
+    stranger = person + np.array([6.0, 0, 0, 0, 0, 0, 0])
+    frames = [seen(person, label=PEDESTRIAN)] * 8 + [Detections.empty()] * 30
+    tracks = follow([*frames, *[seen(stranger, label=PEDESTRIAN)] * 8])
+    assert tracks[37].boxes[0, :2] == pytest.approx(person[:2], abs=0.1)
+    assert tracks[-1].ids.tolist() == [0, 1]
+    back = follow([*frames, seen(person, label=PEDESTRIAN)])
+    assert back[-1].ids.tolist() == [0]
+    assert back[-1].unseen[0] == 0
+
+
+def test_flickers_that_nothing_confirms_do_not_wait_for_others():
+    place = drive(1, speed=0.0)[0]
+    faint = [seen(place, score=0.4)] * 3
+    frames = [*faint, *[Detections.empty()] * 20, *faint]
+    assert sum(map(len, follow(frames))) == 0
+
+
+def test_a_truck_seen_in_parts_stays_one_track_that_is_not_too_sure():
+    """Now the front is seen, now the rear, and each detection takes its length for sure."""
+    truth = drive(60, speed=3.0, yaw=0.0)
+    truth[:, 2:6] = (1.75, 16.0, 2.5, 3.5)
+    rng = np.random.default_rng(4)
+    parts = truth.copy()
+    hidden = rng.uniform(0.0, 5.0, 60)
+    is_front = np.arange(60) // 5 % 2 == 0
+    parts[:, 3] -= hidden
+    parts[:, 0] += np.where(is_front, hidden, -hidden) / 2
+    tracks = follow([seen(box, label=HEAVY, doubts=np.full(5, 0.09)) for box in parts])
+    assert {tuple(found.ids) for found in tracks} == {(0,)}
+    last = tracks[-1]
+    assert last.boxes[0, 3] > parts[:, 3].mean() + 0.5
+    assert 0.5 < last.doubts[0, 0] < 3.0
+    sure = follow([seen(box, label=HEAVY, doubts=np.full(5, 0.09)) for box in truth])[-1]
+    assert sure.doubts[0, 0] < 0.2

@@ -12,7 +12,7 @@ from toolkit.objects import LABELS, PEDESTRIAN
 from toolkit.sites.files import load_site
 from toolkit.sites.network import build_network, street
 from toolkit.sites.site import Site
-from toolkit.traffic.body_motion import move_driver, move_walker, smooth_motion
+from toolkit.traffic.body_motion import move_driver, move_pedestrian, smooth_motion
 from toolkit.traffic.continuous import simulate_continuously
 from toolkit.traffic.flow import Flow, Movement
 from toolkit.traffic.road_lanes import distance_to_area
@@ -144,12 +144,12 @@ def test_a_driver_s_rear_follows_its_front():
     assert np.abs(sideways.sum(axis=1)).max() < 0.02
 
 
-def test_a_walker_faces_its_way_and_keeps_facing_it_while_it_waits():
+def test_a_pedestrian_faces_its_way_and_keeps_facing_it_while_it_waits():
     x = np.concatenate([np.arange(40) * 0.13, np.full(60, 39 * 0.13)])
-    poses = move_walker(np.column_stack([x, np.zeros(100)]), 2.0)
+    poses = move_pedestrian(np.column_stack([x, np.zeros(100)]), 2.0)
     assert np.abs(poses[:, 2]).max() < 1e-6
-    assert move_walker(np.zeros((9, 2)), 2.0)[:, 2] == pytest.approx(2.0)
-    assert move_walker(np.zeros((1, 2)), 2.0)[0] == pytest.approx([0, 0, 2.0])
+    assert move_pedestrian(np.zeros((9, 2)), 2.0)[:, 2] == pytest.approx(2.0)
+    assert move_pedestrian(np.zeros((1, 2)), 2.0)[0] == pytest.approx([0, 0, 2.0])
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 200])

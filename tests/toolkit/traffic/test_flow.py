@@ -4,7 +4,7 @@ import pytest
 from toolkit.sites.gate_names import name_gates
 from toolkit.traffic.flow import DRAWN_PER_HOUR, Flow, Movement
 
-POSSIBLE = {"vehicle": {"east": ["west", "north"], "north": ["east"]}, "walker": {}}
+POSSIBLE = {"vehicle": {"east": ["west", "north"], "north": ["east"]}, "pedestrian": {}}
 
 
 def test_a_drawn_flow_has_all_movements_and_survives_a_table(tmp_path):
@@ -25,6 +25,15 @@ def test_a_drawn_flow_has_all_movements_and_survives_a_table(tmp_path):
         [movement.per_hour for movement in flow.movements], rel=1e-5
     )
     flow.check(POSSIBLE)
+
+
+def test_pedestrians_may_have_their_earlier_name(tmp_path):
+    path = tmp_path / "flow.csv"
+    path.write_text("kind,entry,exit,per_hour\nwalker,east,west,60\n")
+    assert Flow.read(path).movements == (Movement("pedestrian", "east", "west", 60.0),)
+    path.write_text(path.read_text() + "pedestrian,east,west,30\n")
+    with pytest.raises(ValueError, match="pedestrians from east to west are listed twice"):
+        Flow.read(path)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +63,10 @@ def test_other_tables_are_refused_with_the_line(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("movement", "message"),
     [
-        (Movement("walker", "east", "west", 1.0), "no walker can come in at 'east': .* are none"),
+        (
+            Movement("pedestrian", "east", "west", 1.0),
+            "no pedestrian can come in at 'east': .* are none",
+        ),
         (Movement("vehicle", "south", "west", 1.0), "its gates are east, north"),
         (Movement("vehicle", "north", "west", 1.0), "to 'west': exits there are east"),
     ],

@@ -1,4 +1,4 @@
-"""Giving way: nobody overlaps, walkers wait at kerbs, pass each other, or are refused."""
+"""Giving way: nobody overlaps, pedestrians wait at kerbs, pass each other, or are refused."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,14 @@ import shapely
 from toolkit.boxes import footprints
 from toolkit.objects import PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
+from toolkit.traffic.continuous import DELAYS_STEPS, place_course
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.right_of_way import Course, give_way
 from toolkit.traffic.road_lanes import distance_to_area
 
 AREA = np.array([-40.0, -20, 40, 20])
-WALKER = np.array([0.5, 0.6, 1.75])
+PERSON = np.array([0.5, 0.6, 1.75])
 CAR = np.array([4.6, 1.9, 1.5])
 LAST = 900
 
@@ -23,7 +24,7 @@ def occupancy():
     return Occupancy(AREA, Obstacles(Site("plain", AREA)), np.zeros((0, 7)), LAST)
 
 
-def straight(start, velocity, first, steps, *, size=WALKER, label=PEDESTRIAN):
+def straight(start, velocity, first, steps, *, size=PERSON, label=PEDESTRIAN):
     points = np.array(start) + 0.1 * np.outer(np.arange(steps), velocity)
     yaw = np.full(steps, np.arctan2(velocity[1], velocity[0]))
     return Course(first, np.column_stack([points, yaw]), size, label)
@@ -52,19 +53,19 @@ def touch(one, one_course, other, other_course):
 def test_who_meets_nobody_goes_as_planned(occupancy):
     course = straight((-45, 0), (1.4, 0), 0, 700)
     assert give_way(course, occupancy) is course.poses
-    assert occupancy.find_conflict(size_boxes(course.poses, WALKER), 0) == 0
+    assert occupancy.find_conflict(size_boxes(course.poses, PERSON), 0) == 0
 
 
-def test_a_walker_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
+def test_a_pedestrian_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
     cars = [
         straight((-60, 0), (10, 0), 80 + 25 * k, 160, size=CAR, label=VEHICLE) for k in range(6)
     ]
     for car in cars:
         assert give_way(car, occupancy) is car.poses
-    walker = straight((2, -30), (0, 1.4), 0, 500)
-    poses = placed(walker, occupancy)
+    pedestrian = straight((2, -30), (0, 1.4), 0, 500)
+    poses = placed(pedestrian, occupancy)
     for car in cars:
-        assert not touch(poses, walker, car.poses, car)
+        assert not touch(poses, pedestrian, car.poses, car)
     assert 500 < len(poses) < 650
     acceleration = np.hypot(*np.diff(poses[:, :2], n=2, axis=0).T) / 0.01
     assert acceleration.max() < 5
@@ -73,7 +74,7 @@ def test_a_walker_waits_for_cars_at_the_kerb_and_goes_on(occupancy):
     assert (np.abs(standing[:, 1]) > 1.2).all()  # not on the lane
 
 
-def test_walkers_who_meet_head_on_step_aside(occupancy):
+def test_pedestrians_who_meet_head_on_step_aside(occupancy):
     one = straight((-45, 0), (1.4, 0), 0, 700)
     other = straight((45, 0.1), (-1.3, 0), 0, 750)
     assert give_way(one, occupancy) is one.poses
@@ -106,7 +107,7 @@ def test_what_is_not_seen_does_not_count(occupancy):
     assert give_way(beside, occupancy) is beside.poses
     before = straight((0, 0), (0, 0), -300, 200)
     give_way(before, occupancy)
-    assert occupancy.find_conflict(size_boxes(before.poses, WALKER), -300) is None
+    assert occupancy.find_conflict(size_boxes(before.poses, PERSON), -300) is None
 
 
 def test_taken_places_are_those_that_shapely_finds(occupancy):
@@ -116,7 +117,7 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
     poses = np.column_stack(
         [rng.uniform(-30, 20, 200), rng.uniform(-4, 14, 200), rng.uniform(-3, 3, 200)]
     )
-    boxes = size_boxes(poses, WALKER)
+    boxes = size_boxes(poses, PERSON)
     moments = Moments(0, 4, 20)
     taken = occupancy.find_blocked(boxes, moments, 0.0)
     shapes = shapely.polygons(footprints(boxes))
@@ -127,3 +128,20 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
         else:
             assert not taken[moment].any()
     assert taken.any()
+
+
+@pytest.mark.parametrize(("blocked_steps", "delay"), [(0, 0), (40, 50), (230, 250), (890, None)])
+def test_who_finds_no_way_at_first_sets_out_once_it_is_free(occupancy, blocked_steps, delay):
+    """A car stands where a person begins, so that only the time of setting out can help."""
+    if blocked_steps:
+        car = straight((0, 0), (0, 0), 0, blocked_steps, size=CAR, label=VEHICLE)
+        placed(car, occupancy)
+    course = straight((0, 0), (1.4, 0), 0, 300)
+    found = place_course(course, occupancy)
+    if delay is None:
+        assert blocked_steps > max(DELAYS_STEPS)
+        assert found is None
+    else:
+        assert found is not None
+        assert found.first == delay
+        np.testing.assert_allclose(found.poses, course.poses)
