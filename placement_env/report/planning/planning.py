@@ -100,8 +100,8 @@ def _answer(question: Question) -> content.Planned:
     judged = _judge_choice(question, searched, entrants, comparison)
     return_freed_memory()
     planned = judged.planned
-    members = comparison.choice.members
-    motion = measure_motion(question, planned.candidates, members, judged.detector)
+    candidates = searched.objectives[0].candidates
+    motion = measure_motion(question, candidates, comparison.choice.members, judged.detector)
     return replace(planned, plan=replace(planned.plan, motion=motion))
 
 
