@@ -5,7 +5,7 @@ vehicle or a solid waits or steps aside (`toolkit.traffic.right_of_way`), or set
 refused as a whole if that does not help, so that nobody appears or vanishes inside the view."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -24,9 +24,8 @@ from toolkit.traffic.sumo import FINE_STEP_S
 from toolkit.traffic.supply import Supply
 from toolkit.traffic.ways import Journey, Traveller, simulate_ways
 
-# by which a road user that finds no way through may set out later
-DELAYS_STEPS = tuple(range(50, 601, 50))
-MAX_DELAYS = 2  # that are tried, those first after which it gets farthest without giving way
+# by which a road user that finds no way through sets out later, one tried after the other
+DELAYS_STEPS = (0, 50, 100, 200, 400)
 # rank of each class; lower ones do not give way to higher ones
 RANK = {VEHICLE: 0, HEAVY: 0, CYCLIST: 1, PEDESTRIAN: 2}
 
@@ -165,30 +164,10 @@ def _keep_apart(ways: list[Journey], supply: Supply, occupancy: Occupancy) -> li
     for number in order:
         way = ways[number]
         size = supply.sizes[way.traveller.body]
-        course = Course(way.first, way.poses, size, label=labels[number])
-        placed = place_course(course, occupancy)
-        if placed is not None:
-            ways_by_number[number] = way._replace(first=placed.first, poses=placed.poses)
+        for delay in DELAYS_STEPS:
+            first = way.first + delay
+            poses = give_way(Course(first, way.poses, size, label=labels[number]), occupancy)
+            if poses is not None:
+                ways_by_number[number] = way._replace(first=first, poses=poses)
+                break
     return [ways_by_number[number] for number in sorted(ways_by_number)]
-
-
-def place_course(course: Course, occupancy: Occupancy) -> Course | None:
-    """Course of a body that gives way to others, and is added to them; None without a way through.
-
-    If there is none at once, it sets out later."""
-    poses = give_way(course, occupancy)
-    if poses is not None:
-        return replace(course, poses=poses)
-    later = [replace(course, first=course.first + delay) for delay in DELAYS_STEPS]
-    free_steps = np.array([_count_free_steps(delayed, occupancy) for delayed in later])
-    for number in np.argsort(-free_steps, kind="stable")[:MAX_DELAYS].tolist():
-        poses = give_way(later[number], occupancy)
-        if poses is not None:
-            return replace(later[number], poses=poses)
-    return None
-
-
-def _count_free_steps(course: Course, occupancy: Occupancy) -> float:
-    """Steps of a course before its first conflict with others, infinite without one."""
-    conflict = occupancy.find_conflict(size_boxes(course.poses, course.size), course.first)
-    return np.inf if conflict is None else float(conflict - course.first)

@@ -7,7 +7,6 @@ import shapely
 from toolkit.boxes import footprints
 from toolkit.objects import PEDESTRIAN, VEHICLE
 from toolkit.sites.site import Site
-from toolkit.traffic.continuous import DELAYS_STEPS, place_course
 from toolkit.traffic.obstacles import Obstacles
 from toolkit.traffic.occupancy import Moments, Occupancy, size_boxes
 from toolkit.traffic.right_of_way import Course, give_way
@@ -128,20 +127,3 @@ def test_taken_places_are_those_that_shapely_finds(occupancy):
         else:
             assert not taken[moment].any()
     assert taken.any()
-
-
-@pytest.mark.parametrize(("blocked_steps", "delay"), [(0, 0), (40, 50), (230, 250), (890, None)])
-def test_who_finds_no_way_at_first_sets_out_once_it_is_free(occupancy, blocked_steps, delay):
-    """A car stands where a person begins, so that only the time of setting out can help."""
-    if blocked_steps:
-        car = straight((0, 0), (0, 0), 0, blocked_steps, size=CAR, label=VEHICLE)
-        placed(car, occupancy)
-    course = straight((0, 0), (1.4, 0), 0, 300)
-    found = place_course(course, occupancy)
-    if delay is None:
-        assert blocked_steps > max(DELAYS_STEPS)
-        assert found is None
-    else:
-        assert found is not None
-        assert found.first == delay
-        np.testing.assert_allclose(found.poses, course.poses)
