@@ -126,7 +126,8 @@ def write_detections(
     """Write the detections of each frame as they arrive, and yield each frame's result again.
 
     out: one file of boxes, written at the end, or for other formats a folder with a file per frame,
-    complete at the end; form: format of the files; more: further entries in the file of boxes."""
+    complete at the end; form: format of the files; more: further entries in the file of boxes.
+    Raises ValueError for two frames whose files would have one name."""
     if form == "boxes":
         records = []  # entries of the file of boxes
         for result in results:
@@ -134,15 +135,23 @@ def write_detections(
             yield result
         write_boxes(out, records, **more)
         return
+    frame_names: dict[str, str] = {}  # by the names of their files
     with writing_folder(out) as folder:
         for result in results:
             frame = result.frame
+            stem = file_name(frame.name)
+            if stem in frame_names:
+                raise ValueError(
+                    f"frames {frame_names[stem]!r} and {frame.name!r} would both be written to "
+                    f"{stem!r}: write --format boxes, one file for all"
+                )
+            frame_names[stem] = frame.name
             if form == "openlabel":
                 text = json.dumps(openlabel_content(frame, result.detections), indent=1)
-                write_text(folder / f"{file_name(frame.name)}.json", text)
+                write_text(folder / f"{stem}.json", text)
             else:
                 text = kitti_text(frame, found=result.detections)
-                write_text(folder / f"{file_name(frame.name)}.txt", text)
+                write_text(folder / f"{stem}.txt", text)
             yield result
 
 

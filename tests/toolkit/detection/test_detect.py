@@ -238,6 +238,13 @@ def test_boxes_are_written_as_openlabel_and_kitti(found, tmp_path):
     assert file_name("106-105/seq-1/00000 b") == "106-105_seq-1_00000_b"
 
 
+def test_frames_with_one_file_name_are_refused(found, tmp_path):
+    twin = replace(found[0], frame=replace(found[0].frame, name="a_0"))
+    with pytest.raises(ValueError, match="frames 'a/0' and 'a_0' would both be written to 'a_0'"):
+        list(write_detections([found[0], twin], tmp_path / "k", "kitti"))
+    assert not (tmp_path / "k").exists()
+
+
 def test_a_summary_counts_boxes_problems_and_time(found):
     figures = summarise(found)
     assert figures == {
