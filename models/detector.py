@@ -151,6 +151,7 @@ class VoxelNetDetector:
         quick.network = convert_to_bfloat16(network, library)
         quick.numbers = "bfloat16"
         quick.name = f"{self.name}+bfloat16"
+        # OpenVINO has the whole map only, so tiles are still computed by torch, in float32
         if self._tiled is not None and library == "torch":
             quick._tiled = TiledVoxelNet(quick.network)
         return quick

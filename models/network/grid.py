@@ -185,7 +185,9 @@ def thin_voxels(
 
 
 def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
-    """Box for each cell of the map, kind and yaw in the frame of the grid, H along x, W along y.
+    """Boxes in the frame of the grid, one for each cell of the map, kind of anchor and yaw.
+
+    H is along x, W along y, A counts kinds and yaws; a box has x, y, z, length, width, height, yaw.
 
     A cell's anchors are sorted by kind, then yaw, as in `config.anchor_labels`.
     """

@@ -381,17 +381,20 @@ class TiledVoxelNet:
     def _plan_without_thinning(
         self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> UnionPlan:
-        """Plan as if no point was left out of crowded voxels. For the arguments see `plan`."""
+        """Plan as if no point was left out of crowded voxels. For the arguments see `plan`.
+
+        `seen` of the plan says for each layer, by tile and cloud, whether a point of the cloud can
+        change the tile; the last column is of voxels with more points than the network takes."""
         placed = PlacedClouds.from_clouds(clouds, self.config)
         nx, ny, _ = self.config.grid_shape
-        # cells that a point of each cloud, or in the last map a crowded voxel, can change
+        # cells of the map that each cloud, and in the last row any crowded voxel, has points in
         is_reached = np.zeros((placed.clouds + 1, nx * ny), np.bool_)
         column = (placed.cells[:, 0] * ny + placed.cells[:, 1]).cpu().numpy()
         is_crowded = (placed.crowd > self.config.max_points).cpu().numpy()
         is_reached[placed.cloud.cpu().numpy(), column] = True
         is_reached[-1, column[is_crowded]] = True
         reach = is_reached.reshape(-1, nx, ny)
-        size = 2 * self.size  # cells of the layer along a tile's side
+        size = 2 * self.size  # cells along a tile's side, in the grid and then in each layer
         seen = []
         for stride in self._strides:
             reach = spread_reach(reach, stride)

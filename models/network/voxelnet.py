@@ -108,7 +108,7 @@ def point_features(voxels: Voxels, config: VoxelNetConfig) -> Float32[Tensor, "n
     centre of the voxel's column and the lower end of the height range.
     """
     points = voxels.points
-    voxel = voxels.voxel
+    voxel = voxels.voxel  # number of each point's voxel
     offset = points - voxel_means(points, voxel, len(voxels.cells))[voxel]
     if config.point_features == "published":
         return torch.cat((points, offset), 1)

@@ -710,10 +710,10 @@ def _is_exchanged(
 
     Args:
         drawn_area: Area in the coordinates of the file.
-        collection: The whole file; False if it is in metres.
+        collection: The whole file.
         site: Site with the map projection.
         surroundings: Surroundings of the site (m, its frame)."""
-    if "coview_site" in collection:
+    if "coview_site" in collection:  # a file of ours, in metres
         return False
     swapped = shapely.get_coordinates(drawn_area)[:, ::-1]
     if (np.abs(swapped) > MAX_ANGLES_DEG).any():

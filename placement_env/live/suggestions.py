@@ -58,25 +58,25 @@ class Suggester:
         """Return up to `count` changes of a kind, the greatest AP first.
 
         kind: "add", "move" or "remove"; name: sensor to move, None for other kinds; patience: time
-        (s) to make views from poles without one, extended until a pose fits. Raises ValueError for
-        another kind, and an unknown or locked sensor to move."""
+        (s) to make views from poles that have none yet, extended until a pose fits. Raises
+        ValueError for another kind, and an unknown or locked sensor to move."""
         if kind == "remove":
             suggestions = self._suggest_removals(variant)[:count]
-        elif kind not in ("add", "move") or (kind == "move" and name is None):
-            raise ValueError(
-                f"kind must be add, remove, or move with the name of a sensor, got {kind!r} and "
-                f"{name!r}"
-            )
-        elif kind == "add" or name is None:  # a name is always given here unless kind is "add"
+        elif kind == "add":
             suggestions = self._suggest_poses(
                 base=variant, carried=None, count=count, patience=patience
             )
-        else:
+        elif kind == "move" and name is not None:
             suggestions = self._suggest_poses(
                 base=variant.without_sensor(name),
                 carried=variant.find_unlocked(name),
                 count=count,
                 patience=patience,
+            )
+        else:
+            raise ValueError(
+                f"kind must be add, remove, or move with the name of a sensor, got {kind!r} and "
+                f"{name!r}"
             )
         return tuple(suggestions)
 

@@ -184,6 +184,7 @@ def find_wrong_stand(shape: Shape, label: int) -> str | None:
         return "lies on its side: y or -y seems to be up"
     if x_asymmetry < SYMMETRIC and y_asymmetry > ASKEW:
         return "stands across: y or -y seems to be forward"
+    # a front above the rear: `ahead` is by how much of the height it is lower
     if label == VEHICLE and shape.ahead < BACKWARDS:
         return "seems to face backwards: -x forward"
     return None

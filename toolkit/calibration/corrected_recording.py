@@ -68,8 +68,8 @@ class Corrected(RecordingView):
 def write_corrected(recording: Recording, found_poses: Sequence[FoundPose], out: Path) -> None:
     """Write a recording with its sensors at their found poses.
 
-    out: path of the result: a copy of the file for images, with the figures of the poses, and a
-    folder for clouds."""
+    out: path of the result. A recording of images becomes a copy of its file, with a note of how
+    the poses were found; one of clouds becomes a folder."""
     if isinstance(recording, CoopDataset):
         note = {found_pose.sensor.name: found_pose.as_dict() for found_pose in found_poses}
         poses = {found_pose.sensor.name: found_pose.pose for found_pose in found_poses}

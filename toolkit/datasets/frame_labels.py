@@ -127,7 +127,7 @@ def _find_doubled(
     """Rows that repeat the box and category of an earlier row.
 
     rows: row numbers of the boxes to compare, in order."""
-    # the extra "" makes an array of texts of no categories too
+    # with the extra "", an array without categories is one of texts, too; its number is cut off
     _, category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)
     values = np.column_stack([boxes, category_numbers[:-1]])
     x = boxes[:, 0]

@@ -328,6 +328,7 @@ def learn_cluster_detector(scenes: Scenes, frame: Frame, place: Place = Place())
         sweeps.append(np.concatenate([np.zeros((0, 3)), *clouds]))
     half_x, half_y = place.half
     method = place.level or "map"  # way to find the ground
+    # grounds and areas count from the area's middle, as points on a lifted ground do
     ground = None if method == "none" else place.find_ground(sweeps[0] - [*centre, 0.0], method)
     area = (-half_x, -half_y, half_x, half_y)
     stand = Stand(area, middle=centre, ground=ground)

@@ -74,7 +74,7 @@ class _Course:
 
     def jumps(self) -> bool:
         """True if the speed changes faster than a road user's can; False without times."""
-        if len(self.names) < 3 or not np.isfinite(self.times).all():
+        if len(self.times) < 3 or not np.isfinite(self.times).all():
             return False
         durations_s = np.diff(self.times)
         velocities = np.diff(np.array(self.places), axis=0) / durations_s[:, None]  # m/s

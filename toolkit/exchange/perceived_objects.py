@@ -114,8 +114,8 @@ def _encode_velocities(
         if velocity is None:
             velocities.append(None)
             continue
-        turned = transform(world_turn, np.array(velocity))
-        x, y = VELOCITY_M_S.encode(turned[:2], problems).tolist()
+        east_north_up = transform(world_turn, np.array(velocity))  # m/s
+        x, y = VELOCITY_M_S.encode(east_north_up[:2], problems).tolist()
         components = {
             "xVelocity": _with_confidence(x, UNKNOWN_VELOCITY_ACCURACY),
             "yVelocity": _with_confidence(y, UNKNOWN_VELOCITY_ACCURACY),

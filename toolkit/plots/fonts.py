@@ -199,7 +199,7 @@ def replace_letters(text: str, letters: frozenset[str]) -> str:
 
 
 def number_names(names: Sequence[str], unset: frozenset[str], noun: str) -> dict[str, str]:
-    """Replacements, such as "pole 3", of names with letters that cannot be set, by name.
+    """Replacements, such as "pole 3", by name, of names with letters that no font has.
 
     unset: these letters; noun: word before the number, which is the name's place among all names,
     from 1. A replacement that is in use is not taken again."""

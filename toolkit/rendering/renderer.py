@@ -66,7 +66,7 @@ class Moment:
         self._threads = threads
         self._slope = np.array(slope)
         self._turns = _yaw_matrices(boxes[:, 6])  # turn row vectors by each object's yaw
-        self.ground = self._find_footprints()
+        self.ground = self._find_footprints()  # where the bodies stand
         vertices = []
         for body, turn, box in zip(bodies, self._turns, boxes, strict=True):
             # from the body's frame: turned by yaw, sheared with the ground, moved to the box

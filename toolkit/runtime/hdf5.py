@@ -82,10 +82,11 @@ def find_kinds(group: h5py.Group, names: Iterable[str]) -> dict[str, type]:
 def _own(group: h5py.Group, name: str) -> Any:
     """Member of a group, None if missing; a name that begins with / counts from the file's root.
 
-    Raises ValueError if it is stored in another file, which is not even opened."""
+    Raises ValueError for a link, and for a member that is stored in another file, which is not even
+    opened."""
     node = group.file["/"] if name.startswith("/") else group
     path = ""
-    fault = ""
+    fault = ""  # raised below, since `reading` turns errors in its block into others
     for step in filter(None, name.split("/")):
         path = f"{path}/{step}".lstrip("/")
         with reading(path):

@@ -44,6 +44,7 @@ def read_bytes(path: str | Path) -> bytes:
     if not Path(path).is_fifo():
         return read_plain(path)
     content = bytearray()
+    # without O_NONBLOCK, opening a pipe waits for its writer, maybe for ever
     with open(
         path, "rb", 0, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
     ) as pipe:

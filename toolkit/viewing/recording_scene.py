@@ -237,8 +237,8 @@ def find_view_area(sample: DrawnSample) -> tuple[float, float, float, float]:
     if has_points:
         places += [cloud.place[None, :2] for cloud in sample.clouds]
     else:
-        kinds = (*sample.truth.values(), *sample.detections.values())
-        places += [boxes[:, :2] for boxes in kinds]
+        box_arrays = (*sample.truth.values(), *sample.detections.values())
+        places += [boxes[:, :2] for boxes in box_arrays]
     all_places = np.concatenate(places)
     lower_corner = all_places.min(axis=0) if len(all_places) else np.zeros(2)
     upper_corner = all_places.max(axis=0) if len(all_places) else np.zeros(2)

@@ -183,7 +183,9 @@ def record_stretch(
     place: Place,
     hidden: bool,
 ) -> Street | None:
-    """Record a stretch of simulated traffic with rays, and find its road users; None without one.
+    """Record simulated traffic with rays for a while, and find its road users.
+
+    The while is `demand.stretch` (s); returns None if the demand has none.
 
     source: name or file of the site; hidden: True to show no progress."""
     from toolkit.datasets.simulation import simulate_dataset

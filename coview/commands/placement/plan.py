@@ -137,7 +137,7 @@ class StockOptions:
         Raises ValueError and OSError for unusable options and files."""
         check_schemes([self.scheme])
         if run.cache is not None:
-            check_writable(run.cache.resolve(), run.cache)
+            check_writable(run.cache.resolve(), out=run.cache)
         loaded_site = load_site(site)
         return Setting(
             loaded_site,

@@ -67,6 +67,7 @@ def plan(question: Question) -> content.Planned:
     Raises ValueError and OSError for damaged inputs, ImportError without SUMO."""
     try:
         _check_question(question)
+        # with the poses that see most in the search's traffic, if there are too many to search
         searchable_question = narrow_question(question, question.part("search"))
         return _answer(searchable_question)
     except Refusal as refusal:

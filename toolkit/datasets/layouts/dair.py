@@ -357,8 +357,9 @@ def written_labels(sample: Frame) -> list[dict[str, object]]:
 
 
 def write_dair(samples: Iterable[Frame], folder: Path) -> None:
-    """Write frames as one infrastructure side. The clouds of a frame become one, in its world
-    frame."""
+    """Write samples as one infrastructure side, with one cloud each, in the world frame.
+
+    The world's origin is moved near the sensors, and the calibration says by how much."""
     index = []
     for number, sample in enumerate(near_frames(samples)):
         name = f"{number:06d}"

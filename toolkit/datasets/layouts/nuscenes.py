@@ -294,7 +294,8 @@ def _parse_rotation(row: _Row) -> Float64[np.ndarray, "3 3"]:
 def _find_category(tables: dict[str, _Row], row: _Row, instance: str) -> str:
     """Class name of a label, in its row or through its instance.
 
-    row: row of sample_annotation; instance: token of its instance."""
+    tables: rows of each table by their tokens; row: row of sample_annotation; instance: token of
+    its instance."""
     if "category_name" in row:
         return str(row["category_name"])
     category_token = str(entry(tables["instance"], instance, "category_token"))

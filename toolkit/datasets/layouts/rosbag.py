@@ -102,8 +102,8 @@ class Bag:
             raise IndexError(
                 f"there is no frame {index}: {self.path} has {len(self)}, counted from 0"
             )
-        # an iterator over the frames, and the number of the frame that it gives next; there is one
-        # at most, and none while a frame is being read
+        # `_reading` holds at most one pair, the number of the next frame and an iterator that gives
+        # it, and none while a frame is being read
         next_number, frames = self._reading.pop() if self._reading else (0, iter(self))
         if index < next_number:
             next_number, frames = 0, iter(self)

@@ -33,9 +33,11 @@ def write_plain_road(
 
     writer: collects uses of lanes and problems meanwhile; left_out: ids of junctions that
     netconvert does not get; defaults: limits (m/s) by type of road."""
-    name = road.element.get("id", "")
-    problems = writer.problems[name]
-    is_first = writer.roads[name][0] is road
+    file_id = road.element.get(
+        "id", ""
+    )  # of the road in the file, which may be several carriageways
+    problems = writer.problems[file_id]
+    is_first = writer.roads[file_id][0] is road
     # problems of links and signals count once for a road, however many carriageways it has
     links = dict(find_links(writer, road, left_out, problems if is_first else Counter()))
     row = {

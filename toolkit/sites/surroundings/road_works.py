@@ -47,6 +47,7 @@ def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
 
 def verge_works(plot: Plot, rng: Rng) -> None:
     """Put up to three small works next to the footways. The solids go to the plot."""
+    # the outer edge of footways of 2 m
     edge = plot.road.surface.buffer(2.0).boundary.intersection(plot.window)
     places = rng.permutation(points_along(edge, 2.0))
     for x, y, direction in places[: rng.integers(0, 4)]:
