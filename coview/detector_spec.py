@@ -50,7 +50,9 @@ class DetectorSpec:
 
     @staticmethod
     def from_name(name: str) -> "DetectorSpec":
-        """Parse a detector's name; text that is no known suffix belongs to the base."""
+        """Parse a detector's name; text that is no known suffix belongs to the base.
+
+        Suffixes may ask for background subtraction, test-time grid shifts and number formats."""
         match = _SUFFIXES.fullmatch(name)
         base, suffixes = match.groups() if match else (name, "")
         background = None

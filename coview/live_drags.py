@@ -62,7 +62,7 @@ class SensorDrags:
         mesh_z = float(mesh.position[2])
         ray = pointer - eye
         last = event.phase == "end"
-        if ray[2] < -1e-6:
+        if ray[2] < -1e-6:  # downwards, as a level ray never meets the height
             spot = eye + ray * (mesh_z - eye[2]) / ray[2]
             self._jobs.drag(lambda: move(spot, last), last=last)
 

@@ -114,7 +114,7 @@ def _add_north(api: "SceneApi", site: Site, middle: Float64[np.ndarray, "2"]) ->
     direction = north(site)  # unit vector (x, y)
     north_x, north_y = direction
     angle = float(np.arctan2(north_y, north_x))
-    lines = _arrow(middle, angle, length=ARROW_M, head=HEAD_M)
+    lines = _arrow(middle, angle, length=ARROW_M, head=HEAD_M)  # axes: line, end, xy
     _add_lines(api, name="/signs/north", site=site, lines=lines, colour=INK, width=3.0)
     letter_xy = middle + (ARROW_M / 2 + LETTER_GAP_M) * direction
     (position,) = lift_points(site, letter_xy[None], LIFT_M)

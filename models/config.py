@@ -163,7 +163,8 @@ class VoxelNetConfig:
     def _check_calibration(self) -> None:
         """Raise ValueError unless calibration and thresholds are empty or fit the labels."""
         size = len(self.labels)
-        # entries of a row: slope, intercept and, for the last two, a weight for each label
+        # numbers in a row of each field: slope and intercept; the last two fields add a weight for
+        # each label
         lengths = {"calibration": 2, "rivalry": size + 2, "known": size + 2}
         for name, length in lengths.items():
             rows = getattr(self, name)
@@ -251,6 +252,7 @@ class VoxelNetConfig:
     @property
     def grid_shape(self) -> tuple[int, int, int]:
         """Voxels along x, y and z. x and y are multiples of 8, the stride of the third block."""
+        # rounded to 6 digits, as 4.2 / 0.6 comes out just above 7; -(-n // 8) * 8 rounds n up
         xmin, ymin, xmax, ymax = self.area
         nx = math.ceil(round((xmax - xmin) / self.voxel_size[0], 6))
         ny = math.ceil(round((ymax - ymin) / self.voxel_size[1], 6))

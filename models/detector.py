@@ -362,9 +362,13 @@ class WideVoxelNetDetector(VoxelNetDetector):
         return [self._detect_blocks(np.asarray(cloud)) for cloud in clouds]
 
     def _detect_blocks(self, cloud: Float[np.ndarray, "n 3"]) -> Detections:
-        """Detections of one cloud in the wide area."""
+        """Detections of one cloud (x y z, m) in the whole area, found block by block.
+
+        Each block is detected together with a margin around it, in a grid whose origin is the
+        margin's corner. Only boxes with their centre in the block itself are kept; other blocks
+        find the others."""
         voxel = np.array(self.config.voxel_size[:2])
-        low = np.array(self._wide[:2])
+        low = np.array(self._wide[:2])  # corners of the area: x, y (m)
         high = np.array(self._wide[2:])
         block = BLOCK_CELLS * voxel  # sides along x and y, m
         margin = MARGIN_CELLS * voxel
@@ -386,7 +390,8 @@ class WideVoxelNetDetector(VoxelNetDetector):
             is_in_block = ((centres >= margin) & (centres < margin + block)).all(axis=1)
             world_centres = centres + start
             is_in_block &= ((world_centres >= low) & (world_centres <= high)).all(axis=1)
-            shift = np.append(start, np.zeros(5))  # heights, sizes and yaw stay
+            # by x and y of the origin; z, length, width, height and yaw stay
+            shift = np.append(start, np.zeros(5))
             parts.append(
                 replace(detections[is_in_block], boxes=detections.boxes[is_in_block] + shift)
             )

@@ -60,6 +60,7 @@ class _Graph(nn.Module):
         if isinstance(network.middle, HeightFold):
             nx, ny, nz = network.middle.shape
             weight = network.middle.weight
+            # a voxel's features by the weights of its level, then summed over its column
             levels = [((cells[:, 3:] == level) * x) @ weight[level] for level in range(nz)]
             x = torch.stack(levels).sum(0)
             column = cells[:, 1] * ny + cells[:, 2]
@@ -312,7 +313,7 @@ class OnnxDetector(VoxelNetDetector):
     def _detect(self, cloud: Points) -> Detections:
         """Detections of one cloud. Raises ValueError if the network's outputs do not fit."""
         outputs = self.run(cloud)
-        if not self.decoded:
+        if not self.decoded:  # raw maps of the head instead of boxes
             names = [name for name in Prediction._fields if name in outputs]
             maps = Prediction(**{name: torch.from_numpy(outputs[name]) for name in names})
             best = candidates(maps, self.anchors, self.config, self._least_scores)[0]

@@ -98,7 +98,10 @@ class _Task(NamedTuple):
 
 
 def _read_task(site: str | None, options: TrainingOptions) -> _Task:
-    """Read the options, and the files that they name."""
+    """Read the options, and the files that they name.
+
+    site: name or file of the site to train for, "general" for any place, None for the area of the
+    training data (or any place, by the preset)."""
     name = options.preset or ("general" if site == "general" else "fast")
     device = options.device or ("cuda" if torch.cuda.is_available() else "cpu")
     site_map = None if site in (None, "general") else load_site(site)

@@ -203,8 +203,10 @@ def move_faces(
 
 
 def face_offsets(boxes: BoxRows, truths: BoxRows) -> FaceShifts:
-    """Shifts that turn boxes into the true boxes, which may face the other way: only their centre
-    and size matter."""
+    """Shifts of faces (m, outwards) that turn boxes into their true boxes.
+
+    Only centre and size of the true boxes are used, so that they may face the other way."""
+    # from the box's centre to the true one, then the same ahead and to the left of the box
     dx, dy = (truths - boxes)[:, :2].T
     yaw = boxes[:, 6]
     cos = np.cos(yaw)
@@ -215,8 +217,8 @@ def face_offsets(boxes: BoxRows, truths: BoxRows) -> FaceShifts:
     half_length = growth[:, 0] / 2
     half_width = growth[:, 1] / 2
     return FaceShifts(
-        end=np.concatenate([half_length + ahead, half_length - ahead]),
-        side=np.concatenate([half_width + leftwards, half_width - leftwards]),
+        end=np.concatenate([half_length + ahead, half_length - ahead]),  # fronts, then rears
+        side=np.concatenate([half_width + leftwards, half_width - leftwards]),  # left, then right
         top=truths[:, 2] - boxes[:, 2] + growth[:, 2] / 2,
     )
 

@@ -148,7 +148,7 @@ def collate(batch: Sequence[Voxels]) -> Voxels:
 def grid_cells(
     cloud: Float32[Tensor, "n 3"], config: VoxelNetConfig
 ) -> tuple[Float32[Tensor, "m 3"], Int64[Tensor, "m 3"]]:
-    """Points inside the grid, and their voxel indices (x, y, z)."""
+    """Points of a cloud (x y z, m) inside the grid, and indices of their voxels along x, y, z."""
     xmin, ymin, xmax, ymax = config.area
     bounds = ((xmin, xmax), (ymin, ymax), config.height)
     is_inside = torch.ones(len(cloud), dtype=torch.bool, device=cloud.device)
@@ -159,7 +159,7 @@ def grid_cells(
     indices = []
     for axis, (low, _) in enumerate(bounds):
         size = config.voxel_size[axis]
-        # in float64: a float32 1.4 is below 7 voxels
+        # in float64: in float32, 1.4 m would be just below 7 voxels of 0.2 m
         index = torch.floor(cloud[:, axis].double() / size - low / size).long()
         indices.append(index.clamp_(0, config.grid_shape[axis] - 1))
     return cloud, torch.stack(indices, 1)
@@ -226,11 +226,13 @@ def decode(
 ) -> _Boxes:
     """Boxes of residuals to anchors: the inverse of `encode_residuals`.
 
-    Eight residuals leave the yaw open by 180°; direction: True for a box that faces the other way.
+    residuals: three for the centre, three for the size, then δ of the yaw, or sin 2δ and cos 2δ,
+    which leave the yaw open by 180°. direction: True for a box that faces the other way, None if no
+    box does.
     """
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]
-    scale = torch.cat((diagonal, diagonal, size[..., 2:]), -1)
+    scale = torch.cat((diagonal, diagonal, size[..., 2:]), -1)  # units of the centre's residuals
     centre = anchors[..., :3] + residuals[..., :3] * scale
     angle = residuals[..., 6:]
     turn = angle if angle.shape[-1] == 1 else torch.atan2(angle[..., :1], angle[..., 1:]) / 2

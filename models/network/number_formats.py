@@ -58,7 +58,9 @@ def find_bfloat16_library(device: torch.device) -> Library | None:
 
 @lru_cache
 def _time_libraries(device: torch.device) -> Library | None:
-    """Fastest library in bfloat16 if it takes at most `MAX_TIME_SHARE` of the time in float32."""
+    """Fastest library in bfloat16, None if none takes less than `MAX_TIME_SHARE` of float32's time.
+
+    Other devices than a CPU with instructions for bfloat16 have None too."""
     checks = [
         getattr(torch.cpu, f"_is_{name}_supported", lambda: False)
         for name in ("avx512_bf16", "amx_tile")

@@ -153,9 +153,10 @@ class FoldedRegionProposal(nn.Module):
     """
 
     def __init__(self, rpn: RegionProposal, head: Head, input_order: Tensor | None = None) -> None:
-        """Fold the blocks, their join and the head.
+        """Fold the normalisation of the blocks into their convolutions, and take over the head.
 
-        input_order: order of the first block's input channels, None for the usual one."""
+        rpn: region proposal network; input_order: order of the first block's input channels, None
+        for the usual one."""
         super().__init__()
         self.order = rpn.order
         rpn_blocks: Any = rpn.blocks
@@ -212,7 +213,9 @@ class ClassifiedCells(NamedTuple):
     channels: list[int]
 
     def at(self, places: AnchorPlaces, anchors: int) -> AnchorOutputs:
-        """Outputs of some anchors. anchors: number A of anchors in a cell."""
+        """Outputs of some anchors, one row for each place.
+
+        places: item, row, column and anchor of each; anchors: number of anchors in a cell."""
         items, _, rows, columns = self.features.shape
         cell = (places.item * rows + places.row) * columns + places.column
         # cells with a place, each once, and the one of each place among them
@@ -223,12 +226,12 @@ class ClassifiedCells(NamedTuple):
         weight: Any = self.details.weight
         bias: Any = self.details.bias
         outputs = F.linear(cell_features, weight[:, :, 0, 0], bias).float()
-        maps = []
+        maps = []  # (places, channels) for each field of `AnchorOutputs`
         for cell_values in torch.split(outputs, self.channels, 1):
             channels = cell_values.shape[1] // anchors
             by_anchor = cell_values.view(len(cells), anchors, channels)
             maps.append(by_anchor[cell_of_place, places.anchor])
-        residuals, *others = maps
+        residuals, *others = maps  # the others have one channel
         return AnchorOutputs(residuals, *(values[:, 0] for values in others))
 
     def everywhere(self) -> Prediction:
@@ -300,6 +303,7 @@ class LinearHead(nn.Module):
             torch.cat((coarse_weight, middle_weight), 1)
             * torch.cat((coarse.bias, middle.bias))[:, None, None]
         )
+        # a bias is the same in all 4 x 4 cells of a coarse one: a transposed kernel of ones
         bias_kernel = _compose(bias_weight.new_ones(1, 1, 4, 4), bias_weight.sum(1, keepdim=True))
         # the first channel of ones carries the biases, the others only fill up the width
         weight = torch.cat(

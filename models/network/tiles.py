@@ -109,8 +109,10 @@ class PlacedClouds(NamedTuple):
 
         unions: True for the clouds of each union.
         """
+        # unions that differ only in clouds without a point in such voxels lose the same points
         rows = torch.nonzero(self.crowd > max_points)[:, 0]
         has_crowded = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
+        # `number`: row in `distinct_unions` of each union
         distinct_unions, number = np.unique(unions & has_crowded, axis=0, return_inverse=True)
         groups = np.zeros(len(distinct_unions), np.int64)
         dropped = [rows[:0]]  # by group; group 0 loses no point
@@ -121,7 +123,7 @@ class PlacedClouds(NamedTuple):
             )
             is_kept = thin_voxels(voxel, (count > max_points)[voxel], max_points)
             if not is_kept.all():
-                groups[index] = len(dropped)
+                groups[index] = len(dropped)  # groups are numbered in the order of `dropped`
                 dropped.append(union_rows[~is_kept] + len(dropped) * len(self.points))
         return _Thinning(groups[number.ravel()], torch.cat(dropped))
 
@@ -135,6 +137,7 @@ class PlacedClouds(NamedTuple):
         column_x, column_y = (self.cells[:, :2] % size).T  # within the tile
         rows = []
         keys = []
+        # 0: the tile that holds the point; 1: the next one, if the point is in its margin
         for dx, dy in product((0, 1), (0, 1)):
             is_reached_x = (column_x >= size - before) | (dx == 0)
             is_reached_y = (column_y >= size - before) | (dy == 0)
@@ -285,6 +288,8 @@ class UnionPlan(NamedTuple):
         unions = self.unions
         tiles = len(seen)
         count = len(unions)
+        # (tiles, unions): group of lost points, 0 for tiles out of reach of crowded voxels; then
+        # the clouds of the union that reach the tile, as bits
         code_parts = [seen[:, -1:] * self.thinning]
         for first in range(0, unions.shape[1], 31):  # 31 clouds are the bits of one part
             union_columns = unions[:, first : first + 31]
@@ -462,9 +467,11 @@ class TiledVoxelNet:
         by_tile = placed.by_tile(self._grid, 2 * self.size, 2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
-            """Values of tiles, each in one union."""
+            """Values of tiles, each in one union. tiles: numbers; union: row of `plan.unions`."""
+            # rows: points of all tiles; item: index in `tiles` of each point's tile
             rows, item = by_tile.rows(tiles, plan.unions[union])
             if len(plan.dropped):
+                # leave out the points whose key is among the sorted keys in `plan.dropped`
                 thinning = torch.from_numpy(plan.thinning[union]).to(rows.device)[item]
                 point_keys = thinning * len(placed.points) + rows
                 position = torch.searchsorted(plan.dropped, point_keys)
@@ -487,9 +494,10 @@ class TiledVoxelNet:
     def _convolve(
         self, conv: nn.Conv2d, bank: Tensor, before: Entries, after: Entries, size: int
     ) -> _Bank:
-        """Values of the entries `after` a 3x3 convolution and ReLU of a layer.
+        """Values of the entries `after` a layer, a 3x3 convolution and ReLU.
 
-        bank: values of the entries `before`. size: cells along a side of their tiles.
+        bank: values of the entries `before` the layer, and a last row of zeros. size: cells along a
+        side of a tile before the layer.
         """
         # step to a tile (0: the one before), cells of the patch that it fills, and its cells there
         sides = (
@@ -503,6 +511,7 @@ class TiledVoxelNet:
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
             """Values of tiles, each in one union."""
+            # each tile with a margin of one cell from the eight tiles around it
             patches = bank.new_empty(len(tiles), size + 2, size + 2, bank.shape[3])
             x, y = self._corners(tiles).T  # with the margin, the tile before along both axes
             for (dx, to_x, from_x), (dy, to_y, from_y) in product(sides, sides):
@@ -533,6 +542,7 @@ class TiledVoxelNet:
                 side = y.shape[1]
                 k = self.size // side  # cells of the head's map along a side of one coarse cell
                 width = x.shape[3]
+                # both as (tile, coarse row, row in it, coarse column, column in it, channel)
                 fine_y = _cells(conv, y).view(-1, side, side, k, k, width).transpose(2, 3)
                 x.view(-1, side, k, side, k, width).add_(fine_y)
             corner = torch.from_numpy(self.size * self._corners(tiles)).to(x.device)

@@ -48,7 +48,7 @@ def make_config(
         head |= road_users(select_anchors(classes))
     if size == "light":
         return VoxelNetConfig.light(window(area), **head)
-    is_large = max(area[2] - area[0], area[3] - area[1]) > 80
+    is_large = max(area[2] - area[0], area[3] - area[1]) > 80  # m, the longer side
     voxel = (0.4, 0.4, 0.4) if is_large else (0.2, 0.2, 0.4)
     return VoxelNetConfig(area=area, voxel_size=voxel, **head)
 

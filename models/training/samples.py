@@ -384,9 +384,12 @@ def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray
 
 
 def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
-    """Points and boxes turned about `centre` by any angle, and mirrored in half of the scenes."""
+    """Points and boxes turned about `centre` by any angle, and mirrored in half of the scenes.
+
+    Headings count from +x, so a mirrored y changes the sign of a box's yaw."""
     angle = rng.uniform(-np.pi, np.pi)
     is_mirrored = rng.random() < 0.5
+    # y is mirrored first, then the scene is turned
     matrix = plane_rotation(angle) @ np.diag([1.0, -1.0 if is_mirrored else 1.0])
     points = points.copy()
     boxes = boxes.copy()

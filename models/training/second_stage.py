@@ -336,7 +336,13 @@ def _join_hits(judged: Sequence[_JudgedFrame]) -> _Hits:
 def _fit_rivals(
     judged: Sequence[_JudgedFrame], config: VoxelNetConfig
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
-    """Slope, intercept and weights of rivals for each label, and a threshold of its new scores."""
+    """Slope, intercept and weights of rivals for each label, and a threshold of its new scores.
+
+    Rivals of a detection are boxes of other labels that overlap it.
+
+    judged: detections of some frames, and which of them are true; labels with fewer than
+    `MIN_DETECTIONS` keep their scores."""
+    # the strongest rival's score by label (column), for each detection of all frames (row)
     frame_rivals = [np.zeros((0, len(config.labels)))]
     frame_rivals += [strongest_rivals(frame.detections, config) for frame in judged]
     rivals = np.concatenate(frame_rivals)
@@ -490,7 +496,8 @@ def displace_boxes(boxes: BoxRows, rng: Rng) -> BoxRows:
     boxes = boxes.copy()
     width = boxes[:, 4]
     floor = boxes[:, 2] - boxes[:, 5] / 2
-    width_share = np.minimum(width / 1.8, 1.0)[:, None]  # less for pedestrians
+    # errors of the place are smaller for what is narrower than a car of 1.8 m
+    width_share = np.minimum(width / 1.8, 1.0)[:, None]
     boxes[:, :2] += rng.normal(0, BOX_DEVIATIONS["centre"], (len(boxes), 2)) * width_share
     boxes[:, 3:6] *= 1 + rng.normal(0, BOX_DEVIATIONS["size"], (len(boxes), 3))
     boxes[:, 2] = floor + boxes[:, 5] / 2  # with the new height

@@ -50,7 +50,7 @@ class Approaches:
             centre_points = shapely.points(centres)
             distances = [shapely.distance(line, centre_points) for line in self.lanes]
             nearest = np.array(distances).argmin(axis=0)
-        # axes: box, bay
+        # axes: box, bay; bays are x, y, yaw
         bay_distances = np.linalg.norm(centres[:, None] - self.bays[:, :2], axis=2)
         is_parked = bay_distances.min(axis=1, initial=np.inf) <= MAX_BAY_DISTANCE_M
         return np.where(is_parked, len(self.names) - 1, nearest).astype(np.int64)
@@ -127,7 +127,8 @@ def _group_lanes(
     for name, (_, end_node) in edge_ends.items():
         if end_node not in junctions:
             continue
-        chain = _find_chain(name, edge_ends, junctions)  # from the junction back
+        # names of edges from the junction back: `name` first, the farthest one last
+        chain = _find_chain(name, edge_ends, junctions)
         first_lane, *_ = _list_centre_lines(roads[chain[-1]])
         last_lane, *_ = _list_centre_lines(roads[name])
         start = first_lane.coords[0]

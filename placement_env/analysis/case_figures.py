@@ -138,7 +138,7 @@ def _count_blocks(frame_count: int, frames: Int64[np.ndarray, " k"]) -> int:
 def measure_tallies(
     tallies: Sequence[Sequence[Tally]], classes: Classes, draws: Draws, *, kbit: float = np.nan
 ) -> Float64[np.ndarray, " figures"]:
-    """Return the figures of one set, the columns of `CaseFigures.values`.
+    """Return the figures of one set, the columns of `CaseFigures.values`: resampled APs come last.
 
     They are means over the IoU thresholds. AP and recall are combined over the classes; precision
     is for the detections of all classes together, NaN without detections or objects.
@@ -146,9 +146,9 @@ def measure_tallies(
     Args:
         tallies: A list for each IoU threshold, with a tally for each class.
         classes: The same classes.
-        draws: Frames of each resample.
+        draws: How often each frame (column) is in each resample (row).
         kbit: Data of the set per frame."""
-    threshold_figures = []
+    threshold_figures = []  # a row of figures for each IoU threshold
     for class_tallies in tallies:
         class_aps = [tally.ap for tally in class_tallies]
         class_recalls = [tally.recall for tally in class_tallies]
@@ -162,7 +162,7 @@ def measure_tallies(
         first_tally, *_ = class_tallies
         frame_count = len(first_tally.truths)  # the same for all classes
         resamples = [tally.resamples(draws=draws) for tally in class_tallies]
-        resampled_aps = classes.combined(np.stack(resamples, axis=1))
+        resampled_aps = classes.combined(np.stack(resamples, axis=1))  # from (resample, class)
         columns = [ap, recall, precision, object_count, frame_count, kbit]
         threshold_figures.append(np.concatenate([columns, resampled_aps]))
     figures = reduce_cases(np.array(threshold_figures), "mean")
@@ -173,10 +173,11 @@ def measure_tallies(
 def reduce_cases(
     values: Float64[np.ndarray, "cases *rest figures"], by: Combine
 ) -> Float64[np.ndarray, "*rest figures"]:
-    """Return the figures over cases, which are the first axis.
+    """Return the figures over cases, which are the first axis; NaN is left out.
 
-    They come from the case with the lowest AP, and each resample from its lowest; or all are means.
-    NaN is left out. Means have the number of objects and frames of the first case."""
+    by: "worst" for the figures of the case with the lowest AP, except that each resample has the
+    lowest AP of all cases in that resample; "mean" for means, with the numbers of objects and
+    frames of the first case."""
     if by == "worst":
         ap = values[..., :1]  # column `AP_COLUMN`, with the axis of figures
         # `None` keeps the axis of cases, for `take_along_axis`
@@ -196,14 +197,16 @@ def reduce_cases(
 def reduce_levels(
     values: Float64[np.ndarray, "levels m figures"], by: Combine
 ) -> Float64[np.ndarray, "m figures"]:
-    """Return the figures of m sets over the levels of traffic.
+    """Return the figures of m sets over the levels of traffic (first axis), by "mean" or "worst".
 
-    Means have the objects and frames of all levels with objects. kbit are for all frames."""
+    Means have the sums of objects and frames over the levels with objects. kbit are means over the
+    frames of all levels, whichever way the levels are combined."""
     reduced = reduce_cases(values, by)
+    # weights of the levels are their shares of the frames
     frame_counts = values[:, 0, FRAMES_COLUMN]  # one for each level, the same for all sets
     reduced[:, KBIT_COLUMN] = frame_counts / frame_counts.sum() @ values[..., KBIT_COLUMN]
     if by == "mean":
-        is_defined = ~np.isnan(values[..., :1])
+        is_defined = ~np.isnan(values[..., :1])  # AP is NaN without objects
         counts = np.where(is_defined, values[..., COUNT_COLUMNS], 0)
         reduced[:, COUNT_COLUMNS] = counts.sum(axis=0)
     return reduced

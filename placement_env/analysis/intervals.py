@@ -345,8 +345,8 @@ class Tally:
     def resamples(self, *, seed: int = 0, draws: Draws | None = None) -> Resamples:
         """All-point interpolated AP of each resample of blocks of frames; NaN without objects.
 
-        One seed draws the same blocks for every tally. draws: from `draws_of_blocks`, None for
-        consecutive frames.
+        One seed draws the same blocks for every tally. draws: how often each resample (row) has
+        each frame (column), from `draws_of_blocks`; None for blocks of consecutive frames.
         """
         draws = block_draws(len(self.truths), seed=seed) if draws is None else draws
         order = np.argsort(-self.scores)

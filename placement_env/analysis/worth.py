@@ -78,6 +78,7 @@ def synergy(values: Float64[np.ndarray, " sets"]) -> Float64[np.ndarray, "n n"]:
     n = sets.shape[1]
     size = sets.sum(axis=1)
     weight = _compute_weights(n - 1)  # by number of the other sensors; 0 for impossible numbers
+    # 1 and 0, axes set and sensor
     is_member = sets.astype(float)
     is_absent = (~sets).astype(float)
     # Sums over the sets with both sensors of a pair, only the first, and neither. A negative index

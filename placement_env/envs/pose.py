@@ -198,8 +198,10 @@ class _PoseTask(Task):
         self.episodes.update(zip(rows.tolist(), episodes, strict=True))
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        """Move the sensors of each active row. A move that overloads a link more than before is
-        undone.
+        """Move the sensors of each active row; return rewards, terminated and truncated by row.
+
+        A move that overloads a link more than before is illegal and changes nothing. Episodes never
+        terminate; they are truncated after their last step.
 
         actions: a row for each episode, with three numbers for each sensor."""
         state = self.state
@@ -213,6 +215,7 @@ class _PoseTask(Task):
             rig = episode.rig.move(moves[row, : len(episode.rig.aim)])
             if (rig.aim == episode.rig.aim).all():
                 continue
+            # rig and view before the move: sensors that stay need no new view
             scenario = self._source.scenario(
                 episode.preparation, rig, (episode.rig, objective.visibility)
             )

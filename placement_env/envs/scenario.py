@@ -101,6 +101,7 @@ class Scenario:
         """Features of the candidates, in the order of `STATIC`, before they are clipped to -1..1.
 
         seen: share of the places that each candidate sees."""
+        # x and y are in parts of the area's sides; costs c are c / (c + 1), from 0 to below 1
         sensor_poses = poses(self.objective.candidates)
         position = sensor_poses.position
         area = find_area(self.objective)

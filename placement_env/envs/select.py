@@ -33,7 +33,9 @@ class _SelectTask(Task):
         self._one_hot: dict[Scenario, np.ndarray] = {}  # `_one_hot_factors` of each scenario
 
     def step(self, active: Mask, actions: Shaped[np.ndarray, "n ..."]) -> Ends:
-        """Place a candidate in each active row, or stop; an illegal action changes nothing."""
+        """Place a candidate in each active row, or stop; an illegal action changes nothing.
+
+        Returns rewards, terminated (stopped, or no candidate may be added) and truncated by row."""
         slot, is_stop = self._read_slots(actions)
         state = self.state
         is_acting = active & ~is_stop
@@ -68,7 +70,10 @@ class _SelectTask(Task):
         return masks
 
     def _read_slots(self, actions: np.ndarray) -> tuple[Int64[np.ndarray, " n"], Mask]:
-        """Slot of the candidate that each action places, -1 for none, and True for stops."""
+        """Slot of the candidate that each action places, -1 for none, and True for stops.
+
+        actions: slots, the last of them to stop; or mount, height, heading, tilt and model, with
+        the last mount to stop."""
         if self.flat:
             slot = actions.astype(np.int64).reshape(-1)
             if ((slot < 0) | (slot > self.stop)).any():

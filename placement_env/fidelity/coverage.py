@@ -94,8 +94,8 @@ class Coverage:
     ) -> None:
         """Find which candidates see each object of the classes.
 
-        min_points: points from which a sensor sees an object; views: sensors that must see it.
-        Raises ValueError for numbers of either that are too small."""
+        min_points: points from which a sensor sees an object; views: sensors that must see it, to
+        cover it. Raises ValueError if either number is too small."""
         if not 0 < min_points < np.inf or views < 1 or views != int(views):
             raise ValueError(
                 f"a view needs more than 0 points and a set 1 view or more, got {min_points} and "

@@ -77,7 +77,9 @@ class SensorRays:
         first: (S + 1,) number of the first pixel of each sensor, then P."""
 
     def __init__(self, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        """Measure the empty site with each sensor, and list the rays of all."""
+        """Measure the empty site with each sensor, and list the rays of all.
+
+        Pixels of all sensors are in one row, sensor after sensor, each image row by row."""
         self.sensors = tuple(sensors)
         self._renderer = renderer
         images = renderer.looking(sensors).background
@@ -292,7 +294,9 @@ class _Scene:
         far: (S,) the ones beyond the site's hybrid radius."""
 
     def __init__(self, site: Site, renderer: Renderer, sensors: Sequence[Sensor]) -> None:
-        """Measure the empty site, and how many of its points each sensor sends."""
+        """Measure the empty site, and the expected number of its points that each sensor sends.
+
+        sensors: those whose images are composed, in the order of all arrays by sensor."""
         self._site = site
         self._crop = Crop.from_place(site)
         views = self.views = SensorRays(renderer, sensors)
@@ -367,10 +371,11 @@ class _Scene:
         # assigned in reverse: of equally near hits of a pixel the first object's is written last
         self._owner[pixels[nearest_hits[::-1]]] = nearest_hits[::-1]
         hits = nearest_hits[self._owner.take(pixels[nearest_hits]) == nearest_hits]
-        # flat index in the array (sensor, object) of each hit in the crop
+        # flat index in the array (sensor, object) of each hit in the crop; `counted`: in the crop
         cells = (sensors * len(parts) + objects)[hits[counted[hits]]]
         on_objects = np.bincount(cells, minlength=count * len(parts)).reshape(count, len(parts))
         more_sent, more_far = (
+            # chances already lack what the pixel sends at the empty site
             np.bincount(sensors[hits], weights=chances[hits], minlength=count)
             for chances in (sent, far)
         )

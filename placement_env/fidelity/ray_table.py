@@ -117,7 +117,7 @@ class RayTable:
         nbytes: Bytes of memory."""
 
     def __init__(self, model: SensorModel, tilt: float, roll: float) -> None:
-        """Count a model's rays by direction. tilt, roll: the sensor's (rad)."""
+        """Count a model's rays by direction, at heading 0. tilt, roll: the sensor's (rad)."""
         # rotation from the sensor's axes to axes with x along the heading and z up
         turn = pose(pitch=tilt, roll=roll)[:3, :3] @ model.body_SE3_sensor[:3, :3]
         x, y, z = (model.rays().reshape(-1, 3) @ turn.T).T
@@ -135,9 +135,10 @@ class RayTable:
         dtype = np.uint32 if len(column) >> 16 else np.uint16  # 2 ** 16 rays or more need uint32
         # sums[i, j]: rays in the first i columns and the first j rows of the table
         self._sums = np.zeros((self.columns + 1, rows + 1), dtype)
+        # + 1, as row and column 0 of the sums stay 0
         flat_place = (column - self.first_column + 1) * (rows + 1) + row - self.first_row + 1
         np.add.at(self._sums.ravel(), flat_place, dtype(1))
-        # column by column, as accumulate along this axis is five times slower
+        # sums along both axes; column by column, as accumulate along this axis is five times slower
         for before, after in pairwise(self._sums):
             np.add(before, after, out=after)
         np.add.accumulate(self._sums, axis=1, out=self._sums)

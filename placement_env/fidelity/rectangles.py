@@ -55,7 +55,9 @@ class Rectangles(NamedTuple):
     def from_edges(
         left: np.ndarray, right: np.ndarray, bottom: np.ndarray, top: np.ndarray
     ) -> "Rectangles":
-        """Build from edges (rad, float32): azimuths left < right, elevations bottom < top."""
+        """Build from edges (rad, float32): azimuths left < right, elevations bottom < top.
+
+        Edges become places in a grid of all directions, from azimuth -π and from straight down."""
         middle = (left + right) / 2
         return Rectangles(
             left=(left + PI) * AZIMUTHS_PER_RAD,
@@ -64,6 +66,7 @@ class Rectangles(NamedTuple):
             high=(top + PI / 2) * ELEVATIONS_PER_RAD,
             cos=np.cos(middle),
             sin=np.sin(middle),
+            # limited, as the tangent has no bound near straight up and down
             tan=np.clip(np.tan((bottom + top) / 2), -3, 3),
         )
 

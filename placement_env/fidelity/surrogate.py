@@ -179,7 +179,7 @@ class Surrogate:
             deviation = np.std(resampled_ap.reshape(count, -1), axis=0, ddof=1)
             fit_deviation = np.nan_to_num(deviation)
         ap = self.by_class(subsets).ap
-        # `HitModel.error` is per √(AP (1 - AP)); columns are classes
+        # `HitModel.error` is in parts of √(AP (1 - AP)); columns are classes
         errors = np.sqrt(ap * (1 - ap)) * [model.error for model in self.models]
         return np.hypot(fit_deviation, np.nan_to_num(errors).max(axis=1))
 

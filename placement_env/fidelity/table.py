@@ -124,7 +124,7 @@ class Table:
     def __post_init__(self) -> None:
         """Raise ValueError for arrays of a wrong shape and figures out of range."""
         sets = 1 << len(self.origin.sensors)  # 2^C
-        shape = (sets, len(PAPER_SCHEMES), len(IOUS))
+        shape = (sets, len(PAPER_SCHEMES), len(IOUS))  # axes of AP and recall; kbit lack the last
         if not self.ap.shape == self.recall.shape == shape or self.kbit.shape != shape[:2]:
             raise ValueError(
                 f"a table of {len(self.origin.sensors)} sensors must be {shape}, got "

@@ -40,7 +40,7 @@ def is_continuous(times: Float64[np.ndarray, " frames"] | None) -> bool:
 def draw_way_frames(
     frames: Sequence[Objects], site: Site, labels: Sequence[int], seed: int = 0
 ) -> tuple[WayFrame, ...]:
-    """Draw for each road user the frame in which it counts.
+    """Draw for each road user one of the frames in which it is scored; it counts in that one only.
 
     Returns the frames in which somebody counts, in ascending order.
 
@@ -49,6 +49,7 @@ def draw_way_frames(
         site: Site, in whose area road users count.
         labels: Classes (numbers) that count.
         seed: Seed of the draws."""
+    # pairs of a road user's id and the number of a frame in which it is scored
     id_parts: list[Int64[np.ndarray, " n"]] = [np.zeros(0, np.int64)]
     frame_parts: list[Int64[np.ndarray, " n"]] = [np.zeros(0, np.int64)]
     for number, objects in enumerate(frames):

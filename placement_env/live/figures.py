@@ -355,9 +355,9 @@ class Meter:
     def _by_group(
         self, groups: "_ObjectGroups", probability: Float64[np.ndarray, " O"]
     ) -> tuple[FoundShare, ...]:
-        """Share found of each group of objects; a group without objects is left out.
+        """Share found of each group of objects, with its interval; groups without any are left out.
 
-        probability: probability that each object is found."""
+        groups: names, and the group of each object; probability: that each object is found."""
         shape = (len(groups.names), self.blocks)  # axes: group, block of frames
         cell = groups.group_indices * self.blocks + self._block  # index in the flattened array
         counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)

@@ -141,11 +141,12 @@ class Suggester:
         "add" or "move", for the suggestion; base: variant without the sensor."""
 
         def measure_candidate(candidate: LiveSensor) -> tuple[float, int]:
-            """AP of the base with this sensor, and number of problems."""
+            """AP of the base with this sensor, and number of problems of building all of them."""
             view = self._views.see(replace(base, sensors=(*base.sensors, candidate)))
             return self._meter.measure_ap(view.candidates, view.seen, view.is_working)
 
         min_tilt, max_tilt = TILT_SPAN_RAD
+        # a turn that helps is kept, and all turns are tried again from there
         ap, problems = measure_candidate(sensor)
         has_improved = True
         while has_improved:

@@ -77,7 +77,10 @@ class SensorViews:
         return VariantView(candidates, seen, is_working, coarse)
 
     def look(self, candidates: Candidates) -> tuple[Visibility, bool]:
-        """View of sensors, and True if one is interpolated between heights."""
+        """View of sensors, and True if one is interpolated between heights.
+
+        Views are cached by model and pose; an interpolated one is replaced as soon as there is a
+        panorama at its very height."""
         panoramas = self._preparation.live
         is_coarse = False
         rows: list[SensorRow] = []

@@ -394,9 +394,10 @@ class Coding:
     def encode(self) -> Float64[np.ndarray, " n"]:
         """Vector of the start: lift, turn and tilt of each sensor, clipped to 0 to 1.
 
-        Turns are 0, as they count from the headings of the start."""
+        Lift and tilt are places in their ranges, 0 at the least height or tilt and 1 at the
+        greatest. Turns are 0, as they count from the headings of the start, in half turns."""
         foot_z = self.feet[self.start.mount][:, 2]
-        low, high = self.heights[self.start.mount].T
+        low, high = self.heights[self.start.mount].T  # above the foot (m), for each sensor
         poses = [angles(sensor) for sensor in self.start.sensors]
         height = np.array([pose.height for pose in poses])
         tilt_rad = np.array([pose.tilt for pose in poses])
@@ -408,7 +409,10 @@ class Coding:
         return np.clip(np.stack([lift, turn, tilt], axis=1), 0.0, 1.0).ravel()
 
     def decode(self, vector: Float64[np.ndarray, " n"]) -> Poses:
-        """Sensors in the poses of a vector, in the order of the start."""
+        """Sensors in the poses of a vector, in the order of the start.
+
+        vector: lift and tilt as parts of their ranges, and turn in half turns from the start's
+        heading, sensor after sensor."""
         sensors = []
         rows = vector.reshape(len(self.start), -1)  # lift, turn and tilt of each sensor
         min_tilt_rad, max_tilt_rad = TILT_RANGE_RAD

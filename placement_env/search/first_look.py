@@ -73,6 +73,7 @@ def thin_poles(pool: Candidates, setting: Setting) -> Int64[np.ndarray, " m"]:
     order = mounts[np.lexsort((distance[mounts], ~np.isin(mounts, required)))]
     side_m = MIN_SPACING_M
     while len(order) > max(MAX_POLES, len(required)):
+        # np.unique returns the first mount of each square, which by the order is the one to keep
         squares = np.floor(feet[order] / side_m).astype(np.int64)
         _, first_in_square = np.unique(squares, axis=0, return_index=True)
         order = np.union1d(order[np.sort(first_in_square)], np.intersect1d(order, required))

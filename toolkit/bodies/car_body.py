@@ -128,6 +128,7 @@ def loft_parts(shape: Proportions) -> Mesh:
     ]
     stations = np.clip(np.concatenate([shape.spread, arch_stations]), 0, 1)
     stations = np.unique(np.round(stations, 4))  # sorted, from front to rear
+    # axes: section from rear to front, point, xyz
     left = _make_half_sections(shape, stations[::-1])
     # mirrored and in reverse, without the two points in the middle, to close each ring
     right = left[:, -2:0:-1] * [1.0, -1.0, 1.0]

@@ -22,7 +22,7 @@ def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
     """Draw the wing mirrors of a car, which stick out 8 to 25 cm.
 
     3 cars in 10 have no mirrors, 1 in 50 has one."""
-    # a chance below the first limit means no mirrors, above the last limit only the left one
+    # below `NO_MIRROR_SHARE`: no mirrors; above 1 - `SINGLE_MIRROR_SHARE`: only the left one
     chance = rng.random()
     if chance < NO_MIRROR_SHARE:
         return NOTHING
@@ -31,6 +31,7 @@ def draw_mirrors(shape: Proportions, rng: Rng) -> Mesh:
     half_depth = rng.uniform(0.05, 0.11)
     overhang = rng.uniform(0.08, 0.19 + 0.04 * scale)
     stations, tops = shape.profile.T  # parts of the length, and of the height
+    # mirrors are at the first station of the windscreen's upper part
     is_screen = (tops > 0.75) & (stations < 0.6)
     screen_station = float(stations[is_screen][0])
     x = shape.length * (0.5 - screen_station + 0.03)

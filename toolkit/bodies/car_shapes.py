@@ -59,6 +59,7 @@ def draw_proportions(rng: Rng) -> Proportions:
     kind = CAR_KINDS[int(rng.choice(len(CAR_KINDS), p=_KIND_SHARES))]
     rank = rng.uniform()  # 0 for the shortest of its kind, 1 for the longest
     length = float(np.interp(rank, (0, 1), kind.length))
+    # width and height follow the length in part only
     width = np.interp(0.6 * rank + 0.4 * rng.uniform(), (0, 1), kind.width)
     width += 0.085 * np.clip(rng.standard_normal(), -2, 2)
     height = np.interp(0.75 * rng.uniform() + 0.25 * rank, (0, 1), kind.height)
@@ -67,6 +68,7 @@ def draw_proportions(rng: Rng) -> Proportions:
     axles = _draw_axles(kind, length, wheel, rng)
     bed = None
     if kind.name == "pickup":
+        # stations of the profile's low part behind the cabin; the bed has start, end and width
         low = profile[(profile[:, 1] < 0.7) & (profile[:, 0] > 0.45), 0]
         bed = Bed(float(low[0]) + 0.012, 0.982, 0.84)
     return Proportions(

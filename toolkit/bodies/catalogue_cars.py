@@ -78,7 +78,7 @@ def _make_proportions(row: _CatalogueRow) -> Proportions:
     """Proportions of a car of the catalogue."""
     is_pickup = row.style == "pickup"
     profile = np.array(CAR_PROFILES[row.style])  # rows of station and height
-    profile[2:-2, 0] += row.rake  # the ends stay
+    profile[2:-2, 0] += row.rake  # stations of all but the two first and the two last rows
     share = PICKUP_FRONT_OVERHANG_SHARE if is_pickup else FRONT_OVERHANG_SHARE
     overhang = (row.length - row.wheelbase) * share
     return Proportions(

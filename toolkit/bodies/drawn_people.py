@@ -68,6 +68,7 @@ def _draw_pram(height: float, rng: Rng) -> Mesh:
 
 def _draw_walker(height: float, rng: Rng) -> Mesh:
     """Draw a person of a height (m) with a wheeled walker."""
+    # x, y (m) of the walker's four legs, which lean towards its seat; each ends on a wheel
     feet = [(x, y) for x in (0.3, 0.75) for y in (-0.25, 0.25)]
     legs = [tube([(x, y, 0.05), (0.35, y, 0.52 * height)], radii=0.015, sides=5) for x, y in feet]
     wheels = [make_wheel(x, y, radius=0.09, breadth=0.04, sides=8) for x, y in feet]

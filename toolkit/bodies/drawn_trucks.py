@@ -90,6 +90,7 @@ def draw_semi_trailer(rng: Rng) -> DrawnMesh:
     load_kind, load = _draw_superstructure(space, rng)
     wheel_radius = float(rng.uniform(0.46, 0.53))
     tractor_axles = [length / 2 - 1.4, front - 0.6]
+    # three axles of the trailer, 1.35 m apart, from a random overhang behind them on
     trailer_axles = [-length / 2 + float(rng.uniform(1.6, 2.6)) + 1.35 * k for k in range(3)]
     wheels = make_axles(
         [*tractor_axles, *trailer_axles], width=width - 0.04, radius=wheel_radius, sides=12

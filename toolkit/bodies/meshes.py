@@ -105,8 +105,10 @@ def measure_shape(mesh: Mesh) -> Shape:
     # points in the lowest 4 % of the height touch the ground
     ground_points = points[z < 0.04]
     stance_length, stance_width = np.ptp(ground_points[:, :2], axis=0).tolist()
+    # heights of points near the middle of length and width
     middle_z = z[(np.abs(x - 0.5) < 0.1) & (np.abs(y - 0.5) < 0.25)]
-    # highest point in each of 24 slices along the length; the last 8 are the front third
+    # highest point in each of 24 slices along the length: the first 8 are the rear third, the last
+    # 8 the front third
     slices = (x * 24).astype(np.int64)
     tops = np.array([z[slices == k].max(initial=0.0) for k in range(24)])
     return Shape(

@@ -111,7 +111,11 @@ def pedestrians() -> dict[str, Mesh]:
 
 
 def _list_pedestrians() -> dict[str, _Pedestrian]:
-    """Describe the people of the catalogue by name."""
+    """Describe the people of the catalogue by name.
+
+    Each has a figure, a height (m) and, if any, a function of the height that makes the mesh of
+    clothes or a burden."""
+    # joints are x, y, z in parts of the height, left and right
     telephoning = hold(Figure(), *AT_AN_EAR)
     pushing = hold(striding(0.22), *PUSHING)
     elbows = ((-0.03, 0.14, 0.64), (0.03, -0.13, 0.68))

@@ -25,6 +25,7 @@ PEDALS = ((0.14, 0.13), (-0.10, 0.36))  # x and z of the left and right pedal (m
 
 def two_wheelers() -> dict[str, Mesh]:
     """Bicycles, motorcycles and a scooter with their riders, x forward, wheels on z = 0."""
+    # riders: height when standing, height of the saddle, then x, y, z of the left hand (m)
     crate = box((0.42, 0.42, 0.36), centre=(-0.62, 0, 0.95))
     vehicles = {
         "city_bicycle": (bicycle(0.34), rider(1.74, 0.93, (0.47, 0.28, 1.04), upright=0.97)),
@@ -46,7 +47,7 @@ def two_wheelers() -> dict[str, Mesh]:
             rider(1.79, 0.84, (0.52, 0.30, 1.0), upright=0.86, foot_rest=(-0.05, 0.36)),
         ),
         "sport_motorcycle": (
-            motorcycle(True),
+            motorcycle(True),  # with a fairing
             rider(1.76, 0.86, (0.56, 0.24, 0.93), upright=0.68, foot_rest=(-0.05, 0.42)),
         ),
         "scooter": (

@@ -258,7 +258,8 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_W
     ]
     if len(classes.names) == 1 or not present:
         return np.ones((1, len(labels)), np.int64), len(labels)
-    class_rows = np.array([labels == label for label, _ in present])  # classes × objects
+    # classes × objects; each row of shares adds up to 1
+    class_rows = np.array([labels == label for label, _ in present])
     shares = class_rows / class_rows.sum(axis=1, keepdims=True)
     if classes.combine == "mean":
         weights = np.array([weight for _, weight in present])
