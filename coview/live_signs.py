@@ -196,7 +196,8 @@ def _hidden_ground(outline: Float64[np.ndarray, "n 2"], height: float) -> shapel
     outline: corners of the prism (x, y in m); height: height of the prism (m)."""
     # the direction of the first view is the same for any area, here a square around 0
     eye, target = (np.array(spot) for spot in scene.overview((-1.0, -1.0, 1.0, 1.0)))
-    # from the foot of a top edge to the ground that it hides behind it (x, y)
+    # from the foot of a top edge to the ground that it hides behind it (x, y): it points away from
+    # the eye, as the eye is higher than the target
     shadow = height * (eye - target)[:2] / (target - eye)[2]
     return shapely.convex_hull(shapely.multipoints(np.concatenate([outline, outline + shadow])))
 

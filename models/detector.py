@@ -157,14 +157,15 @@ class VoxelNetDetector:
         return quick
 
     def __call__(self, points: Points, /) -> Detections:
-        """Detect in one cloud."""
+        """Detections of one cloud (x y z, m), averaged over the shifts of the grid."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
         xmin, xmax = self.config.area[::2]
         rows = self.config.map_shape[0]
         parts = []
         for phase in range(self.phases):
-            # parts of a cell of the map (m) along x and y; heights stay
+            # shift (m) by parts of a cell of the map along x and y, spread evenly over the cell for
+            # any number of phases; heights stay
             shift = np.append(phase * SHIFT_STEPS % 1 * (xmax - xmin) / rows, 0.0)
             (detections,) = self.batch([(points + shift).astype(np.float32)])
             box_shift = np.append(shift, np.zeros(4))  # sizes and yaw stay

@@ -175,12 +175,12 @@ def to_network(
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {points.shape}")
     x, y, z = points.T
-    rx, ry = np.array(REFERENCE[site], np.float32)
+    rx, ry = np.array(REFERENCE[site], np.float32)  # CARLA's x and y (m)
     if frame == "carla":
         return np.stack((x - rx, -y - ry, z), 1)
     if frame != "site":
         raise ValueError(f'frame must be "site" or "carla", got {frame!r}')
-    if site == "tjunction":  # a = 196 - CARLA's y, b = 104 - CARLA's x
+    if site == "tjunction":  # the site's x is 196 - CARLA's y, its y is 104 - CARLA's x
         return np.stack((np.float32(104 - rx) - y, np.float32(196 - ry) - x, z), 1)
     return np.stack((x, -y, z), 1)
 
@@ -190,7 +190,7 @@ def from_network(boxes: BoxRows, site: str) -> BoxRows:
     x, y = boxes[:, :2].T
     yaw = boxes[:, 6]
     site_boxes = boxes.copy()
-    if site == "tjunction":
+    if site == "tjunction":  # axes are exchanged and reversed, see `to_network`
         rx, ry = REFERENCE[site]
         site_boxes[:, 0] = 196 - ry - y
         site_boxes[:, 1] = 104 - rx - x

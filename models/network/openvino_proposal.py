@@ -45,6 +45,7 @@ class OpenVinoProposal(nn.Module):
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> ClassifiedCells:
         """Class maps of the head, and what its other maps are computed from."""
+        # a network is compiled for each shape, and takes one map with its channels last
         shape = MapShape(*x.shape[1:])
         network = self._networks.get(shape)
         if network is None:

@@ -94,7 +94,10 @@ class LinearFeatures(nn.Module):
         self.bias = nn.Parameter(bias)
 
     def forward(self, voxels: Voxels) -> Float[Tensor, "v C"]:
-        """Features of the occupied voxels."""
+        """Features of the occupied voxels, one row for each.
+
+        The part of a linear layer that all points of a voxel share is added after the maximum over
+        them, which gives the same."""
         count = len(voxels.cells)
         middles = voxelnet.voxel_references(voxels.cells, self.config)
         heights = (voxels.cells[:, 3:] + 0.5) * self.config.voxel_size[2]  # above the reference
@@ -547,6 +550,7 @@ class SparseMiddle(nn.Module):
                 )
             )
             empty = torch.relu(empty)
+        # level by level instead of channel by channel
         width, levels = empty.shape[1:3]
         self.channel_order = torch.arange(width * levels).view(width, levels).T.reshape(-1)
 
@@ -561,7 +565,7 @@ class SparseMiddle(nn.Module):
         position = plane.place(item, ix, iy)
         mask = torch.zeros(nz, plane.size, dtype=torch.bool, device=features.device)
         mask[iz, position] = True
-        rows = count_before(mask)[iz, position]
+        rows = count_before(mask)[iz, position]  # each voxel's row, by level, then position
         # an empty grid's values are zero before the first layer
         differences = torch.empty_like(features).index_copy_(0, rows, features)
         reached = Reached(mask, differences)
@@ -653,7 +657,7 @@ def dilate(mask: Bool[Tensor, "D P"], plane: Plane) -> Bool[Tensor, "D P"]:
 
     Margins of the plane stay unset.
     """
-    maps = mask.view(-1, plane.nx + 2, plane.ny + 2)
+    maps = mask.view(-1, plane.nx + 2, plane.ny + 2)  # with the margin of one cell all around
     dilated_maps = torch.zeros_like(maps)
     along_x = maps[:, :-2] | maps[:, 1:-1] | maps[:, 2:]
     dilated_maps[:, 1:-1, 1:-1] = along_x[..., :-2] | along_x[..., 1:-1] | along_x[..., 2:]

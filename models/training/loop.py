@@ -201,11 +201,14 @@ class _Course:
                 break
 
     def advance_schedule(self) -> None:
-        """Advance the learning rate by a step, or to the time that has passed."""
+        """Advance the learning rate by a step, or to the time that has passed if time is limited.
+
+        Then `total` becomes the number of steps expected in this time."""
         state = self.state
         seconds = self.machine.seconds
         if seconds:
             share = min(state.spent / seconds, 1.0)
+            # one less, as the scheduler's step adds one
             state.scheduler.last_epoch = int(share * (CLOCK_CYCLE_STEPS - 1)) - 1
             self.total = state.step
             if share < 1:

@@ -155,6 +155,7 @@ def _window(anchors: np.ndarray, box: np.ndarray, reach: float) -> tuple[slice, 
     x, y = box[:2]
     length, width = box[3:5]
     reach += np.hypot(length, width) / 2
+    # x of each row and y of each column of cells, both ascending
     first_row, end_row = np.searchsorted(anchors[:, 0, 0, 0], [x - reach, x + reach])
     first_column, end_column = np.searchsorted(anchors[0, :, 0, 1], [y - reach, y + reach])
     return slice(int(first_row), int(end_row)), slice(int(first_column), int(end_column))

@@ -157,12 +157,14 @@ class PackedFrames:
     ) -> list[Float32[np.ndarray, "_ 3"]]:
         """Points of frame k inside the crop, of each chosen sensor (None: all), on level ground.
 
-        rng: for fresh noise, None for no noise.
+        Recorded clouds come back as they are; other frames are the empty site's image with the
+        pixels that changed. rng: for fresh noise, None for no noise.
         """
         rig = self.rig(k)
         clouds = []
         for s in range(len(rig.sensors)) if sensors is None else sensors:
             if self.is_recorded(k):
+                # a row of ends has where the first sensor's points begin, then where each ends
                 rows = slice(*self._cloud_ends[self._places[k], s : s + 2])
                 clouds.append(self._points[rows].astype(np.float32) / np.float32(STEPS_PER_METRE))
             else:

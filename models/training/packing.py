@@ -94,6 +94,7 @@ def sample_recordings(
         names, _, _, area = sample
         return names, area
 
+    # a sample has names of sensors, a cloud of each, objects and area
     for (names, area), run in groupby(samples, key=sensors_and_area):
         no_pixels = (np.zeros(0, np.uint32),) * len(names)
         no_depth = (np.zeros(0, np.float32),) * len(names)
@@ -251,6 +252,7 @@ def _write_rig(group: h5py.Group, rig: Rig) -> None:
 def _write_clouds(file: h5py.File, recorded: dict[int, tuple[np.ndarray, ...]]) -> None:
     """Write recorded clouds (in steps of the file), given by the number of their frame."""
     sizes = [list(map(len, clouds)) for clouds in recorded.values()]  # by frame and sensor
+    # for each frame, where its first sensor's points begin, then where each sensor's end
     starts = np.cumsum([0, *map(sum, sizes[:-1])])
     ends = [np.cumsum([start, *row]) for start, row in zip(starts, sizes, strict=True)]
     points = np.concatenate([np.zeros((0, 3), np.int32), *chain(*recorded.values())])

@@ -245,7 +245,9 @@ def platt(
     neutral = np.eye(1, rows.shape[1])[0]  # slope 1, all others 0: scores stay as they are
 
     def loss_and_gradient(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        """Regularised log loss of parameters, and its gradient."""
+        """Log loss of parameters, and its gradient.
+
+        It rises by the squared distance from `neutral`, the parameters that change no score."""
         log_odds = rows @ parameters
         deviation = parameters - neutral
         loss = float(

@@ -65,7 +65,7 @@ class State:
         """Make room for n episodes that have not started.
 
         slots: number of candidates that an episode has room for; max_steps: largest number of steps
-        of an episode, None for `STEPS_PER_SENSOR` times the budget; fixed: whether sensors are
+        of an episode, None for `STEPS_PER_SENSOR` times the budget; fixed: True if sensors are only
         moved, so that none may join."""
         check_whole("num_envs", n, least=1)
         self.n = n

@@ -90,6 +90,7 @@ class Lookup(NamedTuple):
         return Lookup(
             model=sensor.model,
             tilt=table_tilt,
+            # heading and extra tilt are in columns and rows of the table
             roll=round(aim.roll, 4) + 0.0,  # + 0.0 makes -0.0 to 0.0
             heading=np.float32(aim.heading) * AZIMUTHS_PER_RAD,
             extra_tilt=np.float32(extra_tilt_rad) * ELEVATIONS_PER_RAD,

@@ -429,7 +429,8 @@ class _Packed:
         """Pixels of frame k that differ from the empty site, and their measurements (m).
 
         k: Number among all frames of the traffic; it must be in this part."""
-        index = k // RENDER_PARTS  # the frame's index in this part
+        # a part has every `RENDER_PARTS`-th frame, so this is the frame's index in its part
+        index = k // RENDER_PARTS
         begin, end = self.ends[index : index + 2]
         depth = self.steps[begin:end].astype(np.float32) / np.float32(STEPS_PER_METRE)
         return self.pixels[begin:end], depth

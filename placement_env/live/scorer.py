@@ -80,10 +80,11 @@ class LiveScorer:
     def _start_question(
         self, question: Setting, run: Run, before: Preparation | None = None
     ) -> None:
-        """Prepare to score by a question, and forget the figures by the question before.
+        """Prepare to score by a setting, and forget the figures by the setting before.
 
-        before: preparation whose traffic is used again, None to make traffic by `run`. Views of
-        sensors are kept if its panoramas are. Raises ValueError for several IoU thresholds."""
+        question: setting asked for; the surrogate scores by it, at the yard's poses; before:
+        preparation whose traffic is used again, None to make traffic by `run`. Views of sensors are
+        kept if its panoramas are. Raises ValueError for several IoU thresholds."""
         if len(question.cases.ious) > 1:
             raise ValueError(f"live figures are of one IoU, got {question.cases.iou}: give one")
         setting = replace(question, candidates=self._yard.stock).with_fidelity("surrogate")

@@ -535,6 +535,7 @@ def _check_mounting(sensor: LiveSensor, mount: Mount, present_heights: list[floa
             f"{SNAP_M:g} m"
         )
         raise ValueError(f"{problem}: give it the place of its pole, or carry it to another one")
+    # both ends twice, as `min` and `max` need two values if no sensor is present
     low = min(mount.min_height, mount.max_height, *present_heights)
     high = max(mount.min_height, mount.max_height, *present_heights)
     if not low - SLACK_M <= sensor.height <= high + SLACK_M:

@@ -59,7 +59,7 @@ def describe_mounted(objective: Objective, subset: Sequence[int]) -> list[str]:
     candidates = objective.candidates
     site = objective.site
     sensors = [candidates.sensors[c] for c in subset]
-    headings, tilts = aims(sensors)  # rad
+    headings, tilts = aims(sensors)  # rad, from +x and below the horizon
     lines = []
     for k, name in enumerate(set_names(candidates, subset)):
         mount = candidates.mounts[candidates.mount[subset[k]]]

@@ -149,7 +149,7 @@ def search_by_races(
         # sets that could be scored on all frames with the effort of the race, less the winner,
         # which the next line scores on all frames and counts
         progress.limits.count += math.ceil(len(sets) * race.spent / race.full) - 1
-        progress.rewards(sets[winner][None])  # keeps it if it is the best so far
+        progress.rewards(sets[winner][None])  # `progress` keeps it if it is the best so far
         members.append(int(options[winner]))
     return progress.result(
         "raced greedy", progress.unknown("greedy promises nothing for AP, and a race may miss")

@@ -90,7 +90,7 @@ def draw_load(shape: Proportions, rng: Rng) -> tuple[str, Mesh]:
 def _make_rails(front: float, rear: float, y: float, z: float) -> Mesh:
     """Rails on both sides of a roof, at y and -y, between x = rear and front, at height z (m)."""
     length = front - rear
-    points = [
+    points = [  # x, y, z of the left rail, its ends sunk into the roof
         (rear + 0.1 * length, y, z - 0.03),
         (rear + 0.15 * length, y, z + 0.03),
         (front - 0.15 * length, y, z + 0.03),

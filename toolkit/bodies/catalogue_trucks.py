@@ -143,7 +143,7 @@ def _make_bus_mirror(size: VehicleSize) -> Mesh:
     """Mesh of the left wing mirror of a bus, on an arm ahead of it."""
     front = size.length / 2
     side = size.width / 2
-    path = [
+    path = [  # x, y, z (m): along the arm, then down the mirror, which is thicker
         (front - 0.15, side, size.height - 0.35),
         (front + 0.12, side + 0.14, size.height - 0.5),
         (front + 0.12, side + 0.14, size.height - 0.95),

@@ -74,6 +74,7 @@ def _draw_box(kind: str, front: float, length: float, width: float, floor: float
     # y as a part of the width, and z (m)
     corners = [[-0.5, floor], [0.5, floor], [0.5, top], [-0.5, top]]
     full_ring = np.array(corners) * [width, 1.0]
+    # from the rear to the front: smaller at both ends, full in between
     rings = [
         _shrink_ring(full_ring, front - length, slope),
         _place_ring(full_ring, front + (slope * length - length)),

@@ -108,6 +108,7 @@ class DetectionText:
 
         numbers: frames of the recording; text_numbers: frames of the text; is_part: True if the
         recording goes on."""
+        # frames after the last one that was read may be in the recording's rest
         strays = [number for number in text_numbers if number not in numbers]
         if strays and not (is_part and strays[0] > numbers[-1]):
             raise ValueError(

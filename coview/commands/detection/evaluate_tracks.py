@@ -75,6 +75,7 @@ def evaluate_track_file(
 
 def _check_track_options(subject: Subject, rules: "Rules") -> None:
     """Raise ValueError for options that do not go with --tracks."""
+    # the options of each group that go with --tracks; all others must have their defaults
     for group, allowed in ((subject, ("tracks",)), (rules, SCORING)):
         usual = type(group)()
         for option in fields(group):

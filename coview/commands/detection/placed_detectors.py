@@ -41,7 +41,10 @@ class Detectors:
     def choose(
         self, recordings: "Sequence[Recording]", scenes: "Sequence[StandingScene | None]"
     ) -> list[PlacedDetector]:
-        """Return the detector for each recording.
+        """Return the detector for each recording, with the place in which it detects.
+
+        A detector that knows the empty site is opened for its recording. Other recordings share one
+        network, and those with a learnt scene another one without background.
 
         scenes: standing scene of each recording, None if it is not learnt."""
         network_for_scenes = self.network

@@ -150,7 +150,7 @@ def _export(
 
 def _summarise(tracks: "Sequence[Tracks]") -> dict[str, float]:
     """Count frames and road users, with the median of the seconds that they are followed."""
-    ages: dict[int, float] = {}
+    ages: dict[int, float] = {}  # seconds followed up to the last frame with it, by id
     for frame_tracks in tracks:
         ages |= dict(zip(frame_tracks.ids.tolist(), frame_tracks.ages.tolist(), strict=True))
     seconds: Float64[np.ndarray, " n"] = np.array(list(ages.values()), np.float64)

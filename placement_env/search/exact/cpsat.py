@@ -404,6 +404,7 @@ def prove_bound(
         np.maximum.at(best, mount, gains)
         return float(np.sort(best)[::-1][:budget].sum())
 
+    # all objects; what each candidate sees, of which an object needs `views` candidates
     bounds = [float(weight.sum()), largest(seen @ weight.astype(np.float64)) / views]
     if views == 1:
         covered = seen[members].any(axis=0)

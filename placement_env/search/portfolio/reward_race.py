@@ -62,7 +62,7 @@ def contest(
         report = objective.run.stage("frames raced", len(frames))
         figures = evaluator.evaluate(rows, frames, report)
         used_frames = frames[: figures.used]  # all unless time ran out
-        cost = weigh_costs(objective, rows, figures.kbit)
+        cost = weigh_costs(objective, rows, figures.kbit)  # the same in all resamples
         reward = figures.ap - cost
         if objective.watch is not None:
             best = int(reward.argmax())
