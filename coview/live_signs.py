@@ -98,7 +98,7 @@ def add_signs(api: "SceneApi", site: Site, poles: Sequence[Mount]) -> dict[str, 
 def _add_pole_marks(api: "SceneApi", poles: Sequence[Mount]) -> None:
     """Draw a cross on top of each pole, which from above is only a dot."""
     tops = [pole.position + np.array([0.0, 0.0, pole.max_height]) for pole in poles]
-    # start and end of both arms of a cross of half width 1
+    # start and end of both arms of a cross with corners at ±1, before it is scaled
     first_arm = [[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]]
     second_arm = [[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]
     arms = POLE_MARK_M / 2 * np.array([first_arm, second_arm])

@@ -79,7 +79,10 @@ def _in_one_line(text: str) -> str:
 
 
 def _describe_unknown(event: Any, text: str, command: str) -> str:
-    """Error for options, or a subcommand, that the command does not have."""
+    """Error for options, or a subcommand, that the command does not have.
+
+    event: tyro's refusal, with the words that it does not know; text: what tyro printed, with its
+    suggestions; command: name of the command."""
     options = [token for token in event.tokens if token.startswith("-")]
     if not options:
         available = re.search(r"Available subcommands: (.+?)(?: For full|$)", text)
@@ -96,7 +99,9 @@ def _describe_unknown(event: Any, text: str, command: str) -> str:
 
 
 def _describe_choice(event: Any, _: str, command: str) -> str:
-    """Error for a value that is not among the choices of an option."""
+    """Error for a value that is not among the choices of an option.
+
+    event: tyro's refusal, with option, value and choices. The printed text is not needed."""
     choices = [choice for choice in event.choices if choice != "None"]
     if set(choices) <= set(LABELS):  # an option of classes, whose check has a better error
         try:

@@ -254,7 +254,7 @@ def save_atomically(path: Path, state: dict[str, object]) -> None:
 def read_checkpoint(
     path: Path, device: str = "cpu", *, identity: Mapping[str, object] | None = None
 ) -> dict[str, Any]:
-    """Read a checkpoint without executing anything in it.
+    """Read the state in a checkpoint, by name, without executing anything in it.
 
     Raises ValueError if it is damaged, or from a run with other settings than `identity` has, by
     name.
@@ -267,6 +267,7 @@ def read_checkpoint(
         raise ValueError(
             f"{path} is not a checkpoint: remove it to start again, or choose another folder"
         )
+    # a name that an older checkpoint lacks counts as ""
     differing = " and ".join(
         name for name, value in (identity or {}).items() if state.get(name, "") != value
     )

@@ -122,7 +122,7 @@ class FaceNetworks(nn.Module):
         """Shift outwards (m) and its log mean error (m) of faces of one of `SORTS`.
 
         features: F features of each face."""
-        shift, spread = getattr(self, sort)(features).unbind(1)
+        shift, spread = getattr(self, sort)(features).unbind(1)  # the network of this sort
         # scaled so that an untrained network answers shifts near 0 with an error of some 5 cm
         return shift / 4, spread - 3
 
@@ -136,7 +136,7 @@ class FaceNetworks(nn.Module):
             has_points = torch.from_numpy(features.counted[number]) >= MIN_FACE_POINTS
             error = torch.exp(spread)
             prior = self.prior[number]
-            is_moved = (error < prior) & has_points
+            is_moved = (error < prior) & has_points  # only if that makes a smaller error likely
             shifts.append(torch.where(is_moved, shift, 0.0).double().numpy())
             doubts.append(torch.where(is_moved, error, prior).double().numpy())
         return FaceMeasurements(FaceShifts(*shifts), FaceShifts(*doubts))
@@ -305,7 +305,8 @@ def _counts(
 ) -> Float[np.ndarray, "n F"]:
     """Number of chosen points for each box, zone and step of distance (F = zones · steps).
 
-    distance: how far each point is beyond the face (m). row: box of each point.
+    distance: how far each point is beyond the face (m). zone, row: zone and box of each point.
+    boxes: number n of boxes. Points too far inside or outside for a step are not counted.
     """
     step = np.floor((distance - FIRST_BIN_M) / BIN_M)
     is_counted = is_chosen & (step >= 0) & (step < BIN_COUNT)

@@ -188,7 +188,9 @@ def _input_node(shape: MapShape) -> _Node:
 
 
 def _convolve(x: _Node, layer: Any) -> _Node:
-    """Output of a convolution or a transposed one, without ReLU."""
+    """Output node of a convolution or a transposed one, without ReLU.
+
+    x: node of the input; layer: convolution of PyTorch with its weights."""
     from openvino import opset13 as ops
 
     weight = ops.constant(_to_float32(layer.weight))

@@ -196,6 +196,7 @@ class PointsByTile(NamedTuple):
 
         union: True for the clouds that count in each tile (m, clouds).
         """
+        # points of one tile and cloud are consecutive in `row`: their ranges are joined
         device = self.row.device
         counts = np.where(union, self.points[tiles], 0)
         flat_counts = counts.ravel()
@@ -431,7 +432,7 @@ class TiledVoxelNet:
         Each is a slice of the unions, the entries of the head's tiles, and an iterator over the
         head's maps of the entries.
         """
-        count = len(plan.unions)  # in a batch
+        count = len(plan.unions)  # in a batch, halved until its entries fit in memory
         while count > 1 and len(plan.part(slice(count)).entries(-1).tile) > MAX_ENTRIES:
             count = (count + 1) // 2
         for first in range(0, len(plan.unions), count):

@@ -301,6 +301,7 @@ def columns(voxels: Voxels, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor
     nx, ny, _ = shape
     item, ix, iy, _ = voxels.cells.unbind(1)
     cell = (item * nx + ix) * ny + iy
+    # an occupied cell's number is how many occupied ones come before it
     is_occupied = torch.bincount(cell, minlength=voxels.items * nx * ny) > 0
     return (torch.cumsum(is_occupied, 0) - 1)[cell], torch.nonzero(is_occupied)[:, 0]
 
@@ -367,7 +368,7 @@ class Head(nn.Module):
             nn.init.constant_(self.classes.bias, -math.log(99))  # type: ignore[arg-type]
 
     def forward(self, x: Float[Tensor, "B C H W"]) -> Prediction:
-        """Raw maps."""
+        """Raw maps: class logits, residuals and, with these heads, direction and quality logits."""
         if self.conv3x3 is not None:
             x = torch.relu(self.conv3x3(x))
         return Prediction(

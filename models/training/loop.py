@@ -122,7 +122,10 @@ def _check_schedule(preset: Preset, machine: Machine) -> None:
 def _identify(
     config: VoxelNetConfig, preset: Preset, frames: int, machine: Machine
 ) -> dict[str, object]:
-    """Return what a checkpoint must share with the run that resumes from it."""
+    """Return what a checkpoint must share with the run that resumes from it.
+
+    frames: number of frames to train on. "start" is replaced by the digest of the weights to start
+    from, if there are any. Usual values are "", so that older checkpoints, without them, fit."""
     is_coarse = machine.bfloat16 and machine.device == "cpu"
     return {
         "config": config.to_dict(),
@@ -242,7 +245,7 @@ class _Course:
 def _list_examples(
     preset: Preset, frames: int, per_epoch: int, steps: range
 ) -> Iterator[list[tuple[int, int]]]:
-    """Yield the examples of each step: (epoch, frame) pairs of a permutation drawn for each epoch.
+    """Yield the examples of each step: pairs of epoch and frame, in an order drawn for each epoch.
 
     frames: number of frames; per_epoch: number of steps in an epoch; steps: steps to yield."""
     order = np.empty(0, int)

@@ -141,6 +141,7 @@ def sample(
     """
     flat_labels = assignment.labels.ravel()
     labels = np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)
+    # the positive ones first, then as many negative ones as there is room for
     for label, max_count in ((POSITIVE, positives), (NEGATIVE, size)):
         rows = np.flatnonzero(flat_labels == label)
         room = min(max_count, size - int((labels == POSITIVE).sum()))

@@ -151,7 +151,11 @@ def join_packed_files(paths: Iterable[Path], unfinished: Path) -> int:
 
 
 def change(rig: Rig, frame: Frame) -> Change:
-    """Pixels that show something in the crop that the empty site does not, or the reverse."""
+    """Pixels that show something in the crop that the empty site does not, or the reverse.
+
+    rig: sensors and their view of the empty site; frame: images of the same sensors. The result
+    has pixels and measurements (in 1 / `STEPS_PER_METRE` m, 0 for nothing) of each sensor, and the
+    frame's objects."""
     pixels = []
     steps = []
     for s, image in enumerate(frame.images):

@@ -117,7 +117,7 @@ def apply_errors(
 def _draw_velocities(objects: Objects, seed: int) -> Float64[np.ndarray, "n 3"]:
     """Random velocities (m/s) along the headings, since packed frames have no tracks; half of the
     objects are still."""
-    rng = np.random.default_rng([seed, 7])
+    rng = np.random.default_rng([seed, 7])  # 7: another stream than others of this seed
     yaw = objects.boxes[:, 6]
     max_speed = rng.uniform(0, 1, len(objects)) * _MAX_SPEEDS_M_S[objects.labels]
     speed = max_speed * (rng.random(len(objects)) < 0.5)
@@ -130,10 +130,9 @@ def thin_cloud(points: _Points, rng: Rng) -> Float32[np.ndarray, "k 3"]:
 
 
 def tilt(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
-    """Points and boxes with the ground lifted by N(0, 7 cm) and tilted about `centre` by N(0, 0.6
-    %) along x and y.
+    """Points and boxes on ground that is lifted and tilted at random; boxes stay upright.
 
-    Boxes stay upright.
+    The lift is N(0, 7 cm), the slopes along x and y are N(0, 0.6 %) about `centre` (x, y in m).
     """
     lift = rng.normal(0, LIFT_DEVIATION_M)
     slope = rng.normal(0, SLOPE_DEVIATION, 2)
@@ -235,7 +234,7 @@ class Samples(torch.utils.data.Dataset[Batch]):
         return len(self.frames)
 
     def __getitem__(self, epoch_and_frame: tuple[int, int]) -> Batch:
-        """Batch of random windows on frame k, drawn anew for each epoch."""
+        """Batch of random windows on a frame; they are different in each epoch."""
         epoch, k = epoch_and_frame
         rng = np.random.default_rng([self.seed, epoch, k])
         recipe = self.recipe

@@ -197,7 +197,8 @@ def widen(network: VoxelNet, config: VoxelNetConfig) -> VoxelNet:
         wider = VoxelNet(replace(old_config, labels=config.labels, kinds=config.kinds, **no_fits))
     state = wider.state_dict()
     for name, old_weight in network.state_dict().items():
-        # channels of shared anchors come from the old network, others stay as they are
+        # in the head's maps the channels of shared anchors come from the old network, others stay
+        # random; all other layers are taken over whole
         if name.startswith(_MAPS):
             channels = len(state[name]) // len(wider.config.anchor_labels)  # one anchor's
             for label in set(config.labels) & set(old_config.labels):
@@ -482,7 +483,8 @@ def train_faces(
 ) -> VoxelNet:
     """Network with a second stage trained for the faces of these classes.
 
-    count: frames for examples.
+    The second stage learns from boxes that a network without it detects. labels: the classes;
+    count: number of frames for examples; seed: for their noise and the training.
     """
     first_stage = rebuild(network, faces=())
     both_stages = rebuild(network, faces=tuple(labels))

@@ -90,7 +90,7 @@ def start_training(
 ) -> TrainingState:
     """Start a training of `total` steps with random weights.
 
-    per_epoch: steps of an epoch."""
+    preset: seed, optimiser and schedule of the learning rate; per_epoch: steps of an epoch."""
     torch.manual_seed(preset.seed)
     network = VoxelNet(config).to(device)
     if not config.middle_widths:
@@ -105,6 +105,7 @@ def start_training(
         optimiser = torch.optim.AdamW(parameters, rate, weight_decay=decay)
     schedule: LRScheduler
     if preset.schedule == "step":
+        # a tenth of the rate after ten epochs
         schedule = MultiStepLR(optimiser, [10 * per_epoch], gamma=0.1)
     else:
         schedule = OneCycleLR(optimiser, rate, total_steps=max(total, 10), pct_start=0.2)

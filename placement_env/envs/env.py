@@ -441,9 +441,10 @@ def _site_name(objective: Objective) -> str:
 
 
 def _draw_vehicles(axes: "Axes", objective: Objective, members: list[int]) -> str:
-    """Draw some vehicles, coloured by the points of the chosen sensors (members) on them.
+    """Draw some objects of the classes that count, coloured by the points of sensors on them.
 
-    Returns a caption with their number.
+    members: indices of the chosen sensors, whose points are added up. Returns a caption with the
+    number of objects.
     """
     from matplotlib.collections import PolyCollection
 

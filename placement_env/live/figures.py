@@ -399,7 +399,10 @@ class Meter:
     def _measure_loads(
         self, candidates: Candidates, seen: Visibility, is_working: np.ndarray
     ) -> tuple[PoleLoad, ...]:
-        """Load of the link of each pole, by the data of its working sensors."""
+        """Load of the link of each pole, by the data of its working sensors.
+
+        candidates: sensors of a variant; seen: their view of the traffic; is_working: False for
+        failed ones."""
         setting = self.preparation.setting
         # axes: sensor, frame; failed sensors send nothing
         kbit = sent_per_frame(seen, setting.fusion, setting.codec) * is_working[:, None]

@@ -320,6 +320,7 @@ class Yard:
                 x=x,
                 y=y,
                 height=_find_step(axes.heights, z - foot_z),
+                # a turn apart is the same heading
                 heading=_find_step(axes.headings, float(heading), math.tau),
                 tilt=_find_step(axes.tilts, float(tilt)),
             )

@@ -40,7 +40,7 @@ class Checkpoint:
         part: str = "search",
         every: float = SAVE_INTERVAL_S,
     ) -> None:
-        """Checkpoint of one stage of a search; nothing is read or written yet."""
+        """Keep where and how often one stage of a search is saved; nothing is written yet."""
         self.folder = folder  # None to keep nothing
         self._depends_on = depends_on  # digest of question and code
         self._part = part  # name of the stage

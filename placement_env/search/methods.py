@@ -53,8 +53,10 @@ def usual_method(fidelity: str, *, verify: bool = False, at_least: bool = False)
 def check_search(
     method: str, fidelity: str, candidates: Candidates, cases: Cases | None = None
 ) -> None:
-    """Raise ValueError if a method cannot search these candidates, ImportError if its package is
-    missing."""
+    """Raise ValueError if a method cannot search these candidates, ImportError without its package.
+
+    fidelity: name of the scorer; cases: thresholds, failures and levels that a set is scored at,
+    None not to check them."""
     check_choice("method", method, METHODS)
     entry = METHODS[method]
     if entry.needs and not find_spec(entry.needs):

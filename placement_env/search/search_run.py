@@ -138,10 +138,11 @@ def _search_curve(
     limits: Summary,
     checkpoint: Checkpoint,
 ) -> Answer:
-    """Answer with the points of a budget curve: over amounts if the price is limited.
+    """Answer with the points of a budget curve: over amounts of money if the price is limited.
 
-    Otherwise the points are for numbers of sensors. limits: seed, seconds and evaluations, as
-    arguments of the search."""
+    Otherwise the points are for numbers of sensors. judging: how sets are compared by the judge;
+    limits: seed, seconds and evaluations, as arguments of the search; checkpoint: keeps states to
+    resume from."""
     max_price = objective.most_price
     amounts = () if math.isinf(max_price) else list_amounts(objective, order.budget, max_price)
     points = budget_curve(

@@ -208,7 +208,10 @@ def _list_cabin_levels(shape: Proportions, chamfer: float) -> list[_Level]:
 
 
 def _loft_levels(levels: list[_Level], length: float) -> Mesh:
-    """Mesh that is lofted upwards through rectangles. length: length of the car (m)."""
+    """Mesh that is lofted upwards through rectangles.
+
+    levels: rectangles from below upwards, their front and rear as parts of the length; length:
+    length of the car (m)."""
     rings = []
     for level in levels:
         front_x = length * level.front

@@ -174,7 +174,9 @@ def _is_clearly_pedestrian(shape: Shape) -> bool:
 
 
 def find_wrong_stand(shape: Shape, label: int) -> str | None:
-    """Describe in words how a mesh of a class is turned wrongly; None if it seems right."""
+    """Describe in words how a mesh of a class is turned wrongly; None if it seems right.
+
+    shape: measured as if x were forward and z up; label: class number."""
     # share of the surface without a counterpart when mirrored along x, y and z
     x_asymmetry = shape.asymmetry[0]
     y_asymmetry = shape.asymmetry[1]
@@ -465,7 +467,8 @@ def take_mesh(path: Path, called: Path, entry: MeshEntry, *, mirrors: bool = Fal
 def _make_taken_body(name: str, label: int, mesh: Mesh, mirrors: bool) -> Body:
     """Body of a mesh in its final frame.
 
-    mirrors: True to count wing mirrors into the box; without them, the box is of the rest."""
+    label: class number; mirrors: True to count wing mirrors into the box; otherwise the box of a
+    vehicle with mirrors is around the rest, and y = 0 is in its middle."""
     body = make_body(name, label, mesh.vertices, mesh.triangles)
     if mirrors or label not in (VEHICLE, HEAVY):
         return body

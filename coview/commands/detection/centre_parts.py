@@ -71,7 +71,10 @@ def _open_recording(source: "InputConfig") -> "Iterator[Recording]":
 
 
 def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") -> "CentreParts":
-    """Return the parts of a centre that replays a recording."""
+    """Return the parts of a centre that replays a recording.
+
+    config: the centre's file, whose one input is the recording; spec: parsed name of the detector,
+    which may learn the standing scene if the site is unknown."""
     from coview.commands.detection.placed_detectors import Detectors
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.centre.centre_run import CentreParts
@@ -100,7 +103,10 @@ def _replay(config: "CentreConfig", spec: DetectorSpec, recording: "Recording") 
 
 
 def _simulate(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
-    """Return the parts of a centre at a simulated junction."""
+    """Return the parts of a centre at a simulated junction.
+
+    config: the centre's file, whose one input has site, duration (s) and seed; spec: parsed name of
+    the detector."""
     from toolkit.calibration.empty_scene import EmptyScene
     from toolkit.centre.centre_run import CentreParts
     from toolkit.centre.junction_input import JunctionInput
@@ -137,7 +143,9 @@ def _detect_at_site(spec: DetectorSpec, site: "Site") -> "Detection":
 
 
 def _listen(config: "CentreConfig", spec: DetectorSpec) -> "CentreParts":
-    """Return the parts of a centre of lidars that send packets."""
+    """Return the parts of a centre of lidars that send packets.
+
+    config: the centre's file, with an input for each lidar; spec: parsed name of the detector."""
     from coview.detectors import open_detector
     from toolkit.centre.centre_run import CentreParts
     from toolkit.centre.detection_pool import Detection

@@ -116,6 +116,7 @@ class _CountedStreet(NamedTuple):
         from toolkit.counting.counts import count_street
 
         arms = find_arms(street.site)
+        # of tracks and of the truth, None if they are unknown
         counts = [
             None
             if road_users is None

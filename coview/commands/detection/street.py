@@ -106,8 +106,13 @@ def open_street(
 ) -> tuple[Street, Street | None]:
     """Road users of a source, and of a site's stretch with rays if one is asked for.
 
-    source: recording, or name or file of a site; hidden: True to show no progress. Raises the
-    errors of `simulate_street` and `observe_street`."""
+    A recording is observed; a site's traffic is simulated for hours without rays, which gives the
+    true road users. The second one is the stretch, None without.
+
+    source: recording, or name or file of a site; measuring: how road users are tracked; demand:
+    hours, flow, seed and stretch of simulated traffic; opening: how a recording is read; place:
+    area and ground; hidden: True to show no progress. Raises the errors of `simulate_street` and
+    `observe_street`."""
     if not is_site(source):
         if demand != StreetDemand():
             raise ValueError(
@@ -187,7 +192,9 @@ def record_stretch(
 
     The while is `demand.stretch` (s); returns None if the demand has none.
 
-    source: name or file of the site; hidden: True to show no progress."""
+    source: name or file of the site; demand: duration and seed; flow: road users an hour from each
+    entry to each exit; measuring: how road users are tracked; place: area and ground; hidden: True
+    to show no progress."""
     from toolkit.datasets.simulation import simulate_dataset
     from toolkit.traffic.snapshots import Mix
 

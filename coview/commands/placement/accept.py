@@ -182,7 +182,9 @@ def _write(acceptance: "Acceptance", out: Path, plan: Path, recording: Path) -> 
 
 
 def _name_site(opening: Opening, recording: Path, plan: Path) -> Opening:
-    """Return the options with the planned site, for a file that may not state its own."""
+    """Return the options with the planned site, for an HDF5 file, which may not state its own.
+
+    opening: options by which the recording is opened; plan: folder of the plan."""
     from toolkit.datasets.recordings import guess_layout
 
     layout = opening.layout or guess_layout(recording)

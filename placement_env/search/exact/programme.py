@@ -178,6 +178,7 @@ class Prices(NamedTuple):
         linear = load_cp_model().LinearExpr
         sensor_terms = (self.sensor * times + plus).tolist()
         terms = [linear.weighted_sum(built, sensor_terms)]
+        # mounts whose price is not in their sensors' prices, as several sensors share it
         for shared_mount in np.unique(self.mount[self.per_mount > 0]):
             on_mount = np.flatnonzero(self.mount == shared_mount).tolist()
             is_paid = model.new_bool_var("")

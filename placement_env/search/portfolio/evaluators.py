@@ -121,7 +121,8 @@ class CasesEvaluator:
     def mean_ap(self, sets: Sets, frames: Frames) -> Float64[np.ndarray, " n"]:
         """Mean AP of each intact set over the thresholds `IOUS`; 0 without a detector.
 
-        It is at the first error profile and, with several drawings of the site, a mean over them.
+        It is at the first error profile and, with several random versions of the site (`drawings`),
+        a mean over them. frames: frame numbers.
         """
         first = self.by_profile[0]
         if not isinstance(first, DetectorEvaluator):
