@@ -206,7 +206,7 @@ class VoxelNetConfig:
                 f"the grid must have {rule}, but {got}: lower the area or raise voxel_size"
             )
         yaws = sum(len(kind.yaws) for kind in self.kinds) or len(self.anchor_yaws)
-        anchors = nx * ny // 4 * yaws
+        anchors = nx * ny // 4 * yaws  # the head's map has half as many cells along x and y
         if anchors > MAX_MAP_ANCHORS:
             raise ValueError(
                 f"there may be {MAX_MAP_ANCHORS} anchors, got {anchors}: lower the area or "

@@ -142,7 +142,7 @@ class VoxelNetDetector:
     def quick(self) -> "VoxelNetDetector":
         """Same detector in bfloat16 if the processor is much faster with it, otherwise itself.
 
-        Where OpenVINO computes it, unions that share work (`unions`) stay in float32."""
+        If OpenVINO is the faster library, unions that share work (`unions`) stay in float32."""
         library = find_bfloat16_library(self.device)
         network = getattr(self, "network", None)
         if library is None or self.numbers != "float32" or not isinstance(network, SparseVoxelNet):

@@ -248,7 +248,8 @@ def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "L L"] | None:
     """Share of each rival label's score below which a box of a label is dropped; None if no
     box is dropped.
 
-    Rows and columns are in the order of `config.labels`. Without `config.rival_shares` only
+    Rows are the labels of boxes to drop, columns their rivals' labels, both in the order of
+    `config.labels`. Without `config.rival_shares` only
     vehicles and heavy vehicles are rivals: a person next to a car is another object, the front of a
     truck is not.
     """

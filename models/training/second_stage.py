@@ -541,6 +541,7 @@ def fit_faces(
             for _ in range(steps):
                 rows = torch.randint(len(target), (FACE_BATCH,))
                 shift, spread = networks.answers(sort, features[rows])
+                # Laplace: |error| / e^spread + spread, the log of the scale
                 loss = ((shift - target[rows]).abs() * torch.exp(-spread) + spread).mean()
                 optimiser.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]

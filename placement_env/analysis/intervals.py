@@ -294,9 +294,8 @@ class Tally:
         scores = []
         hit = []
         for outcome in outcomes:
-            truth = outcome.truth[
-                iou_index
-            ]  # object that each detection hits, or a negative number
+            # object that each detection hits, or a negative number
+            truth = outcome.truth[iou_index]
             is_counted = truth != IGNORED
             scores.append(outcome.scores[is_counted])
             hit.append(truth[is_counted] >= 0)

@@ -46,9 +46,10 @@ def shrink(
 ) -> Shrunk:
     """Figures of n sets, shrunk towards their predictions, and draws of them.
 
-    resamples: a row for each figure, with the same draws for all; predicted: earlier predictions of
-    the figures; blocks: number of blocks that a resample draws. One block shows no noise, so
-    predictions rank. Fewer than `MIN_SETS` sets, and undefined figures, are left as they are.
+    figure: measured AP or reward of each set; resamples: a row for each figure, with the same draws
+    for all; predicted: earlier predictions of the figures; blocks: number of blocks that a resample
+    draws. One block shows no noise, so the sets are then ranked by their predictions. Fewer than
+    `MIN_SETS` sets, and undefined figures, are left as they are.
     """
     if len(figure) < MIN_SETS or not np.isfinite(figure).all():
         return Shrunk(figure, resamples)
@@ -74,6 +75,7 @@ def shrink(
         error_variance = max(MIN_SPREAD_AP**2, float(errors.var(ddof=1) - variance.mean()))
         weight = error_variance / (error_variance + variance)
     likeliest = predicted + shift + weight * (errors - shift)
+    # a figure that is shrunk by w keeps w of its variance, and the noise shared by all sets
     remaining_noise = np.sqrt(weight)[:, None] * noise
     draws = likeliest[:, None] + remaining_noise + (common_noise - common_noise.mean())
     return Shrunk(figure=likeliest, resamples=draws)

@@ -422,6 +422,7 @@ def paper_candidates(site: Site) -> Candidates:
         mounts.append(nearest)
     mounted = [s.position[2] - m.position[2] for s, m in zip(site.sensors, mounts, strict=True)]
     sensor_headings, sensor_tilts = aims(site.sensors)
+    # values that occur, and the index among them of each sensor's
     heights, height = np.unique(np.round(mounted, 6), return_inverse=True)
     headings, heading = np.unique(np.round(sensor_headings, 6), return_inverse=True)
     tilts, tilt = np.unique(np.round(sensor_tilts, 6), return_inverse=True)

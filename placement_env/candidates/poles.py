@@ -640,8 +640,8 @@ def _check_poles(mounts: Sequence[Mount], site: Site, where: str) -> None:
             )
     spots = shapely.points(feet[:, :2])
     pairs = shapely.STRtree(spots).query(spots, "dwithin", SAME_POLE_M).T
-    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
-    if len(pairs):
+    pairs = pairs[pairs[:, 0] < pairs[:, 1]]  # indices of poles, each pair once
+    if len(pairs):  # the first pair in the order of the file is named
         pair = " and ".join(repr(names[k]) for k in pairs[np.lexsort(pairs.T[::-1])[0]])
         raise ValueError(f"{where}: poles {pair} stand at the same place: remove one of them")
 

@@ -117,13 +117,14 @@ class SensorRays:
         positions = self._poses[:, None, :3, 3]
         for first in range(0, len(boxes), BOXES_TOGETHER):
             block = slice(first, first + BOXES_TOGETHER)
+            # corners in sensor axes, with the axes body, sensor, corner, xyz
             in_sensor = (
                 self._renderer.outer_corners(bodies[block], boxes[block])[:, None] - positions
             ) @ rotations
             count = len(in_sensor)
             nearest_lengths = np.zeros((count, len(self.sensors)), np.float32)
             parts = []
-            owners = []
+            owners = []  # index in the block of each rectangle's body
             for model, same_model in self._sensors_of_model:
                 # row: box * number of sensors of the model + sensor, which divmod takes apart below
                 corners = in_sensor[:, same_model].reshape(-1, 8, 3)
@@ -259,6 +260,7 @@ def look_at(
     for snapshot in traffic.snapshots:
         placed = zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
         frames.append([((body, box.tobytes()), body, box) for body, box in placed])
+    # bodies in their boxes in all frames, each once
     standing = {key: (body, box) for frame in frames for key, body, box in frame}
     bodies = np.array([body for body, _ in standing.values()], np.int64)
     boxes = np.array([box for _, box in standing.values()]).reshape(-1, 7)

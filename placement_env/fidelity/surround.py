@@ -127,6 +127,7 @@ class Surround:
         order = np.argsort(rectangles.left, kind="stable")
         rectangles = Rectangles(*(column[order] for column in rectangles))
         strips = Strips(*(column[order] for column in strips))
+        # strips of parts that show points in the crop, within the hybrid radius or beyond it
         is_in_crop = strips.shows >= WITHIN
         is_far = strips.shows == BEYOND
         gains = {}

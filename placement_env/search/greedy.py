@@ -52,8 +52,8 @@ def search(
 ) -> Result:
     """Best set on greedy's way; the first of equal candidates is taken, `seed` is not used.
 
-    A submodular objective gives the answer a bound as certificate, for which C more sets are
-    scored, unless a gain grew during the search.
+    A submodular objective gives the answer a bound as certificate, unless a gain grew during the
+    search. The bound takes as many more scored sets as there are candidates.
 
     Args:
         objective: Objective to maximise.

@@ -162,6 +162,8 @@ def _make_half_sections(
     lean = shape.lean * np.clip(glass_height / (shape.height * (1 - shape.belt)), 0, 1)
     roof_edge = half_width * (0.965 - lean)
     middle = np.zeros_like(s)
+    # seven points up to the shoulder at the belt line, one on the glass, five from the roof's edge
+    # to its middle
     points = [  # y and z, from the middle of the floor to the middle of the roof
         (middle, floor),
         (0.74 * half_width, floor),
@@ -182,6 +184,7 @@ def _make_half_sections(
     x = shape.length * (0.5 - s)[:, None]
     sections = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
     if shape.bed is not None:
+        # along the bed its floor takes the place of the roof's last three points
         is_bed = (s > shape.bed.start) & (s < shape.bed.end)
         bed_floor = np.maximum(shoulder - 0.42, sill + 0.02)
         sections[is_bed, -3:, 1] = roof_edge[is_bed, None] * [shape.bed.width, 0.4, 0.0]

@@ -19,6 +19,7 @@ MIDIBUS = VehicleSize(8.9, 2.35, 2.85)
 
 def trucks() -> dict[str, tuple[Mesh, Mesh]]:
     """Trucks and buses with their wing mirrors, x forward, wheels on z = 0."""
+    # boxes: lengths of truck and box, width and height of the roof; axles: x of each (m)
     return {
         "box_truck": _join(
             [

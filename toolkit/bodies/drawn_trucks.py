@@ -111,6 +111,7 @@ def _draw_cab(
     screen = front - bonnet  # x of the foot of the windscreen
     corner = float(rng.uniform(0.03, 0.15))
     sill = bottom + 0.45 * (height - bottom)
+    # from the rear to the front, m; the screen leans back by the rake
     sections = [
         ShellSection(x=screen - length + bonnet, width=width, bottom=bottom, top=height),
         ShellSection(x=screen - 0.6 * rake - corner, width=width, bottom=bottom, top=height),
@@ -193,7 +194,7 @@ def _draw_tank(space: _LoadSpace, rng: Rng) -> Mesh:
 
 def _make_mixer(space: _LoadSpace) -> Mesh:
     """Mesh of the drum of a concrete mixer, sloping down to the front."""
-    axis = [
+    axis = [  # x, y, z from the rear to the front
         (space.rear, 0.0, space.floor + 1.5),
         (space.middle, 0.0, space.floor + 1.25),
         (space.front - 0.1, 0.0, space.floor + 1.0),

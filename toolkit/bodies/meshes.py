@@ -547,7 +547,8 @@ def _read(path: Path) -> Mesh:
 def _find_label(called: Path) -> int | None:
     """Class number by the name of a folder in the path or the start of the file's name.
 
-    Inner folders come first; None if nothing begins with the name of a class."""
+    Inner folders come first; None if nothing begins with the name of a class. called: path of the
+    mesh file, relative to the folder of meshes."""
     for part in (*reversed(called.parent.parts), called.stem):
         for label, name in enumerate(LABELS):
             if part.lower().startswith(name):

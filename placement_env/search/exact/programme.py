@@ -373,7 +373,8 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
     """
     object_count = powers.shape[1]
     # Σ n ^ norm at which the probability is a share `HIT_STEPS` of the highest: the model's formula
-    # solved for it, clipped so that expm1 neither vanishes nor overflows
+    # solved for it (log(1 / (1 / h - 1)) is the logit of a share h), clipped so that expm1 neither
+    # vanishes nor overflows
     log_evidence = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(
         model.density, 1e-9
     )
