@@ -129,10 +129,10 @@ class PublishedDetector:
         """Detections of one cloud (x y z in the site's frame, m)."""
         class_logits, residuals = self.head(points)
         # the residuals of both anchors in the order of this project: x, y, z, then the others
-        order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
+        channel_order = [7 * anchor + k for anchor in range(2) for k in (*_UP_LAST, 3, 4, 5, 6)]
         prediction = Prediction(
             class_logits=class_logits,
-            residuals=residuals[:, torch.tensor(order, device=self.device)],
+            residuals=residuals[:, torch.tensor(channel_order, device=self.device)],
         )
         thresholds = (self.score_threshold,)
         ((boxes, scores),) = candidates(prediction, self.anchors, self.config, thresholds)

@@ -112,9 +112,9 @@ class PlacedClouds(NamedTuple):
         # unions that differ only in clouds without a point in such voxels lose the same points
         rows = torch.nonzero(self.crowd > max_points)[:, 0]
         has_crowded = torch.bincount(self.cloud[rows], minlength=self.clouds).cpu().numpy() > 0
-        # `number`: row in `distinct_unions` of each union
-        distinct_unions, number = np.unique(unions & has_crowded, axis=0, return_inverse=True)
-        groups = np.zeros(len(distinct_unions), np.int64)
+        # `distinct_row`: row in `distinct_unions` of each union
+        distinct_unions, distinct_row = np.unique(unions & has_crowded, axis=0, return_inverse=True)
+        group_of_distinct = np.zeros(len(distinct_unions), np.int64)
         dropped = [rows[:0]]  # by group; group 0 loses no point
         for index, union in enumerate(distinct_unions):
             union_rows = rows[torch.from_numpy(union).to(rows.device)[self.cloud[rows]]]
@@ -123,9 +123,10 @@ class PlacedClouds(NamedTuple):
             )
             is_kept = thin_voxels(voxel, (count > max_points)[voxel], max_points)
             if not is_kept.all():
-                groups[index] = len(dropped)  # groups are numbered in the order of `dropped`
+                # groups are numbered in the order of `dropped`
+                group_of_distinct[index] = len(dropped)
                 dropped.append(union_rows[~is_kept] + len(dropped) * len(self.points))
-        return _Thinning(groups[number.ravel()], torch.cat(dropped))
+        return _Thinning(group_of_distinct[distinct_row.ravel()], torch.cat(dropped))
 
     def by_tile(self, grid: tuple[int, int], size: int, before: int) -> "PointsByTile":
         """Rows of points sorted by tile, then cloud.
@@ -135,8 +136,8 @@ class PlacedClouds(NamedTuple):
         """
         tile_x, tile_y = (self.cells[:, :2] // size).T
         column_x, column_y = (self.cells[:, :2] % size).T  # within the tile
-        rows = []
-        keys = []
+        row_parts = []
+        key_parts = []
         # 0: the tile that holds the point; 1: the next one, if the point is in its margin
         for dx, dy in product((0, 1), (0, 1)):
             is_reached_x = (column_x >= size - before) | (dx == 0)
@@ -144,10 +145,10 @@ class PlacedClouds(NamedTuple):
             exists = (tile_x + dx < grid[0]) & (tile_y + dy < grid[1])
             tile_rows = torch.nonzero(is_reached_x & is_reached_y & exists)[:, 0]
             tile = (tile_x[tile_rows] + dx) * grid[1] + tile_y[tile_rows] + dy
-            rows.append(tile_rows)
-            keys.append(tile * self.clouds + self.cloud[tile_rows])
-        row = torch.cat(rows)
-        key = torch.cat(keys)
+            row_parts.append(tile_rows)
+            key_parts.append(tile * self.clouds + self.cloud[tile_rows])
+        row = torch.cat(row_parts)
+        key = torch.cat(key_parts)
         order = torch.argsort(key * max(len(self.points), 1) + row)  # by key, then row
         count = torch.bincount(key, minlength=grid[0] * grid[1] * self.clouds).cpu().numpy()
         first = np.cumsum(count) - count

@@ -423,12 +423,14 @@ def paper_candidates(site: Site) -> Candidates:
     mounted = [s.position[2] - m.position[2] for s, m in zip(site.sensors, mounts, strict=True)]
     sensor_headings, sensor_tilts = aims(site.sensors)
     # values that occur, and the index among them of each sensor's
-    heights, height = np.unique(np.round(mounted, 6), return_inverse=True)
-    headings, heading = np.unique(np.round(sensor_headings, 6), return_inverse=True)
-    tilts, tilt = np.unique(np.round(sensor_tilts, 6), return_inverse=True)
+    heights, height_index = np.unique(np.round(mounted, 6), return_inverse=True)
+    headings, heading_index = np.unique(np.round(sensor_headings, 6), return_inverse=True)
+    tilts, tilt_index = np.unique(np.round(sensor_tilts, 6), return_inverse=True)
     models = tuple(dict.fromkeys(sensor.model for sensor in site.sensors))
-    model = np.array([models.index(sensor.model) for sensor in site.sensors])
-    factors = np.column_stack([np.arange(len(mounts)), height, heading, tilt, model])
+    model_index = np.array([models.index(sensor.model) for sensor in site.sensors])
+    factors = np.column_stack(
+        [np.arange(len(mounts)), height_index, heading_index, tilt_index, model_index]
+    )
     return Candidates(site.sensors, tuple(mounts), factors, Axes(heights, headings, tilts, models))
 
 

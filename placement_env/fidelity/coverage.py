@@ -120,10 +120,10 @@ class Coverage:
     def by_class(self, subsets: Sets, /) -> ClassEstimates:
         """Share of the objects of each class that each set covers; NaN if the class has none."""
         share = np.full((len(subsets), len(self.classes)), np.nan)
-        # block: slice of sets; views: number of sensors of each set that see each object
-        for block, views in self._view_sums.blocks(subsets):
+        # block: slice of sets; view_counts: sensors of each set (row) that see each object
+        for block, view_counts in self._view_sums.blocks(subsets):
             for k, (columns, count) in enumerate(self._class_columns):
                 if count:
                     # `self.views`: number of sensors that must see an object
-                    share[block, k] = (views[:, columns] >= self.views).sum(axis=1) / count
+                    share[block, k] = (view_counts[:, columns] >= self.views).sum(axis=1) / count
         return ClassEstimates(ap=share, recall=share.copy(), kbit=self._sent.kbit(subsets))

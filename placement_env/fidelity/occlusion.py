@@ -261,11 +261,11 @@ def look_at(
         placed = zip(snapshot.bodies.tolist(), snapshot.objects.boxes, strict=True)
         frames.append([((body, box.tobytes()), body, box) for body, box in placed])
     # bodies in their boxes in all frames, each once
-    standing = {key: (body, box) for frame in frames for key, body, box in frame}
-    bodies = np.array([body for body, _ in standing.values()], np.int64)
-    boxes = np.array([box for _, box in standing.values()]).reshape(-1, 7)
+    distinct_bodies = {key: (body, box) for frame in frames for key, body, box in frame}
+    bodies = np.array([body for body, _ in distinct_bodies.values()], np.int64)
+    boxes = np.array([box for _, box in distinct_bodies.values()]).reshape(-1, 7)
     # a vehicle that does not move has the same key in each frame, so its windows are found once
-    windows = dict(zip(standing, scene.views.windows(bodies, boxes), strict=True))
+    windows = dict(zip(distinct_bodies, scene.views.windows(bodies, boxes), strict=True))
     points = [np.zeros((len(sensors), 0))]
     sent = []
     far = []

@@ -170,12 +170,12 @@ class RayTable:
         last_column = self._sums.shape[0] - 1
         last_row = self._sums.shape[1] - 1
         # before the table's end and beyond its start, or across the seam into its next turn
-        reached = (begin < last_column) & (begin + width > 0) | (begin + width > AZIMUTHS)
-        reachable = np.flatnonzero(reached & (up > 0) & (low < last_row))
-        begin = begin.take(reachable)
-        low = np.maximum(low.take(reachable), 0)
-        up = np.minimum(up.take(reachable), last_row)
-        end = begin + width.take(reachable)
+        is_in_columns = (begin < last_column) & (begin + width > 0) | (begin + width > AZIMUTHS)
+        near_rectangles = np.flatnonzero(is_in_columns & (up > 0) & (low < last_row))
+        begin = begin.take(near_rectangles)
+        low = np.maximum(low.take(near_rectangles), 0)
+        up = np.minimum(up.take(near_rectangles), last_row)
+        end = begin + width.take(near_rectangles)
         counts = self._count_rays(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
         wrapped = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
         if len(wrapped):
@@ -184,7 +184,7 @@ class RayTable:
                 np.zeros_like(wrapped_end), wrapped_end, low[wrapped], up[wrapped]
             )
         hit = np.flatnonzero(counts)
-        return reachable[hit], counts[hit]
+        return near_rectangles[hit], counts[hit]
 
     def _count_rays(
         self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray

@@ -109,10 +109,10 @@ class DetectionText:
         numbers: frames of the recording; text_numbers: frames of the text; is_part: True if the
         recording goes on."""
         # frames after the last one that was read may be in the recording's rest
-        strays = [number for number in text_numbers if number not in numbers]
-        if strays and not (is_part and strays[0] > numbers[-1]):
+        unknown_numbers = [number for number in text_numbers if number not in numbers]
+        if unknown_numbers and not (is_part and unknown_numbers[0] > numbers[-1]):
             raise ValueError(
-                f"{self.path} has frame {strays[0]}, which is not among the recording's "
+                f"{self.path} has frame {unknown_numbers[0]}, which is not among the recording's "
                 f"{len(numbers)} frames from {numbers[0]} to {numbers[-1]}: are both of one "
                 "recording?"
             )
