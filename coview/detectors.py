@@ -115,10 +115,12 @@ def load_detector(
 ) -> CloudDetector:
     """Load a detector by shipped name or by the path of its weights.
 
-    name: "tjunction", "roundabout", "general" or a path; level: see `CloudDetector`; area: xmin,
-    ymin, xmax, ymax (m), None for the weights' own; other parameters: see `models.load_detector`,
-    which returns the bare network. Raises FileNotFoundError for unknown weights, ValueError if they
-    are damaged or for another place."""
+    name: "tjunction", "roundabout", "general" or a path; level: "map" or "plane" to put clouds on
+    level ground first, None for clouds whose ground is at z = 0; site: site that the weights must
+    be for, None for any; area: xmin, ymin, xmax, ymax (m), None for the weights' area;
+    score_threshold: lowest score of a detection, None for the weights' thresholds; nms_threshold:
+    footprint IoU above which the weaker of two boxes is dropped. Raises FileNotFoundError for
+    unknown weights, ValueError if they are damaged or for another place."""
     from models import detector
 
     if Path(name).suffix == ".onnx":

@@ -167,6 +167,7 @@ class Ghosts:
     def __init__(
         self, api: "SceneApi", planner: LivePlanner, accept: Callable[[Suggestion], None]
     ) -> None:
+        """Draw nothing yet. accept: called with a suggestion whose drawing is clicked."""
         self._api = api
         self._planner = planner
         self._accept = accept  # called with a suggestion that is clicked

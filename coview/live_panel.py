@@ -371,7 +371,10 @@ class LivePanel:
         tasks: LongTasks,
         **drawing: Callable[[], None],
     ) -> None:
-        """Add all controls. drawing: functions that the tab View draws by, see `ViewTab`."""
+        """Add all controls in the panel's tabs.
+
+        drawing: functions of the tab View by name, `draw_map` and `draw_traffic`; others are for
+        several tabs."""
         self._guard = FieldGuard()  # ignores changes of fields by the program
         steps = gui.add_button_group("Changes", ("Undo", "Redo"))
         steps.on_click(

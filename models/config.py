@@ -115,6 +115,7 @@ class VoxelNetConfig:
     of `models.network.candidates`, between vehicles and heavy ones; zeros: no box is dropped."""
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a field that is out of range, and for fields that do not fit."""
         xmin, ymin, xmax, ymax = self.area
         if not (xmax > xmin and ymax > ymin and self.height[1] > self.height[0]):
             raise ValueError(f"area and height must ascend, got {self.area} and {self.height}")

@@ -337,7 +337,9 @@ class WideVoxelNetDetector(VoxelNetDetector):
     ) -> None:
         """Make the network's grid one block, and detect in an area block by block.
 
-        area: xmin, ymin, xmax, ymax (m); other arguments as for `VoxelNetDetector`."""
+        area: xmin, ymin, xmax, ymax (m); score_threshold: lowest score of a detection, None for the
+        network's thresholds; nms_threshold: footprint IoU above which the weaker of two boxes is
+        dropped."""
         cells = BLOCK_CELLS + 2 * MARGIN_CELLS
         sides = cells * network.config.voxel_size[0], cells * network.config.voxel_size[1]
         block = VoxelNet(replace(network.config, area=(0.0, 0.0, *sides)))

@@ -81,9 +81,11 @@ def try_network(content: bytes, inputs: Mapping[str, np.ndarray], limits: TrialL
 
 
 def _run_trial(memory_bytes: int) -> None:
-    """Run a network with its inputs, both from an .npz on standard input (see `try_network`).
+    """Run a network with its inputs, both from an .npz on standard input.
 
-    memory_bytes: limit of memory. Exits with a line on stderr if that fails."""
+    It holds the bytes of the ONNX file as "network", and arrays by the names of inputs; a network
+    with other inputs is opened only. memory_bytes: limit of memory. Exits with a line on stderr if
+    the run fails."""
     import onnxruntime
 
     arrays = dict(np.load(BytesIO(sys.stdin.buffer.read())))

@@ -56,7 +56,8 @@ def load_published(
 ) -> "PublishedDetector":
     """Load the detector of a published checkpoint for "tjunction" or "roundabout".
 
-    decoding: see `PublishedDetector`. No code of the file is executed. Raises FileNotFoundError,
+    decoding: "exact" to suppress overlapping boxes by their footprints, "published" to do before
+    that what the published code does. No code of the file is executed. Raises FileNotFoundError,
     and ValueError for any other file.
     """
     if site not in REFERENCE:

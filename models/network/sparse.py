@@ -594,8 +594,9 @@ class SparseConvolution(nn.Module):
 
         empty: output without points; stride, padding: along z."""
         super().__init__()
-        # lowest input level of each output level
+        # lowest input level of each output level, below 0 in the padding
         self.first = [level * stride - padding for level in range(empty.shape[1])]
+        # from (output, input, and taps along z, x and y)
         self.register_buffer("weight", weight.permute(2, 1, 3, 4, 0).flatten(2).contiguous())
         self.register_buffer("empty", empty.permute(1, 2, 3, 0).contiguous())
 

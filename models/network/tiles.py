@@ -376,7 +376,7 @@ class TiledVoxelNet:
     ) -> UnionPlan | None:
         """Plan the work if that is quicker than one union after another, else None.
 
-        For the arguments see `plan`.
+        clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
         """
         plan = self._plan_without_thinning(clouds, unions)
         if not self.gains(plan):  # thinning only makes values of tiles differ
@@ -388,10 +388,12 @@ class TiledVoxelNet:
     def _plan_without_thinning(
         self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
     ) -> UnionPlan:
-        """Plan as if no point was left out of crowded voxels. For the arguments see `plan`.
+        """Plan as if no point was left out of crowded voxels.
 
-        `seen` of the plan says for each layer, by tile and cloud, whether a point of the cloud can
-        change the tile; the last column is of voxels with more points than the network takes."""
+        `seen` of the plan has for each layer, by tile and cloud, whether a point of the cloud can
+        change the tile; the last column is of voxels with more points than the network takes.
+
+        clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union."""
         placed = PlacedClouds.from_clouds(clouds, self.config)
         nx, ny, _ = self.config.grid_shape
         # cells of the map that each cloud, and in the last row any crowded voxel, has points in
@@ -557,10 +559,10 @@ class TiledVoxelNet:
 
     def _within(self, x: _Bank, tiles: np.ndarray) -> _Bank:
         """Values of tiles with zeros in cells beyond the map, as convolutions expect."""
-        size = x.shape[1]
+        size = x.shape[1]  # cells along a tile's side in this layer
         corners = torch.from_numpy(self._corners(tiles)).to(x.device)
         for axis, (side, cells) in enumerate(zip(self._grid, self._map, strict=True)):
-            if side * self.size != cells:
+            if side * self.size != cells:  # the last tiles along this axis go beyond the map
                 cell = corners[:, axis, None] * size + torch.arange(size, device=x.device)
                 is_on_map = (cell < cells * size // self.size).to(x.dtype)
                 x = x * (is_on_map[:, :, None, None] if axis == 0 else is_on_map[:, None, :, None])

@@ -375,7 +375,8 @@ def _judge(
 
     If the network knows vehicles and heavy vehicles, a vehicle on a heavy one is FALSE too.
 
-    count, seed, known: as in `detect_recording`."""
+    count: number of first frames, None for all; seed: for noise, subsets of sensors and errors;
+    known: True to leave out detections of the empty site."""
     judged = []
     knows_both = {"vehicle", "heavy"} <= set(network.config.labels)
     results = detect_recording(
@@ -399,6 +400,7 @@ def _judge(
                 label=number,
                 counted=counted[is_target],
             )
+            # of the detections that count; their object is negative if they hit none
             hits[~match.ignored] = np.where(match.truth[~match.ignored] >= 0, TRUE, FALSE)
         judged.append(_JudgedFrame(detections, hits))
     return judged

@@ -66,7 +66,11 @@ class Task:
     def __init__(
         self, n: int, scenarios: EpisodeSource, *, max_steps: int | None = None, fixed: bool = False
     ) -> None:
-        """Make room for n episodes, which `scenarios` draws; other arguments as for `State`."""
+        """Make room for n episodes.
+
+        scenarios: draws the episodes; max_steps: largest number of steps of an episode, None for
+        the usual number by its budget; fixed: True if sensors are only moved, so that none may
+        join."""
         self.scenarios = scenarios
         self.state = State(n, scenarios.slots, max_steps=max_steps, fixed=fixed)
         size = (len(STATIC) + len(DYNAMIC)) * scenarios.slots + len(GLOBAL)
@@ -263,7 +267,14 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         vector_reward: bool = False,
         **options: object,
     ) -> None:
-        """Build the task; the arguments are described at the class and the scalar environment."""
+        """Build the task.
+
+        Args:
+            num_envs: Number of episodes side by side.
+            config: Configuration of the task, None for the usual one; or a task to share.
+            render_mode: "rgb_array" for pictures, "ansi" for text, None for neither.
+            vector_reward: Whether rewards are vectors (`find_reward_space`).
+            options: Fields of the configuration by name."""
         task = self.task = self.task_type.build(num_envs, config, options)
         self.render_mode = _check_render_mode(render_mode)
         self.num_envs = task.state.n

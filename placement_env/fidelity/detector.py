@@ -553,7 +553,7 @@ class _Unknown(Exception):
 def _compute_figures(outcomes: Sequence[Outcome], to_find: int) -> Float64[np.ndarray, "ious 3"]:
     """Figures of one set over all frames: columns are AP, recall, kbit; rows IoU thresholds.
 
-    Detections are pooled as in `toolkit.detection.metrics.evaluate`.
+    Detections of all frames are ranked together, by score, and ignored ones are left out.
 
     Args:
         outcomes: Outcome of the set in each frame, of one class.

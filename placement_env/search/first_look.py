@@ -103,9 +103,10 @@ def choose_at_first_look(first_look: Preparation) -> Int64[np.ndarray, " n"] | N
 
 
 def _score_poses(first_look: Preparation) -> Float64[np.ndarray, " C"]:
-    """Score of each single candidate as in `PointCount`, row by row to save memory.
+    """Score of each single candidate by its points on objects, row by row to save memory.
 
-    It is the sum of log(1 + points) over the objects, with at most `ENOUGH_POINTS` on each."""
+    It is the sum of log(1 + points) over the objects, with at most `ENOUGH_POINTS` on each, which
+    ranks candidates as the fidelity `PointCount` does."""
     scores = []
     for object_points in first_look.visibility.points:  # a row of objects for each candidate
         log_points = np.log1p(np.minimum(object_points, ENOUGH_POINTS))
