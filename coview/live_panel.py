@@ -195,7 +195,7 @@ class ScoreTab:
     """Tab with the question that sensors are scored by, and figures in detail."""
 
     def __init__(self, gui: "GuiApi", planner: LivePlanner, jobs: LiveJobs) -> None:
-        """Add the fields of the question, with the present values."""
+        """Add the fields that change the setting of the figures, with the present values."""
         self._planner = planner
         first_setting = planner.first  # at the start of the page
         setting = planner.asked  # at present

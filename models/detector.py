@@ -270,7 +270,9 @@ class VoxelNetDetector:
         return strict
 
     def score_known(self, detections: Detections) -> Detections:
-        """Detections with calibrated scores for the case that the empty site's are left out."""
+        """Detections scored again, for use without the detections that the empty site has too.
+
+        Without a calibration for that they come back unchanged."""
         if not self.config.known:
             return detections
         rescored = decoding.apply_rivals(

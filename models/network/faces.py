@@ -128,7 +128,10 @@ class FaceNetworks(nn.Module):
 
     @torch.inference_mode()
     def measure(self, features: FaceFeatures) -> FaceMeasurements:
-        """Shifts and doubts of faces. A face without evidence stays, with the doubt of its sort."""
+        """Shifts of faces and their expected errors.
+
+        A face stays, with the usual error of its sort, if it has fewer than `MIN_FACE_POINTS` or
+        would not become surer."""
         shifts = []
         doubts = []
         for number, sort in enumerate(SORTS):

@@ -111,6 +111,8 @@ class CasesFidelity:
     ) -> list[_Estimated]:
         """Figures of each set at each error profile, over thresholds, levels and failures.
 
+        Levels are parts of the traffic from thin to dense; failures leave out sensors of a set.
+
         score: Function of a scorer of one case and sets (rows of booleans) that returns their
             figures."""
         # rows: the sets, then the sets that each failure leaves; owners: index of each row's set
@@ -136,7 +138,7 @@ class CasesFidelity:
         figure: Literal["ap", "recall"],
         owners: Int64[np.ndarray, " m"],
     ) -> np.ndarray:
-        """One figure of each set over levels, IoU thresholds and failures.
+        """One figure of each set, combined over levels of traffic, IoU thresholds and failures.
 
         Args:
             by_level: Figures of m rows for each level (outer list) and threshold (inner list).
@@ -166,7 +168,8 @@ class CasesByFrames(CasesFidelity):
 def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
     """Scorer of sets over all cases, from the scorers at each error profile.
 
-    With a single case, that case's scorer is returned itself. The result can score sets on only
+    A case is an error profile, an IoU threshold, a level of traffic and a failure of sensors. With
+    a single case, that case's scorer is returned itself. The result can score sets on only
     some frames (`ByFrames`) if all given scorers can."""
     if cases.plain and len(profiles) == 1:
         return profiles[0].whole

@@ -145,7 +145,9 @@ class ProjectFile:
             raise ValueError(f"{error}; {remedy}") from None
 
     def _take_over(self, content: object) -> None:
-        """Give the planner the variants, steps, picture and question of a file's JSON content."""
+        """Give the planner the variants, past steps, picture and setting of a file's JSON content.
+
+        Raises ValueError for a project of another version or site, and for wrong values."""
         project = JsonObject(content)
         if project.value.get("coview_live") != PROJECT_VERSION:
             raise ValueError(f"a project needs coview_live: {PROJECT_VERSION}")
@@ -190,7 +192,7 @@ class ProjectFile:
             raise ValueError(f"a picture needs all its members, got {error}") from None
 
     def _ask(self, question: JsonObject) -> None:
-        """Change the planner's setting by a stored question.
+        """Change the planner's setting by the stored changes of a project.
 
         question: members that `LivePlanner.question` gives; those that are missing keep the present
         values."""

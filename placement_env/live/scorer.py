@@ -55,7 +55,7 @@ class LiveScorer:
         currency: str,
         max_sensors: float,
     ) -> None:
-        """Ask the question of a setting in the first frames of its traffic.
+        """Prepare to score by a setting, at first on the first frames of its traffic only.
 
         first_frames: number of frames that the first figures come from, None for all; max_sensors:
         largest number of sensors, infinite without a limit."""
@@ -102,7 +102,7 @@ class LiveScorer:
             self.views = SensorViews(self._yard, self._meter)
 
     def ask(self, changes: dict[str, Any]) -> None:
-        """Score by another question in the same traffic.
+        """Score by another setting in the same traffic.
 
         changes: new values of `Setting` fields by name, such as classes, cases, scheme and
         most_price. The next answer states no change."""
@@ -112,7 +112,7 @@ class LiveScorer:
 
     @property
     def question(self) -> dict[str, object]:
-        """Changes of the question since the start, as JSON values: the new value by name.
+        """Changes of the setting since the start, as JSON values: the new value by name.
 
         Names are classes, iou, errors, scheme and most_price (None for any price)."""
         first_values = _describe_question(self.first)

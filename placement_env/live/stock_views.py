@@ -39,7 +39,11 @@ class StockViews:
     """
 
     def __init__(self, preparation: Preparation) -> None:
-        """Group the poses of a stock by height and mount, middle heights and mounts first."""
+        """Group the poses to choose from by height and mount, and order the groups for viewing.
+
+        Heights near the middle of all come first, then mounts near the middle of the area.
+
+        preparation: traffic, and setting with the poses (the stock)."""
         self._preparation = preparation
         self._stock = preparation.setting.pool
         # indices of poses in the stock, and their view

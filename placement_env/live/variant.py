@@ -274,7 +274,9 @@ class Yard:
         sensors: Iterable[Sensor],
         keep_out: Iterable[shapely.Geometry],
     ) -> "Yard":
-        """Return a yard of the stock, with the poles and models of present sensors added.
+        """Return a yard: a site with sensors and poses to choose from, the stock.
+
+        Poles and models of present sensors are added to the stock.
 
         These models cost nothing, and a pole may carry at least as many sensors as it has now.
         sensors: present sensors, each on a pole within `SNAP_M` or on an additional one; keep_out:
@@ -455,7 +457,7 @@ class Yard:
         return _build_sensor(sensor, self.models[sensor.model], foot_z)
 
     def check(self, variant: Variant) -> Variant:
-        """Return a variant unchanged if it fits the yard.
+        """Return a variant unchanged if it fits the site and the stock of poles and models.
 
         Raises ValueError for an unknown model or pole, a repeated name, a sensor that is not on its
         pole or beyond its heights, and a pole that is not at the site."""

@@ -121,7 +121,7 @@ class StockOptions:
     """Detector, as in coview evaluate except cluster; a shipped one when left out."""
 
     def build(self, site: Site) -> Stock:
-        """Build the stock from the files that `sensors` and `keep_out` name.
+        """Build the candidates' sensors, prices and keep-out areas from the files that are named.
 
         Raises ValueError and OSError for unusable files."""
         return Stock(

@@ -447,7 +447,7 @@ def join_levels(parts: Sequence[Levels]) -> Levels:
 
 
 def build_levels(surrogate: Surrogate, *, above: bool) -> Levels:
-    """Steps of the hit probability of all objects of a surrogate, as levels of evidence.
+    """Steps of the hit probability of all objects of a surrogate, for the exact solver.
 
     With the evidence on an object (points of all sensors, as powers) its probability to be detected
     rises along a curve, which steps approximate. Objects follow class after class. Gains include

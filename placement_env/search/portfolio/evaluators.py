@@ -133,7 +133,7 @@ class CasesEvaluator:
         return np.asarray(np.mean(aps, axis=0))
 
     def evaluate(self, sets: Sets, frames: Frames, progress: Report | None = None) -> CaseFigures:
-        """Figures of n sets on these frames, reduced over all cases.
+        """Figures of n sets on these frames, reduced over error profiles and all other cases.
 
         They come from the error profile with the lowest AP, or are means over profiles; every
         resample has its worst profile. progress: called with the number of frames done.

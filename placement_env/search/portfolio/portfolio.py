@@ -294,9 +294,10 @@ def _assess(
 
 
 def _list_judged_rows(entrants: Entrants, winner: int, judging: Judging) -> Int64[np.ndarray, " n"]:
-    """Rows of the sets to judge, the winner first: the winner, and contenders if asked for.
+    """Rows of the sets to assess, the winner first, then the answers of searches if asked for.
 
-    winner: row of the winner among the entrants."""
+    entrants: sets that raced; winner: its row among them; judging: has whether the answers of all
+    searches (contenders) are assessed too."""
     if not judging.contenders:
         return np.array([winner], np.int64)
     answer_rows = [row for row, names in enumerate(entrants.searches) if names]
@@ -304,7 +305,9 @@ def _list_judged_rows(entrants: Entrants, winner: int, judging: Judging) -> Int6
 
 
 def _build_contender(entrants: Entrants, row: int, ap: float, interval: Interval) -> Contender:
-    """Contender from the row of a set among the entrants, and its judged AP with the interval."""
+    """Answer of a search in the final assessment, with its AP there and the AP's interval.
+
+    entrants: sets that raced; row: index of the set among them."""
     return Contender(
         searches=entrants.searches[row],
         subset=tuple(np.flatnonzero(entrants.sets[row]).tolist()),
@@ -316,10 +319,10 @@ def _build_contender(entrants: Entrants, row: int, ap: float, interval: Interval
 
 
 def _check_race(names: list[str], race: Contest, cost: float, judged: StageFigure) -> None:
-    """Raise ValueError if race and judgement of the winner exclude each other.
+    """Raise ValueError if the winner's figures in race and assessment exclude each other.
 
-    names: sensors of the winner; cost: its costs in AP, by which the race ranked it lower; judged:
-    AP of the winner in the judgement."""
+    names: sensors of the winner; race: finished race, the winner first; cost: its costs in AP, by
+    which the race ranked it lower; judged: AP of the winner in the assessment."""
     race_frames = int(race.frames[0])  # frames that scored the winner
     # the race did not count its objects: as many per frame as in the judgement
     race_objects = round(judged.objects * race_frames / judged.frames)
@@ -357,12 +360,13 @@ def aps_at_profiles(
 def judge_in_time(
     sets: Sets, evaluator: CasesEvaluator, schedule: Schedule, report: Report | None
 ) -> tuple[CaseFigures, Frames]:
-    """Figures of the sets judged in time, and the frames, the same for all sets.
+    """Figures of the sets evaluated in time, and the frames, the same for all sets.
 
-    The first set is always judged, and decides on how many frames; each further set is judged only
-    if time allows all these frames. So there may be figures of fewer sets, always the first ones.
+    The first set is always evaluated, and decides on how many frames; each further set is evaluated
+    only if time allows all these frames. So there may be figures of fewer sets, always the first.
 
-    report: called with the number of frames done, None for silence.
+    evaluator: evaluates sets on fresh traffic; schedule: gives the time, without a limit all frames
+    are used; report: called with the number of frames done, None for silence.
     """
     if schedule.seconds is None:
         all_frames = np.arange(evaluator.frames)
