@@ -65,7 +65,7 @@ class LongTasks:
     def suggest(self, kind: str, name: str | None = None) -> None:
         """Draw the best changes of a kind, and list them in the note, once they are found.
 
-        kind: "add", "move" or "remove"; name: name of the sensor to move."""
+        kind: "add", "move" or "remove"; name: name of the sensor to move, not used for others."""
         moved_name = name if kind == "move" else None
 
         def job() -> None:

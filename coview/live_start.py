@@ -212,7 +212,9 @@ class LiveSession:
             gc.enable()
 
     def _show(self, planner: "LivePlanner", project: "ProjectFile | None") -> None:
-        """Show the page of a planner; `close` will end it and release its project file."""
+        """Show the page of a planner; `close` will end it and release its project file.
+
+        project: file that keeps the planner's state, None without one."""
         from coview.live_page import LivePage
 
         self.planner = planner

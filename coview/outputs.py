@@ -67,11 +67,12 @@ def print_result(result: object, text: str, *, as_json: bool) -> None:
 def check_file(
     out: Path | None, *, inputs: Iterable[Path] = (), overwrite: bool = False, kind: str = ""
 ) -> None:
-    """Check that a command may write a file, if any.
+    """Check that a command may write a file.
 
-    kind: kind of the file among `FILE_KINDS`, "" for other files. Raises ValueError if `out` is an
-    input or of a kind that the command does not write, even with `overwrite`. Raises OSError if it
-    cannot be written, or exists without `overwrite`."""
+    out: the file, None for no check; inputs: files that the command reads; overwrite: True to
+    replace the file; kind: kind of the file among `FILE_KINDS`, "" for other files. Raises
+    ValueError if `out` is an input or of a kind that the command does not write, even with
+    `overwrite`. Raises OSError if it cannot be written, or exists without `overwrite`."""
     if out is not None:
         check_output(out, inputs=inputs, overwrite=True)
         found_kind = find_kind(out)

@@ -415,9 +415,11 @@ def load_detector(
     """Load a detector by shipped name ("tjunction", "roundabout", "general") or path of its
     weights.
 
-    site: the site that the weights must be for. area: xmin ymin xmax ymax (m, world frame) of
-    detection; weights of one site keep their area, general ones fit any. Raises FileNotFoundError
-    for unknown weights, ValueError if they are damaged or for another place.
+    site: the site that the weights must be for, None for any. area: xmin ymin xmax ymax (m, world
+    frame) of detection, None for the weights' area; weights of one site keep their area, general
+    ones fit any. score_threshold: lowest score of a detection, None for the weights' thresholds.
+    Raises FileNotFoundError for unknown weights, ValueError if they are damaged or for another
+    place.
     """
     network, header = load_weights(weights_file(name))
     trained_for = header.site or "general"

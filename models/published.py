@@ -150,8 +150,8 @@ class PublishedDetector:
 def proposals(boxes: BoxRows, scores: Float64[np.ndarray, " n"]) -> np.ndarray:
     """Rows of boxes that survive the published proposal step, best first.
 
-    It compares upright rectangles: the bounds of the footprints along x and y. scores: one of each
-    box.
+    It compares upright rectangles: the bounds of the footprints along x and y. boxes: x, y, z,
+    length, width, height (m), yaw (rad); scores: one of each box.
     """
     best_rows = np.argsort(-scores, kind="stable")[:MAX_CLOUD_CANDIDATES]
     length = boxes[best_rows, 3]
@@ -187,7 +187,9 @@ def to_network(
 
 
 def from_network(boxes: BoxRows, site: str) -> BoxRows:
-    """Boxes of the network in the site's frame; the inverse of `to_network`."""
+    """Boxes of the network in the site's frame; the inverse of `to_network`.
+
+    boxes: x, y, z, length, width, height (m), yaw (rad) in the network's frame."""
     x, y = boxes[:, :2].T
     yaw = boxes[:, 6]
     site_boxes = boxes.copy()

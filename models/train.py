@@ -166,7 +166,10 @@ def _train_second_stages(
     options: TrainingOptions,
     validation: Validation | None,
 ) -> VoxelNet:
-    """Train the second stages of a network, and score it again."""
+    """Train the second stages of a network, and score it again.
+
+    stages: which classes have faces measured, and whether scores are calibrated; validation: frames
+    to calibrate and score on, None for neither."""
     if stages.faces:
         data = PackedFrames(options.data)
         network = train_faces(network, data, stages.faces, seed=options.seed)
@@ -233,7 +236,7 @@ def commit() -> str:
 
 
 def train_from_command_line(arguments: Sequence[str] | None = None) -> None:
-    """Train from the command line of a bare machine."""
+    """Train from the command line of a bare machine. arguments: None for the process's."""
     site, options = parse_arguments(arguments)
     started = time.monotonic()
 

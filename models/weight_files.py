@@ -256,8 +256,8 @@ def read_checkpoint(
 ) -> dict[str, Any]:
     """Read the state in a checkpoint, by name, without executing anything in it.
 
-    Raises ValueError if it is damaged, or from a run with other settings than `identity` has, by
-    name.
+    identity: values that the checkpoint must have, by name, None for any. Raises ValueError if it
+    is damaged, or has others.
     """
     try:
         state = load_tensors(path, device)

@@ -183,7 +183,7 @@ def move_faces(
     Shifts inwards (below 0) leave a fifth of the size.
 
     Args:
-        boxes: n boxes.
+        boxes: n boxes: x, y, z, length, width, height (m), yaw (rad).
         end: Shift (m) of the fronts of all boxes, then of their rears.
         side: Shift (m) of the left sides, then of the right ones.
         top: Shift (m) of the tops.
@@ -209,7 +209,8 @@ def face_offsets(boxes: BoxRows, truths: BoxRows) -> FaceShifts:
     """Shifts of faces (m, outwards) that turn boxes into their true boxes.
 
     Only centre and size of the true boxes are used, so that they may face the other way."""
-    # from the box's centre to the true one, then the same ahead and to the left of the box
+    # rows are x, y, z, length, width, height, yaw; from the box's centre to the true one along x
+    # and y, then the same ahead and to the left of the box
     dx, dy = (truths - boxes)[:, :2].T
     yaw = boxes[:, 6]
     cos = np.cos(yaw)
@@ -244,6 +245,7 @@ def face_features(
     cos = np.cos(boxes[:, 6])[row]
     sin = np.sin(boxes[:, 6])[row]
     length, width, height = boxes[row, 3:6].T  # box of each point
+    # from the box's middle ahead and to the left, and from its floor up (m)
     u = x * cos + y * sin
     v = y * cos - x * sin
     t = z + height / 2

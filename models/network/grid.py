@@ -208,9 +208,10 @@ def anchors(config: VoxelNetConfig) -> Float[Tensor, "H W A 7"]:
 def encode_residuals(
     boxes: _Boxes, anchors: _Boxes, *, doubled: bool = True
 ) -> Float[Tensor, "*n R"]:
-    """Residuals of boxes to anchors, in the order of this file's table.
+    """Residuals of boxes to anchors: three for the centre, three for the size, then for the yaw.
 
-    doubled: True for eight with sin 2δ and cos 2δ of the yaw difference δ, False for seven with δ.
+    boxes, anchors: x, y, z, length, width, height, yaw. doubled: True for eight residuals with
+    sin 2δ and cos 2δ of the yaw difference δ, False for seven with δ.
     """
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]
@@ -227,8 +228,8 @@ def decode(
     """Boxes of residuals to anchors: the inverse of `encode_residuals`.
 
     residuals: three for the centre, three for the size, then δ of the yaw, or sin 2δ and cos 2δ,
-    which leave the yaw open by 180°. direction: True for a box that faces the other way, None if no
-    box does.
+    which leave the yaw open by 180°. anchors, and the boxes: x, y, z, length, width, height, yaw.
+    direction: True for a box that faces the other way, None if no box does.
     """
     diagonal = torch.linalg.vector_norm(anchors[..., 3:5], dim=-1, keepdim=True)
     size = anchors[..., 3:6]

@@ -447,6 +447,7 @@ class SparseColumns(nn.Module):
         first_cell = (item * (height + 1) + ix // 2) * (width + 1) + iy // 2
         parity_of_column = ix % 2 * 2 + iy % 2
         channels = len(self.bias)
+        # each column's products with all taps that it meets, and the output cell of each product
         products = []
         product_cells = []
         for number, (parity, kernel) in enumerate(zip(_PARITIES, self.kernels, strict=True)):

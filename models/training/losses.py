@@ -63,7 +63,8 @@ def assign(
         ignored = ignored + wider
     best_iou = np.zeros(anchors.shape[:3])  # each anchor's with any object
     owner = np.zeros(anchors.shape[:3], np.int64)
-    best_anchors: list[tuple[tuple[int, ...], int]] = []  # index of an anchor, row of its object
+    # index (row, column, anchor of the cell) of an anchor, and row of its object
+    best_anchors: list[tuple[tuple[int, ...], int]] = []
     max_half_side = anchors[0, 0, :, 3:5].max() / 2
     for row, box in enumerate(boxes):
         window = _window(anchors, box, max_half_side)  # `[window]` is a view
@@ -223,6 +224,7 @@ def quality_loss(
     )
     # indices of the item, row, column and anchor
     positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
+    # number by class; `positive[3]` has the anchor within its cell
     positives = torch.bincount(
         anchor_class[positive[3]], minlength=int(anchor_class.max()) + 1
     ).clamp(min=1)
@@ -272,7 +274,8 @@ def nearly_aligned_iou(
     """3D IoU of each box and its target, differentiable in any overlap, and exact for equal yaws.
 
     A yaw difference δ takes a quarter of the other side times sin δ off each shared side: the
-    first-order loss of two rectangles turned about a common centre."""
+    first-order loss of two rectangles turned about a common centre. boxes, targets: x, y, z,
+    length, width, height (m), yaw (rad)."""
     target_yaw = targets[:, 6]
     cos = torch.cos(target_yaw)
     sin = torch.sin(target_yaw)

@@ -116,8 +116,9 @@ class TrainingOptions:
 
 
 def parse_arguments(arguments: Sequence[str] | None = None) -> tuple[str | None, TrainingOptions]:
-    """Site and options of a command line. Prints an error and exits with code 2 for bad
-    arguments."""
+    """Site (None without one) and options of a command line.
+
+    Prints an error and exits with code 2 for bad arguments. arguments: None for the process's."""
     summary = (TrainingOptions.__doc__ or "").partition("\n")[0]
     parser = ArgumentParser(prog="python -m models.train", description=summary)
     parser.add_argument("site", nargs="?", help=SITE)

@@ -179,6 +179,9 @@ def pack(
 ) -> int:
     """Write a packed file, complete or not at all, and return its number of frames.
 
+    recordings: rigs with their frames; progress: called with the number of frames done, None for
+    silence.
+
     Raises ValueError without any frame, OSError if the disk is full.
     """
     with writing(out) as unfinished, hdf5_file(unfinished) as (file, check):

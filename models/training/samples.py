@@ -360,7 +360,7 @@ def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray
     """Points and boxes, each object turned by up to ±18° and shifted by N(0, 0.5) (m) in the plane.
 
     Its points go with it. An object that would then touch another stays put (paper, training
-    process); circles about the footprints count.
+    process); circles about the footprints count. boxes: x, y, z, length, width, height (m), yaw.
     """
     points = points.copy()
     boxes = boxes.copy()
@@ -385,7 +385,8 @@ def jitter_objects(points: _Points, boxes: _Boxes, rng: Rng) -> tuple[np.ndarray
 def turn_scene(points: _Points, boxes: _Boxes, centre: _Place, rng: Rng) -> tuple[_Points, _Boxes]:
     """Points and boxes turned about `centre` by any angle, and mirrored in half of the scenes.
 
-    Headings count from +x, so a mirrored y changes the sign of a box's yaw."""
+    Headings count from +x, so a mirrored y changes the sign of a box's yaw. boxes: x, y, z, length,
+    width, height (m), yaw (rad); centre: x, y (m)."""
     angle = rng.uniform(-np.pi, np.pi)
     is_mirrored = rng.random() < 0.5
     # y is mirrored first, then the scene is turned

@@ -239,7 +239,8 @@ def platt(
     1999).
 
     They make sigmoid(slope · logit(score) + intercept - Σ weight · rival) the likeliest share of
-    true detections. hits: True for the true detections. rivals: scores of each one's rivals.
+    true detections. hits: True for the true detections. rivals: scores of each one's rivals, None
+    for a fit without them (L = 0).
     """
     rivals = np.zeros((len(scores), 0)) if rivals is None else rivals
     rows = np.column_stack([logit(scores), np.ones(len(scores)), -rivals])
@@ -497,8 +498,9 @@ def train_faces(
 
 
 def displace_boxes(boxes: BoxRows, rng: Rng) -> BoxRows:
-    """Copy of boxes with random errors of place, size and yaw, a tenth reversed; the floor
-    stays."""
+    """Copy of boxes with random errors of place, size and yaw, a tenth reversed; the floor stays.
+
+    boxes: x, y, z of the centre, length, width, height (m), yaw (rad)."""
     boxes = boxes.copy()
     width = boxes[:, 4]
     floor = boxes[:, 2] - boxes[:, 5] / 2

@@ -211,7 +211,8 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
     ) -> tuple[np.ndarray, Info]:
         """Start an episode, and return its first observation and info.
 
-        options, for this episode: site, scheme, budget, failed (candidates that have failed, by
+        seed: seed of the generator, None to go on with it; options, for this episode (None for
+        none): site, scheme, budget, failed (candidates that have failed, by
         index or name). Raises ValueError if one does not fit.
         """
         super().reset(seed=seed)
@@ -294,7 +295,8 @@ class PlacementVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, Info]:
         """Start all episodes, or those in `options["reset_mask"]`; return observations and info.
 
-        With an int, the i-th is seeded by seed + i.
+        seed: a seed for each episode; with an int, the i-th is seeded by seed + i; None, for all or
+        for one, goes on with the generator. options: as for one episode, None for none.
         """
         options = dict(options or {})
         mask = np.asarray(options.pop("reset_mask", self._all_rows))

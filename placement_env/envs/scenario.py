@@ -438,7 +438,7 @@ def _draw_within(bounds: tuple[int, int], rng: np.random.Generator) -> int:
 
 
 def _check_options(options: Options | None) -> Options:
-    """Options of `reset`. Raises ValueError for an unknown or unsuitable one."""
+    """Options of `reset`, empty for None. Raises ValueError for an unknown or unsuitable one."""
     options = options or {}
     if unknown := set(options) - set(OPTIONS):
         raise ValueError(

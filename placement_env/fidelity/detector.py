@@ -290,7 +290,8 @@ class Detected:
         Args:
             sets: Sets as ascending indices of candidates.
             frames: Indices of frames.
-            progress: Called with the number of frames done that had an unknown outcome."""
+            progress: Called with the number of frames done that had an unknown outcome; None for
+                silence."""
         # for each set its outcome in each of `frames`, None while unknown
         by_set: dict[tuple[int, ...], list[Outcome | None]] = {}
         for members in sets:

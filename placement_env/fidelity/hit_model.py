@@ -390,6 +390,7 @@ def build_domain(
             "no sensor has a point on any object, so there is nothing to fit: take more frames "
             "or poses"
         )
+    # a hundredth may be beyond the range
     most_points = float(np.quantile(point_counts, 0.99))
     farthest = float(np.quantile(distances, 0.99))
     objects = sum(site_points.shape[1] for site_points in points)

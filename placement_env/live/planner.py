@@ -204,7 +204,7 @@ class LivePlanner(VariantEditor):
         """Return the changes that raise the AP most, or fewer if nothing helps.
 
         kind: "add" for the best next sensor, "move" for the best place of one sensor, "remove" for
-        the sensors whose loss costs least; name: name of the sensor to move; count: number of
+        the sensors whose loss costs least; name: sensor to move, None for others; count: number of
         changes; patience: time (s) to look from new poles, extended until a pose fits; inf for
         every pole. Raises ValueError for an unknown kind or sensor, and for a stock without a free
         place."""

@@ -28,8 +28,8 @@ def catalogue(meshes: str | Path | None = None, held_out: bool = False) -> tuple
     """Bodies of the catalogue: cars, two-wheelers, pedestrians, trucks, buses, then those of a
     folder of meshes.
 
-    held_out: take the five cars of `HELD_OUT` in place of all others, to test on bodies never
-    trained on."""
+    meshes: folder of mesh files, None for no more bodies; held_out: take the five cars of
+    `HELD_OUT` in place of all others, to test on bodies never trained on."""
     bodies = []
     for body in _procedural():
         is_other_car = body.label == VEHICLE and (body.name in HELD_OUT) != held_out

@@ -69,8 +69,8 @@ def detect_in_turn(
 ) -> "Iterator[FrameDetections]":
     """Yield the detections of each frame, and warn once of a missing ground.
 
-    jobs: frames of each recording, with detector and standing scene; progress: function that is
-    called with the number of frames done."""
+    jobs: frames of each recording, with detector and standing scene (None if it is not learnt);
+    progress: function that is called with the number of frames done in all recordings."""
     from toolkit.detection.detect import detect_frames
 
     has_warned = False

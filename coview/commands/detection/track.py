@@ -139,7 +139,8 @@ def _export(
     """Write tracks in the formats of other programs.
 
     times: time of each frame (s); tracks: tracks in each frame; files: file of each format by its
-    name; origin: place on earth of the world frame; asn1: folder of the ASN.1 modules for cpm."""
+    name; origin: place on earth of the world frame, None if no format needs it; asn1: folder of the
+    ASN.1 modules for cpm, None without that format."""
     from toolkit.exchange.instant import Instant
     from toolkit.exchange.standards import open_writers
 

@@ -200,6 +200,7 @@ def cover_most(
     )
     if cost is not None:
         model.add(cost.expression(model, built) <= cost.limit)
+    # 0.01 s: the solver gets a little time even after the end
     remaining_s = max(0.01, limits.seconds - (time.monotonic() - began))
     solver = replace(limits, seconds=remaining_s).build_solver()
     # for any other status time ran out before a solution: the start may lack required mounts

@@ -122,7 +122,7 @@ def at_other_ious(
     The objectives are for intact sets in undivided traffic. Thresholds without a fitted surrogate
     are left out, and the objective's thresholds too.
 
-    preparation: preparation of the objective, for an objective that does not know its preparation.
+    preparation: preparation of the objective if the objective does not know it, else None.
     """
     source = objective.preparation or preparation
     if source is None or source.setting.fidelity != "surrogate" or objective.visibility is None:
