@@ -211,9 +211,9 @@ class PlacementEnv(gym.Env[np.ndarray, Any]):
     ) -> tuple[np.ndarray, Info]:
         """Start an episode, and return its first observation and info.
 
-        seed: seed of the generator, None to go on with it; options, for this episode (None for
-        none): site, scheme, budget, failed (candidates that have failed, by
-        index or name). Raises ValueError if one does not fit.
+        seed: seed of the generator, None to go on with it; options: None, or for this episode site,
+        scheme, budget and failed (candidates that have failed, by index or name). Raises ValueError
+        if one does not fit.
         """
         super().reset(seed=seed)
         only_row = np.zeros(1, np.int64)
