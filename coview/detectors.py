@@ -236,8 +236,9 @@ def _open_for_recording(
 ) -> "Detector":
     """Open a detector for a recording of an unknown site.
 
-    cluster, and detectors that know the background, learn the empty scene first. scenes: empty
-    scenes to learn from, None for the recording's."""
+    cluster, and detectors that know the background, learn the empty scene first. spec: parsed name
+    of the detector; place: area and ground; scenes: empty scenes to learn from, None for the
+    recording's."""
     from toolkit.calibration import recording_scenes
     from toolkit.detection.background import KnownBackground
     from toolkit.detection.cluster import learn_cluster_detector

@@ -331,10 +331,12 @@ class SeenMapDrawing:
         height = MAP_HEIGHTS[kind]
         if height not in self._maps:
             self._maps[height] = SeenMaps(self._planner.preparation, height)
-        working = [sensor for sensor in self._planner.sensors if not sensor.failed]
+        working_sensors = [sensor for sensor in self._planner.sensors if not sensor.failed]
         variant = self._planner.variant
         yard = self._planner.yard
-        seen_map = self._maps[height].draw(yard.build_sensor(variant, sensor) for sensor in working)
+        seen_map = self._maps[height].draw(
+            yard.build_sensor(variant, sensor) for sensor in working_sensors
+        )
         shares = np.nan_to_num(seen_map.share)
         pixels = (255 * np.asarray(colormaps["viridis_r"](shares))).astype(np.uint8)  # RGBA
         pixels[..., 3] = np.where(np.isnan(seen_map.share), 0, MAP_ALPHA)  # no map in buildings

@@ -243,7 +243,10 @@ def map_html(site: "Site", sensors: "Iterable[tuple[Sensor, bool]]") -> str:
 def draw_small_maps(
     yard: "Yard", variants: "Iterable[Variant]", drawn_maps: "Mapping[Variant, str]"
 ) -> dict["Variant", str]:
-    """HTML of a small map of each variant. drawn_maps: maps that are drawn already, used again."""
+    """HTML of a small map of each variant, by variant.
+
+    yard: site, with its stock of poles and models, from which sensors are built; drawn_maps: maps
+    that are drawn already, used again."""
     maps = {}
     for variant in variants:
         sensors = [

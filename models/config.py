@@ -141,8 +141,8 @@ class VoxelNetConfig:
 
     def _check_labels(self) -> None:
         """Raise ValueError unless labels, faces and kinds fit each other."""
-        unknown = [name for name in (*self.labels, *self.faces) if name not in LABELS]
-        if unknown or len(set(self.labels)) != len(self.labels) or not self.labels:
+        unknown_names = [name for name in (*self.labels, *self.faces) if name not in LABELS]
+        if unknown_names or len(set(self.labels)) != len(self.labels) or not self.labels:
             raise ValueError(
                 f"labels must be different ones of {LABELS}, got {self.labels} with faces "
                 f"{self.faces}"
@@ -335,7 +335,7 @@ class VoxelNetConfig:
                     f"an entry of kinds must be an object of {', '.join(anchor)}, got "
                     f"{str(kind)[:60]}"
                 )
-        parsed = {
+        parsed_values = {
             name: _parse(value, example[name], name)
             for name, value in values.items()
             if name != "kinds"
@@ -344,7 +344,7 @@ class VoxelNetConfig:
         for kind in kinds:
             entries = {name: _parse(value, anchor[name], name) for name, value in kind.items()}
             anchor_kinds.append(AnchorKind(**entries))
-        return cls(**parsed, kinds=tuple(anchor_kinds))
+        return cls(**parsed_values, kinds=tuple(anchor_kinds))
 
 
 def road_users(kinds: tuple[AnchorKind, ...] = ROAD_USERS) -> dict[str, Any]:

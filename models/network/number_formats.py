@@ -92,7 +92,9 @@ def time_layer(library: Library, dtype: torch.dtype) -> float:
 
 @lru_cache
 def _prepare_layer(library: Library, dtype: torch.dtype) -> Callable[[], object]:
-    """Function that computes a convolution of the network's size, and did so once."""
+    """Function that computes a convolution of the network's size, and did so once.
+
+    library: "torch" or "openvino", by which it is computed; dtype: type of its numbers."""
     channels = _LAYER_SHAPE.channels
     layer = nn.Conv2d(channels, channels, 3, padding=1)
     run: Callable[[], object]

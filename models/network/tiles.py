@@ -288,8 +288,8 @@ class UnionPlan(NamedTuple):
         reach it and, near crowded voxels, both lose the same points."""
         seen = self.seen[layer]
         unions = self.unions
-        tiles = len(seen)
-        count = len(unions)
+        tile_count = len(seen)
+        union_count = len(unions)
         # (tiles, unions): group of lost points, 0 for tiles out of reach of crowded voxels; then
         # the clouds of the union that reach the tile, as bits
         code_parts = [seen[:, -1:] * self.thinning]
@@ -297,13 +297,16 @@ class UnionPlan(NamedTuple):
             union_columns = unions[:, first : first + 31]
             bits = 1 << np.arange(union_columns.shape[1])
             code_parts.append((seen[:, None, first : first + len(bits)] & union_columns) @ bits)
-        code = np.repeat(np.arange(tiles), count)  # for each tile and union; equal: same value
+        # for each tile and union; equal: same value
+        code = np.repeat(np.arange(tile_count), union_count)
         for code_part in code_parts:
             # numbered again after each part, so that the shifted code fits 64 bits
             code = np.unique(code << 31 | code_part.ravel(), return_inverse=True)[1]
         _, example, entry_of = np.unique(code, return_index=True, return_inverse=True)
         return Entries(
-            tile=example // count, union=example % count, of=entry_of.reshape(tiles, count)
+            tile=example // union_count,
+            union=example % union_count,
+            of=entry_of.reshape(tile_count, union_count),
         )
 
 

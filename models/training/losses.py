@@ -181,17 +181,19 @@ def paper_loss(
     count = anchors.shape[2]
     logits = per_anchor(prediction.class_logits, count)
     # indices of the item, row, column and anchor
-    counted = torch.nonzero(labels != IGNORED, as_tuple=True)
-    positive = torch.nonzero(labels == POSITIVE, as_tuple=True)
+    counted_anchors = torch.nonzero(labels != IGNORED, as_tuple=True)
+    positive_anchors = torch.nonzero(labels == POSITIVE, as_tuple=True)
     class_loss = F.cross_entropy(
-        logits[counted], (labels[counted] == POSITIVE).long(), reduction="sum"
+        logits[counted_anchors], (labels[counted_anchors] == POSITIVE).long(), reduction="sum"
     )
-    residuals = per_anchor(prediction.residuals, count)[positive]
-    targets = encode_residuals(boxes[positive], anchors[positive[1:]], doubled=False)
+    residuals = per_anchor(prediction.residuals, count)[positive_anchors]
+    targets = encode_residuals(
+        boxes[positive_anchors], anchors[positive_anchors[1:]], doubled=False
+    )
     box_loss = F.smooth_l1_loss(residuals, targets, beta=1 / 9, reduction="sum")  # 1 / σ²
     return {
-        "class": class_loss / max(len(counted[0]), 1),
-        "box": box_loss / max(len(positive[0]), 1),
+        "class": class_loss / max(len(counted_anchors[0]), 1),
+        "box": box_loss / max(len(positive_anchors[0]), 1),
     }
 
 

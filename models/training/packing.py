@@ -162,12 +162,13 @@ def change(rig: Rig, frame: Frame) -> Change:
         empty_depth = np.zeros(image.size, np.float32)  # 0 outside the crop
         empty_depth[rig.pixels[s]] = rig.depth[s]
         image_depth = image.ravel()
-        changed = np.flatnonzero(image_depth != empty_depth).astype(np.uint32)
-        changed_depth = image_depth[changed]
+        changed_pixels = np.flatnonzero(image_depth != empty_depth).astype(np.uint32)
+        changed_depth = image_depth[changed_pixels]
         depth = np.where(changed_depth < MAX_DEPTH_M, changed_depth, np.float32(0))
-        is_in_crop = (depth > 0) & rig.in_crop(rig.world(s, changed, depth), CROP_MARGIN_M)
-        is_counted = is_in_crop | (empty_depth[changed] > 0)  # or hides a point of the empty site
-        pixels.append(changed[is_counted])
+        is_in_crop = (depth > 0) & rig.in_crop(rig.world(s, changed_pixels, depth), CROP_MARGIN_M)
+        # or hides a point of the empty site
+        is_counted = is_in_crop | (empty_depth[changed_pixels] > 0)
+        pixels.append(changed_pixels[is_counted])
         # at least one step, since 0 means nothing
         rounded = np.where(is_in_crop, np.maximum(np.rint(depth * STEPS_PER_METRE), 1), 0)
         steps.append(rounded.astype(np.uint16)[is_counted])

@@ -350,21 +350,21 @@ def _fit_rivals(
     frame_rivals = [np.zeros((0, len(config.labels)))]
     frame_rivals += [strongest_rivals(frame.detections, config) for frame in judged]
     rivals = np.concatenate(frame_rivals)
-    merged = Detections.merge(frame.detections for frame in judged)
+    all_detections = Detections.merge(frame.detections for frame in judged)
     hits = _join_hits(judged)
     rows = []
     thresholds = []
     for number in map(LABELS.index, config.labels):
-        is_label = (hits != UNCOUNTED) & (merged.labels == number)
-        scores = merged.scores[is_label]
+        is_label = (hits != UNCOUNTED) & (all_detections.labels == number)
+        scores = all_detections.scores[is_label]
         is_true = hits[is_label] == TRUE
         # slope, intercept and weights that leave the scores as they are
         row: tuple[float, ...] = (1.0, 0.0) + (0.0,) * len(config.labels)
         if is_label.sum() >= MIN_DETECTIONS:
             row = platt(scores, is_true, rivals[is_label])
         rows.append(row)
-        rescored = rescore(scores, rivals[is_label], np.array([row]))
-        threshold = lowest_threshold(rescored, is_true, MIN_PRECISION)
+        new_scores = rescore(scores, rivals[is_label], np.array([row]))
+        threshold = lowest_threshold(new_scores, is_true, MIN_PRECISION)
         thresholds.append(round(max(MIN_THRESHOLD, threshold), 3))
     return tuple(rows), tuple(thresholds)
 

@@ -377,7 +377,9 @@ class Tally:
         return np.concatenate(aps)
 
     def interval(self, *, confidence: float = 0.95, seed: int = 0) -> Interval:
-        """Interval of the AP over blocks of frames; NaN for few blocks, or without objects."""
+        """Interval of the AP over blocks of frames; NaN for few blocks, or without objects.
+
+        confidence: share of the resamples that it holds; seed: seed of the resamples."""
         return figure_interval(
             self.ap,
             self.resamples(seed=seed),

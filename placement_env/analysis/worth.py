@@ -171,7 +171,10 @@ def estimate_worth(
 
 
 def format_worth(worth: Worth, names: Sequence[str]) -> str:
-    """Table with a line per sensor, highest value first."""
+    """Table with a line per sensor, the highest Shapley value first.
+
+    Columns are the value, its margin of error, and the synergy with each other sensor. names: names
+    of the sensors."""
     order = np.argsort(-worth.shapley, kind="stable").tolist()
     rows = [["sensor", "Shapley", "±"] + [f"with {names[j]}" for j in order]]
     for i in order:

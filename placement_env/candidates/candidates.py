@@ -653,15 +653,15 @@ def _clip_heights(mounts: Sequence[Mount], heights: np.ndarray) -> Float64[np.nd
 
     Several heights may be clipped to the same one; only the nearest to it then has it, and the
     others are NaN."""
-    mounted = np.full((len(mounts), len(heights)), np.nan)  # axes: mount, height
+    mounted_heights = np.full((len(mounts), len(heights)), np.nan)  # axes: mount, height
     for row, mount in enumerate(mounts):
-        clipped = np.clip(heights, mount.min_height, mount.max_height)
+        clipped_heights = np.clip(heights, mount.min_height, mount.max_height)
         # indices of the heights, those that clipping moves least first
-        nearest_first = np.argsort(np.abs(clipped - heights), kind="stable")
+        nearest_first = np.argsort(np.abs(clipped_heights - heights), kind="stable")
         # different heights, and where each comes first
-        values, first = np.unique(clipped[nearest_first], return_index=True)
-        mounted[row, nearest_first[first]] = values
-    return mounted
+        values, first = np.unique(clipped_heights[nearest_first], return_index=True)
+        mounted_heights[row, nearest_first[first]] = values
+    return mounted_heights
 
 
 def _mask_seeing_area(

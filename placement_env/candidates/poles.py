@@ -325,8 +325,8 @@ def list_unknown(properties: Iterable[Json], *, areas: bool = False) -> str:
         properties: Properties of each feature.
         areas: True for polygons: only properties that may mean keep_out are listed."""
     keys = dict.fromkeys(chain.from_iterable(properties))
-    unknown = [key for key in keys if key not in KNOWN_PROPERTIES and key not in IGNORED_KEYS]
-    guesses = {key: guess_property(key) for key in unknown}  # None for no guess
+    unknown_keys = [key for key in keys if key not in KNOWN_PROPERTIES and key not in IGNORED_KEYS]
+    guesses = {key: guess_property(key) for key in unknown_keys}  # None for no guess
     if areas:
         guesses = {key: guess for key, guess in guesses.items() if guess == "keep_out"}
     return ", ".join(

@@ -269,8 +269,12 @@ class EpisodeSource:
         """
         if site is None:
             return int(rng.integers(self.drawn)) if self.drawn > 1 else 0
-        for index, (given, loaded) in enumerate(zip(self._given_sites, self.sites, strict=True)):
-            if loaded is site or (isinstance(site, str) and site in (given, loaded.name)):
+        for index, (given_site, loaded_site) in enumerate(
+            zip(self._given_sites, self.sites, strict=True)
+        ):
+            if loaded_site is site or (
+                isinstance(site, str) and site in (given_site, loaded_site.name)
+            ):
                 return index
         self.sites.append(_load(site))
         self._given_sites.append(site)

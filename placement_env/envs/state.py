@@ -258,14 +258,14 @@ class State:
 
     def _set_scenarios(self, scenarios: Mapping[int, Scenario]) -> None:
         """Take over new scenarios by row, and group all rows by scenario."""
-        changed = {
+        changed_scenarios = {
             row: scenario
             for row, scenario in scenarios.items()
             if self.scenarios[row] is not scenario
         }
-        if not changed:
+        if not changed_scenarios:
             return
-        for row, scenario in changed.items():
+        for row, scenario in changed_scenarios.items():
             objective = scenario.objective
             self.scenarios[row] = scenario
             self._fidelity[row] = objective.fidelity
@@ -327,11 +327,11 @@ def coverage_gain(
     seen: places that each candidate sees, 64 in a word (uint64), a bit each; chosen: the candidates
     of each set.
     """
-    covered = np.zeros((len(chosen), len(seen)), np.uint64)  # sets × words
+    covered_words = np.zeros((len(chosen), len(seen)), np.uint64)  # sets × words
     row, slot = chosen.nonzero()
-    np.bitwise_or.at(covered, row, seen.T[slot])
-    new_places = seen & ~covered[:, :, None]  # sets × words × slots
+    np.bitwise_or.at(covered_words, row, seen.T[slot])
+    new_places = seen & ~covered_words[:, :, None]  # sets × words × slots
     # int16 holds `MAX_PLACES`
     added_counts = np.add.reduce(np.bitwise_count(new_places), axis=1, dtype=np.int16)
-    covered_counts = np.bitwise_count(covered).sum(axis=1, dtype=np.int64)
+    covered_counts = np.bitwise_count(covered_words).sum(axis=1, dtype=np.int64)
     return covered_counts, added_counts

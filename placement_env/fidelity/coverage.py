@@ -51,7 +51,7 @@ class SentData:
 def sent_per_frame(
     visibility: Visibility, scheme: Scheme, codec: Codec
 ) -> Float64[np.ndarray, "C F"]:
-    """Data of each candidate in each frame (kbit).
+    """Data that each candidate (row) sends in each frame (column), in kbit.
 
     In schemes that send boxes, a candidate sends one for each object that it has `LEAST` points or
     more on."""
@@ -101,13 +101,15 @@ class Coverage:
                 f"a view needs more than 0 points and a set 1 view or more, got {min_points} and "
                 f"{views}"
             )
-        counted = visibility.of_classes(classes.labels)
+        counted_visibility = visibility.of_classes(classes.labels)
         self.views = views
         self.classes = classes
         # sums over a set are the number of its sensors that see each object
-        self._view_sums = MemberSums((counted.points >= min_points).astype(np.uint16))
-        self._sent = SentData(visibility=counted, scheme=scheme, codec=codec, min_points=min_points)
-        masks = [counted.labels == label for label in classes.labels]
+        self._view_sums = MemberSums((counted_visibility.points >= min_points).astype(np.uint16))
+        self._sent = SentData(
+            visibility=counted_visibility, scheme=scheme, codec=codec, min_points=min_points
+        )
+        masks = [counted_visibility.labels == label for label in classes.labels]
         # for each class, the columns of its objects and their number
         self._class_columns = [
             (slice(None) if mask.all() else np.flatnonzero(mask), int(mask.sum())) for mask in masks

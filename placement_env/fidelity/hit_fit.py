@@ -261,10 +261,10 @@ class _Fitting:
         for p, observation, site_weights in zip(
             probabilities, self._observed, weights, strict=True
         ):
-            clipped = np.clip(p, 1e-9, 1 - 1e-9)  # so that the logarithms are finite
-            logs = np.where(observation.hits, np.log(clipped), np.log1p(-clipped))
+            clipped_p = np.clip(p, 1e-9, 1 - 1e-9)  # so that the logarithms are finite
+            logs = np.where(observation.hits, np.log(clipped_p), np.log1p(-clipped_p))
             total -= float((logs @ site_weights.objects).sum())
-            count += float(site_weights.objects.sum()) * len(clipped)
+            count += float(site_weights.objects.sum()) * len(clipped_p)
         return total / max(count, 1.0)
 
 
@@ -279,7 +279,8 @@ def _draw(observed: Sequence[Observed], rng: np.random.Generator) -> list[_Weigh
         At each site, how often each object and each set is drawn."""
 
     def count_draws(total: int, count: int) -> np.ndarray:
-        # how often each of `count` items is drawn in `total` draws with replacement
+        # how often each of `count` items is drawn in `total` draws with replacement; no items, no
+        # draws
         return rng.multinomial(total, np.full(count, 1 / count)) if count else np.zeros(0, np.int64)
 
     weights = []

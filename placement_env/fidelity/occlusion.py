@@ -173,10 +173,10 @@ class SensorRays:
         starts += body_positions.take(sensors, axis=0)
         # lengths as multiples of a ray are measurements, as rays end at a measurement of 1 m
         depth = self._renderer.cast_body(body, lines) + np.float32(NEAR)
-        met = np.flatnonzero(depth < self._reach.take(pixels))  # nearer than the static scene
-        pixels = pixels[met]
-        sensors = sensors[met]
-        depth = depth[met]
+        met_rows = np.flatnonzero(depth < self._reach.take(pixels))  # nearer than the static scene
+        pixels = pixels[met_rows]
+        sensors = sensors[met_rows]
+        depth = depth[met_rows]
         points = self.rays.take(pixels, axis=0) * depth[:, None]
         points += positions.astype(np.float32).take(sensors, axis=0)
         return Silhouette(pixels, sensors, depth, points)

@@ -223,8 +223,10 @@ class TrafficView:
             all_heights: Make missing panoramas at all half metres of the mount too."""
         requested = dict.fromkeys(place for place, _ in mount_places)
         # references keep these alive even if another thread drops them from memory
-        kept = {place: self.surrounds.get(place) for place in requested}
-        surrounds = {place: surround for place, surround in kept.items() if surround is not None}
+        kept_surrounds = {place: self.surrounds.get(place) for place in requested}
+        surrounds = {
+            place: surround for place, surround in kept_surrounds.items() if surround is not None
+        }
         if len(surrounds) == len(requested) and all(
             models <= surround.stills.keys() for surround in surrounds.values()
         ):

@@ -73,8 +73,8 @@ class PerceptionEntropy:
             else:
                 log_sigma = -0.5 * np.log(np.maximum(sums, UNSEEN_SIGMA**-2))  # sums of 1/σ²
             entropy = 2 * log_sigma.sum(axis=1, dtype=np.float64) / max(1, objects)
-            scaled = np.clip((max_entropy - entropy) / (max_entropy - min_entropy), 0, 1)
-            score[block] = scaled if objects else 0.0
+            scaled_entropy = np.clip((max_entropy - entropy) / (max_entropy - min_entropy), 0, 1)
+            score[block] = scaled_entropy if objects else 0.0
         return Estimate(ap=score, recall=score.copy(), kbit=self._sent.kbit(subsets))
 
 

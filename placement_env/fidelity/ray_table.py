@@ -177,14 +177,14 @@ class RayTable:
         up = np.minimum(up.take(near_rectangles), last_row)
         end = begin + width.take(near_rectangles)
         counts = self._count_rays(np.maximum(begin, 0), np.minimum(end, last_column), low, up)
-        wrapped = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
-        if len(wrapped):
-            wrapped_end = np.minimum(end[wrapped] - AZIMUTHS, last_column)
-            counts[wrapped] += self._count_rays(
-                np.zeros_like(wrapped_end), wrapped_end, low[wrapped], up[wrapped]
+        wrapped_rows = np.flatnonzero(end > AZIMUTHS)  # across the seam behind the sensor
+        if len(wrapped_rows):
+            wrapped_end = np.minimum(end[wrapped_rows] - AZIMUTHS, last_column)
+            counts[wrapped_rows] += self._count_rays(
+                np.zeros_like(wrapped_end), wrapped_end, low[wrapped_rows], up[wrapped_rows]
             )
-        hit = np.flatnonzero(counts)
-        return near_rectangles[hit], counts[hit]
+        hit_rows = np.flatnonzero(counts)
+        return near_rectangles[hit_rows], counts[hit_rows]
 
     def _count_rays(
         self, begin: np.ndarray, end: np.ndarray, low: np.ndarray, up: np.ndarray

@@ -158,9 +158,9 @@ class Renders:
             return Captured(self._read_frame(k, c), index=0, area=self.site)
         sensor = self.sensors[c]
         snapshot = self.traffic.snapshots[k]
-        measured = self._measure(k, c)
+        measurement = self._measure(k, c)
         image = np.zeros(sensor.model.shape, np.float32)
-        image.ravel()[measured.pixels] = measured.depth
+        image.ravel()[measurement.pixels] = measurement.depth
         frame = Frame(
             sensors=(sensor,),
             measurements=(image,),
@@ -168,7 +168,7 @@ class Renders:
             time=snapshot.time,
             index=k,
         )
-        crop_pixels = measured.pixels.astype(np.int64)
+        crop_pixels = measurement.pixels.astype(np.int64)
         return Captured(frame, index=0, area=self.site, crop_pixels=crop_pixels)
 
     def scene(self, c: int) -> EmptyScene:

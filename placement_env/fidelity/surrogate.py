@@ -106,16 +106,22 @@ class Surrogate:
             visibility: Points of the candidates on objects.
             sizes: Factors of the objects' sizes for each class, used if they are of the same boxes;
                 None to compute them."""
-        counted = visibility.of_classes(self.classes.labels)
+        counted_visibility = visibility.of_classes(self.classes.labels)
         self._parts = []
         for label, model, class_sizes in zip(self.classes.labels, self.models, sizes, strict=True):
-            of_class = counted if len(self.classes) == 1 else counted.of_classes([label])
-            if class_sizes is None or class_sizes.boxes is not of_class.boxes:
-                class_sizes = _SizeFactors(model, of_class.boxes)
+            class_visibility = (
+                counted_visibility
+                if len(self.classes) == 1
+                else counted_visibility.of_classes([label])
+            )
+            if class_sizes is None or class_sizes.boxes is not class_visibility.boxes:
+                class_sizes = _SizeFactors(model, class_visibility.boxes)
             # hit probabilities follow from the points on objects (evidence) and their sizes
-            evidence = Evidence(of_class, self._scheme, self._radius)
+            evidence = Evidence(class_visibility, self._scheme, self._radius)
             self._parts.append(_Part(evidence, class_sizes))
-        self._sent = SentData(counted, self._scheme, self._codec)  # gives the kbit of sets
+        self._sent = SentData(
+            counted_visibility, self._scheme, self._codec
+        )  # gives the kbit of sets
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Expected AP and recall, and kbit, of each set; several classes are combined."""

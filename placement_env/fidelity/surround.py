@@ -176,11 +176,11 @@ class Surround:
         for rows in self._list_slices_ahead(table, float(lookup.heading)):
             rectangles_ahead = Rectangles(*(column[rows] for column in self.rectangles))
             # strips (within `rows`) that rays fall on, and the number of rays on each
-            hit, rays = table.counts(rectangles_ahead, lookup.heading, lookup.extra_tilt)
-            points += np.bincount(self.item[rows].take(hit), rays, items)
-            frame = self.frame[rows].take(hit)
-            sent += np.bincount(frame, rays * gains.sent[rows].take(hit), frames)
-            far += np.bincount(frame, rays * gains.far[rows].take(hit), frames)
+            hit_strips, rays = table.counts(rectangles_ahead, lookup.heading, lookup.extra_tilt)
+            points += np.bincount(self.item[rows].take(hit_strips), rays, items)
+            frame = self.frame[rows].take(hit_strips)
+            sent += np.bincount(frame, rays * gains.sent[rows].take(hit_strips), frames)
+            far += np.bincount(frame, rays * gains.far[rows].take(hit_strips), frames)
         return SensorPoints(points=points[:-1], sent=np.maximum(sent, 0), far=np.maximum(far, 0))
 
     def _list_slices_ahead(self, table: RayTable, heading: float) -> list[slice]:

@@ -201,17 +201,17 @@ class LiveScorer:
         all others are kept."""
         from placement_env.report.planning.judging import Judge
 
-        working = variant.working
+        working_variant = variant.working
         setting = replace(
             self.asked,
             site=self._yard.site,
-            candidates=self._yard.candidates(working),
+            candidates=self._yard.candidates(working_variant),
             fidelity="detector",
         )
         judge = Judge.from_preparation(
             Preparation(setting, self.preparation.run), self.preparation.run.seed
         )
-        set_of_all = np.ones((1, len(working.sensors)), np.bool_)
+        set_of_all = np.ones((1, len(working_variant.sensors)), np.bool_)
         (judgement,) = judge.judge(set_of_all)
         return replace(
             predicted,

@@ -48,7 +48,8 @@ class Answer:
 def report_result(objective: Objective, result: Result) -> tuple[Summary, list[str]]:
     """Return the figures of one search as JSON values, and its lines of text.
 
-    The figures may still have infinite numbers and NaN, which JSON lacks."""
+    objective: objective of the search, which names the sensors. The figures may still have infinite
+    numbers and NaN, which JSON lacks."""
     best = result.best
     assessment = result.assessment
     sensors = describe_sensors(list_names(objective, best.subset), result.sensors, objective.site)

@@ -180,10 +180,10 @@ def _check_start(start: Candidates) -> None:
     if not len(start):
         raise ValueError("CMA-ES has no sensor to move: start from a set with at least one")
     mount_counts = np.bincount(start.mount, minlength=len(start.mounts))
-    overfull = np.flatnonzero(mount_counts > start.places)  # indices of mounts
-    if len(overfull):
-        mount = start.mounts[overfull[0]]
-        count = int(mount_counts[overfull[0]])
+    overfull_mounts = np.flatnonzero(mount_counts > start.places)  # indices of mounts
+    if len(overfull_mounts):
+        mount = start.mounts[overfull_mounts[0]]
+        count = int(mount_counts[overfull_mounts[0]])
         raise ValueError(
             f"mount {mount.name} has {describe_count(count, 'sensor')} but max_sensors "
             f"{mount.max_sensors}: leave {count - mount.max_sensors} out of the start, or raise "

@@ -52,9 +52,9 @@ def check_present(objective: Objective) -> None:
         all_candidates = np.ones((1, len(objective.candidates)), np.bool_)
         is_present = (~np.isnan(objective.class_ap(all_candidates)[0])).tolist()
     rows = zip(classes.names, is_present, strict=True)
-    missing = [name for name, present in rows if not present]
-    if missing:
-        problem = f"there is no {' and no '.join(missing)} to find in these frames"
+    missing_names = [name for name, present in rows if not present]
+    if missing_names:
+        problem = f"there is no {' and no '.join(missing_names)} to find in these frames"
         raise ValueError(f"{problem}: say more --frames or another --seed, or leave out the class")
 
 

@@ -110,9 +110,9 @@ def grow(
         is_scored = np.isfinite(rewards)  # False beyond the limits
         if not is_scored.any():
             break
-        scored = options[is_scored]
-        rise = max(rise, float((rewards[is_scored] - reward - last_gains[scored]).max()))
-        last_gains[scored] = rewards[is_scored] - reward
+        scored_options = options[is_scored]
+        rise = max(rise, float((rewards[is_scored] - reward - last_gains[scored_options]).max()))
+        last_gains[scored_options] = rewards[is_scored] - reward
         priorities = rewards
         if prices is not None:  # 1e-300: no division by 0 for a candidate that costs nothing
             priorities = (rewards - reward) / np.maximum(prices[options], 1e-300)

@@ -200,8 +200,8 @@ def _verify(
 ) -> _Verification:
     """Score the answer of a search and its neighbours by another fidelity, and keep the best.
 
-    Neighbours differ in one sensor; moved sensors have no neighbours. fidelity: name of the
-    other fidelity; objective: objective of the search."""
+    Neighbours differ in one sensor; moved sensors have no neighbours. order: the ordered search;
+    fidelity: name of the other fidelity; objective: objective of the search; result: its answer."""
     verifier = Objective(order.setting.with_fidelity(fidelity), order.run)
     score, set_count = verify_best(objective, verifier, result)
     names = list_names(objective, score.subset)

@@ -143,11 +143,11 @@ def neighbours(subset: Int64[np.ndarray, " k"], candidate_count: int) -> Sets:
     subset: indices of the set's candidates; candidate_count: number of all candidates, the length
     of a row."""
     row = as_rows([subset.tolist()], candidate_count)
-    outside = np.flatnonzero(~row[0])
-    sets = np.repeat(row, 1 + len(subset) * len(outside), axis=0)
+    outside_candidates = np.flatnonzero(~row[0])
+    sets = np.repeat(row, 1 + len(subset) * len(outside_candidates), axis=0)
     variant_rows = np.arange(1, len(sets))  # one for each pair of a member and an outside candidate
-    sets[variant_rows, np.repeat(subset, len(outside))] = False
-    sets[variant_rows, np.tile(outside, len(subset))] = True
+    sets[variant_rows, np.repeat(subset, len(outside_candidates))] = False
+    sets[variant_rows, np.tile(outside_candidates, len(subset))] = True
     return sets
 
 

@@ -51,7 +51,8 @@ def make_body(
 ) -> Body:
     """Make a body from a mesh, with a tight box around it.
 
-    vertices: m, x forward, z up, from any origin; label: class number."""
+    vertices: m, x forward, z up, from any origin; triangles: rows of `vertices` of the corners of
+    each; label: class number. The body's origin is the middle of the box."""
     vertices = np.asarray(vertices, np.float64)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return Body(

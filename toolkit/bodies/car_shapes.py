@@ -94,7 +94,8 @@ def draw_proportions(rng: Rng) -> Proportions:
 def _draw_axles(kind: CarKind, length: float, wheel: float, rng: Rng) -> tuple[float, float]:
     """Draw the distances of front and rear axle from the front of a car (m).
 
-    length: length of the car (m); wheel: radius of its wheels (m)."""
+    kind: kind of car, as vans and pick-ups may have longer rears; length: length of the car (m);
+    wheel: radius of its wheels (m)."""
     # from the axle to the end of the car (m); 4.3 and 4.6 m are usual lengths
     front_overhang = float(wheel + rng.uniform(0.32, 0.6) * min(1.0, length / 4.3))
     max_rear = 1.0 if kind.name in ("van", "pickup") else 0.75

@@ -142,7 +142,9 @@ def _draw_cab(
 
 
 def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
-    """Draw the load of a truck, and return its kind (a key of `SUPERSTRUCTURES`) and mesh."""
+    """Draw the load of a truck, and return its kind (a key of `SUPERSTRUCTURES`) and mesh.
+
+    space: room for it behind the cab."""
     kind = str(rng.choice(list(SUPERSTRUCTURES), p=list(SUPERSTRUCTURES.values())))
     deck = plank((space.length, space.width, 0.14), x=space.middle, y=0.0, z=space.floor - 0.02)
     highest = space.cab_height + rng.uniform(-0.2, 1.0)
@@ -161,7 +163,9 @@ def _draw_superstructure(space: _LoadSpace, rng: Rng) -> tuple[str, Mesh]:
 
 
 def _make_box(space: _LoadSpace, top: float, *, is_container: bool) -> Mesh:
-    """Mesh of a box, curtain-sider or container, which is narrower. top: height of its roof (m)."""
+    """Mesh of a box, curtain-sider or container on a truck; a container is narrower.
+
+    space: room for it behind the cab; top: height of its roof (m)."""
     width = min(space.width, CONTAINER_WIDTH_M) if is_container else space.width
     sections = [  # x, width, bottom and top of each (m)
         ShellSection(x=space.rear, width=width, bottom=space.floor, top=top),
@@ -205,7 +209,7 @@ def _make_mixer(space: _LoadSpace) -> Mesh:
 def _draw_open_bed(space: _LoadSpace, is_tipper: bool, rng: Rng) -> Mesh:
     """Draw a bed with low walls, and a heap, crates or nothing on it.
 
-    is_tipper: with higher walls, and always a heap."""
+    space: room for it behind the cab; is_tipper: with higher walls, and always a heap."""
     floor = space.floor
     wall_height = float(rng.uniform(0.8, 1.5) if is_tipper else rng.uniform(0.3, 0.7))
     # sizes: length, width, height (m)

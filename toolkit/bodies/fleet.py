@@ -70,15 +70,15 @@ class Fleet:
         for label in range(len(LABELS)):
             fixed_bodies = [body for body in self.fixed if body.label == label]
             at_first, per_frame = SPAWN_COUNTS[label]
-            needed = at_first + round(per_frame * min(frames, LARGEST_DRAW))
+            needed_count = at_first + round(per_frame * min(frames, LARGEST_DRAW))
             drawn_count = 0
             if label in self.drawn:
-                drawn_count = needed // 2 if fixed_bodies else needed
+                drawn_count = needed_count // 2 if fixed_bodies else needed_count
             for _ in range(drawn_count):
                 body = draw_body(label, rng, self.evenly)
                 bodies.append(include_mirrors(body) if self.mirrors else body)
             if fixed_bodies:  # each at least once, and again from the first
-                fixed_count = max(needed - drawn_count, len(fixed_bodies))
+                fixed_count = max(needed_count - drawn_count, len(fixed_bodies))
                 bodies += islice(cycle(fixed_bodies), fixed_count)
         return tuple(bodies)
 

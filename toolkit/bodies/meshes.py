@@ -269,8 +269,8 @@ def _measure_asymmetry(unit_points: Float64[np.ndarray, "n 3"]) -> Float64[np.nd
     is_near = np.zeros_like(is_occupied)
     inner = slice(1, -1)
     for shift in np.ndindex(3, 3, 3):
-        shifted = tuple(slice(start, start + _COARSE) for start in shift)
-        is_near[inner, inner, inner] |= is_occupied[shifted]
+        shifted_cells = tuple(slice(start, start + _COARSE) for start in shift)
+        is_near[inner, inner, inner] |= is_occupied[shifted_cells]
     shares = []
     for axis in range(3):
         is_axis = np.eye(3, dtype=bool)[axis]
@@ -573,14 +573,14 @@ def _remedy(mesh: Mesh, named_label: int | None) -> str:
     units = [("", 1.0), *_UNITS.items()]  # name, and metres of one
     axes_and_turns = [("", np.eye(3)), *_TURNS.items()]  # words, and rotation to x forward, z up
     for (unit, scale), (axes, turn) in product(units, axes_and_turns):
-        changed = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
-        size = np.ptp(changed.vertices, axis=0)
+        changed_mesh = Mesh(mesh.vertices @ turn.T * scale, mesh.triangles)
+        size = np.ptp(changed_mesh.vertices, axis=0)
         for label in PLAUSIBLE if named_label is None else (named_label,):
             deviation = float(np.abs(np.log(size / _TYPICAL[label])).max())
             penalty = (float(scale != 1), deviation)
             if not _plausible(size, label) or penalty >= best_penalty:
                 continue
-            shape = measure_shape(changed)
+            shape = measure_shape(changed_mesh)
             has_class = named_label is not None or is_clearly(shape, label)
             if has_class and find_wrong_stand(shape, label) is None:
                 best_penalty = penalty

@@ -102,9 +102,9 @@ def pedestrians() -> dict[str, Mesh]:
     """Fourteen people on foot, 1.1 to 1.95 m tall; umbrellas, hats and loads come on top."""
     meshes = {}
     for name, (figure, height, make_extra) in _list_pedestrians().items():
-        standing = stand(person(figure, height))
-        top = standing.vertices[:, 2].max()
-        body = scale_mesh(standing, height / top)  # exactly as tall as stated
+        standing_mesh = stand(person(figure, height))
+        top = standing_mesh.vertices[:, 2].max()
+        body = scale_mesh(standing_mesh, height / top)  # exactly as tall as stated
         extras = [make_extra(height)] if make_extra else []
         meshes[name] = merge([body, *extras])
     return meshes

@@ -64,7 +64,7 @@ def _draw_open_trailer(
 def _draw_box(kind: str, front: float, length: float, width: float, floor: float, rng: Rng) -> Mesh:
     """Draw the body of a box trailer or a caravan, with sloping ends, behind x = `front`.
 
-    floor: height of its floor (m); other lengths in m too."""
+    kind: "box_trailer" or "caravan"; floor: height of its floor (m); other lengths in m too."""
     if kind == "box_trailer":
         top = float(rng.uniform(1.3, 2.3))
         slope = 0.02

@@ -178,12 +178,12 @@ def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
     """Return parts with the configuration's rate, files, poses, clocks and empty scenes."""
     from toolkit.calibration.scene_files import load_empty_scenes
 
-    given = []
+    given_scenes = []
     for name, path in config.backgrounds.items():
         scenes = [scene for scene in load_empty_scenes(path) if scene.name == name]
         if not scenes:
             raise ValueError(f"{path} has no empty scene of {name!r}: learn it again")
-        given += scenes
+        given_scenes += scenes
     return replace(
         parts,
         detection=replace(
@@ -191,7 +191,7 @@ def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":
         ),
         setups=config.setups,
         output=config.output,
-        scenes={**parts.scenes, **_wrap_scenes(given)},
+        scenes={**parts.scenes, **_wrap_scenes(given_scenes)},
     )
 
 

@@ -101,28 +101,34 @@ def _search(street: Street, max_pet: float) -> StreetRow:
     # longer ones too, which may match
     longest = max_pet + PET_TOLERANCE_S
     area = street.site.area
-    true = None if street.true is None else find_conflicts(street.true, area, max_pet=longest)
-    measured = (
+    true_conflicts = (
+        None if street.true is None else find_conflicts(street.true, area, max_pet=longest)
+    )
+    track_conflicts = (
         None if street.measured is None else find_conflicts(street.measured, area, max_pet=longest)
     )
-    listed = true if measured is None else measured
-    assert listed is not None
+    listed_conflicts = true_conflicts if track_conflicts is None else track_conflicts
+    assert listed_conflicts is not None
     result: StreetRow = {
         "site": street.site.name,
         "seconds": street.times[-1] - street.times[0] if len(street.times) else 0.0,
-        "searched": "truth" if measured is None else "tracks",
+        "searched": "truth" if track_conflicts is None else "tracks",
         "max_pet_s": max_pet,
-        "conflicts": [_list_row(conflict) for conflict in listed if conflict.pet_s <= max_pet],
+        "conflicts": [
+            _list_row(conflict) for conflict in listed_conflicts if conflict.pet_s <= max_pet
+        ],
     }
-    if measured is not None and true is not None:
-        matches = match_conflicts(measured, true, max_pet=max_pet, tolerance=PET_TOLERANCE_S)
-        errors = np.abs(matches.pet_errors_s)
+    if track_conflicts is not None and true_conflicts is not None:
+        matches = match_conflicts(
+            track_conflicts, true_conflicts, max_pet=max_pet, tolerance=PET_TOLERANCE_S
+        )
+        pet_errors_s = np.abs(matches.pet_errors_s)
         nan = float("nan")
         result |= {
             "true_conflicts": matches.true,
             "found_share": matches.detected / matches.true if matches.true else nan,
             "false_share": 1 - matches.right / matches.found if matches.found else nan,
-            "pet_error_95_s": float(np.quantile(errors, 0.95)) if len(errors) else nan,
+            "pet_error_95_s": float(np.quantile(pet_errors_s, 0.95)) if len(pet_errors_s) else nan,
         }
     return result
 

@@ -142,8 +142,8 @@ class _CountedStreet(NamedTuple):
             errors = compare_counts(self.measured, self.true)
             movements = [_list_error(error) for error in errors]
             for queue in self.true.queues:
-                empty = {"entry": queue.entry, "mean": 0.0, "longest": 0}
-                row = queues.setdefault(queue.entry, empty)
+                empty_queue = {"entry": queue.entry, "mean": 0.0, "longest": 0}
+                row = queues.setdefault(queue.entry, empty_queue)
                 row |= {"true_mean": queue.mean, "true_longest": queue.longest}
         return {
             "site": self.street.site.name,

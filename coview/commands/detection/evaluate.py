@@ -178,8 +178,9 @@ def _check_outputs(
 ) -> None:
     """Check that the table and the curves of some classes may be written.
 
-    labels: the classes, None for those that the rules name. Raises ValueError or OSError
-    otherwise."""
+    out: folder of the files; inputs: files that the command reads; rules: with classes and IoU
+    thresholds, which name the files; overwrite: True to replace files; labels: the classes, None
+    for the rules' ones. Raises ValueError or OSError otherwise."""
     from toolkit.detection.evaluation_files import curve_files
 
     labels = labels or rules.classes or ("vehicle",)

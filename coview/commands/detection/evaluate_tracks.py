@@ -77,10 +77,10 @@ def _check_track_options(subject: Subject, rules: "Rules") -> None:
     """Raise ValueError for options that do not go with --tracks."""
     # the options of each group that go with --tracks; all others must have their defaults
     for group, allowed in ((subject, ("tracks",)), (rules, SCORING)):
-        usual = type(group)()
+        default_options = type(group)()
         for option in fields(group):
             name = option.name
-            if name not in allowed and getattr(group, name) != getattr(usual, name):
+            if name not in allowed and getattr(group, name) != getattr(default_options, name):
                 raise ValueError(f"--{name} does not go with --tracks: leave it out")
     if replace(rules.link, rate=None) != type(rules.link)():
         raise ValueError("--codec and --step do not go with --tracks: leave them out")
@@ -130,13 +130,13 @@ class _Reading:
             check_labels(recording, count)
             sequence = find_sequence(dataset, self.opening)
             file = read_tracks(path, sequence)
-            usual = "exact" if self.place.at(recording.site) else "measured"
+            default_protocol = "exact" if self.place.at(recording.site) else "measured"
             with progress_bar("frame", count, hidden=hidden) as bar:
                 truth = read_truth(
                     number_frames(recording, sequence),
                     count,
                     self.place,
-                    needs_points=(self.protocol or usual) == "measured",
+                    needs_points=(self.protocol or default_protocol) == "measured",
                     progress=bar.to,
                 )
             is_part = count < len(recording)

@@ -277,11 +277,11 @@ def _read_street(
         truths.append(frame.objects)
     times = [key.time for key in keys]
     check_times(times)
-    ordered = TrackLookup(track_file).list_tracks(keys, is_part=is_part)
+    tracks_by_frame = TrackLookup(track_file).list_tracks(keys, is_part=is_part)
     has_truth = any(len(objects) for objects in truths)
     return Street(
         site,
         times,
-        measured=join_fragments(collect_trajectories(ordered, times)),
+        measured=join_fragments(collect_trajectories(tracks_by_frame, times)),
         true=collect_trajectories(truths, times) if has_truth else None,
     )

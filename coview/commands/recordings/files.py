@@ -257,7 +257,10 @@ def _pack_random_sites(sites: RandomSites, out: Path, run: Simulation, writing: 
     """Simulate recordings of random junctions, or of the given sites in turn, into one packed file.
 
     Each recording is packed in the process that made it; the packed files are then joined. Returns
-    the number of frames."""
+    the number of frames.
+
+    sites: number of junctions, site files (none for random ones) and fleet; out: file to write;
+    run: seed, frames and processes; writing: options on progress and overwriting."""
     from models.training.packing import encode_packed_file, join_packed_files
     from toolkit.datasets.simulation import random_recordings_file
 
@@ -286,8 +289,9 @@ def _pack_recordings(
 ) -> int:
     """Pack recordings and the frames of packed files, and return the number of frames.
 
-    place: area and ground of recordings of unknown sites; max_frames: number of first frames of
-    each recording, None for all."""
+    packed_files: files that are packed already; out: file to write; place: area and ground of
+    recordings of unknown sites; max_frames: number of first frames of each recording, None for all;
+    writing: options, of which `json` hides the progress."""
     from models.training.packing import dataset_recording, pack, read_recordings, sample_recordings
 
     total = sum(frame_count(recording, max_frames) for recording in recordings)

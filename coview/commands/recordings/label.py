@@ -96,8 +96,9 @@ def _label_frames(
 ) -> "Iterator[Frame]":
     """Yield frames whose objects are the tracks of a file, none in a frame that it does not list.
 
-    progress: called with the number of frames done; is_part: True if the recording goes on after
-    these frames. Raises ValueError, by name, for a frame that a file of all frames lacks, and for
+    samples: frames of the recording; lookup: finds the tracks of a frame in the file; progress:
+    called with the number of frames done; is_part: True if the recording goes on after these
+    frames. Raises ValueError, by name, for a frame that a file of all frames lacks, and for
     frames of the file that the recording does not have."""
     from toolkit.exchange.track_lookup import FrameKey
     from toolkit.frame import OtherObjects

@@ -181,7 +181,10 @@ def _check_options(options: ViewOptions, out: Path | None, still: Path | None) -
 def _draw_still(
     sample: Frame, drawing: Drawing, still: Path, *, title: str, options: ViewOptions, as_json: bool
 ) -> None:
-    """Write a picture of one frame, `still`, and print what it shows."""
+    """Write a picture of one frame, `still`, and print what it shows.
+
+    drawing: how frames are drawn; title: name of the recording; options: area and colours; as_json:
+    True to print JSON."""
     drawn_frame = drawing.draw(sample, drawing.find_origin(sample))
     # half sizes of the picture's area (m)
     half = None if options.area is None else drawing.place.half
@@ -202,7 +205,9 @@ def _write_page(
 ) -> None:
     """Write a page of all samples, and print their number.
 
-    recorded_frames: number of frames of the whole recording."""
+    samples: frames to draw; drawing: how they are drawn; out: file of the page; title: name of the
+    recording; recorded_frames: number of frames of the whole recording; as_json: True to print
+    JSON."""
     with progress_bar("frame", len(samples), hidden=as_json) as bar:
         drawn_frames = drawing.draw_all(samples, progress=bar.to)
         page = write_page(drawn_frames, title, out)

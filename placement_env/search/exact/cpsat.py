@@ -252,18 +252,18 @@ def compute_worth(labels: Int64[np.ndarray, " O"], classes: Classes) -> tuple[_W
 
     labels: class (number) of each object; classes: classes that count.
     """
-    present = [
+    present_classes = [
         (label, weight)
         for label, weight in zip(classes.labels, classes.weights, strict=True)
         if label in labels
     ]
-    if len(classes.names) == 1 or not present:
+    if len(classes.names) == 1 or not present_classes:
         return np.ones((1, len(labels)), np.int64), len(labels)
     # classes × objects; each row of shares adds up to 1
-    class_rows = np.array([labels == label for label, _ in present])
+    class_rows = np.array([labels == label for label, _ in present_classes])
     shares = class_rows / class_rows.sum(axis=1, keepdims=True)
     if classes.combine == "mean":
-        weights = np.array([weight for _, weight in present])
+        weights = np.array([weight for _, weight in present_classes])
         shares = (weights @ shares / weights.sum())[None]
     return np.rint(shares * WORTH_UNITS).astype(np.int64), WORTH_UNITS
 
@@ -328,9 +328,9 @@ def merge_objects(
     if not seen.size:
         return seen[:, :0], worth[:, :0]
     # each object's column of bits as one opaque value, which np.unique can compare
-    packed = np.ascontiguousarray(np.packbits(seen, axis=0).T)
-    _, byte_count = packed.shape
-    keys = packed.view(np.dtype((np.void, byte_count)))[:, 0]
+    packed_columns = np.ascontiguousarray(np.packbits(seen, axis=0).T)
+    _, byte_count = packed_columns.shape
+    keys = packed_columns.view(np.dtype((np.void, byte_count)))[:, 0]
     _, first_object, merged_index = np.unique(keys, return_index=True, return_inverse=True)
     weights = np.zeros((len(worth), len(first_object)), np.int64)
     np.add.at(weights.T, merged_index.ravel(), worth.T)  # adds repeated indices too

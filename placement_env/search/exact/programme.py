@@ -378,14 +378,14 @@ def levels_of_hits(powers: Float[np.ndarray, "C O"], model: HitModel, *, above: 
     log_evidence = (np.log(1 / (1 / np.array(HIT_STEPS) - 1)) - model.intercept) / max(
         model.density, 1e-9
     )
-    needed = np.expm1(np.clip(model.norm * log_evidence, 1e-12, 500.0))
-    unit = needed[-1] / EVIDENCE_UNITS
+    needed_evidence = np.expm1(np.clip(model.norm * log_evidence, 1e-12, 500.0))
+    unit = needed_evidence[-1] / EVIDENCE_UNITS
     # steps above the curve: evidence and gains rounded up, thresholds down
     round_evidence = np.ceil if above else np.floor
     round_threshold = np.floor if above else np.ceil
     round_gain = np.ceil if above else np.rint
-    evidence = round_evidence(np.minimum(powers, needed[-1]) / unit).astype(np.int64)
-    edges = round_threshold(needed / unit).astype(np.int64)
+    evidence = round_evidence(np.minimum(powers, needed_evidence[-1]) / unit).astype(np.int64)
+    edges = round_threshold(needed_evidence / unit).astype(np.int64)
     probabilities = np.append(HIT_STEPS, 1.0) * model.ceiling  # at the upper end of each step
     values = (
         probabilities

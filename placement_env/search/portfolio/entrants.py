@@ -357,7 +357,8 @@ def _limit_sets(effort: Effort, share: float) -> int:
 def _exact_and_greedy(objective: Objective, size: int, effort: Effort) -> Iterator[NamedSearch]:
     """Yield the exhaustive search, if all sets of at most `size` sensors are few, and greedy.
 
-    Each is a name and a function without arguments."""
+    Each is a name and a function without arguments. size: largest number of sensors; effort: limits
+    of each search in seconds and scored sets, None for its default."""
     limits: dict[str, Any] = {"seconds": effort.seconds, "evaluations": effort.evaluations}
     candidate_count = len(objective.candidates)
     set_count = sum(math.comb(candidate_count, k) for k in range(1, size + 1))
