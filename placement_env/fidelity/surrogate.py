@@ -119,9 +119,8 @@ class Surrogate:
             # hit probabilities follow from the points on objects (evidence) and their sizes
             evidence = Evidence(class_visibility, self._scheme, self._radius)
             self._parts.append(_Part(evidence, class_sizes))
-        self._sent = SentData(
-            counted_visibility, self._scheme, self._codec
-        )  # gives the kbit of sets
+        # gives the kbit of sets
+        self._sent = SentData(counted_visibility, self._scheme, self._codec)
 
     def __call__(self, subsets: Sets, /) -> Estimate:
         """Expected AP and recall, and kbit, of each set; several classes are combined."""
