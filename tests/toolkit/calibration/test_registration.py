@@ -269,7 +269,7 @@ def test_it_starts_where_it_is_believed_turned_about_the_vertical(spy):
     calls = spy(registration, "align_levels")
     surface = corner(np.random.default_rng(0), 500)
     register(transform(invert(TRUE), surface.points), surface, TRUE)
-    starts = [start for (*_, start, levels), _ in calls if levels is registration.COARSE_LEVELS]
+    starts = [named["pose"] for _, named in calls if named["levels"] is registration.COARSE_LEVELS]
     turns = [LEVER_M * np.deg2rad(turn) for turn in (0, -2.5, 2.5, -5, 5)]
     motions = [motion_between(TRUE, start) for start in starts]
     np.testing.assert_allclose(motions, [[0, 0, turn, 0, 0, 0] for turn in turns], atol=1e-9)
@@ -380,11 +380,11 @@ def test_starts_that_end_alike_are_one_and_of_those_as_good_the_nearest_is_taken
         def covariance(self):
             return EYE
 
-    def align(points, noise, surface, start, levels):
+    def align(points, noise, surface, *, pose, levels):
         if levels is registration.COARSE_LEVELS:
             return apply_motion(np.eye(4), np.array([0, 0, 0, next(ends), 0.1, 0])), System(0.0)
-        fine.append(motion_between(np.eye(4), start).round(6).tolist())
-        return start, System(float(start[0, 3]))
+        fine.append(motion_between(np.eye(4), pose).round(6).tolist())
+        return pose, System(float(pose[0, 3]))
 
     monkeypatch.setattr(registration, "align_levels", align)
     surface = corner(np.random.default_rng(0), 50)

@@ -185,7 +185,8 @@ def last_cast(spy):
     calls = spy(module, "cast_strips")
 
     def find_pairs():
-        (*_, sectors), _ = calls[-1]
+        _, named = calls[-1]
+        sectors = named["windows"]
         return set(zip(sectors.viewpoint.tolist(), sectors.item.tolist(), strict=True))
 
     return find_pairs
