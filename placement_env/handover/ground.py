@@ -136,12 +136,13 @@ class Grid(NamedTuple):
 
 
 def lay_grid(site: Site, cell: float, height: float) -> Grid:
-    """Grid of square cells over the area, with points at a height above the ground.
+    """Grid of square cells over a site's area, with a point above the middle of each.
 
-    cell: side (m); height: points above the ground (m). Raises ValueError as
-    `visible_ground`."""
+    cell: side of a cell (m); height: of the points above the ground (m). Raises ValueError for a
+    cell that is not positive, so large that a side has fewer than two, or far too small."""
     area = site.area
     sides = area[2:] - area[:2]
+    # 1.5 cells are rounded to two
     if not 0 < cell <= sides.min() / 1.5:
         raise ValueError(
             f"cell must be positive and fit twice into {sides[0]:g} x {sides[1]:g} m, got {cell:g}"
@@ -158,7 +159,7 @@ def lay_grid(site: Site, cell: float, height: float) -> Grid:
     columns, rows = np.rint(sides / cell)
     x = middle_x + (np.arange(columns) - (columns - 1) / 2) * cell
     y = middle_y + (np.arange(rows) - (rows - 1) / 2) * cell
-    middles = np.stack(np.meshgrid(x, y), axis=-1)
+    middles = np.stack(np.meshgrid(x, y), axis=-1)  # (ny, nx, x y)
     ground = np.concatenate([middles, site.ground(middles)[..., None]], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
     return Grid(

@@ -232,7 +232,10 @@ def unused_mounts(
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors of the set with their final names, and their mounts."""
+    """Sensors of the set with their final names, and each sensor's mount, in the set's order.
+
+    chosen: indices of the set's candidates. moved: the same sensors as they were mounted, each on
+    the mount nearest to it; empty if they keep the candidates' poses."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(
@@ -242,6 +245,7 @@ def _sensors(
     sensors = [candidates.sensors[member] for member in members]
     mounts = [candidates.mounts[mount] for mount in candidates.mount[members]]
     if len(moved):
+        # x, y of every mount
         feet = np.array([mount.position[:2] for mount in candidates.mounts])
         pool_names = {sensor.digest: sensor.name for sensor in sensors}
         sensors = []
@@ -249,9 +253,10 @@ def _sensors(
         for sensor in moved:
             mount = candidates.mounts[np.hypot(*(feet - sensor.position[:2]).T).argmin()]
             mounts.append(mount)
+            # degrees; + 0.0 turns -0.0 into 0.0
             (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
             pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
-            # as in a pool
+            # an unchanged sensor keeps its name, others are named like candidates
             name = pool_names.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"
             sensors.append(replace(sensor, name=name))
     names = name_by_poles(

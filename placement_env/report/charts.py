@@ -334,6 +334,7 @@ def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Seque
     axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
     axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
     axes.tick_params(length=0)
+    # numbers are written only into figures of few sensors
     written = interactions if len(worth) <= MAX_FIGURE_SENSORS else interactions[:0]
     for (row, column), value in np.ndenumerate(written):
         if np.isfinite(value):

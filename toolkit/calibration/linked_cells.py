@@ -59,7 +59,7 @@ class CellPoints(NamedTuple):
 
         grid: map whose places are the middles of the squares; its heights are not used. points:
         (n, 3) m, in the frame of the map."""
-        rows, columns = grid.heights.shape
+        rows, columns = grid.heights.shape  # rows along x, columns along y
         index = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
         in_grid = ((index >= 0) & (index < [rows, columns])).all(axis=1)
         is_kept = in_grid & (np.abs(points[:, 2]) < MAX_HEIGHT_M)
@@ -75,7 +75,7 @@ class CellPoints(NamedTuple):
         return CellPoints(
             z=kept_points[order, 2],
             square=np.repeat(np.arange(len(first)), count),
-            low=kept_points[order[first + count // 10]],
+            low=kept_points[order[first + count // 10]],  # a tenth of the points are lower
             least=kept_points[order[first], 2],
         )
 

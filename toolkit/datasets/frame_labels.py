@@ -124,9 +124,9 @@ def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mas
 def _find_doubled(
     boxes: Float64[np.ndarray, "n 7"], categories: Sequence[str], rows: Int64[np.ndarray, " m"]
 ) -> Int64[np.ndarray, " k"]:
-    """Rows that repeat the box and category of an earlier row.
+    """Numbers of the rows that repeat the box and category of an earlier row, ascending.
 
-    rows: row numbers of the boxes to compare, in order."""
+    rows: numbers of the rows to compare, in order."""
     # with the extra "", an array without categories is one of texts, too; its number is cut off
     _, category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)
     values = np.column_stack([boxes, category_numbers[:-1]])

@@ -140,7 +140,9 @@ class TransformTree:
             elif link.is_static:
                 static.setdefault(link.child, {})[link.recorded_ns] = link
             else:
+                # a stamp of 0 is none
                 moving.setdefault(link.child, {})[link.stamp_ns or link.recorded_ns] = link
+        # children with static transforms as well keep only those
         placed_twice = static.keys() & moving.keys()
         for child in placed_twice:
             del moving[child]

@@ -272,7 +272,10 @@ def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
 
 
 def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
-    """Arrays of `encode_arrays`; None for damaged bytes and other objects."""
+    """Return the arrays that `encode_arrays` put into `value`; None if it is damaged or no bytes.
+
+    key: the same as for `encode_arrays`, which the checksum covers. The arrays are read-only."""
+    # checksum, then [is_compressed, [dtype, shape], ...] as a line of JSON, then the arrays' bytes
     body = value[CHECKSUM_BYTES:] if isinstance(value, bytes) else b""
     if not body or not secrets.compare_digest(value[:CHECKSUM_BYTES], _checksum(key, body)):
         return None
@@ -345,9 +348,10 @@ def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
 def import_closure(
     modules: tuple[str, ...], top: Path = SOURCE_ROOT
 ) -> tuple[dict[str, Path], set[str]]:
-    """Source files, by module, and libraries that `modules` import, directly or not.
+    """Source files of this project, by module, that `modules` import, directly or not.
 
-    top: folder that holds the packages of this project.
+    The second result holds the names of the libraries outside it and outside Python that they
+    import. top: folder that holds the packages of this project.
     """
     files: dict[str, Path] = {}
     libraries: set[str] = set()
@@ -358,7 +362,7 @@ def import_closure(
         if (module, name) in followed:
             continue
         followed.add((module, name))
-        parent = module.rpartition(".")[0]
+        parent = module.rpartition(".")[0]  # its package, which runs before it
         pending.extend([(parent, "")] if parent and _is_ours(module) else [])
         path = _file(module, top) if _is_ours(module) or module in modules else None
         if path is None:
@@ -366,6 +370,7 @@ def import_closure(
                 set() if _is_ours(module) else {module.partition(".")[0]} - sys.stdlib_module_names
             )
             continue
+        # a name of a package is a module below it, or one that its stub or __init__ imports
         if name and path.name == "__init__.py":
             below = f"{module}.{name}"
             stub = path.with_suffix(".pyi")

@@ -121,9 +121,10 @@ def child_names(group: h5py.Group, name: str) -> list[str]:
 def dataset(
     group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
 ) -> h5py.Dataset:
-    """Dataset with this name, not yet read.
+    """Dataset of numbers with this name in a group, not yet read.
 
-    axes: number of its axes; kinds: NumPy's types that it may have."""
+    axes: number of its axes, None for any; kinds: letters of the NumPy types it may have, such as
+    "f" for floats. Raises ValueError for a missing or another dataset."""
     node = _own(group, name)
     with reading(name):
         numeric = isinstance(node, h5py.Dataset) and node.shape is not None
@@ -143,6 +144,7 @@ def dataset(
         )
     if axes is not None and len(shape) != axes:
         raise ValueError(f"{name} must have {axes} axes, got {dtype} of shape {shape}")
+    # compression cannot shrink data so far: the stored part is missing
     if size > _MANY_BYTES and size * _MIN_DEFLATED_SHARE > stored:
         raise ValueError(
             f"{name} claims {size} bytes, but only {stored} are stored: the file is damaged, "

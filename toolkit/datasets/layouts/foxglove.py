@@ -218,12 +218,14 @@ class _Source:
 
 
 def _load(source: _Source, groups: Mapping[str, list[CloudKey]], name: str) -> Frame:
-    """Read a frame by its name; groups: clouds of each frame."""
+    """Read a frame by its name; groups: keys of the clouds of each frame, by its name.
+
+    The frame's time is its earliest cloud's."""
     problems: Problems = {}
     keys = groups[name]
     add_problem(problems, UNPAIRED, int(len(keys) < source.topic_count))
     clouds = []
-    roots: list[str] = []
+    roots: list[str] = []  # root frames of the clouds' transform trees, which `_place` adds
     with _open_reader(source.file) as reader:
         for key in keys:
             message = _parse(POINT_CLOUD, _read(reader, key))

@@ -150,10 +150,11 @@ class LabelledView(NamedTuple):
             ids = [labels.ids[row] for row in np.flatnonzero(is_real)]
         with np.errstate(all="ignore"):
             boxes = parse_camera_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
-            frame_labels.count_full_turns(values[is_real, 13], problems)
+            frame_labels.count_full_turns(values[is_real, 13], problems)  # yaw
         kinds = [kind for kind in labels.kinds if kind != DONT_CARE]
         labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
         width, height = self.size_px
+        # left, top, right, bottom (px) of the rectangles without labels
         ignored = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
         projection = calibration.projection @ calibration.camera_SE3_lidar
         wedge = ImageWedge(projection, width, height, ignored)
@@ -262,6 +263,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         write_bytes(training / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(training / "label_2" / f"{name}.txt", kitti_text(sample))
         _, projection = _choose_camera(sample.complete)
+        # the format has four cameras; all are the same one here
         entries = {f"P{k}": projection for k in range(4)}
         entries |= {
             "R0_rect": np.eye(3),

@@ -20,9 +20,10 @@ _COMMA_ENTRIES = 15
 
 
 def read_track_rows(path: Path) -> dict[int, LabelRows]:
-    """Read the rows of each frame of a text, by the frame's number.
+    """Read the labels of each frame of a text file, by the frame's number.
 
-    Raises ValueError that names the file."""
+    Cells of a line: frame, track, the 15 columns of KITTI's labels, and perhaps a score. Raises
+    ValueError that names the file."""
     rows: dict[int, list[list[str]]] = {}
     with record_values.name_damage(path, "list of labels"):
         for line in read_bytes(path).decode("utf-8-sig").splitlines():

@@ -65,8 +65,9 @@ def nuscenes(path: Path) -> listing.Listing:
     folder = _find_folder(path)
     tables = {name: _read_rows(folder / f"{name}.json", is_list=name in _LISTS) for name in _TABLES}
     with name_damage(folder / "sample_data.json", "table"):
+        # rows of sample_data by token of their sample, and how many have an unknown sensor
         lidars, unknown = _group_lidars(tables)
-        between = 0
+        between = 0  # number of sweeps between samples, which are left out
         for token, rows in lidars.items():
             timestamp = tables["sample"].get(token, {}).get("timestamp")
             lidars[token] = _drop_sweeps(tables, rows, timestamp)
@@ -82,6 +83,7 @@ def nuscenes(path: Path) -> listing.Listing:
         )
 
         times = [_parse_time(entry(tables["sample"][token], "timestamp")) for token in order]
+        # steps that are far too short show that the times are not a clock's
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
     load = partial(_load, folder, tables, lidars, labels, is_clock)

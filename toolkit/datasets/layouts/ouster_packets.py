@@ -97,9 +97,10 @@ def import_ouster(use: str) -> Any:
 def convert_frame(frame: Any, points: np.ndarray, name: str, number: int) -> Sweep:
     """Convert a LidarFrame of ouster-sdk to a sweep.
 
-    points: (rows, columns, 3) m, of every pixel; name: of the sensor; number: among its sweeps."""
-    ranges = np.asarray(frame.field("RANGE"))
-    is_valid = np.asarray(frame.status) & 1 == 1
+    points: (rows, columns, 3) m, of every pixel; name: name of the sensor; number: place of the
+    sweep among the sensor's, from 0. Second returns of a pixel are left out and counted."""
+    ranges = np.asarray(frame.field("RANGE"))  # 0 for no return
+    is_valid = np.asarray(frame.status) & 1 == 1  # columns that arrived
     is_return = (ranges > 0) & is_valid
     rows, columns = np.nonzero(is_return)
     intensity = frame.field("SIGNAL" if "SIGNAL" in frame.fields else "REFLECTIVITY")
@@ -109,7 +110,7 @@ def convert_frame(frame: Any, points: np.ndarray, name: str, number: int) -> Swe
     if "RANGE2" in frame.fields:
         left_out = int(np.count_nonzero(np.asarray(frame.field("RANGE2"))[:, is_valid]))
     first, last = frame.sensor_info.format.column_window
-    width = (last - first) % len(is_valid) + 1
+    width = (last - first) % len(is_valid) + 1  # columns of the window, which may pass column 0
     return Sweep(
         sensor=name,
         number=number,

@@ -123,7 +123,9 @@ def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
 
 
 def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Make the post and the plate, or signal head, of a signal in the map's frame."""
+    """Make the post and the plate, or head with lamps, of a <signal> of a road.
+
+    The solids are in the map's frame."""
     s = read_number(element, "s")
     t = read_number(element, "t")
     place = place_on_road(road, s, t, turn=read_number(element, "hOffset", 0.0))

@@ -688,7 +688,7 @@ def _speed_zones() -> dict[str, Any]:
 
 
 def _list_unused(tags: Tags) -> list[str]:
-    """List the kinds of rules in a road's tags that are not used."""
+    """List a note, in words, for each kind of rule in a road's tags that is not used."""
     notes = []
     conditional = [key.removesuffix(":conditional") for key in tags if key.endswith(":conditional")]
     if any(_bears_on_traffic(key) for key in conditional):
@@ -702,11 +702,12 @@ def _list_unused(tags: Tags) -> list[str]:
         for key in tags
     ):
         notes.append(SPEEDS_NOTE)
+    # numbers of lanes that cannot be read
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES_NOTE)
-    counted = number_lanes(tags).get("lanes")
+    used = number_lanes(tags).get("lanes")  # the sum of both directions, if they have numbers
     total = tags.get("lanes", "")
-    if re.fullmatch("[1-8]", total) and total != counted and "lanes:both_ways" not in tags:
+    if re.fullmatch("[1-8]", total) and total != used and "lanes:both_ways" not in tags:
         notes.append(SUM_NOTE)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
         notes.append(SINGLE_NOTE)
