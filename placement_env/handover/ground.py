@@ -171,10 +171,11 @@ def lay_grid(site: Site, cell: float, height: float) -> Grid:
 
 
 def ground_shares(ground: GroundGrid, names: Sequence[str]) -> GroundShares:
-    """Shares of the ground.
+    """Shares and areas of the open ground that sensors see, or that no sensor sees.
 
-    names: its sensors, in order. Without lanes their blind share is 0. Raises ValueError for
-    names that are too few, too many or not distinct, and for an area without open ground.
+    names: names of the sensors, in the order of `ground`. Without lanes their blind share is 0.
+    Raises ValueError for names that are too few, too many or not distinct, and for an area without
+    open ground.
     """
     if len(names) != len(ground.seen) or len(set(names)) < len(names):
         raise ValueError(
@@ -184,7 +185,7 @@ def ground_shares(ground: GroundGrid, names: Sequence[str]) -> GroundShares:
         raise ValueError(
             "the area has no open ground: solids cover all of it, so move the area or the solids"
         )
-    views = ground.views[ground.open_ground]
+    views = ground.views[ground.open_ground]  # number of sensors that see each open cell
     cell_m2 = ground.cell**2
     is_blind_lane = (ground.views == 0)[ground.open_ground & ground.lanes]
     seen_cells = (ground.seen & ground.open_ground).sum(axis=(1, 2))  # for each sensor

@@ -60,7 +60,7 @@ class Corrected(RecordingView):
                 cloud = measurement.in_own_frame()
                 corrected_pose = cloud.world_SE3_sensor @ correction
                 measurements.append(replace(cloud, world_SE3_sensor=corrected_pose))
-            else:
+            else:  # an image, whose pixels are relative to the sensor
                 measurements.append(measurement)
         return replace(frame, sensors=tuple(sensors), measurements=tuple(measurements))
 

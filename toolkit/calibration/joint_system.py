@@ -85,6 +85,7 @@ class JointSystem:
             # sensors among the 6 n numbers of all motions
             rows, columns = pair.system_rows
             information[np.ix_(columns, columns)] += rows.T @ (rows * pair.weight[:, None])
+        # numbers of held sensors do not change
         information[~self.free] = 0.0
         information[:, ~self.free] = 0.0
         values, vectors = np.linalg.eigh(information)

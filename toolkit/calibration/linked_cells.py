@@ -124,6 +124,7 @@ class LinkedCells:
         is_near = distance < LINK_M
         linked = is_near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
         link_count = linked.sum(axis=1)
+        # a flat cell is linked with most of the cells near it, and with three at least
         flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
         return LinkedCells(cells, other=neighbours, linked=linked, flat=flat)
 

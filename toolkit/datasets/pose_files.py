@@ -228,6 +228,7 @@ def _list_text_poses(text: str) -> Mapping[str, object]:
     row_names = []
     row_numbers = []
     for k, row in enumerate(rows):
+        # one cell more than a quaternion pose (7), or a matrix of three (12) or four rows (16)
         has_name = len(row) in (8, 13, 17)
         row_names.append(row[0].removesuffix(":") if has_name else str(k))
         row_numbers.append(row[1:] if has_name else row)

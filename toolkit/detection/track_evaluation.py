@@ -154,7 +154,9 @@ def evaluate_tracks(
 def _score_boxes(
     frames: Sequence[ScoredFrame], label: str, ious: Sequence[float], metric: Overlap
 ) -> list[TrackApRow]:
-    """AP of a class at each IoU threshold."""
+    """AP of a class's tracks at each IoU threshold, each frame's boxes taken as detections.
+
+    metric: overlap of two boxes that the thresholds are about."""
     scores = evaluate(
         [frame.tracks for frame in frames],
         [frame.truth.objects for frame in frames],

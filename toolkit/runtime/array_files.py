@@ -85,7 +85,7 @@ def load_arrays(
     `check_unpacked` allows. content: content of the file, if it was read before."""
     try:
         with content or plain_file(path).open("rb") as file:
-            if file.read(2) != b"PK":
+            if file.read(2) != b"PK":  # no zip archive, so a .npy file
                 file.seek(0)
                 _check_array(
                     file,

@@ -85,6 +85,7 @@ class Cache:
                 values |= dict(database.execute(query, chunk))
             return values
 
+        # without a usable file nothing is known
         values = self._safely(select, dict[bytes, bytes]())
         return [
             decode_arrays(key + self._secret, values[key]) if key in values else None
@@ -154,7 +155,7 @@ class Cache:
 
     def _database(self) -> sqlite3.Connection:
         """Open database of this process. Raises sqlite3.Error if the file cannot be used."""
-        # a forked process must not share a handle
+        # process id and database: a forked process must not share a handle
         if self._open is not None and self._open[0] == os.getpid():
             return self._open[1]
         if self.path is not None:
@@ -337,6 +338,7 @@ def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
     for module in sorted(files):
         digest.update(module.encode() + b"\0" + sha256(files[module].read_bytes()).digest())
     folders = {path.parent for module, path in files.items() if _is_ours(module)}
+    # data files next to the modules count too
     tables = sorted(table for folder in folders for table in folder.glob("*.toml"))
     for data in tables:
         digest.update(data.name.encode() + b"\0" + sha256(data.read_bytes()).digest())

@@ -128,7 +128,10 @@ def _work_on_ray(shared: list[Value], x: Value) -> Value:
 
 
 def _connect(address: str) -> Value:
-    """Ray, connected until this process ends or changes cluster."""
+    """Return the module `ray`, connected to a cluster until this process ends or changes it.
+
+    address: where the cluster is, as `ray.init` takes it. Raises ImportError without Ray, and
+    ConnectionError if no cluster answers."""
     global _address
     try:
         ray: Value = import_module("ray")
@@ -139,12 +142,12 @@ def _connect(address: str) -> Value:
     if ray.is_initialized():
         return ray
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    here = {"include_dashboard": False} if address == "local" else {}
+    local_options = {"include_dashboard": False} if address == "local" else {}
     host, colon, port = address.rpartition("://")[2].rpartition(":")
     try:
         if colon:  # Ray itself takes minutes to find out
             socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
-        ray.init(address=address, log_to_driver=False, **here)
+        ray.init(address=address, log_to_driver=False, **local_options)
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
         remedy = "start one with `ray start --head`, or ask for 'local'"

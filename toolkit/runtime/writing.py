@@ -147,7 +147,10 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
 
 
 def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path, int]:
-    """Make and lock an empty file, or folder (suffix None), or take over one of a killed writer."""
+    """Make and lock an empty file, or folder (suffix None), or take over one of a killed writer.
+
+    folder: where it is made; start, suffix: beginning and ending of its name. Returns its path, and
+    the file descriptor that holds the lock."""
     for number in range(1000):
         path = folder / f"{start}.{number}{UNFINISHED}{suffix or ''}"
         existed = path.exists()
@@ -157,7 +160,7 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
             if not existed:
                 raise
             continue  # another user's
-        if descriptor is None:
+        if descriptor is None:  # another writer holds it
             continue
         if suffix is not None:
             os.truncate(path, 0)

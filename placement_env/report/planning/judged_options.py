@@ -36,7 +36,7 @@ class JudgedOptions:
         self.objective = objective
         self.entrants = entrants
         self.judge = judge
-        self.draws: dict[int, Resamples] = {}
+        self.draws: dict[int, Resamples] = {}  # AP in each resample, by row of a judged set
         self.options: list[PlanOption] = []
         mounts = objective.candidates.mounts
         for i, is_member in enumerate(entrants.sets):

@@ -81,7 +81,7 @@ def _detect_street(
         run.memo,
         noise_seed=run.seed,
         errors=question.cases.profiles[0],
-        redrawn=False,
+        redrawn=False,  # the same errors in all frames
     )
     detected = Detected(
         renders,

@@ -298,6 +298,7 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
         names, objects.boxes, wedge.rectangles(objects.boxes), scores, strict=True
     ):
         lines.append(f"{name} 0 0 {_format_box(box, rectangle)}{score}\n")
+    # regions without labels: type, no truncation, occlusion and angle, rectangle, no box
     for left, top, right, bottom in wedge.ignored if found is None else ():
         edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
         lines.append(f"DontCare -1 -1 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10\n")
@@ -310,6 +311,7 @@ def _format_box(box: Float64[np.ndarray, "7"], rectangle: Float64[np.ndarray, "4
     box: world frame; rectangle: its edges in the image (pixels)."""
     centre, yaw = box[:3], box[6]
     length, width, height = box[3:6].tolist()
+    # in the camera's frame: x to the right, y down, z forward
     x, y, z = transform(_CAMERA, centre[None])[0]
     forward = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
     turn = np.arctan2(-forward[2], forward[0])

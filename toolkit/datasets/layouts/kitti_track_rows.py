@@ -50,7 +50,10 @@ def _parse_score(cells: list[str]) -> float:
 
 
 def _order_commas(cells: list[str]) -> list[str]:
-    """Return a row of AB3DMOT's detections in the order of the benchmark's rows."""
+    """Return a row of AB3DMOT's detections in the order of the benchmark's rows.
+
+    cells: frame, number of the class, rectangle (4), score, box (7), alpha. The benchmark's rows
+    have frame, track, class, truncation, occlusion, alpha, rectangle, box, score."""
     if len(cells) != _COMMA_ENTRIES:
         raise ValueError(f"a line with commas must have 15 entries, got {len(cells)}")
     code = parse_whole(cells[1], "class")

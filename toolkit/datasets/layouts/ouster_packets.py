@@ -40,16 +40,16 @@ class OusterCapture:
         return tuple(f"ouster-{serial}" for serial in self.serials)
 
     def decode(self) -> Iterator[Sweep]:
-        """Yield all frames of the sensors."""
+        """Yield the sweeps of all sensors, in order of the capture."""
         from ouster.sdk import core, open_source
 
         counts: Counter[str] = Counter()
         names = dict(zip(self.serials, self.names, strict=True))
-        tables: dict[int, Any] = {}
+        tables: dict[int, Any] = {}  # directions of a sensor's pixels, by its serial number
         with name_damage(self.path, "capture", (Exception,)):
             for frames in open_source(str(self.path)):
                 for frame in frames:
-                    if frame is None:
+                    if frame is None:  # this sensor has none here
                         continue
                     serial = int(frame.sensor_info.sn)
                     if serial not in tables:

@@ -16,6 +16,7 @@ def move_network_to_site(network: str, map_SE3_site: Pose) -> str:
     junctions and walking areas that cross themselves are repaired."""
     origin = map_SE3_site[:2, 3]
     rotation = map_SE3_site[:2, :2]
+    # rows of points: (xy - origin) @ rotation turns by the transpose, from the map to the site
     root = ElementTree.fromstring(network)
     for element in root.iter():
         if "shape" in element.attrib:

@@ -107,7 +107,10 @@ def _make_prisms(
 
 
 def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
-    """Make the tree, disc or block of an object without an outline. kind: kind of solid."""
+    """Make the tree, disc or block of an object without an outline.
+
+    kind: kind of solid; size: sizes (m) that the map states, 0 for none."""
+    # usual and extreme sizes are in m
     if kind == "tree":
         crown_radius = min(max(size.any_radius or 1.6, 0.3), 8.0)
         return furniture.tree(

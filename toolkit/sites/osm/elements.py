@@ -123,7 +123,7 @@ def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
                 if event == "end" and element.tag in _KINDS_IN_XML:
                     yield element
                     root.clear()  # releases the elements read so far
-                    consumption.element_tags = 0
+                    consumption.element_tags = 0  # counts the tags within one element
             consumption.check(path)
     parser.close()
 

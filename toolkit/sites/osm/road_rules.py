@@ -705,9 +705,9 @@ def _list_unused(tags: Tags) -> list[str]:
     # numbers of lanes that cannot be read
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES_NOTE)
-    used = number_lanes(tags).get("lanes")  # the sum of both directions, if they have numbers
+    used_total = number_lanes(tags).get("lanes")  # the sum of both directions, if they have numbers
     total = tags.get("lanes", "")
-    if re.fullmatch("[1-8]", total) and total != used and "lanes:both_ways" not in tags:
+    if re.fullmatch("[1-8]", total) and total != used_total and "lanes:both_ways" not in tags:
         notes.append(SUM_NOTE)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
         notes.append(SINGLE_NOTE)
