@@ -87,11 +87,11 @@ def write_exchange(
     sensors and ground do not belong to one set.
     """
     names = [sensor.name for sensor in sensors]
-    mounted = [sensor.name for sensor in site.sensors]
-    if names != mounted or len(ground.seen) != len(names):
+    mounted_names = [sensor.name for sensor in site.sensors]
+    if names != mounted_names or len(ground.seen) != len(names):
         rule = (
             "the site must have the planned sensors and the ground a layer for each, got "
-            f"{mounted} at the site"
+            f"{mounted_names} at the site"
         )
         raise ValueError(
             f"{rule}, {names} planned and {len(ground.seen)} layers: use mounted_site and "

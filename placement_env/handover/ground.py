@@ -216,7 +216,7 @@ def visible_polygons(ground: GroundGrid) -> list[list[shapely.Polygon]]:
 
     Pieces below `MIN_POLYGON_M2` are left out.
     """
-    return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
+    return [_polygons(ground, seen_cells & ground.open_ground) for seen_cells in ground.seen]
 
 
 def _density(
@@ -279,9 +279,11 @@ def _polygons(ground: GroundGrid, mask: Bool[np.ndarray, "ny nx"]) -> list[shape
         ground.x[end_columns - 1] + half,
         ground.y[rows] + half,
     )
-    merged = shapely.simplify(shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half)
+    merged_runs = shapely.simplify(
+        shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half
+    )
     polygons = []
-    for piece in shapely.get_parts(merged):
+    for piece in shapely.get_parts(merged_runs):
         if piece.area >= MIN_POLYGON_M2:
             rings = piece.interiors
             holes = [ring for ring in rings if shapely.Polygon(ring).area >= MIN_POLYGON_M2]

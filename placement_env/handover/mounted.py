@@ -133,13 +133,13 @@ def mounted_site(
     """
     sensors, mounts = _sensors(candidates, chosen, moved)
     feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
-    new: dict[str, Mount] = {}
+    new_mounts: dict[str, Mount] = {}
     for mount in mounts:
         distance = np.hypot(*(feet - mount.position[:2]).T)
         if not (distance <= SAME_FOOT_M).any():
-            new[mount.name] = mount
-    present = [mount for mount in site.mounts if mount.name not in new]
-    return replace(site, sensors=sensors, mounts=(*present, *new.values()))
+            new_mounts[mount.name] = mount
+    present_mounts = [mount for mount in site.mounts if mount.name not in new_mounts]
+    return replace(site, sensors=sensors, mounts=(*present_mounts, *new_mounts.values()))
 
 
 def format_sensors(
@@ -172,14 +172,14 @@ def format_sensors(
     loads = sent_in_most(kbit, link_share)
     radio = measure_radio(kbit)
     paid_poles: set[str] = set()
-    planned = []
+    planned_sensors = []
     for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True)):
         if catalogue is None:
             model = name_in_words(type(sensor.model).__name__)
         else:
             model = catalogue.get_name(sensor.model)
         x, y, z = sensor.position.tolist()
-        planned.append(
+        planned_sensors.append(
             PlannedSensor(
                 name=sensor.name,
                 pole=mount.name,
@@ -203,7 +203,7 @@ def format_sensors(
             )
         )
         paid_poles.add(mount.name)
-    return tuple(planned)
+    return tuple(planned_sensors)
 
 
 def set_names(candidates: Candidates, chosen: Chosen) -> tuple[str, ...]:
@@ -264,8 +264,10 @@ def _sensors(
         [mount.name for mount in mounts],
         [mount.name for mount in candidates.mounts],
     )
-    renamed = [replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)]
-    return tuple(renamed), tuple(mounts)
+    renamed_sensors = [
+        replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)
+    ]
+    return tuple(renamed_sensors), tuple(mounts)
 
 
 def name_by_poles(
@@ -450,13 +452,15 @@ def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SH
 def bill_of_rates(
     sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None
 ) -> tuple[MaterialItem, ...]:
-    """Costs that the rates of a catalogue add to sensors and poles, over its years."""
+    """Costs that the rates of a catalogue add to sensors and poles, over its years.
+
+    One item for each rate, in the catalogue's order; none without a catalogue."""
     if catalogue is None:
         return ()
     count = {"pole": len({sensor.pole for sensor in sensors}), "sensor": len(sensors)}
     items = []
     for name, price in catalogue.rates.items():
-        unit, is_yearly = RATES[name]
+        unit, is_yearly = RATES[name]  # "pole" or "sensor", which the rate is paid for
         unit_price = price * (catalogue.years if is_yearly else 1)
         item = f"{name} for {catalogue.years:g} years" if is_yearly else name
         items.append(

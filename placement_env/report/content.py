@@ -464,5 +464,5 @@ def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
         # a text that is nothing but a name needs no search
         return names.get(text) or words.sub(lambda word: names[word.group()], text)
 
-    renamed: Plan = replace_texts(plan, replace_names)
-    return renamed
+    renamed_plan: Plan = replace_texts(plan, replace_names)
+    return renamed_plan

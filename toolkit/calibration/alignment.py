@@ -85,9 +85,9 @@ def align(
     free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, min_limit in _LEVELS:
-        thinned = [thin_rows(surface.points, voxel) for surface in surfaces]
+        thinned_points = [thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
-            pairs = pair_surfaces(surfaces, thinned, poses, (radius, min_limit))
+            pairs = pair_surfaces(surfaces, thinned_points, poses, (radius, min_limit))
             pairs += list(more(poses, radius)) if more is not None else []
             pose_pairs = zip(believed, poses, strict=True)
             off = [motion_between(*pose_pair) for pose_pair in pose_pairs]
@@ -132,22 +132,22 @@ def _count_pairs(
     pairs: pairs of points or objects, of two sensors each; sensors: number of sensors. Returns a
     symmetric matrix of counts, and robust standard deviations (m, from the median of the absolute
     residuals), 0 for a sensor without pairs."""
-    shared = np.zeros((sensors, sensors), np.int64)
+    pair_counts = np.zeros((sensors, sensors), np.int64)
     # absolute residuals of the pairs of each sensor
     residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]
     for pair in pairs:
         is_used = pair.weight > 0
-        shared[pair.one, pair.other] += int(is_used.sum())
+        pair_counts[pair.one, pair.other] += int(is_used.sum())
         for sensor in (pair.one, pair.other):
             residuals[sensor].append(np.abs(pair.residual[is_used]))
     scatter = np.zeros(sensors)
     for sensor, sensor_residuals in enumerate(residuals):
-        pooled = np.concatenate(sensor_residuals)
-        if len(pooled):
+        pooled_residuals = np.concatenate(sensor_residuals)
+        if len(pooled_residuals):
             # 1.4826 makes the median deviation of normal noise its standard deviation
-            scatter[sensor] = 1.4826 * float(np.median(pooled))
+            scatter[sensor] = 1.4826 * float(np.median(pooled_residuals))
     # pairs of sensors 0 and 1 are counted at (0, 1) and at (1, 0): both searched for the other
-    return shared + shared.T, scatter
+    return pair_counts + pair_counts.T, scatter
 
 
 def face_sensor(surface: Surface) -> Surface:

@@ -55,10 +55,10 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
     scores = _score_planes(planes, candidates, cells, rng)
     plane: Plane = planes[int(np.argmax(scores))]
     for band in _BANDS_M:  # ever narrower
-        refitted = _refit_plane(plane, points, band)
-        if refitted is None or np.hypot(refitted[0], refitted[1]) > max_slope:
+        refitted_plane = _refit_plane(plane, points, band)
+        if refitted_plane is None or np.hypot(refitted_plane[0], refitted_plane[1]) > max_slope:
             return plane
-        plane = refitted
+        plane = refitted_plane
     return plane
 
 

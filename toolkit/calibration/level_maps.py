@@ -50,9 +50,9 @@ def draw_levels(
         main = _draw_surface(main, cells[on_main])
     surfaces = [*surfaces, main]  # so the number of the rest is the index of the main ground
     is_drawn = ~is_rest | on_main
-    unnumbered = np.flatnonzero(~is_drawn)
+    unnumbered_rows = np.flatnonzero(~is_drawn)
     drawn_number = np.where(is_drawn, number, -1)
-    number[unnumbered] = _number_rest(cells, unnumbered, drawn_number, surfaces)
+    number[unnumbered_rows] = _number_rest(cells, unnumbered_rows, drawn_number, surfaces)
     slopes = fit_banks(cells, links, number, surfaces)
     return _join_levels(cells, number, slopes, surfaces)
 

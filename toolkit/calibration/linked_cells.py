@@ -122,11 +122,11 @@ class LinkedCells:
         neighbours = neighbours.reshape(len(cells), count)[:, 1:]
         rise = np.abs(z[neighbours] - z[:, None])
         is_near = distance < LINK_M
-        linked = is_near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
-        link_count = linked.sum(axis=1)
+        is_linked = is_near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
+        link_count = is_linked.sum(axis=1)
         # a flat cell is linked with most of the cells near it, and with three at least
-        flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
-        return LinkedCells(cells, other=neighbours, linked=linked, flat=flat)
+        is_flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
+        return LinkedCells(cells, other=neighbours, linked=is_linked, flat=is_flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
         """Number the linked surfaces off the main ground.
@@ -189,8 +189,8 @@ class LinkedCells:
             return numbers
         first_numbers, second_numbers = np.array(pairs).T
         edges = (np.ones(len(first_numbers), bool), (first_numbers, second_numbers))
-        _, joined = connected_components(coo_array(edges, (count, count)))
-        return np.where(numbers < 0, -1, joined[numbers])
+        _, joined_number = connected_components(coo_array(edges, (count, count)))
+        return np.where(numbers < 0, -1, joined_number[numbers])
 
     def is_ground(
         self,

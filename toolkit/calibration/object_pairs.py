@@ -107,8 +107,8 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
             for frame in seen
         ]
         # matches of all frames; empty arrays in case there are no frames
-        joined = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
-        count = len(joined.turn)
+        joined_matches = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
+        count = len(joined_matches.turn)
         if not count:
             continue
         centre_deviation = np.sqrt(2) * _CENTRE_M
@@ -116,9 +116,11 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
         pair = Pairs(
             first,
             second,
-            one_row=_centre_rows(joined.first, poses[first]),
-            other_row=-_centre_rows(joined.second, poses[second]),
-            residual=np.concatenate([(joined.first - joined.second).T.ravel(), joined.turn]),
+            one_row=_centre_rows(joined_matches.first, poses[first]),
+            other_row=-_centre_rows(joined_matches.second, poses[second]),
+            residual=np.concatenate(
+                [(joined_matches.first - joined_matches.second).T.ravel(), joined_matches.turn]
+            ),
             deviation=np.repeat([centre_deviation, heading_deviation], [3 * count, count]),
             limit=np.repeat([gate, _MAX_HEADING_GAP_RAD], [3 * count, count]),
         )

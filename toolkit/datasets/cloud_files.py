@@ -79,9 +79,9 @@ def crop_area(
     below 4 m by default; remedy: words that end the error, after the extent of the points."""
     from toolkit.clouds import crop, positions
 
-    cropped = crop(cloud, area, height, floor=floor)
-    if len(positions(cropped)):
-        return cropped
+    cropped_cloud = crop(cloud, area, height, floor=floor)
+    if len(positions(cropped_cloud)):
+        return cropped_cloud
     points = positions(cloud)
     if not len(points):
         raise ValueError("the clouds hold no point with finite coordinates: give others")

@@ -70,9 +70,9 @@ def make_labels(
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
     rows = np.flatnonzero(_mark_possible(boxes, problems))
-    doubled = _find_doubled(boxes, categories, rows)
-    add_problem(problems, DOUBLED, len(doubled))
-    rows = np.setdiff1d(rows, doubled)
+    doubled_rows = _find_doubled(boxes, categories, rows)
+    add_problem(problems, DOUBLED, len(doubled_rows))
+    rows = np.setdiff1d(rows, doubled_rows)
     yaws = np.where(np.isfinite(boxes).all(axis=1), boxes[:, 6], 0.0)
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     count_full_turns(yaws[rows], problems)

@@ -151,9 +151,9 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     }
     unknown = reader_options.keys() - inspect.signature(reader).parameters.keys()
     if unknown:
-        listed = ", ".join(f"--{key.replace('_', '-')}" for key in options if key in unknown)
+        options_text = ", ".join(f"--{key.replace('_', '-')}" for key in options if key in unknown)
         raise ValueError(
-            f"{listed} does not go with layout {name}, which has its own: leave it out"
+            f"{options_text} does not go with layout {name}, which has its own: leave it out"
         )
     if not path.exists() and name != "hdf5":
         raise FileNotFoundError(f"no such recording: {path}")

@@ -132,11 +132,11 @@ class TransformTree:
         # transforms of each child frame by time (ns)
         static: dict[str, dict[int, TransformLink]] = {}
         moving: dict[str, dict[int, TransformLink]] = {}
-        malformed = 0
+        malformed_count = 0
         for link in links:
             has_two_frames = link.child and link.parent and link.child != link.parent
             if link.parent_SE3_child is None or not has_two_frames:
-                malformed += 1
+                malformed_count += 1
             elif link.is_static:
                 static.setdefault(link.child, {})[link.recorded_ns] = link
             else:
@@ -146,7 +146,7 @@ class TransformTree:
         placed_twice = static.keys() & moving.keys()
         for child in placed_twice:
             del moving[child]
-        counts = {MALFORMED: malformed, TWICE_PLACED: len(placed_twice)}
+        counts = {MALFORMED: malformed_count, TWICE_PLACED: len(placed_twice)}
         return TransformTree(
             static={child: FrameHistory.from_links(by_time) for child, by_time in static.items()},
             moving={child: FrameHistory.from_links(by_time) for child, by_time in moving.items()},

@@ -135,9 +135,9 @@ class Survey:
                 )
                 lines.append(f"{label} from {sensors}: {unseen}, {points}")
         if self.agreeing is not None:
-            agree, compared = self.agreeing
+            agree, compared_count = self.agreeing
             lines.append(
-                f"{agree} of {compared} labelled cuboids hold as many points as the set says"
+                f"{agree} of {compared_count} labelled cuboids hold as many points as the set says"
             )
         lines += [f"{number} {kind}" for kind, number in self.problems.items()]
         return "\n".join(lines)

@@ -230,5 +230,5 @@ def _shift_ids(frame: ScoredFrame, offset: int) -> ScoredFrame:
 
 def describe_unscored(names: Sequence[str]) -> str:
     """Words for the sequences whose labels are not scored."""
-    listed = ", ".join(names[:6])
-    return f"{len(names)} sequences have labels, but no tracks, and are not scored: {listed}"
+    listed_names = ", ".join(names[:6])
+    return f"{len(names)} sequences have labels, but no tracks, and are not scored: {listed_names}"

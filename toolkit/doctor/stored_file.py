@@ -29,7 +29,7 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
         with open_file(path) as file:
             check_kinds(file)
             units = _list_depth_units(file)
-            stored = _read_tables(file)
+            stored_tables = _read_tables(file)
         try:
             dataset = CoopDataset(path, site)
         except UnknownSite:  # any site serves to check the file
@@ -45,11 +45,11 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
                         remedy=remedy,
                     )
                 ]
-            findings = stored.findings
+            findings = stored_tables.findings
             if dataset.times is not None:
                 findings += suspect_times(dataset.times)
-            findings += _suspect_repetitions(stored.tables, stored.is_readable)
-            return findings + check_measurements(dataset, stored.tables, units)
+            findings += _suspect_repetitions(stored_tables.tables, stored_tables.is_readable)
+            return findings + check_measurements(dataset, stored_tables.tables, units)
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
@@ -124,11 +124,11 @@ def _read_tables(file: h5py.File) -> _StoredTables:
         tables.append(table)
         faults.append(fault)
     # place and fault of the first damaged tables
-    damaged = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
+    damaged_tables = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
     remedy = "repair or leave out the frame"
     findings = [
         report_error(where=where, suspected="damaged objects", evidence=fault, remedy=remedy)
-        for where, fault in damaged
+        for where, fault in damaged_tables
     ]
     is_readable = [not fault for fault in faults]
     return _StoredTables(tables=tables, is_readable=is_readable, findings=findings)

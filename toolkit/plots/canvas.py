@@ -223,6 +223,6 @@ def _shorten_path(attribute: re.Match[str]) -> str:
     def round_number(number: re.Match[str]) -> str:
         return f"{float(number.group()):.2f}".rstrip("0").rstrip(".")
 
-    rounded = re.sub(r"-?\d+\.\d+", round_number, path)
-    shortened = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
-    return f' d="{shortened}"'
+    rounded_path = re.sub(r"-?\d+\.\d+", round_number, path)
+    short_path = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded_path).strip()
+    return f' d="{short_path}"'

@@ -77,12 +77,12 @@ def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> F
     it count as unset."""
     letters = {letter for text in texts for letter in text if _is_drawn(letter)}
     base_letters = list_letters(base)
-    missing = frozenset(letter for letter in letters if ord(letter) not in base_letters)
+    missing_letters = frozenset(letter for letter in letters if ord(letter) not in base_letters)
     if not shaping:
-        misordered = frozenset(letter for letter in letters if _needs_shaping(letter))
-        choice = cover_letters(missing - misordered)
-        return choice._replace(unset=choice.unset | misordered)
-    return cover_letters(missing)
+        misordered_letters = frozenset(letter for letter in letters if _needs_shaping(letter))
+        choice = cover_letters(missing_letters - misordered_letters)
+        return choice._replace(unset=choice.unset | misordered_letters)
+    return cover_letters(missing_letters)
 
 
 def name_letters(letters: Iterable[str]) -> str:

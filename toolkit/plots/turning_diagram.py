@@ -83,7 +83,9 @@ def draw_turning_diagram(
 def _sum_counts(
     movements: Sequence[MovementCount], labels: Sequence[str]
 ) -> dict[tuple[str, str], int]:
-    """Counts of some classes by entry and exit."""
+    """Sum the counts of some classes, by names of the entry and the exit.
+
+    movements: counts by class and movement; labels: names of the classes to sum."""
     counts: dict[tuple[str, str], int] = {}
     for movement in movements:
         if movement.label in labels:

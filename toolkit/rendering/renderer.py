@@ -239,7 +239,10 @@ class Renderer:
         scenery: Mesh | None = None,
         threads: int = 0,
     ) -> None:
-        """Build the scene of the site, and cast the sensors' images of it."""
+        """Build the scene of the site, and cast the sensors' images of it.
+
+        scenery: mesh of the static scene, built from the site if None; threads: number of threads
+        that cast rays, 0 for all cores."""
         self.sensors = tuple(sensors)
         self.bodies = tuple(bodies)
         self._site = site

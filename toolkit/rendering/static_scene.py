@@ -133,9 +133,9 @@ def _cell_borders(low: float, high: float) -> Float64[np.ndarray, " k"]:
     Cells grow by a fifth from one to the next beyond `FINE`."""
     # distances of the borders from the area; 39 growing cells reach farther than `FAR`
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
-    outside = FINE + steps[steps < FAR]
-    inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
-    return np.concatenate([low - outside[::-1], inside, high + outside])
+    outer_steps = FINE + steps[steps < FAR]
+    inner_borders = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
+    return np.concatenate([low - outer_steps[::-1], inner_borders, high + outer_steps])
 
 
 def _measure_skin(solid: Solid) -> float:

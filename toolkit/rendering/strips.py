@@ -213,8 +213,8 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     across = np.linalg.norm(middle, axis=2)
     # looking down steeply, a degree of azimuth is a shorter arc: fewer columns, but at least a
     # tenth
-    flat = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)
-    columns = np.clip(np.ceil((last - first) * flat / grid), *COLUMNS).astype(np.int64)
+    flatness = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)
+    columns = np.clip(np.ceil((last - first) * flatness / grid), *COLUMNS).astype(np.int64)
     start = np.arctan2(middle[..., 1], middle[..., 0]) + first
     viewpoint, item = np.indices(first.shape).reshape(2, -1)
     width = (last - first) / columns
@@ -336,7 +336,10 @@ class SuccessiveStrips:
     changes no result."""
 
     def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
-        """Begin before the first frame, without strips."""
+        """Begin before the first frame, without strips.
+
+        renderer: gives the static scene, which hides objects; viewpoints: places to look from;
+        counted: the points that count."""
         self._renderer = renderer
         self._viewpoints = viewpoints
         self._counted = counted
@@ -411,17 +414,17 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
         dx, dy = (x_y - viewpoints[block, None, :2]).transpose(2, 0, 1)
         distance = np.hypot(dx, dy)
         near = np.maximum(distance - radius, 0)
-        far = distance + radius
+        far_distance = distance + radius
         below = ground.low - viewpoints[block, 2:]
         above = ground.high - viewpoints[block, 2:]
-        low = np.arctan2(below, np.where(below < 0, near, far))
-        high = np.arctan2(above, np.where(above < 0, far, near))
+        low = np.arctan2(below, np.where(below < 0, near, far_distance))
+        high = np.arctan2(above, np.where(above < 0, far_distance, near))
         # [:, :, None] is of the object, [:, None] of the other
         turn = middle[block, :, None] - middle[block, None]
         azimuth_gap = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)  # 0 to pi
         reach = half_width[block, :, None] + half_width[block, None]
         mask[block] = azimuth_gap <= reach + OVERLAP_SLACK
-        mask[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
+        mask[block] &= near[:, None] <= far_distance[:, :, None] + OVERLAP_SLACK
         mask[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
         mask[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
     mask[:, objects, objects] = False  # no object hides itself

@@ -93,22 +93,25 @@ class Cache:
         ]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
-        """Keep all values or, if the process ends before, none."""
+        """Keep all values or, if the process ends before, none.
+
+        values: arrays by key; values above `MAX_VALUE_BYTES` are left out with a warning."""
 
         def insert(database: sqlite3.Connection) -> None:
             """Write all values that are not too large, in one transaction."""
             rows = [
                 (key, encode_arrays(key + self._secret, value)) for key, value in values.items()
             ]
-            fitting = [(key, value) for key, value in rows if len(value) <= MAX_VALUE_BYTES]
-            too_large = len(rows) - len(fitting)
-            if too_large:
+            fitting_rows = [(key, value) for key, value in rows if len(value) <= MAX_VALUE_BYTES]
+            too_large_count = len(rows) - len(fitting_rows)
+            if too_large_count:
                 warnings.warn(
-                    f"{too_large} values are too large to be kept in {self.path}", stacklevel=4
+                    f"{too_large_count} values are too large to be kept in {self.path}",
+                    stacklevel=4,
                 )
             with database:  # commits, or rolls back
                 database.execute("BEGIN IMMEDIATE")
-                database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting)
+                database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting_rows)
 
         self._safely(insert, None)
 
@@ -211,10 +214,10 @@ def recall(
 
     make: from the indices of missing keys to their values, in order; each is computed when it is
     taken from the iterator."""
-    cached: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
-    missing = [index for index, arrays in enumerate(cached) if arrays is None]
-    results = iter(make(missing) if missing else ())
-    for key, arrays in zip(keys, cached, strict=True):
+    cached_values: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
+    missing_indices = [index for index, arrays in enumerate(cached_values) if arrays is None]
+    results = iter(make(missing_indices) if missing_indices else ())
+    for key, arrays in zip(keys, cached_values, strict=True):
         value = tuple(next(results)) if arrays is None else arrays
         if arrays is None and cache is not None:
             cache.put({key: value})
@@ -376,8 +379,8 @@ def import_closure(
         if name and path.name == "__init__.py":
             below = f"{module}.{name}"
             stub = path.with_suffix(".pyi")
-            offered = _offers((stub if stub.is_file() else path).read_bytes(), module, name)
-            pending.extend([(below, "")] if _file(below, top) else offered)
+            offered_imports = _offers((stub if stub.is_file() else path).read_bytes(), module, name)
+            pending.extend([(below, "")] if _file(below, top) else offered_imports)
         if module not in files:
             files[module] = path
             pending.extend(_imports(path.read_bytes(), module, path.name == "__init__.py"))
@@ -392,8 +395,8 @@ def _is_ours(module: str) -> bool:
 def _file(module: str, top: Path) -> Path | None:
     """Source file of a module, None for a library without one that is loaded."""
     if not _is_ours(module):
-        loaded = getattr(sys.modules.get(module), "__file__", None)
-        return Path(loaded) if loaded and loaded.endswith(".py") else None
+        loaded_file = getattr(sys.modules.get(module), "__file__", None)
+        return Path(loaded_file) if loaded_file and loaded_file.endswith(".py") else None
     path = top.joinpath(*module.split("."))
     candidates = (path.with_suffix(".py"), path / "__init__.py")
     return next((candidate for candidate in candidates if candidate.is_file()), None)

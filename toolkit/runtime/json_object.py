@@ -43,7 +43,9 @@ class JsonObject:
         return f"{self.path}.{key}" if self.path else key
 
     def get(self, key: str, kind: type) -> Any:
-        """Member of a kind: str, int, bool, list or dict."""
+        """Return the member of a key, which must be of a kind: str, int, bool, list or dict.
+
+        Raises ValueError, which names its place, if it is missing or of another kind."""
         if key not in self.value:
             raise ValueError(f"{self.where(key)} is missing: add it, or save the file again")
         value = self.value[key]
@@ -82,14 +84,16 @@ class JsonObject:
         return value
 
     def choice(self, key: str, choices: Collection[str]) -> str:
-        """Member that is one of some texts."""
+        """Return the member of a key, which must be one of some texts.
+
+        Raises ValueError, which names its place, for another value."""
         value: str = self.get(key, str)
         if value not in choices:
-            listed = ", ".join([*choices][:_MAX_LISTED])
+            listed_choices = ", ".join([*choices][:_MAX_LISTED])
             if len(choices) > _MAX_LISTED:
-                listed += " or others"
+                listed_choices += " or others"
             raise ValueError(
-                f"{self.where(key)} must be one of {listed}, got {value[:_MAX_TEXT]!r}"
+                f"{self.where(key)} must be one of {listed_choices}, got {value[:_MAX_TEXT]!r}"
             )
         return value
 

@@ -90,12 +90,12 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
     pending: deque[Value] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
-        shared = ray.put(job)
+        shared_job = ray.put(job)
         remaining = iter(inputs)
         ahead = AHEAD_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
         while True:
             pending.extend(
-                task.remote([shared], x) for x in islice(remaining, ahead - len(pending))
+                task.remote([shared_job], x) for x in islice(remaining, ahead - len(pending))
             )
             if not pending:
                 return
@@ -220,17 +220,17 @@ def _in_processes(
 
     ticks: called with the number of calls of `tick` so far. Work of a process that died is
     repeated; raises WorkLost after more than `RETRIES` deaths without a result in between."""
-    pickled = pickle.dumps(job)
+    pickled_job = pickle.dumps(job)
     remaining = iter(inputs)
     # every input without a result; None while no pool has it
     pending: list[tuple[Value, Future[Value] | None]] = []
     deaths = 0  # since there was a result
-    yielded = 0
+    yielded_count = 0
     earlier_results = 0  # when a process died last
     ticks_before = 0  # in pools that died
     while True:
         try:
-            with _pool(pickled, workers) as pool:
+            with _pool(pickled_job, workers) as pool:
                 while True:
                     pending.extend(
                         (x, None)
@@ -247,12 +247,12 @@ def _in_processes(
                     result = future.result()
                     ticks(ticks_before + pool.ticks)
                     del pending[0]
-                    yielded += 1
+                    yielded_count += 1
                     yield result
         except BrokenProcessPool:
             pending = [(x, None if _is_lost(future) else future) for x, future in pending]
             lost_inputs = [x for x, future in pending if future is None]
-            results = yielded + len(pending) - len(lost_inputs)
+            results = yielded_count + len(pending) - len(lost_inputs)
             deaths = deaths + 1 if results == earlier_results else 1
             earlier_results = results
             if deaths > RETRIES:

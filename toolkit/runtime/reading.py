@@ -113,10 +113,10 @@ def limit_memory(size: int) -> Iterator[None]:
     try:
         import resource
 
-        mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        mapped_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         soft, hard = resource.getrlimit(resource.RLIMIT_AS)
         limit_bytes = min(
-            limit for limit in (mapped + size, soft, hard) if limit != resource.RLIM_INFINITY
+            limit for limit in (mapped_bytes + size, soft, hard) if limit != resource.RLIM_INFINITY
         )
         resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, hard))
     except (ImportError, OSError, ValueError):

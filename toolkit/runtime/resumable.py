@@ -88,8 +88,8 @@ class ShardFolder:
         size = sum(path.stat().st_size for path in shards)
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
-        with writing(out, self.path / f"joined{UNFINISHED}") as joined:
-            result = join(shards, joined)
+        with writing(out, self.path / f"joined{UNFINISHED}") as joined_file:
+            result = join(shards, joined_file)
         self.remove()
         return result
 

@@ -164,11 +164,11 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
             continue
         if suffix is not None:
             os.truncate(path, 0)
-        elif left := list(path.iterdir()):
+        elif left_entries := list(path.iterdir()):
             warnings.warn(
                 f"{path}, which a killed run left, is removed and begun anew", stacklevel=2
             )
-            for entry in left:
+            for entry in left_entries:
                 shutil.rmtree(
                     entry
                 ) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
@@ -184,6 +184,7 @@ def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | No
         if folder:
             path.mkdir(0o700, exist_ok=True)
         kind = os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT
+        # systems without fcntl cannot open a folder, so the descriptor is of another file
         descriptor = os.open(
             path if fcntl or not folder else os.devnull, kind | getattr(os, "O_NOFOLLOW", 0), 0o600
         )
@@ -209,9 +210,9 @@ def _name_output(path: str | Path) -> Iterator[None]:
         if error.errno is None:
             raise
         reason = f"cannot write {path}: {os.strerror(error.errno)}; make room, or give another path"
-        explained = type(OSError(error.errno, ""))(reason)
-        explained.errno = error.errno
-        raise explained from error
+        explained_error = type(OSError(error.errno, ""))(reason)
+        explained_error.errno = error.errno
+        raise explained_error from error
 
 
 def reserve(path: Path, size: int) -> None:

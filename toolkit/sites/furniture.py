@@ -259,10 +259,12 @@ def bushes(rng: Rng) -> list[Solid]:
 def planter(rng: Rng) -> list[Solid]:
     """Draw a box, and the plants in it as a smaller block on top."""
     length, width, height = _draw_lengths(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9))
-    (green,) = _draw_lengths(rng, (0.2, 0.9))  # height of the plants above the box
+    (plants_height,) = _draw_lengths(rng, (0.2, 0.9))  # height of the plants above the box
     box = Solid(block((length, width)), base=0.0, top=height, kind="planter")
     plant_size = 0.8 * length, 0.8 * width
-    plants = Solid(block(plant_size), base=height, top=round(height + green, 2), kind="bush")
+    plants = Solid(
+        block(plant_size), base=height, top=round(height + plants_height, 2), kind="bush"
+    )
     return [box, plants]
 
 

@@ -66,7 +66,10 @@ class LiveView:
     """
 
     def __init__(self, server: "ViserServer", samples: Part, drawing: Drawing) -> None:
-        """Fill the page's panel, and show the first frame."""
+        """Fill the page's panel, and show the first frame.
+
+        server: viser's server of the page; samples: frames of the recording; drawing: how they are
+        drawn."""
         self.server = server
         self.samples = samples
         self.drawing = drawing

@@ -136,7 +136,9 @@ def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
 
 
 def _draw_trails(axes: "Axes", sample: drawn.DrawnSample) -> None:
-    """Draw where tracks were, as lines from above."""
+    """Draw where tracks were as lines from above; they have no legend entry.
+
+    Each of the frame's trails is a sequence of segments, each with a start and an end (m)."""
     colour = OUTCOME["detection"].colour
     for segments in sample.trails.values():
         for start, end in segments:

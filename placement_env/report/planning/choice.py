@@ -87,8 +87,10 @@ def choose(
         judgement = options[i].counted
         if judgement is not None:
             judgements[i] = judgement
-    fitting = {i: judgement for i, judgement in judgements.items() if options[i].fits_links}
-    eligible = fitting or judgements
+    fitting_judgements = {
+        i: judgement for i, judgement in judgements.items() if options[i].fits_links
+    }
+    eligible = fitting_judgements or judgements
     highest_ap = max(judgement.ap for judgement in eligible.values())
     min_ap = highest_ap - NEAR_TIE_AP
     near_ties = [i for i, judgement in eligible.items() if judgement.ap >= min_ap]

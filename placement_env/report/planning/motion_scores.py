@@ -92,13 +92,13 @@ def mask_moving(truths: Sequence[Objects]) -> list[Mask]:
 
 def _summarise_ways(label: str, ways: Sequence[TrackedWay], seed: int) -> FollowedClass:
     """Figures of the road users of a class, at least one. label: name of the class."""
-    tracked = [way.matched_frames > MOSTLY_TRACKED_SHARE * way.frames for way in ways]
+    is_tracked = [way.matched_frames > MOSTLY_TRACKED_SHARE * way.frames for way in ways]
     waits = np.array([way.wait_s for way in ways if way.comes_in], np.float64)
     speed_errors = [way.speed_error_mps for way in ways]
     return FollowedClass(
         label=label,
         road_users=len(ways),
-        mostly_tracked=_find_share(sum(tracked), len(ways)),
+        mostly_tracked=_find_share(sum(is_tracked), len(ways)),
         entering=len(waits),
         first_detection_s=_find_quantile_figure(waits, 0.5),
         first_detection_95_s=_find_quantile_figure(waits, 0.95),

@@ -147,11 +147,11 @@ def _index(file: Path) -> _Index:
         summary = reader.get_summary()
         if summary is None:
             raise ValueError("it has no index, so it was cut off: make a whole one by mcap recover")
-        wanted = (POINT_CLOUD, TRANSFORM, TRANSFORMS)
+        wanted_types = (POINT_CLOUD, TRANSFORM, TRANSFORMS)
         topics = []
         for channel in summary.channels.values():
             schema = summary.schemas.get(channel.schema_id)
-            if schema is None or schema.name not in wanted:
+            if schema is None or schema.name not in wanted_types:
                 continue
             if channel.message_encoding != PROTOBUF:
                 raise ValueError(
@@ -178,7 +178,9 @@ def _index(file: Path) -> _Index:
 
 
 def _link(transform: _Message, log_ns: int) -> TransformLink:
-    """Return a FrameTransform."""
+    """Convert a FrameTransform message.
+
+    log_ns: time of its recording, which also stands in for a missing stamp."""
     turn = transform.rotation
     place = transform.translation
     return TransformLink(
@@ -247,7 +249,9 @@ def _load(source: _Source, groups: Mapping[str, list[CloudKey]], name: str) -> F
 
 
 def _read(reader: Any, key: CloudKey) -> bytes:
-    """Read the bytes of a cloud's message."""
+    """Read the bytes of a cloud's message.
+
+    reader: reader of the file; key: topic and times of the message."""
     messages = reader.iter_messages(
         topics=[key.topic], start_time=key.log_ns, end_time=key.log_ns + 1
     )

@@ -107,8 +107,8 @@ def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) ->
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         label_rows = LabelRows.parse(rows)
-    shown = LabelledView(calibration, read_image_size(folder / "image_2" / f"{name}.png"))
-    return shown.frame(name, cloud, label_rows, problems)
+    view = LabelledView(calibration, read_image_size(folder / "image_2" / f"{name}.png"))
+    return view.frame(name, cloud, label_rows, problems)
 
 
 class LabelRows(NamedTuple):
@@ -155,9 +155,9 @@ class LabelledView(NamedTuple):
         labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
         width, height = self.size_px
         # left, top, right, bottom (px) of the rectangles without labels
-        ignored = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
+        ignored_rectangles = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
         projection = calibration.projection @ calibration.camera_SE3_lidar
-        wedge = ImageWedge(projection, width, height, ignored)
+        wedge = ImageWedge(projection, width, height, ignored_rectangles)
         if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
             problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
         return Frame.of_clouds(

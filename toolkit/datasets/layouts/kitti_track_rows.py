@@ -38,9 +38,9 @@ def read_track_rows(path: Path) -> dict[int, LabelRows]:
         labels = {}
         for number, cells_of_frame in rows.items():
             ids = [str(parse_whole(cells[1], "track")) for cells in cells_of_frame]
-            parsed = LabelRows.parse([cells[2:17] for cells in cells_of_frame], ids)
+            parsed_rows = LabelRows.parse([cells[2:17] for cells in cells_of_frame], ids)
             scores = [_parse_score(cells) for cells in cells_of_frame]
-            labels[number] = parsed._replace(scores=np.array(scores))
+            labels[number] = parsed_rows._replace(scores=np.array(scores))
     return labels
 
 

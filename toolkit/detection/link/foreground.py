@@ -76,10 +76,10 @@ class SendsForeground(DetectsOnce):
             image = captured.sending(foreground.pixels)
             message, restored = self.exchange(view, sensor, image, missing=foreground.missing)
             sent_points = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
-            drawn = draw_scene(captured, scene)
+            drawn_scene = draw_scene(captured, scene)
             # the centre draws the scene in all pixels that were neither sent nor missing
-            shows_scene = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
-            return np.concatenate([sent_points, drawn.points[shows_scene]]), 8 * len(message)
+            shows_scene = ~(restored.sent | restored.missing).ravel()[drawn_scene.pixels]
+            return np.concatenate([sent_points, drawn_scene.points[shows_scene]]), 8 * len(message)
 
         return view.transmit(sensor, name=self.digest, through=through)
 

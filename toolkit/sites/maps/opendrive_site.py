@@ -68,9 +68,9 @@ def import_opendrive(piece: MapPiece) -> Site:
     with name_errors(path):
         root = read_opendrive(path, (float(piece.centre[0]), float(piece.centre[1])))
         placement = find_placement(root)
-        plain = write_plain(root)
+        plain_map = write_plain(root)
     geo_reference = find_projection(root, path.name)
-    network = _make_network(root, plain, piece)
+    network = _make_network(root, plain_map, piece)
     frame = network.map_SE3_site
     with name_errors(path):
         window = _find_window(piece)
@@ -89,7 +89,7 @@ def import_opendrive(piece: MapPiece) -> Site:
         *_describe_storeys(other_storeys),
         *describe_turn(root),
         *describe_widths(map_lanes),
-        *describe_problems(plain, roads),
+        *describe_problems(plain_map, roads),
         *describe_near_warnings(network.warnings, network.text),
     ]
     make_site = partial(Site, path.stem, piece.area, map_SE3_site=placement @ frame)

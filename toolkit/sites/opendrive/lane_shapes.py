@@ -125,10 +125,10 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
     # between this one and the middle
     for element, shape, count in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
         first, last = line.find_places(shape[[0, -1], :2])
-        drawn = shapely.LineString(shape[:, :2])
+        drawn_line = shapely.LineString(shape[:, :2])
         if (
-            abs(abs(last - first) - drawn.length)
-            > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length
+            abs(abs(last - first) - drawn_line.length)
+            > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn_line.length
         ):
             continue
         s = np.linspace(first, last, int(abs(last - first) / SAMPLES_EVERY_M) + 2)
@@ -144,7 +144,7 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
             element.set("disallow", "all")
             is_changed = True
         exact = shapely.LineString(middle)
-        if shapely.hausdorff_distance(drawn, exact) > MAX_DEVIATION_M:
+        if shapely.hausdorff_distance(drawn_line, exact) > MAX_DEVIATION_M:
             simple = shapely.get_coordinates(exact.simplify(SHAPE_TOLERANCE_M))
             element.set("shape", _format_points(simple, shape))
             element.set("customShape", "1")

@@ -151,9 +151,9 @@ def _check_remark(path: Path, remark: object) -> None:
 
     All other remarks pass. remark: text, or another value for a file without one."""
     if remark and "error" in str(remark).lower():
-        quoted = " ".join(str(remark).split())[:90]
+        words = " ".join(str(remark).split())[:90]
         raise ValueError(
-            f"{path}: the map is incomplete ({quoted}): ask Overpass again, for a smaller piece"
+            f"{path}: the map is incomplete ({words}): ask Overpass again, for a smaller piece"
         )
 
 
