@@ -256,7 +256,9 @@ def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np
 def _covered(
     polygons: Sequence[np.ndarray], middles: Float64[np.ndarray, "ny nx 2"]
 ) -> Bool[np.ndarray, "ny nx"]:
-    """Mask of points on any of the polygons."""
+    """Mask of points on any of the polygons.
+
+    polygons: corners x, y (m) of each; middles: x, y (m) of the points."""
     union = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons])
     shapely.prepare(union)
     return np.asarray(shapely.intersects_xy(union, middles[..., 0], middles[..., 1]))

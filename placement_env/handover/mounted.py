@@ -430,7 +430,9 @@ def describe_radio(loads: Sequence[PoleLoad]) -> str:
 
 
 def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SHARE) -> str:
-    """Sentence on the links that cannot carry their load, with remedies; "" if all can."""
+    """Sentence on the links that cannot carry their load, with remedies; "" if all can.
+
+    loads: load of each pole's link; link_share: share of the frames that a link must carry."""
     narrow = [load for load in loads if not load.fits]
     if not narrow:
         return ""

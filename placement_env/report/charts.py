@@ -88,7 +88,7 @@ def interval_bars(
 def draw_history(result: Result, out: str | Path) -> None:
     """Write a picture of the best reward over the number of sets that a search scored.
 
-    out: path, whose suffix gives the format."""
+    result: of the search, with its history; out: path, whose suffix gives the format."""
     with canvas.house_style():
         figure, axes = curve_axes(f"{result.method}: best reward so far", 0)
         axes.step(

@@ -36,8 +36,10 @@ class Corrected(RecordingView):
 
     @staticmethod
     def from_poses(recording: Recording, found_poses: Iterable[FoundPose]) -> "Corrected":
-        """Return a recording with its sensors at found poses, in all its frames."""
-        corrections = {}
+        """Return a recording with its sensors at found poses, in all its frames.
+
+        found_poses: result for each sensor that was looked for; other sensors stay."""
+        corrections = {}  # believed_SE3_found by name of the sensor
         for found_pose in found_poses:
             sensor = found_pose.sensor
             corrections[sensor.name] = invert(sensor.pose) @ found_pose.pose

@@ -142,7 +142,9 @@ def join(header: Header, shards: Sequence[Path], out: Path) -> None:
 
 
 def _copy_chunks(source: h5py.Dataset, target: h5py.Dataset, first_frame: int) -> None:
-    """Copy compressed images as they are, from frame 0 on to frame `first_frame` on."""
+    """Copy all compressed images of a dataset as they are, frame 0 to frame `first_frame` and on.
+
+    Both datasets must have the same chunks and filters; axis 0 is the frames."""
     for index in range(source.id.get_num_chunks()):
         chunk_offset = source.id.get_chunk_info(index).chunk_offset
         filter_mask, content = source.id.read_direct_chunk(chunk_offset)

@@ -171,7 +171,7 @@ class Job:
         return max(1, int((self.frames - 1) * self.interval))
 
     def with_traffic(self, progress: Callable[[int], None] | None = None) -> "Job":
-        """Return the job with all frames of its continuous traffic.
+        """Return the job with its bodies, and all frames of its continuous traffic simulated.
 
         progress: called with the number of simulated seconds."""
         rng = np.random.default_rng([self.seed, 2])

@@ -315,14 +315,16 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite does not wait, such as a change of the journal's
-    mode."""
+    """Execute a statement again and again while the database is locked, for `MAX_WAIT_S` at most.
+
+    SQLite itself does not wait for some statements, such as a change of the journal's mode."""
     until = time.monotonic() + MAX_WAIT_S
     while True:
         try:
             database.execute(statement)
             return
         except sqlite3.OperationalError as error:
+            # the lowest 8 bits are the kind of the error, the others details
             if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
                 raise
             time.sleep(0.02)

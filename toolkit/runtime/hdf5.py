@@ -32,7 +32,7 @@ _Place = int | slice | EllipsisType | tuple[int, ...]
 def reading(where: str) -> Iterator[None]:
     """Turn errors of the block's HDF5 accesses into one OSError.
 
-    Only such accesses belong in the block."""
+    Only such accesses belong in the block. where: what is read, the beginning of the message."""
     try:
         yield
     except _DAMAGE as error:
@@ -204,7 +204,8 @@ def hdf5_file(
     """Give the block an HDF5 file to write, and a function that raises OSError once the disk
     failed.
 
-    That function is called at the end, and may be called before. Not atomic: see
+    mode: "w" for a new file, "r+" to change one. The function is called at the end, and may be
+    called before. Not atomic: see
     `toolkit.runtime.writing.writing`."""
     with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:

@@ -201,7 +201,7 @@ def tick() -> None:
 def _count_results(
     results: Iterator[Value], progress: Callable[[int], None] | None
 ) -> Iterator[Value]:
-    """Yield results, and call `progress` with their number so far."""
+    """Yield results, and call `progress`, unless it is None, with their number so far."""
     for count, result in enumerate(results, 1):
         if progress:
             progress(count)
@@ -352,7 +352,10 @@ _ticks: Value = None  # a number that all workers of a pool count up; None in ot
 
 
 def _start_worker(job_path: Path, parent: Connection, ticks: Value) -> None:
-    """Prepare a process of a pool: its job, pickled in a file, and its end with its parent's."""
+    """Prepare a process of a pool: its job, and its end with its parent's.
+
+    job_path: file of the pickled job; parent: pipe that closes when the parent ends; ticks: counter
+    that the pool's processes share."""
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()

@@ -112,7 +112,9 @@ def writing_folder(folder: str | Path) -> Iterator[Path]:
 
 
 def _replace_content(target: Path, unfinished: Path) -> None:
-    """Move the content of a folder inside `target` in place of the rest."""
+    """Move the content of `unfinished`, a folder inside `target`, in place of the rest of `target`.
+
+    The mark `WRITTEN` is moved last, so that a killed run leaves no folder that looks whole."""
     write_text(target / WRITTEN, UNFINISHED)  # until the end, so that a killed run is known
     with _aside(target, inside=True) as (_, old):
         for entry in target.iterdir():

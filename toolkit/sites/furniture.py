@@ -178,8 +178,8 @@ def set_kerbs(
 def raise_onto_ground(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Lift solids made for level ground onto uneven ground, by its height under their middle.
 
-    Solids on the ground (base 0) reach `_FOUNDATION_M` into it, so that no gap shows. Returns new
-    solids in the same order."""
+    Solids on the ground (base 0) reach `_FOUNDATION_M` into it, so that no gap shows. relief: gives
+    the ground's height. Returns new solids in the same order."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     # a site made only to read the height of the ground; its area does not matter

@@ -93,7 +93,8 @@ def _draw_clouds(
 ) -> None:
     """Draw the points of all sensors, at most `STILL_POINTS` of each.
 
-    sensor_order: names of sensors in the order of their colours; scales: ranges of the colours."""
+    sensor_order: names of sensors in the order of their colours; colouring: what colours show;
+    scales: ranges of the colours."""
     newest_time = drawn.find_newest(sample)
     for sample_cloud in sample.clouds:
         cloud = drawn.limit_points(sample_cloud, STILL_POINTS)

@@ -59,7 +59,9 @@ def describe_followed(row: FollowedClass) -> str:
 
 
 def describe_soonness(row: FollowedClass) -> str:
-    """Describe how soon road users of a class are detected, "" if none comes in."""
+    """Describe how soon road users of a class are detected, "" if none comes in.
+
+    It is the median time from coming in to the first detection."""
     if not row.entering:
         return ""
     if math.isinf(row.first_detection_s.value):

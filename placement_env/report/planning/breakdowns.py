@@ -34,7 +34,8 @@ def _row(
 ) -> content.BreakdownRow:
     """Row of a breakdown by groups of objects, without a mean of points if the group is empty.
 
-    points: number of the set's points on each object of the group."""
+    judged: result of the set on the group, None if it was not judged; points: number of the set's
+    points on each object of the group."""
     mean_points = float(points.mean()) if len(points) else None
     return content.BreakdownRow(name, judged, mean_points)
 

@@ -310,7 +310,8 @@ def _turn_section(
 def _renumber(lane_ids: Sequence[int], new_ids: Mapping[int, int] | None) -> tuple[int, ...]:
     """Return ids of lanes as they are in a carriageway; lanes that it lacks are left out.
 
-    new_ids: by id in the file; None at the end of a road, whose links are found later."""
+    lane_ids: ids in the file; new_ids: ids in the carriageway by id in the file, None at the end of
+    a road, whose links are found later."""
     if new_ids is None:
         return tuple(lane_ids)
     return tuple(new_ids[lane_id] for lane_id in lane_ids if lane_id in new_ids)

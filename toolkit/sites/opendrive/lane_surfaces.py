@@ -44,7 +44,8 @@ def outline_lanes(road: MapRoad) -> Iterator[MapLane]:
         steps = int((section.end - section.start) / STATION_STEP_M) + 2
         s = np.linspace(section.start, section.end, steps)
         places = road.at(s)  # x, y, heading of the reference line at each s
-        middle_t = offset.at(s)  # m from there to the middle of the lanes, to the left
+        # m to the left of that line: where left and right lanes meet
+        middle_t = offset.at(s)
         for sign in (1, -1):
             yield from _outline_side(section, sign, s, places, middle_t)
 

@@ -242,7 +242,9 @@ class RoadReading:
 
 
 def usual_users(kind: str) -> Users:
-    """SUMO's vehicle classes that may take a road without tags of access, by its class."""
+    """SUMO's vehicle classes that may take a road without tags of access.
+
+    kind: class of the road, its value of highway."""
     if kind == "cycleway":
         return frozenset({"bicycle"})
     if kind == "busway":
