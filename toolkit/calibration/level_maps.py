@@ -188,17 +188,17 @@ def _number_rest(
 
     is_numbered = number >= 0
     xy = cells[unnumbered, :2]
-    top = cells[unnumbered, 2] + KERB_M
+    max_height = cells[unnumbered, 2] + KERB_M  # greatest height of a surface that a cell can be on
     nearest = number[is_numbered][cKDTree(cells[is_numbered, :2]).query(xy)[1]]
     heights = np.stack([surface.at(xy) for surface in surfaces])  # (surfaces, m)
-    impossible = np.take_along_axis(heights, nearest[None], axis=0)[0] > top
+    is_impossible = np.take_along_axis(heights, nearest[None], axis=0)[0] > max_height
     for k in range(len(surfaces)):
         distance = np.full(len(unnumbered), np.inf)
         if (number == k).any():
             distance = cKDTree(cells[number == k, :2]).query(xy)[0]
         # surfaces above a cell or too far from it cannot be the highest one
-        heights[k, (heights[k] > top) | (distance > MAX_GAP_M)] = -np.inf
-    is_below = impossible & (cells[unnumbered, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
+        heights[k, (heights[k] > max_height) | (distance > MAX_GAP_M)] = -np.inf
+    is_below = is_impossible & (cells[unnumbered, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
     return np.where(is_below, heights.argmax(axis=0), -1)
 
 

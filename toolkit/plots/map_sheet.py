@@ -109,7 +109,7 @@ def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
         left = start * length * scale
         right = (start + 0.5) * length * scale
         x = [left, right, right, left]
-        y = [-0.2, -0.2, -0.12, -0.12]
+        y = [-0.2, -0.2, -0.12, -0.12]  # below the map
         axes.fill(x, y, facecolor=colour, edgecolor=INK, linewidth=0.8)
     axes.text(0.0, -0.25, "0", ha="left", va="top", fontsize=8)
     axes.text(length * scale, -0.25, f"{length:g} m", ha="center", va="top", fontsize=8)

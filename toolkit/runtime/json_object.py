@@ -98,7 +98,9 @@ class JsonObject:
         return value
 
     def texts(self, key: str) -> list[str]:
-        """Member that is a list of texts."""
+        """Return the member of a key, which must be a list of texts.
+
+        Raises ValueError, which names its place, for another value."""
         row = self.get(key, list)
         for i, value in enumerate(row):
             if not isinstance(value, str):

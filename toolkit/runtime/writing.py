@@ -130,7 +130,7 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
 
     The empty folder is inside `target` or next to it."""
     parent = target if inside else target.parent
-    missing = [path for path in (parent, *parent.parents) if not path.exists()]
+    missing_folders = [path for path in (parent, *parent.parents) if not path.exists()]
     unfinished = descriptor = None
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -143,7 +143,7 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
             shutil.rmtree(unfinished, ignore_errors=True)
         if descriptor is not None:
             os.close(descriptor)
-        for path in missing:  # those that are empty are what nothing came of
+        for path in missing_folders:  # made above; they are removed if they stayed empty
             with suppress(OSError):
                 path.rmdir()
 

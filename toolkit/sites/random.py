@@ -293,7 +293,8 @@ def _arc(radius: float, start: float, end: float) -> Float64[np.ndarray, "n 2"]:
 def _draw_directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
     """Draw directions of 3 to 5 legs, 45° apart or more.
 
-    count: number of legs. Returns rad, counter-clockwise from +x in ascending order, not wrapped to a full turn."""
+    count: number of legs. Returns rad, counter-clockwise from +x in ascending order, not wrapped to
+    a full turn."""
     even_directions = np.arange(count) * 360.0 / count  # degrees
     if count == 3 and rng.random() < 0.6:
         even_directions = np.array([0.0, 90.0, 180.0])  # a T-junction

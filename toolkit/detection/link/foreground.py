@@ -295,9 +295,9 @@ def write_scene_message(
 ) -> bytes:
     """Return the bytes of a message that refers to an empty scene.
 
-    kind: kind of message; image: gives sensor, time and number of the header; step: step of measurements (m); content:
-    coded pixels; missing: mask (rows, columns) of missing pixels, coded at the message's end if it
-    marks any."""
+    kind: kind of message; image: gives sensor, time and number of the header; step: step of
+    measurements (m); content: coded pixels; missing: mask (rows, columns) of missing pixels, coded
+    at the message's end if it marks any."""
     header = sent_header(kind, image, step, scene=scene_number(scene))
     coded_missing = encode_mask(missing) if missing.any() else b""
     return wire.write_message(header, content + coded_missing)
