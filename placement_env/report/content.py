@@ -355,7 +355,9 @@ class Plan(Displayed):
         return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
 
     def _list_sensors(self) -> Table:
-        """Columns by name, a row for each planned sensor."""
+        """Return a table of the planned sensors: columns by name, a row for each.
+
+        Lengths are in m, angles in degrees; the price is the model's plus the pole's."""
         table: dict[str, list[Any]] = {}
         for name in ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit"):
             table[name] = [getattr(sensor, name) for sensor in self.sensors]

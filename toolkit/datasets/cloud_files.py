@@ -198,7 +198,9 @@ def _read_binary(path: Path) -> Attributes:
 
 
 def _read_feather(path: Path) -> Attributes:
-    """Attributes of a feather file."""
+    """Attributes of a feather file: its columns by their usual names.
+
+    Raises ValueError without columns of x, y and z that are numbers."""
     columns = read_table(path)
     with reading.name_errors(path):
         coordinate_names = find_axes(list(columns)).names

@@ -284,6 +284,7 @@ def _grow_car(seen_part: _Rectangle) -> list[_GrownCar]:
             low = rectangle.low - missing_m * ~at_high
             high = rectangle.high + missing_m * at_high
             end_shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
+            # many points at an end that grows: the body seems to end there
             doubt = float(end_shares @ (missing_m > 0))
             grown_cars.append(_GrownCar(rectangle._replace(low=low, high=high), doubt))
     return grown_cars

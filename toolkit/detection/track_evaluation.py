@@ -175,7 +175,10 @@ def _score_boxes(
 def _score_class(
     frames: Sequence[ScoredFrame], label: str, thresholds: Sequence[float]
 ) -> list[ClassTracks]:
-    """Scores of the tracks of a class at each threshold."""
+    """Score the tracks of a class at each threshold; return a row for each.
+
+    frames: tracks and truth of each frame in order; label: name of the class; thresholds:
+    similarities from which a track and an object can be matched."""
     class_number = label_index(label)
     overlaps = []  # similarities of objects and tracks, by frame
     for frame in frames:

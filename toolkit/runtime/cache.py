@@ -72,7 +72,7 @@ class Cache:
         self._secret = b""
 
     def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
-        """Values of some keys, None for unknown ones."""
+        """Return the value of each key, in order; None for unknown keys and damaged values."""
 
         def select(database: sqlite3.Connection) -> dict[bytes, bytes]:
             """Stored values by key, asked for `QUERY_KEYS` keys at a time."""
@@ -395,7 +395,9 @@ def _is_ours(module: str) -> bool:
 
 
 def _file(module: str, top: Path) -> Path | None:
-    """Source file of a module, None for a library without one that is loaded."""
+    """Source file of a module, None without one.
+
+    A module of ours is looked up below `top`; a library's file is known only if it is loaded."""
     if not _is_ours(module):
         loaded_file = getattr(sys.modules.get(module), "__file__", None)
         return Path(loaded_file) if loaded_file and loaded_file.endswith(".py") else None
@@ -428,7 +430,9 @@ def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...
 
 
 def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
-    """Imports of a statement in a module of a package, relative ones resolved."""
+    """Imports of a statement in a module of a package: modules, and the names from them.
+
+    node: the statement; package: dotted name of the package, from which relative imports count."""
     if isinstance(node, ast.Import):
         return [(alias.name, "") for alias in node.names]
     parts = package.split(".")

@@ -60,7 +60,9 @@ class JsonObject:
         return JsonObject(self.get(key, dict), self.where(key))
 
     def nodes(self, key: str, max_count: int) -> "Iterator[JsonObject]":
-        """Member that is a list of at most so many objects."""
+        """Yield the objects of a member that is a list of at most `max_count` objects.
+
+        Each one names its place in errors. Raises ValueError for another member."""
         rows = self.get(key, list)
         if len(rows) > max_count:
             raise ValueError(f"{self.where(key)} must hold at most {max_count}, got {len(rows)}")
@@ -110,7 +112,9 @@ class JsonObject:
         return list(row)
 
     def angle(self, key: str) -> float:
-        """Member in degrees, as radians."""
+        """Return a member in degrees as radians.
+
+        Raises ValueError, which names its place, for no number or one beyond `_MAX_TURN_DEG`."""
         value = self.number(key)
         if abs(value) > _MAX_TURN_DEG:
             raise ValueError(

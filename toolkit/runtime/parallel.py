@@ -300,7 +300,9 @@ class _Pool:
     """
 
     def __init__(self, pickled: bytes, workers: int) -> None:
-        """Prepare the processes, which start with the first work. pickled: the job."""
+        """Prepare the processes, which start with the first work.
+
+        pickled: the job; workers: number of processes."""
         # forking would copy the locks of Open3D's and torch's threads
         context = multiprocessing.get_context("spawn")
         # as an argument, a job larger than a pipe's buffer would block this process for ever if a
@@ -310,7 +312,7 @@ class _Pool:
         job_path.write_bytes(pickled)
         # nothing is sent: processes end when the writing end is closed (`_end_after`)
         self._reader, self._writer = context.Pipe(duplex=False)
-        self.counter = context.Value("q")
+        self.counter = context.Value("q")  # an integer of 64 bits, with a lock
         self.executor = ProcessPoolExecutor(
             workers, context, _start_worker, (job_path, self._reader, self.counter)
         )
@@ -354,8 +356,8 @@ _ticks: Value = None  # a number that all workers of a pool count up; None in ot
 def _start_worker(job_path: Path, parent: Connection, ticks: Value) -> None:
     """Prepare a process of a pool: its job, and its end with its parent's.
 
-    job_path: file of the pickled job; parent: pipe that closes when the parent ends; ticks: counter
-    that the pool's processes share."""
+    job_path: file of the pickled job; parent: pipe that closes when the parent ends; ticks: number
+    of calls of `tick`, which the pool's processes share."""
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()

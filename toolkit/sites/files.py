@@ -360,7 +360,9 @@ def _read_area(geometry: JsonObject) -> Float64[np.ndarray, "4"]:
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
-    """Solid with the footprint of `geometry`; errors name the path of the feature's properties."""
+    """Build the solid of a feature with the footprint `geometry`.
+
+    properties: base and top (m), kind and origin. Errors name their path in the document."""
     footprint = _read_ring(geometry)
     base = properties.number("base")
     top = properties.number("top")

@@ -130,7 +130,9 @@ def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...
 
 
 def _tabulate_counts(counts: Sequence[CountedGroup]) -> tuple[TableBlock, ...]:
-    """Return a table with a row for each group of classes with trips."""
+    """Return a table of trips, with a row for each group of classes that has true or counted trips.
+
+    It is empty without such a group."""
     columns = text_columns("Group", "true trips", "counted", "found", "right", "speed error (km/h)")
     rows = []
     for row in counts:

@@ -191,7 +191,10 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:
-    """Write a frame into its group, which is empty."""
+    """Write a frame into its group, which is empty.
+
+    Texts and single numbers go into the JSON text "about"; arrays become datasets, the longer ones
+    compressed. Missing arrays are left out."""
     sensors = [
         {"name": cloud.name, "frame": cloud.frame, "stamp_s": cloud.stamp_s}
         for cloud in sample.clouds

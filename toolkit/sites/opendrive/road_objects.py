@@ -94,7 +94,9 @@ class RoadObjects:
         self.understood[object_type] += 1
 
     def _add_bays(self, road: MapRoad, element: ElementTree.Element) -> None:
-        """Add parking bays, whose longer side is their length."""
+        """Add the parking bays of an <object> of a road, one for each repeat.
+
+        A bay heads along its longer side, whichever the map calls its length."""
         length = read_number(element, "length", 0.0)
         width = read_number(element, "width", 0.0)
         turn = 0.0 if length >= width else np.pi / 2
