@@ -222,10 +222,14 @@ def visible_polygons(ground: GroundGrid) -> list[list[shapely.Polygon]]:
 def _density(
     sensor: Sensor, image: ImageRanges, x: np.ndarray, y: np.ndarray
 ) -> Float32[np.ndarray, "ny nx"]:
-    """Points of an image in each cell, per m². x, y: centres of columns and rows (m)."""
+    """Points of an image in each cell, per m².
+
+    image: the sensor's measurements (m), 0 for no return; x, y: centres of the columns and rows of
+    cells (m), evenly spaced."""
     xyz, valid = unproject(sensor, image)  # x y z (3, pixels), and a mask of pixels with a return
     cell = x[1] - x[0]
     edges = [np.append(middles - cell / 2, middles[-1] + cell / 2) for middles in (y, x)]
+    # rows along y, columns along x
     counts = np.histogram2d(xyz[1, valid], xyz[0, valid], bins=edges)[0]
     return (counts / cell**2).astype(np.float32)
 

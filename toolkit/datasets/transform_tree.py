@@ -187,7 +187,7 @@ class TransformTree:
 def between(a: Pose, b: Pose, share: float) -> Pose:
     """Return the pose at a share of the way from a to b: on a straight line, turning evenly.
 
-    share: 0 for a, 1 for b."""
+    a, b: poses in one frame; share: 0 for a, 1 for b."""
     from scipy.spatial.transform import Rotation, Slerp
 
     rotations = Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]]))

@@ -194,6 +194,7 @@ def _curve(
     controls = [begin, begin - reach * begin_outward, end - reach * end_outward, end]
     share = np.linspace(0, 1, CURVE_POINTS)[:, None]
     remainder = 1 - share
+    # shares of the four control points at each point of the curve, as for any Bézier curve
     factors = [remainder**3, 3 * remainder**2 * share, 3 * remainder * share**2, share**3]
     return np.sum([factor * point for factor, point in zip(factors, controls, strict=True)], axis=0)
 

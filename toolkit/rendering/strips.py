@@ -279,7 +279,8 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     """Strips of some columns of rays.
 
     Their rays are cast, the edges between rays that show different things are found by bisection,
-    and each edge is paired with the next above."""
+    and each edge is paired with the next above. shows: gives the kind of view of rays on the object
+    of their sector; windows: sectors of the columns."""
     window = columns.window
     azimuth = columns.azimuth.astype(np.float32)
     rows = columns.rows
@@ -287,26 +288,38 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     # nothing is seen below and above a column
     first = np.cumsum(rows + 1) - (rows + 1)
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
-    column = np.repeat(np.arange(len(window)), rows)  # column of each ray
-    height = counting(rows) + 1
-    elevation = (columns.low.take(column) + height * columns.step.take(column)).astype(np.float32)
-    seen[first.take(column) + height] = shows(window.take(column), azimuth.take(column), elevation)
+    ray_column = np.repeat(np.arange(len(window)), rows)  # column of each ray
+    height = counting(rows) + 1  # number of each ray in its column, from 1 for the lowest
+    elevation = (columns.low.take(ray_column) + height * columns.step.take(ray_column)).astype(
+        np.float32
+    )
+    seen[first.take(ray_column) + height] = shows(
+        window.take(ray_column), azimuth.take(ray_column), elevation
+    )
     edge = np.flatnonzero(seen[1:] != seen[:-1])  # entry below each edge; the next one is above it
     below = seen[edge]
     above = seen[edge + 1]
-    column = np.searchsorted(first, edge, side="right") - 1
-    step = columns.step[column].astype(np.float32)
-    low = (columns.low[column] + (edge - first[column]) * columns.step[column]).astype(np.float32)
+    edge_column = np.searchsorted(first, edge, side="right") - 1  # column of each edge
+    # the edge is between `low` and `low` + `step`, which the loop halves
+    step = columns.step[edge_column].astype(np.float32)
+    low = (
+        columns.low[edge_column] + (edge - first[edge_column]) * columns.step[edge_column]
+    ).astype(np.float32)
     for _ in range(HALVINGS):
         step *= np.float32(0.5)
         middle = low + step
-        low = np.where(shows(window[column], azimuth[column], middle) == below, middle, low)
+        low = np.where(
+            shows(window[edge_column], azimuth[edge_column], middle) == below, middle, low
+        )
     edge_elevation = low + step / 2
     starts = np.flatnonzero(above)  # edges at which something begins; the next edge ends it
-    column = column[starts]
-    window, half = window[column], windows.width[window[column]] / 2
-    left, right = (columns.azimuth[column] + side for side in (-half, half))
-    pair = windows.viewpoint[window].astype(np.int32), windows.item[window].astype(np.int32)
+    strip_column = edge_column[starts]
+    strip_window, half = window[strip_column], windows.width[window[strip_column]] / 2
+    left, right = (columns.azimuth[strip_column] + side for side in (-half, half))
+    pair = (
+        windows.viewpoint[strip_window].astype(np.int32),
+        windows.item[strip_window].astype(np.int32),
+    )
     bounds = (
         left.astype(np.float32),
         right.astype(np.float32),
