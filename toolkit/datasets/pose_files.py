@@ -136,7 +136,7 @@ def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
 
     Read as w x y z they turn the sensor upside down or half round."""
     w, x, y, z = quaternion.tolist()
-    # with w last, this is a turn about z, which keeps the sensor upright; z = 0 makes it half a turn
+    # with w last, this is a turn about z, which keeps the sensor upright, half a turn if z = 0
     if w == x == 0.0:
         return z != 0.0
     # z of the sensor's z axis is 1 - 2 (x² + y²), positive for an upright sensor; if w comes last,

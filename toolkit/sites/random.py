@@ -222,6 +222,7 @@ def _draw_sensor(name: str, mount: Mount, site: Site, rng: Rng, *, is_lidar: boo
         azimuth_fov=2 * np.pi if rng.random() < 0.7 else float(np.deg2rad(120.0)),
         sigma=float(rng.uniform(0.005, 0.03)),
     )
+    # lidars are tilted less than cameras, as their field of view reaches far down
     return Sensor(name, lidar, pose(x, y, z, yaw=heading, pitch=tilt / 3))
 
 
