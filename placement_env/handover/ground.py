@@ -226,11 +226,12 @@ def _density(
 
     image: the sensor's measurements (m), 0 for no return; x, y: centres of the columns and rows of
     cells (m), evenly spaced."""
-    xyz, valid = unproject(sensor, image)  # x y z (3, pixels), and a mask of pixels with a return
+    # x y z (3, pixels), and a mask of pixels with a return
+    xyz, is_valid = unproject(sensor, image)
     cell = x[1] - x[0]
     edges = [np.append(middles - cell / 2, middles[-1] + cell / 2) for middles in (y, x)]
     # rows along y, columns along x
-    counts = np.histogram2d(xyz[1, valid], xyz[0, valid], bins=edges)[0]
+    counts = np.histogram2d(xyz[1, is_valid], xyz[0, is_valid], bins=edges)[0]
     return (counts / cell**2).astype(np.float32)
 
 

@@ -433,17 +433,21 @@ def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SH
     """Sentence on the links that cannot carry their load, with remedies; "" if all can.
 
     loads: load of each pole's link; link_share: share of the frames that a link must carry."""
-    narrow = [load for load in loads if not load.fits]
-    if not narrow:
+    narrow_loads = [load for load in loads if not load.fits]
+    if not narrow_loads:
         return ""
     needs = [
         f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s"
-        for load in narrow
+        for load in narrow_loads
     ]
     needed_kbit = math.ceil(
-        max(load.load_mbit_s for load in narrow) * KBIT_PER_MBIT / FRAME_RATE_HZ
+        max(load.load_mbit_s for load in narrow_loads) * KBIT_PER_MBIT / FRAME_RATE_HZ
     )
-    links = "The link is too narrow" if len(narrow) == 1 else f"{len(narrow)} links are too narrow"
+    links = (
+        "The link is too narrow"
+        if len(narrow_loads) == 1
+        else f"{len(narrow_loads)} links are too narrow"
+    )
     return (
         f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of "
         f"{needed_kbit} kbit per frame (--capacity), allow each sensor less (--max-kbit), or send "

@@ -105,13 +105,13 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     if len(rows.elevations) * columns.number > MAX_GRID_PX:
         size = f"{len(rows.elevations)} x {columns.number} pixels"
         raise ValueError(f"the image of {name} would have {size}: are its points in its own frame?")
-    farthest = max(float(cloud_angles.distance.max(initial=0.0)) for cloud_angles in angles)
+    max_distance = max(float(cloud_angles.distance.max(initial=0.0)) for cloud_angles in angles)
     model = RowLidar(
         elevations=tuple(rows.elevations.tolist()),
         columns=columns.number,
         azimuth_fov=columns.width,
         heading=columns.heading,
-        max_range=float(max(_MIN_REACH_M, np.ceil(REACH_RATIO * farthest))),
+        max_range=float(max(_MIN_REACH_M, np.ceil(REACH_RATIO * max_distance))),
     )
     return LidarGrid(model, rows.rings)
 
@@ -278,9 +278,11 @@ def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
     their pattern is random."""
     from scipy.spatial import cKDTree
 
-    largest = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
+    largest_cloud = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
     # places on a plane in which distances are about the angles between points
-    places = np.column_stack([largest.elevation, largest.azimuth * np.cos(largest.elevation)])
+    places = np.column_stack(
+        [largest_cloud.elevation, largest_cloud.azimuth * np.cos(largest_cloud.elevation)]
+    )
     sample = np.random.default_rng(0).permutation(len(places))[:_SAMPLED_POINTS]
     # the nearest place is the point itself, the second nearest its neighbour
     distances, _ = cKDTree(places).query(places[sample], k=2)
@@ -317,10 +319,10 @@ def _find_span(azimuth: Float64[np.ndarray, " n"]) -> tuple[float, float | None]
     ordered_azimuth = np.sort(azimuth)
     # the last gap goes across -pi and pi
     gaps = np.diff(ordered_azimuth, append=ordered_azimuth[0] + 2 * np.pi)
-    widest = int(gaps.argmax())
-    if gaps[widest] < MIN_SEAM_RAD:
+    widest_gap = int(gaps.argmax())
+    if gaps[widest_gap] < MIN_SEAM_RAD:
         return 0.0, None
-    span = 2 * np.pi - float(gaps[widest])
-    middle = float(ordered_azimuth[(widest + 1) % len(ordered_azimuth)]) + span / 2
+    span = 2 * np.pi - float(gaps[widest_gap])
+    middle = float(ordered_azimuth[(widest_gap + 1) % len(ordered_azimuth)]) + span / 2
     # to -pi..pi
     return float(np.arctan2(np.sin(middle), np.cos(middle))), span

@@ -139,9 +139,9 @@ class LinkedCells:
         # 1 above the main ground, -1 below it, 0 on it
         side = np.where(np.abs(above) > EDGE_M, np.sign(above), 0.0)
         is_member = self.flat & (side != 0)
-        both_members = is_member[:, None] & is_member[self.other]
-        same_side = side[self.other] == side[:, None]
-        cell, column = np.nonzero(self.linked & both_members & same_side)
+        are_members = is_member[:, None] & is_member[self.other]
+        is_same_side = side[self.other] == side[:, None]
+        cell, column = np.nonzero(self.linked & are_members & is_same_side)
         # sparse matrix of the links: values, then rows and columns
         links = (np.ones(len(cell), bool), (cell, self.other[cell, column]))
         _, group = connected_components(coo_array(links, (len(above), len(above))))
@@ -173,16 +173,16 @@ class LinkedCells:
         rows = [np.flatnonzero(numbers == number) for number in range(count)]
         trees = [cKDTree(self.cells[members, :2]) for members in rows]
         pairs: list[tuple[int, int]] = []
-        large = [number for number in range(count) if len(rows[number]) >= MIN_JOIN_CELLS]
-        for first_piece, second_piece in combinations(large, 2):
+        large_pieces = [number for number in range(count) if len(rows[number]) >= MIN_JOIN_CELLS]
+        for first_piece, second_piece in combinations(large_pieces, 2):
             first_xy = self.cells[rows[first_piece], :2]
             distance, nearest_row = trees[second_piece].query(first_xy, distance_upper_bound=JOIN_M)
-            near = np.flatnonzero(np.isfinite(distance))
-            first_cells = rows[first_piece][near]
-            second_cells = rows[second_piece][nearest_row[near]]
+            near_index = np.flatnonzero(np.isfinite(distance))
+            first_cells = rows[first_piece][near_index]
+            second_cells = rows[second_piece][nearest_row[near_index]]
             rise = np.abs(self.cells[first_cells, 2] - self.cells[second_cells, 2])
-            same_side = side[first_cells] == side[second_cells]
-            is_joint = same_side & (rise < LINK_STEP_M + JOIN_SLOPE * distance[near])
+            is_same_side = side[first_cells] == side[second_cells]
+            is_joint = is_same_side & (rise < LINK_STEP_M + JOIN_SLOPE * distance[near_index])
             if is_joint.sum() >= MIN_LINKS:
                 pairs.append((first_piece, second_piece))
         if not pairs:

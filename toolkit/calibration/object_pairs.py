@@ -160,18 +160,20 @@ def _match_boxes(
     # x and y from each second centre to each first one, (first, second, 2)
     offsets = first_centres[:, None, :2] - second_centres[None, :, :2]
     distance = np.hypot(offsets[:, :, 0], offsets[:, :, 1])
-    nearest = distance.argmin(axis=1)
+    nearest_row = distance.argmin(axis=1)
     row = np.arange(len(first_centres))
     # for each first box, if the second one nearest to it has no nearer first box
-    is_mutual = (distance[:, nearest].argmin(axis=0) == row) & (distance[row, nearest] < gate)
+    is_mutual = (distance[:, nearest_row].argmin(axis=0) == row) & (
+        distance[row, nearest_row] < gate
+    )
     heading = _find_headings(mine, pose)
     other_heading = _find_headings(theirs, other_pose)
     # to -90..90 degrees: boxes that are a half turn apart head alike
-    turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
+    turn = (heading - other_heading[nearest_row] + np.pi / 2) % np.pi - np.pi / 2
     is_matched = is_mutual & (np.abs(turn) < _MAX_HEADING_GAP_RAD)
     return _Matches(
         first=first_centres[is_matched],
-        second=second_centres[nearest[is_matched]],
+        second=second_centres[nearest_row[is_matched]],
         turn=turn[is_matched],
     )
 

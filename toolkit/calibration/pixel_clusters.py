@@ -109,13 +109,13 @@ def find_clusters(
     # `pick` takes for each pixel the cluster of highest rank. Clusters of a pixel are numbered near
     # to far, so the highest number is the farthest.
     cluster_index = np.arange(len(size))
-    far = clusters.pick(np.where(is_enough, cluster_index, size), is_enough)
-    is_nearer = is_enough & (cluster_index < far[clusters.pixel])
-    near = clusters.pick(size, is_nearer)
-    has_near = is_nearer[near]
-    flickers = has_near & _comes_and_goes(clusters, near, in_time)
-    far_mode = _measure_mode(clusters, far, model).reshape(shape)
-    near_mode = _measure_mode(clusters, np.where(has_near, near, -1), model).reshape(shape)
+    far_index = clusters.pick(np.where(is_enough, cluster_index, size), is_enough)
+    is_nearer = is_enough & (cluster_index < far_index[clusters.pixel])
+    near_index = clusters.pick(size, is_nearer)
+    has_near = is_nearer[near_index]
+    flickers = has_near & _comes_and_goes(clusters, near_index, in_time)
+    far_mode = _measure_mode(clusters, far_index, model).reshape(shape)
+    near_mode = _measure_mode(clusters, np.where(has_near, near_index, -1), model).reshape(shape)
     return far_mode, near_mode, flickers.reshape(shape)
 
 

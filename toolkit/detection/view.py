@@ -121,9 +121,9 @@ class Captured:
         point. The points (m) are in row order of their pixels."""
         # distances (m) of the points from their pixels' rays, if the frame has any
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
-        xyz, valid = unproject(self.sensor, image, shift)
-        points = np.ascontiguousarray(xyz[:, valid].T)
+        # xyz: (3, rows, columns); is_valid: pixels (rows, columns) that have a point
+        xyz, is_valid = unproject(self.sensor, image, shift)
+        points = np.ascontiguousarray(xyz[:, is_valid].T)
         return points if self.lift is None else self.lift(points)
 
 

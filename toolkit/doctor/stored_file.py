@@ -74,14 +74,14 @@ def _list_depth_units(file: h5py.File) -> tuple[float, ...]:
     if images.ndim != 4 or not len(images):
         return (1.0,)
     image = hdf5.rows(images, "dslices", len(images) // 2).astype(np.float64)
-    largest = float(np.max(image, where=np.isfinite(image), initial=0.0))
-    if 0 < largest <= 1.0:
+    max_value = float(np.max(image, where=np.isfinite(image), initial=0.0))
+    if 0 < max_value <= 1.0:
         return (published.NO_RETURN_M,)  # CARLA's encoding, parts of the far plane
-    if largest <= 1.01 * published.NO_RETURN_M:
+    if max_value <= 1.01 * published.NO_RETURN_M:
         return (1.0,)
     # metres, centimetres or millimetres, if the largest depth is then plausible
     plausible_units = tuple(
-        unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN_M
+        unit for unit in (1.0, 0.01, 0.001) if max_value * unit <= 2 * published.NO_RETURN_M
     )
     return plausible_units or (0.001,)
 
@@ -160,14 +160,14 @@ def _suspect_repetitions(
     copies: list[tuple[int, int]] = []  # frame of the original, frame of the copy
     for k, table in enumerate(tables):
         if len(table):
-            original = frame_by_bytes.setdefault(table.tobytes(), k)
-            if original != k:
-                copies.append((original, k))
+            original_frame = frame_by_bytes.setdefault(table.tobytes(), k)
+            if original_frame != k:
+                copies.append((original_frame, k))
     if copies:
-        original, copy = copies[0]
+        original_frame, copy = copies[0]
         evidence = (
             f"{len(copies)} of {len(tables)} frames, frame {copy} has the objects of frame "
-            f"{original}"
+            f"{original_frame}"
         )
         remedy = "leave the copies out, or they count twice in training and AP"
         findings.append(

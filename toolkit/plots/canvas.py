@@ -121,9 +121,9 @@ def set_letters(figure: "Figure") -> None:
     )
     for file in fonts.files:
         fontManager.addfont(str(file))
-    usual = list_letters(own_font("DejaVuSans"))
+    usual_letters = list_letters(own_font("DejaVuSans"))
     for text in foreign:
-        letters = set(map(ord, text.get_text())) & usual
+        letters = set(map(ord, text.get_text())) & usual_letters
         if not letters <= list_letters(Path(fontManager.findfont(text.get_fontproperties()))):
             text.set_fontweight("normal")  # the bold DejaVu Sans lacks some of the letters
         text.set_fontfamily([*text.get_fontfamily(), *fonts.families])

@@ -128,22 +128,22 @@ def cover_letters(missing: frozenset[str]) -> FontChoice:
     """Choose fonts for missing letters from DejaVu Sans and, if it lacks some, the computer's.
 
     Again and again, the font with the most letters that are still unset is taken."""
-    unset = {ord(letter) for letter in missing}
+    unset_codes = {ord(letter) for letter in missing}
     files: list[Path] = []
     candidates: list[Path] = []
-    if unset:
+    if unset_codes:
         house_font = own_font("DejaVuSans")
         candidates.append(house_font)
-        if unset - list_letters(house_font):
+        if unset_codes - list_letters(house_font):
             candidates += list_system_fonts()
-    while unset:
-        best = max(candidates, key=_make_rank(unset), default=None)
-        if best is None or not unset & list_letters(best):
+    while unset_codes:
+        best = max(candidates, key=_make_rank(unset_codes), default=None)
+        if best is None or not unset_codes & list_letters(best):
             break
         files.append(best)
-        unset -= list_letters(best)
+        unset_codes -= list_letters(best)
     families = tuple(dict.fromkeys(map(family_name, files)))
-    return FontChoice(tuple(files), families, frozenset(map(chr, unset)))
+    return FontChoice(tuple(files), families, frozenset(map(chr, unset_codes)))
 
 
 def _make_rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:

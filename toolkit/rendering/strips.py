@@ -205,9 +205,9 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     first, last = (
         reduction.reduceat(angle, begin, axis=1) for reduction in (np.minimum, np.maximum)
     )
-    around = last - first >= np.pi  # the viewpoint is above or within the object
-    first = np.where(around, -np.pi, first)
-    last = np.where(around, np.pi, last)
+    is_around = last - first >= np.pi  # the viewpoint is above or within the object
+    first = np.where(is_around, -np.pi, first)
+    last = np.where(is_around, np.pi, last)
     grid = np.broadcast_to(np.where(fine, STRIP_WIDTH, COARSE), first.shape)
     down = (ground.low + ground.high) / 2 - viewpoints[:, 2:]
     across = np.linalg.norm(middle, axis=2)
@@ -244,8 +244,8 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     left = np.sin(azimuth)
     cos = cos[window]
     sin = sin[window]
-    near = np.zeros(len(window))
-    far = np.full(len(window), np.inf)
+    near_distance = np.zeros(len(window))
+    far_distance = np.full(len(window), np.inf)
     # for each axis of the rectangle: place of the viewpoint and direction of the ray along it, and
     # half the rectangle's side
     axes = (
@@ -258,15 +258,15 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
         # reach
         middle = -start[window] / direction
         reach = half_side[window] / np.abs(direction)
-        near = np.maximum(near, middle - reach)
-        far = np.minimum(far, middle + reach)
-    near = np.maximum(near - EDGE, 0)
-    far = np.maximum(far, near) + EDGE
+        near_distance = np.maximum(near_distance, middle - reach)
+        far_distance = np.minimum(far_distance, middle + reach)
+    near_distance = np.maximum(near_distance - EDGE, 0)
+    far_distance = np.maximum(far_distance, near_distance) + EDGE
     eye = viewpoints[windows.viewpoint, 2]
     below, above = ((height[windows.item] - eye)[window] for height in (ground.low, ground.high))
     # a bottom below the eye is seen lowest at its near end, one above the eye at its far end
-    low = np.arctan2(below, np.where(below < 0, near, far))
-    high = np.arctan2(above, np.where(above < 0, far, near))
+    low = np.arctan2(below, np.where(below < 0, near_distance, far_distance))
+    high = np.arctan2(above, np.where(above < 0, far_distance, near_distance))
     rows = np.clip(np.ceil((high - low) / windows.step[window]), *ROWS).astype(np.int64)
     # Bisection narrows an edge down to this share of a step. Columns begin half a share lower, so
     # that the object's very bottom and top are in the middle of such a last interval.
@@ -426,18 +426,18 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
         block = slice(start, start + step)
         dx, dy = (x_y - viewpoints[block, None, :2]).transpose(2, 0, 1)
         distance = np.hypot(dx, dy)
-        near = np.maximum(distance - radius, 0)
+        near_distance = np.maximum(distance - radius, 0)
         far_distance = distance + radius
         below = ground.low - viewpoints[block, 2:]
         above = ground.high - viewpoints[block, 2:]
-        low = np.arctan2(below, np.where(below < 0, near, far_distance))
-        high = np.arctan2(above, np.where(above < 0, far_distance, near))
+        low = np.arctan2(below, np.where(below < 0, near_distance, far_distance))
+        high = np.arctan2(above, np.where(above < 0, far_distance, near_distance))
         # [:, :, None] is of the object, [:, None] of the other
         turn = middle[block, :, None] - middle[block, None]
         azimuth_gap = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)  # 0 to pi
         reach = half_width[block, :, None] + half_width[block, None]
         mask[block] = azimuth_gap <= reach + OVERLAP_SLACK
-        mask[block] &= near[:, None] <= far_distance[:, :, None] + OVERLAP_SLACK
+        mask[block] &= near_distance[:, None] <= far_distance[:, :, None] + OVERLAP_SLACK
         mask[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
         mask[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
     mask[:, objects, objects] = False  # no object hides itself

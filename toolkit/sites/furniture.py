@@ -167,10 +167,13 @@ def set_kerbs(
             # a strip on both sides of the edge, less the side on the road
             strip = shapely.LineString(ends).buffer(width, cap_style="flat")
             stone = shapely.set_precision(strip.difference(road), 1e-3)
-            largest = max(shapely.get_parts(stone), key=shapely.area, default=shapely.Polygon())
+            largest_part = max(
+                shapely.get_parts(stone), key=shapely.area, default=shapely.Polygon()
+            )
             is_usable = broken or stone.geom_type == "Polygon"
-            if largest.area > MIN_KERBSTONE_M2 and not largest.interiors and is_usable:
-                corners = shapely.get_coordinates(largest.exterior)[:-1]  # the last is the first
+            if largest_part.area > MIN_KERBSTONE_M2 and not largest_part.interiors and is_usable:
+                # the last corner is the first
+                corners = shapely.get_coordinates(largest_part.exterior)[:-1]
                 solids.append(Solid(corners, base=0.0, top=height, kind="kerb"))
     return solids
 

@@ -498,9 +498,9 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
     bounds = bounds[np.isfinite(bounds).all(axis=1)]
     all_members = {"type": "FeatureCollection", **members}
     if len(bounds):
-        lowest = bounds[:, :2].min(axis=0).tolist()
-        highest = bounds[:, 2:].max(axis=0).tolist()
-        all_members["bbox"] = lowest + highest
+        low_corner = bounds[:, :2].min(axis=0).tolist()
+        high_corner = bounds[:, 2:].max(axis=0).tolist()
+        all_members["bbox"] = low_corner + high_corner
     texts = [
         f"{json.dumps(name)}: {json.dumps(value, allow_nan=False, ensure_ascii=False)}"
         for name, value in all_members.items()

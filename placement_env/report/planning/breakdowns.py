@@ -126,8 +126,8 @@ def by_range(
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
         """Number of each box's group, from 0 for the nearest range."""
         offsets = boxes[:, None, :2] - sensor_xy  # axes: box, sensor, (x, y)
-        nearest = np.linalg.norm(offsets, axis=2).min(axis=1)
-        return np.searchsorted(RANGE_ENDS_M, nearest).astype(np.int64)
+        nearest_distance = np.linalg.norm(offsets, axis=2).min(axis=1)
+        return np.searchsorted(RANGE_ENDS_M, nearest_distance).astype(np.int64)
 
     return by_group(scored, names, group_of, seed)
 

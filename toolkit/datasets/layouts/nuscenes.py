@@ -107,9 +107,9 @@ def _find_folder(path: Path) -> Path:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
     first = table_folders[0]
     if len(table_folders) > 1 and first != path:
-        unread = ", ".join(folder.name for folder in table_folders[1:6])
+        others = ", ".join(folder.name for folder in table_folders[1:6])
         warnings.warn(
-            f"{path}: {first.name} is read, and not {unread}: give the folder to read another",
+            f"{path}: {first.name} is read, and not {others}: give the folder to read another",
             stacklevel=3,
         )
     return first

@@ -59,11 +59,11 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     table = np.rint(np.column_stack([*places_and_sizes, yaw, score, detections.labels]))
     table[:, _YAW] %= TURN_STEPS
     table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)  # no size may round to 0
-    farthest = np.abs(table).max(initial=0)
-    if farthest >= 1 << 30:  # minimum fits an int32, a difference from it 31 bits
+    max_step = np.abs(table).max(initial=0)
+    if max_step >= 1 << 30:  # minimum fits an int32, a difference from it 31 bits
         raise ValueError(
             f"boxes must lie within {(1 << 30) * BOX_STEP_M / 1000:.0f} km, got "
-            f"{farthest * BOX_STEP_M} m"
+            f"{max_step * BOX_STEP_M} m"
         )
     _check_reach(table[:, :7] * BOX_STEP_M, sensor)
     heads = []

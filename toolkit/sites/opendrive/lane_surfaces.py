@@ -86,5 +86,5 @@ def describe_widths(lanes: Sequence[MapLane]) -> list[str]:
     wide_count = sum(lane.width > MAX_USUAL_WIDTH_M for lane in lanes)
     if not wide_count:
         return []
-    usual = f"{MAX_USUAL_WIDTH_M:g} m"
-    return [f"lanes wider than {usual}, whose traffic keeps to their middle: {wide_count}"]
+    usual_width = f"{MAX_USUAL_WIDTH_M:g} m"
+    return [f"lanes wider than {usual_width}, whose traffic keeps to their middle: {wide_count}"]

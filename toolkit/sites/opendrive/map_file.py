@@ -49,8 +49,8 @@ def _reaches(pieces: Float64[np.ndarray, "n 4"], point: Float64[np.ndarray, "2"]
     lengths = pieces[:, 3]
     low = starts.min(axis=0)
     high = starts.max(axis=0)
-    longest = lengths.max()
-    return bool(((low - longest <= point) & (point <= high + longest)).all())
+    max_length = lengths.max()
+    return bool(((low - max_length <= point) & (point <= high + max_length)).all())
 
 
 def _describe_outside(

@@ -173,5 +173,5 @@ def _read_ring(
         return np.zeros((3, 2))
     polygons = list_polygons(shapely.make_valid(shapely.Polygon(corners)))
     no_polygon = shapely.Polygon(np.zeros((4, 2)))
-    largest = max(polygons, key=shapely.area, default=no_polygon)
-    return shapely.get_coordinates(largest.exterior)[:-1].round(3)  # the last is the first
+    largest_polygon = max(polygons, key=shapely.area, default=no_polygon)
+    return shapely.get_coordinates(largest_polygon.exterior)[:-1].round(3)  # the last is the first

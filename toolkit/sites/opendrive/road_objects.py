@@ -135,13 +135,15 @@ def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
     is_forward = element.get("orientation", "+") == "+"
     facing = place.heading + (np.pi if is_forward else 0.0)
     if element.get("dynamic") == "yes":  # a head with lamps
-        usual = _SignalSize(height=0.9, width=0.3, depth=0.3)
+        usual_size = _SignalSize(height=0.9, width=0.3, depth=0.3)
     else:  # the plate of a sign
-        usual = _SignalSize(height=0.6, width=0.6, depth=0.06)
-    height = float(np.clip(read_number(element, "height", 0.0) or usual.height, *SIGN_SIZE_M))
-    width = float(np.clip(read_number(element, "width", 0.0) or usual.width, *SIGN_SIZE_M))
+        usual_size = _SignalSize(height=0.6, width=0.6, depth=0.06)
+    height = float(np.clip(read_number(element, "height", 0.0) or usual_size.height, *SIGN_SIZE_M))
+    width = float(np.clip(read_number(element, "width", 0.0) or usual_size.width, *SIGN_SIZE_M))
     base = min(max(read_number(element, "zOffset", 0.0), MIN_SIGN_BASE_M), MAX_SIGN_BASE_M)
-    plate = furniture.block((width, usual.depth), middle=(place.x, place.y), yaw=facing + np.pi / 2)
+    plate = furniture.block(
+        (width, usual_size.depth), middle=(place.x, place.y), yaw=facing + np.pi / 2
+    )
     return [
         furniture.post(place.x, place.y, height=round(base, 3), radius=0.06),
         Solid(plate, base=round(base, 3), top=round(base + height, 3), kind="sign"),

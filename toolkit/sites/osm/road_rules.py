@@ -279,12 +279,12 @@ def read_rules(tags: Tags) -> RoadReading:
     # users along the line of the road, and against it; speeds below are in the same order
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
     _close_one_way(tags, oneway, sides, notes)
-    against = _list_contraflow(tags)
-    if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
+    contraflow_users = _list_contraflow(tags)
+    if oneway == "yes" and contraflow_users and number_lanes(tags).get("lanes:backward"):
         # they have a separate lane
         oneway = "no"
-        sides[1] = sides[1] & (against | {_ALWAYS})
-    elif oneway != "no" and against:
+        sides[1] = sides[1] & (contraflow_users | {_ALWAYS})
+    elif oneway != "no" and contraflow_users:
         notes.append(CONTRAFLOW_NOTE)
     if oneway != "no" and number_lanes(tags).get(_name_sides(oneway)[1]):
         notes.append(LANES_AGAINST_NOTE)
