@@ -154,10 +154,12 @@ def format_sensors(
 ) -> tuple[PlannedSensor, ...]:
     """Describe each sensor of a set for its installer, in the order of the set.
 
-    chosen, moved: as in `mounted_site`, whose sensors have the same names; kbit: data that each
-    sensor sends, per frame; catalogue: with names of models, None for their usual names;
-    link_share: part of the frames, for loads. A mount is paid for with the first sensor on it.
-    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj."""
+    chosen: indices of candidates; moved: the same sensors as placed by a search of continuous
+    poses, empty if they keep the candidates' poses; kbit: data that each sensor sends in each
+    frame; catalogue: with names of models, None for their usual names; link_share: share of the
+    frames whose data a load must not exceed. Names are those of `mounted_site`. A mount is paid for
+    with the first sensor on it. Raises ValueError if their numbers differ; ImportError if the
+    site's map needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(

@@ -173,7 +173,7 @@ class ScoringJob:
         """Fuse a frame by every scheme with every sensor set.
 
         stand: area and ground of the frame; memory: state of the links, changed in place. Returns
-        the fused detections (world frame) by scheme and set, as in `FrameResult.fused`."""
+        the fused detections (world frame) by name of the scheme and sensors of the set."""
         comparison = self.comparison
         fused = dict[tuple[str, tuple[int, ...]], Fused]()
 

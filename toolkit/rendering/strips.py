@@ -363,7 +363,8 @@ class SuccessiveStrips:
     def find_next(self, moment: Moment, fine: Mask) -> Strips:
         """Strips of the next frame, by viewpoint, then object.
 
-        fine: mask of the objects to cut into narrow columns, as in `find_sectors`."""
+        moment: objects of the frame; fine: mask of the objects to cut into columns of
+        `STRIP_WIDTH`; others get `COARSE` ones."""
         boxes = [box.tobytes() for box in moment.boxes]
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
