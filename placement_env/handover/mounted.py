@@ -157,9 +157,9 @@ def format_sensors(
     chosen: indices of candidates; moved: the same sensors as placed by a search of continuous
     poses, empty if they keep the candidates' poses; kbit: data that each sensor sends in each
     frame; catalogue: with names of models, None for their usual names; link_share: share of the
-    frames whose data a load must not exceed. Names are those of `mounted_site`. A mount is paid for
-    with the first sensor on it. Raises ValueError if their numbers differ; ImportError if the
-    site's map needs pyproj."""
+    frames whose data a load must not exceed. The sensors of `mounted_site` have the same names. A
+    mount is paid for with the first sensor on it. Raises ValueError if their numbers differ;
+    ImportError if the site's map needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(
