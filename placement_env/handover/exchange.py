@@ -87,11 +87,11 @@ def write_exchange(
     sensors and ground do not belong to one set.
     """
     names = [sensor.name for sensor in sensors]
-    mounted = [sensor.name for sensor in site.sensors]
-    if names != mounted or len(ground.seen) != len(names):
+    mounted_names = [sensor.name for sensor in site.sensors]
+    if names != mounted_names or len(ground.seen) != len(names):
         rule = (
             "the site must have the planned sensors and the ground a layer for each, got "
-            f"{mounted} at the site"
+            f"{mounted_names} at the site"
         )
         raise ValueError(
             f"{rule}, {names} planned and {len(ground.seen)} layers: use mounted_site and "
@@ -157,7 +157,10 @@ def plan_geojson(
     *,
     unused: Sequence[Mount] = (),
 ) -> str:
-    """Sensors, their ground, blind spots and unused poles as layers for GIS tools."""
+    """GeoJSON text of sensors, the ground they see, blind spots and unused poles, for GIS tools.
+
+    ground: cells that each sensor sees, in the order of `sensors`; unused: mounts without a sensor.
+    Coordinates are metres, with a note, if the site has no geo reference."""
     note: dict[str, object] = {}
     if site.geo_reference is None:
         note = {"coview_site": 1, "note": METRES_NOTE}
@@ -171,7 +174,7 @@ def plan_geojson(
             feature(site, shapely.Point(sensor.x, sensor.y), layer="sensor", **properties)
         )
     cell_m2 = ground.cell**2
-    visible_cells = ground.seen & ground.open_ground
+    visible_cells = ground.seen & ground.open_ground  # (sensors, ny, nx)
     sensor_polygons = visible_polygons(ground)
     for sensor, cells, polygons in zip(sensors, visible_cells, sensor_polygons, strict=True):
         shape = shapely.MultiPolygon(polygons)

@@ -136,12 +136,13 @@ class Grid(NamedTuple):
 
 
 def lay_grid(site: Site, cell: float, height: float) -> Grid:
-    """Grid of square cells over the area, with points at a height above the ground.
+    """Grid of square cells over a site's area, with a point above the middle of each.
 
-    cell: side (m); height: points above the ground (m). Raises ValueError as
-    `visible_ground`."""
+    cell: side of a cell (m); height: of the points above the ground (m). Raises ValueError for a
+    cell that is not positive, so large that a side has fewer than two, or far too small."""
     area = site.area
     sides = area[2:] - area[:2]
+    # 1.5 cells are rounded to two
     if not 0 < cell <= sides.min() / 1.5:
         raise ValueError(
             f"cell must be positive and fit twice into {sides[0]:g} x {sides[1]:g} m, got {cell:g}"
@@ -158,7 +159,7 @@ def lay_grid(site: Site, cell: float, height: float) -> Grid:
     columns, rows = np.rint(sides / cell)
     x = middle_x + (np.arange(columns) - (columns - 1) / 2) * cell
     y = middle_y + (np.arange(rows) - (rows - 1) / 2) * cell
-    middles = np.stack(np.meshgrid(x, y), axis=-1)
+    middles = np.stack(np.meshgrid(x, y), axis=-1)  # (ny, nx, x y)
     ground = np.concatenate([middles, site.ground(middles)[..., None]], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
     return Grid(
@@ -170,10 +171,11 @@ def lay_grid(site: Site, cell: float, height: float) -> Grid:
 
 
 def ground_shares(ground: GroundGrid, names: Sequence[str]) -> GroundShares:
-    """Shares of the ground.
+    """Shares and areas of the open ground that sensors see, or that no sensor sees.
 
-    names: its sensors, in order. Without lanes their blind share is 0. Raises ValueError for
-    names that are too few, too many or not distinct, and for an area without open ground.
+    names: names of the sensors, in the order of `ground`. Without lanes their blind share is 0.
+    Raises ValueError for names that are too few, too many or not distinct, and for an area without
+    open ground.
     """
     if len(names) != len(ground.seen) or len(set(names)) < len(names):
         raise ValueError(
@@ -183,7 +185,7 @@ def ground_shares(ground: GroundGrid, names: Sequence[str]) -> GroundShares:
         raise ValueError(
             "the area has no open ground: solids cover all of it, so move the area or the solids"
         )
-    views = ground.views[ground.open_ground]
+    views = ground.views[ground.open_ground]  # number of sensors that see each open cell
     cell_m2 = ground.cell**2
     is_blind_lane = (ground.views == 0)[ground.open_ground & ground.lanes]
     seen_cells = (ground.seen & ground.open_ground).sum(axis=(1, 2))  # for each sensor
@@ -214,17 +216,22 @@ def visible_polygons(ground: GroundGrid) -> list[list[shapely.Polygon]]:
 
     Pieces below `MIN_POLYGON_M2` are left out.
     """
-    return [_polygons(ground, seen & ground.open_ground) for seen in ground.seen]
+    return [_polygons(ground, seen_cells & ground.open_ground) for seen_cells in ground.seen]
 
 
 def _density(
     sensor: Sensor, image: ImageRanges, x: np.ndarray, y: np.ndarray
 ) -> Float32[np.ndarray, "ny nx"]:
-    """Points of an image in each cell, per m². x, y: centres of columns and rows (m)."""
-    xyz, valid = unproject(sensor, image)  # x y z (3, pixels), and a mask of pixels with a return
+    """Points of an image in each cell, per m².
+
+    image: the sensor's measurements (m), 0 for no return; x, y: centres of the columns and rows of
+    cells (m), evenly spaced."""
+    # x y z (3, pixels), and a mask of pixels with a return
+    xyz, is_valid = unproject(sensor, image)
     cell = x[1] - x[0]
     edges = [np.append(middles - cell / 2, middles[-1] + cell / 2) for middles in (y, x)]
-    counts = np.histogram2d(xyz[1, valid], xyz[0, valid], bins=edges)[0]
+    # rows along y, columns along x
+    counts = np.histogram2d(xyz[1, is_valid], xyz[0, is_valid], bins=edges)[0]
     return (counts / cell**2).astype(np.float32)
 
 
@@ -254,7 +261,9 @@ def _open_ground(site: Site, targets: Float64[np.ndarray, "ny nx 3"]) -> Bool[np
 def _covered(
     polygons: Sequence[np.ndarray], middles: Float64[np.ndarray, "ny nx 2"]
 ) -> Bool[np.ndarray, "ny nx"]:
-    """Mask of points on any of the polygons."""
+    """Mask of points on any of the polygons.
+
+    polygons: corners x, y (m) of each; middles: x, y (m) of the points."""
     union = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons])
     shapely.prepare(union)
     return np.asarray(shapely.intersects_xy(union, middles[..., 0], middles[..., 1]))
@@ -277,9 +286,11 @@ def _polygons(ground: GroundGrid, mask: Bool[np.ndarray, "ny nx"]) -> list[shape
         ground.x[end_columns - 1] + half,
         ground.y[rows] + half,
     )
-    merged = shapely.simplify(shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half)
+    merged_runs = shapely.simplify(
+        shapely.union_all(runs, grid_size=ground.cell / 1000), 1.2 * half
+    )
     polygons = []
-    for piece in shapely.get_parts(merged):
+    for piece in shapely.get_parts(merged_runs):
         if piece.area >= MIN_POLYGON_M2:
             rings = piece.interiors
             holes = [ring for ring in rings if shapely.Polygon(ring).area >= MIN_POLYGON_M2]

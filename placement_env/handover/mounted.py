@@ -133,13 +133,13 @@ def mounted_site(
     """
     sensors, mounts = _sensors(candidates, chosen, moved)
     feet = np.array([mount.position[:2] for mount in site.mounts]).reshape(-1, 2)
-    new: dict[str, Mount] = {}
+    new_mounts: dict[str, Mount] = {}
     for mount in mounts:
         distance = np.hypot(*(feet - mount.position[:2]).T)
         if not (distance <= SAME_FOOT_M).any():
-            new[mount.name] = mount
-    present = [mount for mount in site.mounts if mount.name not in new]
-    return replace(site, sensors=sensors, mounts=(*present, *new.values()))
+            new_mounts[mount.name] = mount
+    present_mounts = [mount for mount in site.mounts if mount.name not in new_mounts]
+    return replace(site, sensors=sensors, mounts=(*present_mounts, *new_mounts.values()))
 
 
 def format_sensors(
@@ -154,10 +154,12 @@ def format_sensors(
 ) -> tuple[PlannedSensor, ...]:
     """Describe each sensor of a set for its installer, in the order of the set.
 
-    chosen, moved: as in `mounted_site`, whose sensors have the same names; kbit: data that each
-    sensor sends, per frame; catalogue: with names of models, None for their usual names;
-    link_share: part of the frames, for loads. A mount is paid for with the first sensor on it.
-    Raises ValueError if their numbers differ; ImportError if the site's map needs pyproj."""
+    chosen: indices of candidates; moved: the same sensors as placed by a search of continuous
+    poses, empty if they keep the candidates' poses; kbit: data that each sensor sends in each
+    frame; catalogue: with names of models, None for their usual names; link_share: share of the
+    frames whose data a load must not exceed. The sensors of `mounted_site` have the same names. A
+    mount is paid for with the first sensor on it. Raises ValueError if their numbers differ;
+    ImportError if the site's map needs pyproj."""
     sensors, mounts = _sensors(candidates, chosen, moved)
     if len(kbit) != len(sensors):
         raise ValueError(
@@ -172,14 +174,14 @@ def format_sensors(
     loads = sent_in_most(kbit, link_share)
     radio = measure_radio(kbit)
     paid_poles: set[str] = set()
-    planned = []
+    planned_sensors = []
     for i, (sensor, mount) in enumerate(zip(sensors, mounts, strict=True)):
         if catalogue is None:
             model = name_in_words(type(sensor.model).__name__)
         else:
             model = catalogue.get_name(sensor.model)
         x, y, z = sensor.position.tolist()
-        planned.append(
+        planned_sensors.append(
             PlannedSensor(
                 name=sensor.name,
                 pole=mount.name,
@@ -203,7 +205,7 @@ def format_sensors(
             )
         )
         paid_poles.add(mount.name)
-    return tuple(planned)
+    return tuple(planned_sensors)
 
 
 def set_names(candidates: Candidates, chosen: Chosen) -> tuple[str, ...]:
@@ -232,7 +234,10 @@ def unused_mounts(
 def _sensors(
     candidates: Candidates, chosen: Chosen, moved: Sequence[Sensor]
 ) -> tuple[tuple[Sensor, ...], tuple[Mount, ...]]:
-    """Sensors of the set with their final names, and their mounts."""
+    """Sensors of the set with their final names, and each sensor's mount, in the set's order.
+
+    chosen: indices of the set's candidates. moved: the same sensors as they were mounted, each on
+    the mount nearest to it; empty if they keep the candidates' poses."""
     members = np.asarray(chosen, np.int64)
     if len(moved) not in (0, len(members)):
         raise ValueError(
@@ -242,6 +247,7 @@ def _sensors(
     sensors = [candidates.sensors[member] for member in members]
     mounts = [candidates.mounts[mount] for mount in candidates.mount[members]]
     if len(moved):
+        # x, y of every mount
         feet = np.array([mount.position[:2] for mount in candidates.mounts])
         pool_names = {sensor.digest: sensor.name for sensor in sensors}
         sensors = []
@@ -249,9 +255,10 @@ def _sensors(
         for sensor in moved:
             mount = candidates.mounts[np.hypot(*(feet - sensor.position[:2]).T).argmin()]
             mounts.append(mount)
+            # degrees; + 0.0 turns -0.0 into 0.0
             (heading,), (tilt,) = np.rad2deg(aims([sensor])).round(1) + 0.0
             pose = f"{sensor.position[2] - mount.position[2]:.2f}m_h{heading % 360:.1f}_t{tilt:.1f}"
-            # as in a pool
+            # an unchanged sensor keeps its name, others are named like candidates
             name = pool_names.get(sensor.digest) or f"{mount.name}_{pose}_{sensor.model.kind}"
             sensors.append(replace(sensor, name=name))
     names = name_by_poles(
@@ -259,8 +266,10 @@ def _sensors(
         [mount.name for mount in mounts],
         [mount.name for mount in candidates.mounts],
     )
-    renamed = [replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)]
-    return tuple(renamed), tuple(mounts)
+    renamed_sensors = [
+        replace(sensor, name=name) for sensor, name in zip(sensors, names, strict=True)
+    ]
+    return tuple(renamed_sensors), tuple(mounts)
 
 
 def name_by_poles(
@@ -423,18 +432,24 @@ def describe_radio(loads: Sequence[PoleLoad]) -> str:
 
 
 def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SHARE) -> str:
-    """Sentence on the links that cannot carry their load, with remedies; "" if all can."""
-    narrow = [load for load in loads if not load.fits]
-    if not narrow:
+    """Sentence on the links that cannot carry their load, with remedies; "" if all can.
+
+    loads: load of each pole's link; link_share: share of the frames that a link must carry."""
+    narrow_loads = [load for load in loads if not load.fits]
+    if not narrow_loads:
         return ""
     needs = [
         f"{load.pole} needs {load.load_mbit_s:.2f} of {load.capacity_mbit_s:.2f} Mbit/s"
-        for load in narrow
+        for load in narrow_loads
     ]
     needed_kbit = math.ceil(
-        max(load.load_mbit_s for load in narrow) * KBIT_PER_MBIT / FRAME_RATE_HZ
+        max(load.load_mbit_s for load in narrow_loads) * KBIT_PER_MBIT / FRAME_RATE_HZ
     )
-    links = "The link is too narrow" if len(narrow) == 1 else f"{len(narrow)} links are too narrow"
+    links = (
+        "The link is too narrow"
+        if len(narrow_loads) == 1
+        else f"{len(narrow_loads)} links are too narrow"
+    )
     return (
         f"{links} for {describe_share(link_share)}: {', '.join(needs)}; plan with links of "
         f"{needed_kbit} kbit per frame (--capacity), allow each sensor less (--max-kbit), or send "
@@ -445,13 +460,15 @@ def describe_narrow_links(loads: Sequence[PoleLoad], link_share: float = LINK_SH
 def bill_of_rates(
     sensors: Sequence[PlannedSensor], catalogue: SensorCatalogue | None
 ) -> tuple[MaterialItem, ...]:
-    """Costs that the rates of a catalogue add to sensors and poles, over its years."""
+    """Costs that the rates of a catalogue add to sensors and poles, over its years.
+
+    One item for each rate, in the catalogue's order; none without a catalogue."""
     if catalogue is None:
         return ()
     count = {"pole": len({sensor.pole for sensor in sensors}), "sensor": len(sensors)}
     items = []
     for name, price in catalogue.rates.items():
-        unit, is_yearly = RATES[name]
+        unit, is_yearly = RATES[name]  # "pole" or "sensor", which the rate is paid for
         unit_price = price * (catalogue.years if is_yearly else 1)
         item = f"{name} for {catalogue.years:g} years" if is_yearly else name
         items.append(

@@ -88,7 +88,7 @@ def interval_bars(
 def draw_history(result: Result, out: str | Path) -> None:
     """Write a picture of the best reward over the number of sets that a search scored.
 
-    out: path, whose suffix gives the format."""
+    result: of the search, with its history; out: path, whose suffix gives the format."""
     with canvas.house_style():
         figure, axes = curve_axes(f"{result.method}: best reward so far", 0)
         axes.step(
@@ -334,6 +334,7 @@ def _draw_pairs(axes: "Axes", worth: Sequence[content.SensorWorth], names: Seque
     axes.set_xticklabels(names, fontsize=7.5 if len(names) < 20 else 5)
     axes.set_title("interaction (AP)", fontsize=8.5, loc="left", pad=3)
     axes.tick_params(length=0)
+    # numbers are written only into figures of few sensors
     written = interactions if len(worth) <= MAX_FIGURE_SENSORS else interactions[:0]
     for (row, column), value in np.ndenumerate(written):
         if np.isfinite(value):

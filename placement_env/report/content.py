@@ -355,7 +355,9 @@ class Plan(Displayed):
         return Card(f"Plan for {self.site}", (self.verdict.sentence,), tables)
 
     def _list_sensors(self) -> Table:
-        """Columns by name, a row for each planned sensor."""
+        """Return a table of the planned sensors: columns by name, a row for each.
+
+        Lengths are in m, angles in degrees; the price is the model's plus the pole's."""
         table: dict[str, list[Any]] = {}
         for name in ("pole", "model", "x", "y", "height", "bearing_deg", "tilt_deg", "kbit"):
             table[name] = [getattr(sensor, name) for sensor in self.sensors]
@@ -464,5 +466,5 @@ def rename(plan: Plan, names: Mapping[str, str]) -> Plan:
         # a text that is nothing but a name needs no search
         return names.get(text) or words.sub(lambda word: names[word.group()], text)
 
-    renamed: Plan = replace_texts(plan, replace_names)
-    return renamed
+    renamed_plan: Plan = replace_texts(plan, replace_names)
+    return renamed_plan

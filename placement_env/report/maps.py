@@ -114,11 +114,13 @@ def _draw_plan_sheet(
     else:
         open_ground = ground.open_ground  # smoothing drops slivers
         smooth_views = [
-            open_ground & (smooth(seen * 1.0, open_ground, ground.cell) > 0.5)
-            for seen in ground.seen
+            open_ground & (smooth(seen_cells * 1.0, open_ground, ground.cell) > 0.5)
+            for seen_cells in ground.seen
         ]
-        smoothed = replace(ground, seen=np.array(smooth_views, bool).reshape(ground.seen.shape))
-        for index, polygons in enumerate(visible_polygons(smoothed)):
+        smooth_ground = replace(
+            ground, seen=np.array(smooth_views, bool).reshape(ground.seen.shape)
+        )
+        for index, polygons in enumerate(visible_polygons(smooth_ground)):
             ground_map.fill_polygons(
                 sheet.axes, polygons, palette.sensor_colour(index), order=2.2, alpha=0.09, edge=1.2
             )

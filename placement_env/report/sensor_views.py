@@ -105,9 +105,9 @@ def _shade(background: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray,
 
     It falls with the logarithm of the distance. background: distances (m), 0 or not finite without
     a return."""
-    measured = np.asarray(background, np.float64)
-    has_return = np.isfinite(measured) & (measured > 0)
-    distance = np.clip(np.where(has_return, measured, NEAR_M), NEAR_M, FAR_M)
+    ranges = np.asarray(background, np.float64)
+    has_return = np.isfinite(ranges) & (ranges > 0)
+    distance = np.clip(np.where(has_return, ranges, NEAR_M), NEAR_M, FAR_M)
     log_share = np.log(distance / NEAR_M) / np.log(FAR_M / NEAR_M)  # 0 at NEAR_M, 1 at FAR_M
     return np.where(has_return, 0.92 - 0.75 * log_share, 1.0)
 

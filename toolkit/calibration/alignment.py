@@ -82,26 +82,26 @@ def align(
     if any(not 0 <= sensor < count for sensor in held):
         raise ValueError(f"held must be sensor numbers from 0 to {count - 1}, got {list(held)}")
     # mask of the 6 n numbers that may change
-    free = np.repeat([sensor not in held for sensor in range(count)], 6)
+    is_free = np.repeat([sensor not in held for sensor in range(count)], 6)
     poses = [np.array(pose, np.float64) for pose in believed]
     for radius, voxel, min_limit in _LEVELS:
-        thinned = [thin_rows(surface.points, voxel) for surface in surfaces]
+        thinned_points = [thin_rows(surface.points, voxel) for surface in surfaces]
         for _ in range(_STEPS):
-            pairs = pair_surfaces(surfaces, thinned, poses, (radius, min_limit))
+            pairs = pair_surfaces(surfaces, thinned_points, poses, (radius, min_limit))
             pairs += list(more(poses, radius)) if more is not None else []
             pose_pairs = zip(believed, poses, strict=True)
             off = [motion_between(*pose_pair) for pose_pair in pose_pairs]
-            system = JointSystem(pairs, free, np.concatenate(off))
+            system = JointSystem(pairs, is_free, np.concatenate(off))
             step = system.step()
             poses = list(map(apply_motion, poses, step.reshape(-1, 6)))
             if np.abs(step).max() < registration.CONVERGED * radius:
                 break
-    hidden = system.hidden_motions(_find_common_motions(poses))
+    hidden_motions = system.hidden_motions(_find_common_motions(poses))
     shared, scatter = _count_pairs(pairs, count)
     return Alignment(
         poses=tuple(poses),
         covariance=system.covariance(),
-        unobserved=hidden,
+        unobserved=hidden_motions,
         shared=shared,
         scatter=scatter,
     )
@@ -132,22 +132,22 @@ def _count_pairs(
     pairs: pairs of points or objects, of two sensors each; sensors: number of sensors. Returns a
     symmetric matrix of counts, and robust standard deviations (m, from the median of the absolute
     residuals), 0 for a sensor without pairs."""
-    shared = np.zeros((sensors, sensors), np.int64)
+    pair_counts = np.zeros((sensors, sensors), np.int64)
     # absolute residuals of the pairs of each sensor
     residuals: list[list[np.ndarray]] = [[np.empty(0)] for _ in range(sensors)]
     for pair in pairs:
         is_used = pair.weight > 0
-        shared[pair.one, pair.other] += int(is_used.sum())
+        pair_counts[pair.one, pair.other] += int(is_used.sum())
         for sensor in (pair.one, pair.other):
             residuals[sensor].append(np.abs(pair.residual[is_used]))
     scatter = np.zeros(sensors)
     for sensor, sensor_residuals in enumerate(residuals):
-        pooled = np.concatenate(sensor_residuals)
-        if len(pooled):
+        pooled_residuals = np.concatenate(sensor_residuals)
+        if len(pooled_residuals):
             # 1.4826 makes the median deviation of normal noise its standard deviation
-            scatter[sensor] = 1.4826 * float(np.median(pooled))
+            scatter[sensor] = 1.4826 * float(np.median(pooled_residuals))
     # pairs of sensors 0 and 1 are counted at (0, 1) and at (1, 0): both searched for the other
-    return shared + shared.T, scatter
+    return pair_counts + pair_counts.T, scatter
 
 
 def face_sensor(surface: Surface) -> Surface:
@@ -204,23 +204,24 @@ def _pair_sensors(
     world = transform(poses[one], surface.points[rows])
     in_target = transform(invert(poses[other]), world)
     distance, neighbours = target.tree.query(in_target, distance_upper_bound=radius)
-    near = np.flatnonzero(np.isfinite(distance))  # the distance is infinite without a neighbour
+    # the distance is infinite without a neighbour
+    near_rows = np.flatnonzero(np.isfinite(distance))
     # normals of both sides in world axes
     facing = surface.normals[rows] @ poses[one][:3, :3].T
-    normals = target.normals[neighbours[near]] @ poses[other][:3, :3].T
-    is_alike = (facing[near] * normals).sum(axis=1) > MIN_SIDE_COSINE
-    near = near[is_alike]
+    normals = target.normals[neighbours[near_rows]] @ poses[other][:3, :3].T
+    is_alike = (facing[near_rows] * normals).sum(axis=1) > MIN_SIDE_COSINE
+    near_rows = near_rows[is_alike]
     normals = normals[is_alike]
-    target_rows = neighbours[near]
+    target_rows = neighbours[near_rows]
     counterparts = transform(poses[other], target.points[target_rows])
-    roughness = np.hypot(surface.roughness[rows[near]], target.roughness[target_rows])
+    roughness = np.hypot(surface.roughness[rows[near_rows]], target.roughness[target_rows])
     deviation = np.hypot(roughness, registration.MIN_SCALE_M)
     return Pairs(
         one,
         other,
-        one_row=resistance(world[near], poses[one][:3, 3], normals),
-        other_row=-resistance(world[near], poses[other][:3, 3], normals),
-        residual=((world[near] - counterparts) * normals).sum(axis=1),
+        one_row=resistance(world[near_rows], poses[one][:3, 3], normals),
+        other_row=-resistance(world[near_rows], poses[other][:3, 3], normals),
+        residual=((world[near_rows] - counterparts) * normals).sum(axis=1),
         deviation=deviation * np.sqrt(registration.CORRELATED_POINTS),
         limit=np.maximum(registration.TUKEY * deviation, min_limit),
     )

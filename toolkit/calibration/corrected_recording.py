@@ -36,8 +36,10 @@ class Corrected(RecordingView):
 
     @staticmethod
     def from_poses(recording: Recording, found_poses: Iterable[FoundPose]) -> "Corrected":
-        """Return a recording with its sensors at found poses, in all its frames."""
-        corrections = {}
+        """Return a recording with its sensors at found poses, in all its frames.
+
+        found_poses: result for each sensor that was looked for; other sensors stay."""
+        corrections = {}  # believed_SE3_found by name of the sensor
         for found_pose in found_poses:
             sensor = found_pose.sensor
             corrections[sensor.name] = invert(sensor.pose) @ found_pose.pose
@@ -60,7 +62,7 @@ class Corrected(RecordingView):
                 cloud = measurement.in_own_frame()
                 corrected_pose = cloud.world_SE3_sensor @ correction
                 measurements.append(replace(cloud, world_SE3_sensor=corrected_pose))
-            else:
+            else:  # an image, whose pixels are relative to the sensor
                 measurements.append(measurement)
         return replace(frame, sensors=tuple(sensors), measurements=tuple(measurements))
 

@@ -194,9 +194,9 @@ class SceneLearner:
         model = self.sensor.model
         # far: each pixel's farthest cluster; near: the largest nearer one, if any
         far, near, flickers = self._find_modes()
-        usual = usual_spread(far, model)
-        far = narrow_broad(far, usual(far.median), self.images)
-        near = narrow_broad(near, usual(near.median), self.images)
+        find_usual_spread = usual_spread(far, model)
+        far = narrow_broad(far, find_usual_spread(far.median), self.images)
+        near = narrow_broad(near, find_usual_spread(near.median), self.images)
         # A nearer cluster belongs to the scene if it flickers and continues a neighbour's surface,
         # or if nothing returns in the rest of the time.
         is_usual = near.share >= MIN_CLUSTER_SHARE

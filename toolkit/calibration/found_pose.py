@@ -68,11 +68,15 @@ class FoundPose:
         if self.registration is None:
             return f"{self.sensor.name}: not found: {self.refusal}"
         turn_deviation, move_deviation = self.deviation
-        turned = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn_deviation):.2f}°)"
-        moved = f"moved by {self.distance * 100:.1f} cm (± {move_deviation * 100:.1f} cm)"
-        text = f"{self.sensor.name}: {turned}, {moved}"
-        unobserved = "; ".join(map(describe_motion, self.registration.unobserved))
-        return f"{text}; not observed, so left as believed: {unobserved}" if unobserved else text
+        turn_text = f"turned by {np.rad2deg(self.turn):.2f}° (± {np.rad2deg(turn_deviation):.2f}°)"
+        move_text = f"moved by {self.distance * 100:.1f} cm (± {move_deviation * 100:.1f} cm)"
+        text = f"{self.sensor.name}: {turn_text}, {move_text}"
+        unobserved_text = "; ".join(map(describe_motion, self.registration.unobserved))
+        return (
+            f"{text}; not observed, so left as believed: {unobserved_text}"
+            if unobserved_text
+            else text
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Return the pose and its figures as plain values for files (degrees, metres, world axes).

@@ -74,9 +74,9 @@ class Ground:
 
     def points_back(self, points: Points) -> Points:
         """Return points of the level frame in the ground's frame, the inverse of `points`."""
-        raised = np.array(points, np.float64)
-        raised[:, 2] += self._find_deviation(raised[:, :2])
-        return transform(invert(self.level_SE3_frame), raised).astype(points.dtype)
+        raised_points = np.array(points, np.float64)
+        raised_points[:, 2] += self._find_deviation(raised_points[:, :2])
+        return transform(invert(self.level_SE3_frame), raised_points).astype(points.dtype)
 
     def boxes(self, boxes: BoxRows) -> BoxRows:
         """Return boxes of the ground's frame in the level one; yaw is turned with the plane.

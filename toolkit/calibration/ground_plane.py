@@ -55,10 +55,10 @@ def fit_plane(points: Points, *, max_tilt: float = MAX_TILT_RAD, seed: int = 0) 
     scores = _score_planes(planes, candidates, cells, rng)
     plane: Plane = planes[int(np.argmax(scores))]
     for band in _BANDS_M:  # ever narrower
-        refitted = _refit_plane(plane, points, band)
-        if refitted is None or np.hypot(refitted[0], refitted[1]) > max_slope:
+        refitted_plane = _refit_plane(plane, points, band)
+        if refitted_plane is None or np.hypot(refitted_plane[0], refitted_plane[1]) > max_slope:
             return plane
-        plane = refitted
+        plane = refitted_plane
     return plane
 
 
@@ -115,6 +115,7 @@ def _refit_plane(plane: Plane, points: Points, band: float) -> Plane | None:
     Points are reduced to a median height for each cell, weighed by their distance from the plane.
     Returns None for fewer than 3 cells with points."""
     above = heights_above_plane(plane, points)
+    # a share of 0.5: the point of median height in each cell
     cells = low_points(points[np.abs(above) < band], GROUND_CELL_M, share=0.5)
     if len(cells) < 3:
         return None
@@ -122,6 +123,7 @@ def _refit_plane(plane: Plane, points: Points, band: float) -> Plane | None:
     # weighted least squares of z = a x + b y + c, with x and y counted from the middle
     columns = np.column_stack([cells[:, :2] - middle, np.ones(len(cells))])
     weight = (1 - (heights_above_plane(plane, cells) / band) ** 2) ** 2
+    # pulls both slopes slightly to level, so that cells on one line have a solution
     prior = np.diag([_SLOPE_PRIOR, _SLOPE_PRIOR, 0.0]) * len(cells)
     information = columns.T @ (columns * weight[:, None]) + prior
     a, b, c = np.linalg.solve(information, columns.T @ (weight * cells[:, 2]))

@@ -113,8 +113,8 @@ def lowest_mask(
     # One pass along each axis gives the same as a square window.
     rise = -slope * GROUND_CELL_M * np.abs(np.arange(-reach, reach + 1))
     along = grey_erosion(image, structure=rise[:, None], mode="constant", cval=_NO_HEIGHT_M)
-    allowed = grey_erosion(along, structure=rise[None], mode="constant", cval=_NO_HEIGHT_M)
-    return cells[:, 2] <= allowed[row, column] + step
+    allowed_height = grey_erosion(along, structure=rise[None], mode="constant", cval=_NO_HEIGHT_M)
+    return cells[:, 2] <= allowed_height[row, column] + step
 
 
 @dataclass(frozen=True)

@@ -85,16 +85,17 @@ class JointSystem:
             # sensors among the 6 n numbers of all motions
             rows, columns = pair.system_rows
             information[np.ix_(columns, columns)] += rows.T @ (rows * pair.weight[:, None])
+        # numbers of held sensors do not change
         information[~self.free] = 0.0
         information[:, ~self.free] = 0.0
         values, vectors = np.linalg.eigh(information)
         # size of each mode in the sensor that moves most
-        largest = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
+        largest_size = np.linalg.norm(vectors.reshape(-1, 6, len(values)), axis=1).max(axis=0)
         resistance_sum = np.zeros(len(values))
         for pair in self.pairs:
             rows, columns = pair.system_rows
             # (pairs, modes): squared growth of each residual along each mode
-            squared_growth = (rows[pair.weight > 0] @ (vectors[columns] / largest)) ** 2
+            squared_growth = (rows[pair.weight > 0] @ (vectors[columns] / largest_size)) ** 2
             resisting = np.where(squared_growth > _MIN_RESISTANCE**2, squared_growth, 0.0)
             resistance_sum += resisting.sum(axis=0)
         observed = (resistance_sum > _MIN_RESISTING_POINTS) & (values > 0)
@@ -148,10 +149,11 @@ class JointSystem:
         common: orthonormal motions of all sensors together. They are left out if no sensor is held,
         since nothing can determine them."""
         unobserved_vectors = self.modes.vectors[:, ~self.modes.observed]
-        hidden = np.where(self.free[:, None], unobserved_vectors, 0.0).T  # 0 for held sensors
+        # 0 for held sensors
+        hidden_vectors = np.where(self.free[:, None], unobserved_vectors, 0.0).T
         if self.free.all():
             # without the part along the common motions
-            hidden = hidden - hidden @ common.T @ common
-        _, size, motions = np.linalg.svd(hidden, full_matrices=False)
+            hidden_vectors = hidden_vectors - hidden_vectors @ common.T @ common
+        _, size, motions = np.linalg.svd(hidden_vectors, full_matrices=False)
         # smaller ones are what rounding, held sensors or the common motions left over
         return motions[size > 0.5]

@@ -47,6 +47,7 @@ def fit_banks(
     # least squares of the plane through each cell; 0.1 m² keeps it solvable
     transposed = level_offset.transpose(0, 2, 1)
     squares = transposed @ level_offset + 0.1 * np.eye(2)
+    # along x and y for each row, (rows, 2, 1)
     slope = np.linalg.solve(squares, transposed @ rise[..., None])
     off_plane = np.where(is_near, offset[..., 2] - (level_offset @ slope)[..., 0], 0.0)
     count = is_near.sum(axis=1)

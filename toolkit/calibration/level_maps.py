@@ -50,9 +50,9 @@ def draw_levels(
         main = _draw_surface(main, cells[on_main])
     surfaces = [*surfaces, main]  # so the number of the rest is the index of the main ground
     is_drawn = ~is_rest | on_main
-    unnumbered = np.flatnonzero(~is_drawn)
+    unnumbered_rows = np.flatnonzero(~is_drawn)
     drawn_number = np.where(is_drawn, number, -1)
-    number[unnumbered] = _number_rest(cells, unnumbered, drawn_number, surfaces)
+    number[unnumbered_rows] = _number_rest(cells, unnumbered_rows, drawn_number, surfaces)
     slopes = fit_banks(cells, links, number, surfaces)
     return _join_levels(cells, number, slopes, surfaces)
 
@@ -118,8 +118,8 @@ def _join_levels(
     # x and y of all places of the grid, row by row
     indices = np.meshgrid(*map(np.arange, main.heights.shape), indexing="ij")
     places = np.stack(indices, axis=-1).reshape(-1, 2) * main.cell + main.origin
-    distance, nearest = cKDTree(xy[drawn_rows]).query(places)
-    nearest_number = number[drawn_rows[nearest]]
+    distance, nearest_cell = cKDTree(xy[drawn_rows]).query(places)
+    nearest_number = number[drawn_rows[nearest_cell]]
     heights = np.stack([surface.heights.ravel() for surface in surfaces])  # (surfaces, places)
     joined_heights = np.take_along_axis(heights, nearest_number[None], axis=0)[0]
     bank_rows = np.flatnonzero(np.isfinite(slopes[:, 0]))
@@ -188,17 +188,17 @@ def _number_rest(
 
     is_numbered = number >= 0
     xy = cells[unnumbered, :2]
-    top = cells[unnumbered, 2] + KERB_M
-    nearest = number[is_numbered][cKDTree(cells[is_numbered, :2]).query(xy)[1]]
+    max_height = cells[unnumbered, 2] + KERB_M  # greatest height of a surface that a cell can be on
+    nearest_number = number[is_numbered][cKDTree(cells[is_numbered, :2]).query(xy)[1]]
     heights = np.stack([surface.at(xy) for surface in surfaces])  # (surfaces, m)
-    impossible = np.take_along_axis(heights, nearest[None], axis=0)[0] > top
+    is_impossible = np.take_along_axis(heights, nearest_number[None], axis=0)[0] > max_height
     for k in range(len(surfaces)):
         distance = np.full(len(unnumbered), np.inf)
         if (number == k).any():
             distance = cKDTree(cells[number == k, :2]).query(xy)[0]
         # surfaces above a cell or too far from it cannot be the highest one
-        heights[k, (heights[k] > top) | (distance > MAX_GAP_M)] = -np.inf
-    is_below = impossible & (cells[unnumbered, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
+        heights[k, (heights[k] > max_height) | (distance > MAX_GAP_M)] = -np.inf
+    is_below = is_impossible & (cells[unnumbered, 2] - heights.max(axis=0) < MAX_CLEARANCE_M)
     return np.where(is_below, heights.argmax(axis=0), -1)
 
 
@@ -210,8 +210,8 @@ def _draw_surface(grid: HeightMap, cells: Float64[np.ndarray, "n 3"]) -> HeightM
         cells: low points (x, y, z in m) on the surface."""
     xy = cells[:, :2]
     # row and column of the place nearest to each cell
-    nearest = np.round((xy - grid.origin) / grid.cell).astype(np.int64)
-    row, column = np.clip(nearest, 0, np.array(grid.heights.shape) - 1).T
+    nearest_place = np.round((xy - grid.origin) / grid.cell).astype(np.int64)
+    row, column = np.clip(nearest_place, 0, np.array(grid.heights.shape) - 1).T
     heights = _draw_plane(grid, cells)
     for scale in _SCALES_M:
         above = cells[:, 2] - HeightMap(grid.origin, heights, grid.cell).at(xy)

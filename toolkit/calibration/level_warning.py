@@ -29,13 +29,13 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
     if len(points) < _MIN_POINTS or is_in_crop.all():
         return None
     share = is_in_crop.mean()
-    counted = f"{share:.0%} of {len(points)} points lie between 0 and {_CROP_M:g} m"
+    counted_text = f"{share:.0%} of {len(points)} points lie between 0 and {_CROP_M:g} m"
     try:
         ground = Ground(fit_plane(points))
     except ValueError:  # no ground was found
         if share > _MAX_FEW_SHARE:
             return None
-        return f"{counted}, and no ground is found in them: check their frame"
+        return f"{counted_text}, and no ground is found in them: check their frame"
     is_on_ground = np.abs(heights_above_plane(ground.plane, points)) < LEVEL_TOLERANCE_M
     ground_z = points[is_on_ground, 2]
     if (np.abs(ground_z) < LEVEL_TOLERANCE_M).mean() >= 0.5:
@@ -44,4 +44,4 @@ def level_warning(cloud: "PointCloud | Points") -> str | None:
         f"their ground seems to lie at z = {np.median(ground_z):.2f} m, tilted by "
         f"{np.rad2deg(ground.tilt):.1f}°"
     )
-    return f"{counted}: {seems}: level the points first"
+    return f"{counted_text}: {seems}: level the points first"

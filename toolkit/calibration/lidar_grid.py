@@ -105,13 +105,13 @@ def find_grid(clouds: Sequence[SensorCloud]) -> LidarGrid:
     if len(rows.elevations) * columns.number > MAX_GRID_PX:
         size = f"{len(rows.elevations)} x {columns.number} pixels"
         raise ValueError(f"the image of {name} would have {size}: are its points in its own frame?")
-    farthest = max(float(cloud_angles.distance.max(initial=0.0)) for cloud_angles in angles)
+    max_distance = max(float(cloud_angles.distance.max(initial=0.0)) for cloud_angles in angles)
     model = RowLidar(
         elevations=tuple(rows.elevations.tolist()),
         columns=columns.number,
         azimuth_fov=columns.width,
         heading=columns.heading,
-        max_range=float(max(_MIN_REACH_M, np.ceil(REACH_RATIO * farthest))),
+        max_range=float(max(_MIN_REACH_M, np.ceil(REACH_RATIO * max_distance))),
     )
     return LidarGrid(model, rows.rings)
 
@@ -207,13 +207,15 @@ def _find_crowded_rows(elevation: Float64[np.ndarray, " n"]) -> Float64[np.ndarr
     counts = np.bincount(((elevation - low) / _BIN_RAD).astype(np.int64))
     counts = np.concatenate([counts, np.zeros(100, np.int64)]).astype(np.float64)
     for deviation_bins in _SMOOTHING_BINS:
-        smoothed = gaussian_filter1d(counts, deviation_bins)
-        rises = smoothed[1:-1] > smoothed[:-2]
-        falls = smoothed[1:-1] >= smoothed[2:]
+        smooth_counts = gaussian_filter1d(counts, deviation_bins)
+        rises = smooth_counts[1:-1] > smooth_counts[:-2]
+        falls = smooth_counts[1:-1] >= smooth_counts[2:]
         peaks = np.flatnonzero(rises & falls) + 1
         if not len(peaks):
             continue
-        high_peaks = peaks[smoothed[peaks] >= _MIN_PEAK_SHARE * np.median(smoothed[peaks])]
+        high_peaks = peaks[
+            smooth_counts[peaks] >= _MIN_PEAK_SHARE * np.median(smooth_counts[peaks])
+        ]
         peak_elevations = (low + (high_peaks + 0.5) * _BIN_RAD)[::-1]  # middles of bins, top first
         rows = _row_medians(elevation, peak_elevations)
         if len(rows) > 1 and _share_near_rows(elevation, rows) >= _MIN_CROWDED_SHARE:
@@ -264,9 +266,9 @@ def _median_step(steps: Sequence[np.ndarray]) -> float:
     """Median of the steps (rad) above `_MIN_STEP_RAD`, a full turn without any.
 
     steps: steps of the azimuth in each cloud."""
-    pooled = np.concatenate(steps)
-    counted = pooled[pooled > _MIN_STEP_RAD]
-    return float(np.median(counted)) if len(counted) else 2 * np.pi
+    pooled_steps = np.concatenate(steps)
+    counted_steps = pooled_steps[pooled_steps > _MIN_STEP_RAD]
+    return float(np.median(counted_steps)) if len(counted_steps) else 2 * np.pi
 
 
 def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
@@ -276,9 +278,11 @@ def _make_even_rows(angles: Sequence[_Angles]) -> _Rows:
     their pattern is random."""
     from scipy.spatial import cKDTree
 
-    largest = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
+    largest_cloud = max(angles, key=lambda cloud_angles: len(cloud_angles.distance))
     # places on a plane in which distances are about the angles between points
-    places = np.column_stack([largest.elevation, largest.azimuth * np.cos(largest.elevation)])
+    places = np.column_stack(
+        [largest_cloud.elevation, largest_cloud.azimuth * np.cos(largest_cloud.elevation)]
+    )
     sample = np.random.default_rng(0).permutation(len(places))[:_SAMPLED_POINTS]
     # the nearest place is the point itself, the second nearest its neighbour
     distances, _ = cKDTree(places).query(places[sample], k=2)
@@ -312,12 +316,13 @@ def _find_columns(azimuth: Float64[np.ndarray, " n"], step: float) -> _Columns:
 
 def _find_span(azimuth: Float64[np.ndarray, " n"]) -> tuple[float, float | None]:
     """Middle and width of the observed azimuths (rad), 0 and None if they are all around."""
-    ordered = np.sort(azimuth)
-    gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)  # the last one goes across -pi and pi
-    widest = int(gaps.argmax())
-    if gaps[widest] < MIN_SEAM_RAD:
+    ordered_azimuth = np.sort(azimuth)
+    # the last gap goes across -pi and pi
+    gaps = np.diff(ordered_azimuth, append=ordered_azimuth[0] + 2 * np.pi)
+    widest_gap = int(gaps.argmax())
+    if gaps[widest_gap] < MIN_SEAM_RAD:
         return 0.0, None
-    span = 2 * np.pi - float(gaps[widest])
-    middle = float(ordered[(widest + 1) % len(ordered)]) + span / 2
+    span = 2 * np.pi - float(gaps[widest_gap])
+    middle = float(ordered_azimuth[(widest_gap + 1) % len(ordered_azimuth)]) + span / 2
     # to -pi..pi
     return float(np.arctan2(np.sin(middle), np.cos(middle))), span

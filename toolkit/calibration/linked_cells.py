@@ -59,7 +59,7 @@ class CellPoints(NamedTuple):
 
         grid: map whose places are the middles of the squares; its heights are not used. points:
         (n, 3) m, in the frame of the map."""
-        rows, columns = grid.heights.shape
+        rows, columns = grid.heights.shape  # rows along x, columns along y
         index = np.floor((points[:, :2] - grid.origin) / grid.cell + 0.5)
         in_grid = ((index >= 0) & (index < [rows, columns])).all(axis=1)
         is_kept = in_grid & (np.abs(points[:, 2]) < MAX_HEIGHT_M)
@@ -75,7 +75,7 @@ class CellPoints(NamedTuple):
         return CellPoints(
             z=kept_points[order, 2],
             square=np.repeat(np.arange(len(first)), count),
-            low=kept_points[order[first + count // 10]],
+            low=kept_points[order[first + count // 10]],  # a tenth of the points are lower
             least=kept_points[order[first], 2],
         )
 
@@ -122,10 +122,11 @@ class LinkedCells:
         neighbours = neighbours.reshape(len(cells), count)[:, 1:]
         rise = np.abs(z[neighbours] - z[:, None])
         is_near = distance < LINK_M
-        linked = is_near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
-        link_count = linked.sum(axis=1)
-        flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
-        return LinkedCells(cells, other=neighbours, linked=linked, flat=flat)
+        is_linked = is_near & (rise < LINK_STEP_M + LINK_SLOPE * distance)
+        link_count = is_linked.sum(axis=1)
+        # a flat cell is linked with most of the cells near it, and with three at least
+        is_flat = (link_count >= 3) & (link_count >= FLAT_SHARE * is_near.sum(axis=1))
+        return LinkedCells(cells, other=neighbours, linked=is_linked, flat=is_flat)
 
     def number_levels(self, above: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
         """Number the linked surfaces off the main ground.
@@ -138,9 +139,9 @@ class LinkedCells:
         # 1 above the main ground, -1 below it, 0 on it
         side = np.where(np.abs(above) > EDGE_M, np.sign(above), 0.0)
         is_member = self.flat & (side != 0)
-        both_members = is_member[:, None] & is_member[self.other]
-        same_side = side[self.other] == side[:, None]
-        cell, column = np.nonzero(self.linked & both_members & same_side)
+        are_members = is_member[:, None] & is_member[self.other]
+        is_same_side = side[self.other] == side[:, None]
+        cell, column = np.nonzero(self.linked & are_members & is_same_side)
         # sparse matrix of the links: values, then rows and columns
         links = (np.ones(len(cell), bool), (cell, self.other[cell, column]))
         _, group = connected_components(coo_array(links, (len(above), len(above))))
@@ -172,24 +173,24 @@ class LinkedCells:
         rows = [np.flatnonzero(numbers == number) for number in range(count)]
         trees = [cKDTree(self.cells[members, :2]) for members in rows]
         pairs: list[tuple[int, int]] = []
-        large = [number for number in range(count) if len(rows[number]) >= MIN_JOIN_CELLS]
-        for first_piece, second_piece in combinations(large, 2):
+        large_pieces = [number for number in range(count) if len(rows[number]) >= MIN_JOIN_CELLS]
+        for first_piece, second_piece in combinations(large_pieces, 2):
             first_xy = self.cells[rows[first_piece], :2]
             distance, nearest_row = trees[second_piece].query(first_xy, distance_upper_bound=JOIN_M)
-            near = np.flatnonzero(np.isfinite(distance))
-            first_cells = rows[first_piece][near]
-            second_cells = rows[second_piece][nearest_row[near]]
+            near_index = np.flatnonzero(np.isfinite(distance))
+            first_cells = rows[first_piece][near_index]
+            second_cells = rows[second_piece][nearest_row[near_index]]
             rise = np.abs(self.cells[first_cells, 2] - self.cells[second_cells, 2])
-            same_side = side[first_cells] == side[second_cells]
-            is_joint = same_side & (rise < LINK_STEP_M + JOIN_SLOPE * distance[near])
+            is_same_side = side[first_cells] == side[second_cells]
+            is_joint = is_same_side & (rise < LINK_STEP_M + JOIN_SLOPE * distance[near_index])
             if is_joint.sum() >= MIN_LINKS:
                 pairs.append((first_piece, second_piece))
         if not pairs:
             return numbers
         first_numbers, second_numbers = np.array(pairs).T
         edges = (np.ones(len(first_numbers), bool), (first_numbers, second_numbers))
-        _, joined = connected_components(coo_array(edges, (count, count)))
-        return np.where(numbers < 0, -1, joined[numbers])
+        _, joined_number = connected_components(coo_array(edges, (count, count)))
+        return np.where(numbers < 0, -1, joined_number[numbers])
 
     def is_ground(
         self,

@@ -107,8 +107,8 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
             for frame in seen
         ]
         # matches of all frames; empty arrays in case there are no frames
-        joined = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
-        count = len(joined.turn)
+        joined_matches = _Matches(*map(np.concatenate, zip(_NO_MATCH, *matches, strict=True)))
+        count = len(joined_matches.turn)
         if not count:
             continue
         centre_deviation = np.sqrt(2) * _CENTRE_M
@@ -116,9 +116,11 @@ def object_pairs(seen: Sequence[Sequence[SensorBoxes]], poses: Poses, radius: fl
         pair = Pairs(
             first,
             second,
-            one_row=_centre_rows(joined.first, poses[first]),
-            other_row=-_centre_rows(joined.second, poses[second]),
-            residual=np.concatenate([(joined.first - joined.second).T.ravel(), joined.turn]),
+            one_row=_centre_rows(joined_matches.first, poses[first]),
+            other_row=-_centre_rows(joined_matches.second, poses[second]),
+            residual=np.concatenate(
+                [(joined_matches.first - joined_matches.second).T.ravel(), joined_matches.turn]
+            ),
             deviation=np.repeat([centre_deviation, heading_deviation], [3 * count, count]),
             limit=np.repeat([gate, _MAX_HEADING_GAP_RAD], [3 * count, count]),
         )
@@ -158,18 +160,20 @@ def _match_boxes(
     # x and y from each second centre to each first one, (first, second, 2)
     offsets = first_centres[:, None, :2] - second_centres[None, :, :2]
     distance = np.hypot(offsets[:, :, 0], offsets[:, :, 1])
-    nearest = distance.argmin(axis=1)
+    nearest_row = distance.argmin(axis=1)
     row = np.arange(len(first_centres))
     # for each first box, if the second one nearest to it has no nearer first box
-    is_mutual = (distance[:, nearest].argmin(axis=0) == row) & (distance[row, nearest] < gate)
+    is_mutual = (distance[:, nearest_row].argmin(axis=0) == row) & (
+        distance[row, nearest_row] < gate
+    )
     heading = _find_headings(mine, pose)
     other_heading = _find_headings(theirs, other_pose)
     # to -90..90 degrees: boxes that are a half turn apart head alike
-    turn = (heading - other_heading[nearest] + np.pi / 2) % np.pi - np.pi / 2
+    turn = (heading - other_heading[nearest_row] + np.pi / 2) % np.pi - np.pi / 2
     is_matched = is_mutual & (np.abs(turn) < _MAX_HEADING_GAP_RAD)
     return _Matches(
         first=first_centres[is_matched],
-        second=second_centres[nearest[is_matched]],
+        second=second_centres[nearest_row[is_matched]],
         turn=turn[is_matched],
     )
 

@@ -109,13 +109,13 @@ def find_clusters(
     # `pick` takes for each pixel the cluster of highest rank. Clusters of a pixel are numbered near
     # to far, so the highest number is the farthest.
     cluster_index = np.arange(len(size))
-    far = clusters.pick(np.where(is_enough, cluster_index, size), is_enough)
-    is_nearer = is_enough & (cluster_index < far[clusters.pixel])
-    near = clusters.pick(size, is_nearer)
-    has_near = is_nearer[near]
-    flickers = has_near & _comes_and_goes(clusters, near, in_time)
-    far_mode = _measure_mode(clusters, far, model).reshape(shape)
-    near_mode = _measure_mode(clusters, np.where(has_near, near, -1), model).reshape(shape)
+    far_index = clusters.pick(np.where(is_enough, cluster_index, size), is_enough)
+    is_nearer = is_enough & (cluster_index < far_index[clusters.pixel])
+    near_index = clusters.pick(size, is_nearer)
+    has_near = is_nearer[near_index]
+    flickers = has_near & _comes_and_goes(clusters, near_index, in_time)
+    far_mode = _measure_mode(clusters, far_index, model).reshape(shape)
+    near_mode = _measure_mode(clusters, np.where(has_near, near_index, -1), model).reshape(shape)
     return far_mode, near_mode, flickers.reshape(shape)
 
 
@@ -229,7 +229,7 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
         mode: one cluster of each pixel.
         usual: usual spread at the cluster's median, for each pixel.
         images: measurements over time that the clusters were found in."""
-    narrowed = PixelMode(*(image.copy() for image in mode))
+    narrow_mode = PixelMode(*(image.copy() for image in mode))
     broad_pixels = np.flatnonzero(mode.spread > MAX_SPREAD_RATIO * usual)
     for start in range(0, len(broad_pixels), BATCH_PX):
         pixels = broad_pixels[start : start + BATCH_PX]
@@ -251,10 +251,10 @@ def narrow_broad(mode: PixelMode, usual: ImageRanges, images: Sequence[ImageRang
         deviations = np.sort(np.where(is_member, np.abs(values - median[:, None]), np.inf))
         deviation = _MAD_TO_SIGMA * deviations[row, (size - 1) // 2]
         # ravel gives views of the copied images
-        narrowed.median.ravel()[pixels] = median
-        narrowed.spread.ravel()[pixels] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
-        narrowed.share.ravel()[pixels] = size / len(images)
-    return narrowed
+        narrow_mode.median.ravel()[pixels] = median
+        narrow_mode.spread.ravel()[pixels] = np.clip(deviation, spread, MAX_SPREAD_RATIO * spread)
+        narrow_mode.share.ravel()[pixels] = size / len(images)
+    return narrow_mode
 
 
 def _find_densest(

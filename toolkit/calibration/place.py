@@ -175,6 +175,7 @@ class Place:
 
 
 def crop_points(points: Points, area: Area) -> Float[np.ndarray, "_ 3"]:
-    """Return the points (see `Stand.lift`) in an area, above its ground and below
-    `CROP_HEIGHT_M`."""
+    """Return the points in an area, above its ground and below `CROP_HEIGHT_M`.
+
+    points: m, on level ground, counted from the middle of the area, or in a known site's frame."""
     return points[Crop.from_place(area, CROP_HEIGHT_M).holds(points)]

@@ -156,9 +156,9 @@ def find_pose(
         return FoundPose(sensor, None, str(error))
     if registration.overlap >= MIN_OVERLAP_SHARE:
         return FoundPose(sensor, registration)
-    few = f"only {registration.overlap:.0%} of its points have a counterpart in the reference"
+    problem = f"only {registration.overlap:.0%} of its points have a counterpart in the reference"
     remedy = "is it of the same place, and does it show what this sensor sees?"
-    return FoundPose(sensor, None, f"{few}, {MIN_OVERLAP_SHARE:.0%} are needed: {remedy}")
+    return FoundPose(sensor, None, f"{problem}, {MIN_OVERLAP_SHARE:.0%} are needed: {remedy}")
 
 
 def align_clouds(

@@ -139,8 +139,8 @@ def cloud_surface(points: Points) -> Surface:
 def check_flat(count: int) -> None:
     """Raise ValueError if a reference has fewer than `MIN_FLAT_POINTS` points (`count`)."""
     if count < MIN_FLAT_POINTS:
-        needed = f"{MIN_FLAT_POINTS} are needed: use a denser cloud"
-        raise ValueError(f"the reference has {count} points on flat ground or walls, {needed}")
+        needed_text = f"{MIN_FLAT_POINTS} are needed: use a denser cloud"
+        raise ValueError(f"the reference has {count} points on flat ground or walls, {needed_text}")
 
 
 def scene_points(

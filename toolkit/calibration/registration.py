@@ -109,11 +109,11 @@ def register(
         return float(np.linalg.norm(motion_between(believed, pose)))
 
     pose, system = min(good_fits, key=distance_from_believed)
-    hidden = system.hidden_motions
-    if len(hidden):  # a coarse level may have gone astray along these
+    hidden_motions = system.hidden_motions
+    if len(hidden_motions):  # a coarse level may have gone astray along these
         motion = motion_between(believed, pose)
         # without the part along the hidden motions
-        motion -= hidden.T @ (hidden @ motion)
+        motion -= hidden_motions.T @ (hidden_motions @ motion)
         pose, system = align_levels(
             points, noise, surface, pose=apply_motion(believed, motion), levels=_FINE
         )
@@ -192,29 +192,30 @@ def _pair_points(
     radius, min_limit = limits
     world = transform(pose, points)
     distance, neighbours = surface.tree.query(world, distance_upper_bound=radius)
-    near = np.flatnonzero(np.isfinite(distance))  # the distance is infinite without a neighbour
-    if len(near) < 50:
+    # the distance is infinite without a neighbour
+    near_rows = np.flatnonzero(np.isfinite(distance))
+    if len(near_rows) < 50:
         problem = (
-            f"{len(near)} of {len(points)} points lie within {radius:g} m of the "
+            f"{len(near_rows)} of {len(points)} points lie within {radius:g} m of the "
             "reference, 50 are needed"
         )
         remedy = "is it of the same place and frame, and the sensor no farther off than that?"
         raise ValueError(f"{problem}: {remedy}")
-    counterparts = neighbours[near]
+    counterparts = neighbours[near_rows]
     normals = surface.normals[counterparts]
-    residual = ((world[near] - surface.points[counterparts]) * normals).sum(axis=1)
+    residual = ((world[near_rows] - surface.points[counterparts]) * normals).sum(axis=1)
     # 1.4826 makes the median deviation of normal noise its standard deviation
     scatter = max(1.4826 * float(np.median(np.abs(residual))), MIN_SCALE_M)
-    variance = noise[near] ** 2 + surface.roughness[counterparts] ** 2 + scatter**2
+    variance = noise[near_rows] ** 2 + surface.roughness[counterparts] ** 2 + scatter**2
     spread = np.sqrt(variance)
     limit = np.maximum(TUKEY * spread, min_limit)
     weight = tukey_weight(residual / limit, 1.0) / spread**2
-    jacobian = resistance(world[near], pose[:3, 3], normals)
+    jacobian = resistance(world[near_rows], pose[:3, 3], normals)
     return LinearSystem(
         rows=jacobian,
         residual=residual,
         weight=weight,
-        overlap=len(near) / len(points),
+        overlap=len(near_rows) / len(points),
         scatter=scatter,
     )
 

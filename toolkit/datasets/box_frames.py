@@ -13,8 +13,9 @@ MIN_UPRIGHT_COSINE = np.cos(np.deg2rad(20.0))  # tilt of a road user's box
 def heading(target_SE3_source: Pose, yaw: object) -> Float64[np.ndarray, "*n"]:
     """Turn headings of the source frame into headings of the target frame (rad, -pi to pi).
 
-    The result is the direction of the turned forward axis, seen from above. yaw: number or array
-    (rad), counter-clockwise from +x."""
+    The result is the direction of the turned forward axis, seen from above. target_SE3_source: pose
+    of the source frame in the target frame; yaw: number or array (rad), counter-clockwise from
+    +x."""
     yaw = np.asarray(yaw, np.float64)
     forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
     rotation = target_SE3_source[:3, :3]
@@ -38,7 +39,8 @@ def level_frame(map_SE3_frame: Pose) -> Pose:
 def move_boxes(target_SE3_source: Pose, boxes: Shaped[np.ndarray, "n 7"]) -> np.ndarray:
     """Turn boxes of the source frame into boxes of the target frame.
 
-    z must be up in both frames, as a box keeps only its heading. Boxes with NaN give NaN."""
+    target_SE3_source: pose of the source frame in the target frame. z must be up in both, as a box
+    keeps only its heading. Boxes with NaN give NaN."""
     centres, extents = boxes[:, :3], boxes[:, 3:6]
     yaws = boxes[:, 6]
     with np.errstate(all="ignore"):

@@ -141,9 +141,9 @@ def group_by_time(times_s: Mapping[str, Float64[np.ndarray, " n"]]) -> list[Grou
         for row, partner in zip(rows.tolist(), partners.tolist(), strict=True):
             if partner >= 0:
                 groups[partner][sensor] = row
-        unpaired = rows[partners < 0]
-        centres = np.concatenate([centres, times_s[sensor][unpaired]])
-        groups += [{sensor: row} for row in unpaired.tolist()]
+        unpaired_rows = rows[partners < 0]
+        centres = np.concatenate([centres, times_s[sensor][unpaired_rows]])
+        groups += [{sensor: row} for row in unpaired_rows.tolist()]
         in_order = np.argsort(centres, kind="stable")
         centres = centres[in_order]
         groups = [groups[index] for index in in_order]

@@ -79,9 +79,9 @@ def crop_area(
     below 4 m by default; remedy: words that end the error, after the extent of the points."""
     from toolkit.clouds import crop, positions
 
-    cropped = crop(cloud, area, height, floor=floor)
-    if len(positions(cropped)):
-        return cropped
+    cropped_cloud = crop(cloud, area, height, floor=floor)
+    if len(positions(cropped_cloud)):
+        return cropped_cloud
     points = positions(cloud)
     if not len(points):
         raise ValueError("the clouds hold no point with finite coordinates: give others")
@@ -198,7 +198,9 @@ def _read_binary(path: Path) -> Attributes:
 
 
 def _read_feather(path: Path) -> Attributes:
-    """Attributes of a feather file."""
+    """Attributes of a feather file: its columns by their usual names.
+
+    Raises ValueError without columns of x, y and z that are numbers."""
     columns = read_table(path)
     with reading.name_errors(path):
         coordinate_names = find_axes(list(columns)).names

@@ -70,9 +70,9 @@ def make_labels(
     names = [str(name).strip().lower().replace(" ", "") for name in categories]
     classes = np.array([CATEGORIES.get(name, -1) for name in names], np.int64)
     rows = np.flatnonzero(_mark_possible(boxes, problems))
-    doubled = _find_doubled(boxes, categories, rows)
-    add_problem(problems, DOUBLED, len(doubled))
-    rows = np.setdiff1d(rows, doubled)
+    doubled_rows = _find_doubled(boxes, categories, rows)
+    add_problem(problems, DOUBLED, len(doubled_rows))
+    rows = np.setdiff1d(rows, doubled_rows)
     yaws = np.where(np.isfinite(boxes).all(axis=1), boxes[:, 6], 0.0)
     boxes = np.column_stack([boxes[:, :6], np.arctan2(np.sin(yaws), np.cos(yaws))])
     count_full_turns(yaws[rows], problems)
@@ -124,9 +124,9 @@ def _mark_possible(boxes: Float64[np.ndarray, "n 7"], problems: Problems) -> Mas
 def _find_doubled(
     boxes: Float64[np.ndarray, "n 7"], categories: Sequence[str], rows: Int64[np.ndarray, " m"]
 ) -> Int64[np.ndarray, " k"]:
-    """Rows that repeat the box and category of an earlier row.
+    """Numbers of the rows that repeat the box and category of an earlier row, ascending.
 
-    rows: row numbers of the boxes to compare, in order."""
+    rows: numbers of the rows to compare, in order."""
     # with the extra "", an array without categories is one of texts, too; its number is cut off
     _, category_numbers = np.unique(np.array([*categories, ""], str), return_inverse=True)
     values = np.column_stack([boxes, category_numbers[:-1]])

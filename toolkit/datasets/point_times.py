@@ -63,8 +63,8 @@ def parse_point_times(
 
 def _find_unit(name: str) -> float | None:
     """Seconds in the unit at the end of a column's name, such as 1e-9 for _ns; None without one."""
-    parsed = COLUMN.fullmatch(name)
-    return UNITS_S[parsed[1]] if parsed is not None and parsed[1] else None
+    name_match = COLUMN.fullmatch(name)
+    return UNITS_S[name_match[1]] if name_match is not None and name_match[1] else None
 
 
 def _find_epoch_unit(time: float) -> float | None:

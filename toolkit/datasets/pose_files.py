@@ -136,6 +136,7 @@ def _is_likelier_last(quaternion: Float64[np.ndarray, "4"]) -> bool:
 
     Read as w x y z they turn the sensor upside down or half round."""
     w, x, y, z = quaternion.tolist()
+    # with w last, this is a turn about z, which keeps the sensor upright, half a turn if z = 0
     if w == x == 0.0:
         return z != 0.0
     # z of the sensor's z axis is 1 - 2 (x² + y²), positive for an upright sensor; if w comes last,
@@ -228,6 +229,7 @@ def _list_text_poses(text: str) -> Mapping[str, object]:
     row_names = []
     row_numbers = []
     for k, row in enumerate(rows):
+        # one cell more than a quaternion pose (7), or a matrix of three (12) or four rows (16)
         has_name = len(row) in (8, 13, 17)
         row_names.append(row[0].removesuffix(":") if has_name else str(k))
         row_numbers.append(row[1:] if has_name else row)

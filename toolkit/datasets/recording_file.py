@@ -120,29 +120,31 @@ def join(header: Header, shards: Sequence[Path], out: Path) -> None:
         with h5py.File(path) as shard:
             frame_counts.append(len(shard["coview/time"]))
             object_counts.append(len(shard["coview/object_ids"]))
-    with hdf5_file(out) as (joined, check):
-        _create(joined, header, frames=sum(frame_counts), objects=sum(object_counts))
+    with hdf5_file(out) as (target, check):
+        _create(target, header, frames=sum(frame_counts), objects=sum(object_counts))
         first_frame = 0
         first_object = 0
         for path, frames, objects in zip(shards, frame_counts, object_counts, strict=True):
             with h5py.File(path) as shard:
-                joined["coview/time"][first_frame : first_frame + frames] = shard["coview/time"][:]
+                target["coview/time"][first_frame : first_frame + frames] = shard["coview/time"][:]
                 starts = first_object + shard["coview/object_start"][:]
-                joined["coview/object_start"][first_frame : first_frame + frames + 1] = starts
+                target["coview/object_start"][first_frame : first_frame + frames + 1] = starts
                 for column in ("coview/object_ids", "coview/object_bodies"):
-                    joined[column][first_object : first_object + objects] = shard[column][:]
+                    target[column][first_object : first_object + objects] = shard[column][:]
                 for number in range(frames):
                     rows = shard[f"objects/{number}"][:]
-                    _add(joined, f"objects/{first_frame + number}", rows)
+                    _add(target, f"objects/{first_frame + number}", rows)
                 for name in dict.fromkeys(header.images):
-                    _copy_chunks(shard[name], joined[name], first_frame)
+                    _copy_chunks(shard[name], target[name], first_frame)
             check()  # raises if the disk failed
             first_frame += frames
             first_object += objects
 
 
 def _copy_chunks(source: h5py.Dataset, target: h5py.Dataset, first_frame: int) -> None:
-    """Copy compressed images as they are, from frame 0 on to frame `first_frame` on."""
+    """Copy all compressed images of a dataset as they are, frame 0 to frame `first_frame` and on.
+
+    Both datasets must have the same chunks and filters; axis 0 is the frames."""
     for index in range(source.id.get_num_chunks()):
         chunk_offset = source.id.get_chunk_info(index).chunk_offset
         filter_mask, content = source.id.read_direct_chunk(chunk_offset)

@@ -149,11 +149,13 @@ def open_recording(path: str | Path, layout: str | None = None, **options: objec
     reader_options = {
         key: value for key, value in options.items() if value is not None and value is not False
     }
-    unknown = reader_options.keys() - inspect.signature(reader).parameters.keys()
-    if unknown:
-        listed = ", ".join(f"--{key.replace('_', '-')}" for key in options if key in unknown)
+    unknown_options = reader_options.keys() - inspect.signature(reader).parameters.keys()
+    if unknown_options:
+        options_text = ", ".join(
+            f"--{key.replace('_', '-')}" for key in options if key in unknown_options
+        )
         raise ValueError(
-            f"{listed} does not go with layout {name}, which has its own: leave it out"
+            f"{options_text} does not go with layout {name}, which has its own: leave it out"
         )
     if not path.exists() and name != "hdf5":
         raise FileNotFoundError(f"no such recording: {path}")

@@ -171,7 +171,7 @@ class Job:
         return max(1, int((self.frames - 1) * self.interval))
 
     def with_traffic(self, progress: Callable[[int], None] | None = None) -> "Job":
-        """Return the job with all frames of its continuous traffic.
+        """Return the job with its bodies, and all frames of its continuous traffic simulated.
 
         progress: called with the number of simulated seconds."""
         rng = np.random.default_rng([self.seed, 2])
@@ -223,8 +223,8 @@ class Job:
             plan["flow"] = "drawn" if demand is None else _digest(demand.text())
         if self.mix.strays:
             plan["strays"] = self.mix.strays
-        usual = Mix()
-        if (self.mix.most, self.mix.most_parked) != (usual.most, usual.most_parked):
+        usual_mix = Mix()
+        if (self.mix.most, self.mix.most_parked) != (usual_mix.most, usual_mix.most_parked):
             plan["objects"] = f"{self.mix.most}, {self.mix.most_parked} of them parked"
         if self.mix.stay is not None:
             plan["parked for"] = self.mix.stay

@@ -35,21 +35,21 @@ def list_channels(file: h5py.File, cameras: Sequence[str], site: Site) -> tuple[
 
     cameras: names of the groups in cameras/, in the order of the dataset `dslices`; site: its place
     in the map, in which published cameras are placed. Raises ValueError for another layout."""
-    stored: list[StoredChannel] = []
+    stored_channels: list[StoredChannel] = []
     has_shared_images = hdf5.contains(file, "dslices")
     if has_shared_images:
-        stored += _list_depth_channels(file, cameras, site)
+        stored_channels += _list_depth_channels(file, cameras, site)
     for group in OWN_IMAGES.values():
         for name in hdf5.child_names(file, f"coview/{group}"):
-            stored.append(_read_own_channel(file, f"coview/{group}/{name}"))
-    if not has_shared_images and not stored:
+            stored_channels.append(_read_own_channel(file, f"coview/{group}/{name}"))
+    if not has_shared_images and not stored_channels:
         content = hdf5.child_names(file, "/") or "nothing"
         raise ValueError(
             f"dataset 'dslices' (depth images [T, C, H, W]) is missing: it holds {content}"
         )
-    channels = {channel.sensor.name: channel for channel in stored}
-    if len(channels) < len(stored):
-        names = ", ".join(channel.sensor.name for channel in stored)
+    channels = {channel.sensor.name: channel for channel in stored_channels}
+    if len(channels) < len(stored_channels):
+        names = ", ".join(channel.sensor.name for channel in stored_channels)
         raise ValueError(f"every sensor needs a name of its own, got {names}")
     order = _sensor_order(file)
     if order and sorted(order) != sorted(channels):
@@ -137,9 +137,9 @@ def _read_stored_camera(
                 "again"
             )
         stride = camera.stride
-        expected = published.extrinsic(stored_sensor.pose, site.map_SE3_site)
+        expected_extrinsic = published.extrinsic(stored_sensor.pose, site.map_SE3_site)
         is_same = _is_equal(published.intrinsic(camera), intrinsic)
-        is_same = is_same and _is_equal(expected, extrinsic)
+        is_same = is_same and _is_equal(expected_extrinsic, extrinsic)
         if is_same and (camera.height, camera.width) == shape:
             return stored_sensor, stride
     height, width = shape
@@ -159,9 +159,9 @@ def _parse_sensor(attributes: Mapping[str, object], node_name: str) -> Sensor:
 
     attributes: name, model (name of the class), site_SE3_sensor (pose) and the model's fields;
     node_name: path of the group or dataset, for errors."""
-    missing = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
-    if missing:
-        raise ValueError(f"{node_name} has no attribute {missing[0]}: write the file again")
+    missing_keys = [key for key in ("name", "model", "site_SE3_sensor") if key not in attributes]
+    if missing_keys:
+        raise ValueError(f"{node_name} has no attribute {missing_keys[0]}: write the file again")
     try:
         class_name = str(attributes["model"])
         field_names = [entry.name for entry in fields(find_model_class(class_name))]

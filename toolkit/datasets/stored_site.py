@@ -32,8 +32,12 @@ def find_stored_site(file: h5py.File, cameras: Sequence[str]) -> Site:
                 f"coview/site is damaged ({error}): pass site= to read the file all the same"
             ) from None
     matrices = [hdf5.array(file, f"cameras/{name}/extrinsic") for name in cameras]
-    usable = [matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()]
-    positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable]
+    usable_matrices = [
+        matrix for matrix in matrices if matrix.shape == (4, 4) and np.isfinite(matrix).all()
+    ]
+    # extrinsics lead from the world to the camera; x, y of the cameras in CARLA's world, (1, 2)
+    positions = [np.linalg.pinv(matrix)[None, :2, 3] for matrix in usable_matrices]
+    # objects of the first 20 frames
     tables = (
         hdf5.array(file, f"objects/{k}", kinds="fiub")
         for k in islice(hdf5.child_names(file, "objects"), 20)

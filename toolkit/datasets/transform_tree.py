@@ -132,19 +132,21 @@ class TransformTree:
         # transforms of each child frame by time (ns)
         static: dict[str, dict[int, TransformLink]] = {}
         moving: dict[str, dict[int, TransformLink]] = {}
-        malformed = 0
+        malformed_count = 0
         for link in links:
             has_two_frames = link.child and link.parent and link.child != link.parent
             if link.parent_SE3_child is None or not has_two_frames:
-                malformed += 1
+                malformed_count += 1
             elif link.is_static:
                 static.setdefault(link.child, {})[link.recorded_ns] = link
             else:
+                # a stamp of 0 is none
                 moving.setdefault(link.child, {})[link.stamp_ns or link.recorded_ns] = link
+        # children with static transforms as well keep only those
         placed_twice = static.keys() & moving.keys()
         for child in placed_twice:
             del moving[child]
-        counts = {MALFORMED: malformed, TWICE_PLACED: len(placed_twice)}
+        counts = {MALFORMED: malformed_count, TWICE_PLACED: len(placed_twice)}
         return TransformTree(
             static={child: FrameHistory.from_links(by_time) for child, by_time in static.items()},
             moving={child: FrameHistory.from_links(by_time) for child, by_time in moving.items()},
@@ -185,7 +187,7 @@ class TransformTree:
 def between(a: Pose, b: Pose, share: float) -> Pose:
     """Return the pose at a share of the way from a to b: on a straight line, turning evenly.
 
-    share: 0 for a, 1 for b."""
+    a, b: poses in one frame; share: 0 for a, 1 for b."""
     from scipy.spatial.transform import Rotation, Slerp
 
     rotations = Rotation.from_matrix(np.stack([a[:3, :3], b[:3, :3]]))

@@ -76,13 +76,13 @@ class Background:
         origin = points.min(axis=0).astype(np.float64) - 2 * voxel
         # voxel (x, y, z) of each point; 2 is the lowest but for rounding
         voxel_index = np.maximum(((points - origin) / voxel).astype(np.int64), 2)
-        occupied = np.zeros(voxel_index.max(axis=0) + 3, bool)
-        occupied[tuple(voxel_index.T)] = True
+        is_occupied = np.zeros(voxel_index.max(axis=0) + 3, bool)
+        is_occupied[tuple(voxel_index.T)] = True
         # each turn also grows what the turns before added: a cube of 27 voxels around a point
         for axis in range(3):
-            occupied |= np.roll(occupied, 1, axis) | np.roll(occupied, -1, axis)
+            is_occupied |= np.roll(is_occupied, 1, axis) | np.roll(is_occupied, -1, axis)
         ground = _estimate_ground(points, origin, cell)
-        return Background(origin, voxel, occupied=occupied, cell=cell, ground=ground)
+        return Background(origin, voxel, occupied=is_occupied, cell=cell, ground=ground)
 
     def holds(self, points: Points) -> Mask:
         """Mask of points (m) in an occupied voxel; points outside the grid are not."""

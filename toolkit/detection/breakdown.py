@@ -252,10 +252,10 @@ def select_truth(frame: Frame, corners: Float64[np.ndarray, "4"]) -> FrameTruth:
 def mark_repeated(objects: Objects) -> Mask:
     """Mark objects that repeat an earlier row: same class, and a 3D IoU of at least 0.9."""
     # (n, n) mask; its lower triangle compares each object with earlier rows only
-    same = (iou_3d(objects.boxes, objects.boxes) >= MIN_REPEATED_IOU) & (
+    is_same = (iou_3d(objects.boxes, objects.boxes) >= MIN_REPEATED_IOU) & (
         objects.labels[:, None] == objects.labels
     )
-    return np.asarray(np.tril(same, -1).any(axis=1))
+    return np.asarray(np.tril(is_same, -1).any(axis=1))
 
 
 def group_rows(

@@ -242,11 +242,11 @@ def _fit_rectangle(xy: Float64[np.ndarray, "n 2"]) -> _Rectangle:
     distance = np.minimum(_end_distance(along), _end_distance(across))
     closeness = (1 / np.maximum(distance, 0.1)).sum(axis=1)
     yaw = float(yaws[closeness.argmax()])
-    aligned = xy @ plane_rotation(yaw)  # in the axes of the best yaw
-    low, high = np.quantile(aligned, [0.005, 0.995], axis=0)
+    aligned_points = xy @ plane_rotation(yaw)  # in the axes of the best yaw
+    low, high = np.quantile(aligned_points, [0.005, 0.995], axis=0)
     # shares of the points near the lower and the upper side along both axes
-    at_low = (aligned < low + SIDE_DEPTH_M).mean(axis=0)
-    at_high = (aligned > high - SIDE_DEPTH_M).mean(axis=0)
+    at_low = (aligned_points < low + SIDE_DEPTH_M).mean(axis=0)
+    at_high = (aligned_points > high - SIDE_DEPTH_M).mean(axis=0)
     rectangle = _Rectangle(yaw, low=low, high=high, at_low=at_low, at_high=at_high)
     length, width = rectangle.size
     return rectangle if length >= width else rectangle.turn()
@@ -284,6 +284,7 @@ def _grow_car(seen_part: _Rectangle) -> list[_GrownCar]:
             low = rectangle.low - missing_m * ~at_high
             high = rectangle.high + missing_m * at_high
             end_shares = np.where(at_high, rectangle.at_high, rectangle.at_low)
+            # many points at an end that grows: the body seems to end there
             doubt = float(end_shares @ (missing_m > 0))
             grown_cars.append(_GrownCar(rectangle._replace(low=low, high=high), doubt))
     return grown_cars

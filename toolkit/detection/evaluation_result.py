@@ -84,9 +84,9 @@ class Evaluation(Sequence[Row]):
         optional: dict[str, Any] = {"loads": [load.as_dict() for load in self.loads]}
         optional["breakdown"] = [vars(row) for row in self.breakdown]
         optional["poses"] = {pose.sensor.name: pose.as_dict() for pose in self.poses}
-        present = {name: value for name, value in optional.items() if value}
+        filled_entries = {name: value for name, value in optional.items() if value}
         return replace_infinite(
-            {"rows": rows, "classes": classes, "schemes": self.schemes, **present}
+            {"rows": rows, "classes": classes, "schemes": self.schemes, **filled_entries}
         )
 
 

@@ -173,7 +173,7 @@ class ScoringJob:
         """Fuse a frame by every scheme with every sensor set.
 
         stand: area and ground of the frame; memory: state of the links, changed in place. Returns
-        the fused detections (world frame) by scheme and set, as in `FrameResult.fused`."""
+        the fused detections (world frame) by name of the scheme and sensors of the set."""
         comparison = self.comparison
         fused = dict[tuple[str, tuple[int, ...]], Fused]()
 
@@ -195,14 +195,14 @@ class ScoringJob:
             for sensors, names in self.sets.items():
                 # indices in this frame, which may lack some of the sensors; the largest set takes
                 # all sensors of the frame if the caller asked for a set of all sensors (None)
-                present = list(range(len(frame.sensors)))
+                sensor_indices = list(range(len(frame.sensors)))
                 if None not in comparison.sensor_sets or len(sensors) < max(map(len, self.sets)):
-                    present = sorted(select_sensors(frame.sensors, names))
+                    sensor_indices = sorted(select_sensors(frame.sensors, names))
                 if scheme is None:
-                    result = self._detect_all(frame, stand, present)
+                    result = self._detect_all(frame, stand, sensor_indices)
                 else:
                     as_images = self.at_site or sends_images(scheme, comparison.codec)
-                    result = scheme.fuse(view(as_images), present)
+                    result = scheme.fuse(view(as_images), sensor_indices)
                 detections = result.detections
                 if not self.at_site:
                     detections = stand.put_back(detections)

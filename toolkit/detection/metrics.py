@@ -196,9 +196,10 @@ def evaluate(
             continue  # its false alarms do not count
         truth_count += len(overlaps.columns)
         for threshold in thresholds:
-            matched, ignored = overlaps.resolve(threshold)  # column of a truth, -1 without one
-            scores[threshold].append(overlaps.scores[~ignored])
-            hits[threshold].append(matched[~ignored] >= 0)
+            # column of a truth, -1 without one
+            matched_column, is_ignored = overlaps.resolve(threshold)
+            scores[threshold].append(overlaps.scores[~is_ignored])
+            hits[threshold].append(matched_column[~is_ignored] >= 0)
     return {
         threshold: _score_pooled(
             np.concatenate(scores[threshold]), np.concatenate(hits[threshold]), truth_count
@@ -297,9 +298,9 @@ def matches(
     detection_rows = overlaps.rows
     truth_rows = overlaps.columns
     for threshold in thresholds:
-        matched, ignored = overlaps.resolve(threshold)
-        hits = np.flatnonzero(matched >= 0)
-        hit_truths = matched[hits]
+        matched_column, is_ignored = overlaps.resolve(threshold)
+        hits = np.flatnonzero(matched_column >= 0)
+        hit_truths = matched_column[hits]
         result = Match(
             truth=np.full(len(detections), -1),
             iou=np.zeros(len(detections)),
@@ -309,7 +310,7 @@ def matches(
         )
         result.truth[detection_rows[hits]] = truth_rows[hit_truths]
         result.iou[detection_rows[hits]] = overlaps.iou[hits, hit_truths]
-        result.ignored[detection_rows] = ignored
+        result.ignored[detection_rows] = is_ignored
         result.hit[truth_rows[hit_truths]] = True
         yield result
 
@@ -398,14 +399,14 @@ def greedy(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarra
 
     iou: IoU of n detections, best score first, with m truths. In this order, each detection takes
     the truth of greatest IoU that is still free, if the IoU is at least `threshold`."""
-    matched = np.full(len(iou), -1)
+    matched_column = np.full(len(iou), -1)
     free_iou = iou.copy()
     for row in np.flatnonzero((iou >= threshold).any(axis=1)):
         truth = free_iou[row].argmax()
         if free_iou[row, truth] >= threshold:
-            matched[row] = truth
+            matched_column[row] = truth
             free_iou[:, truth] = 0  # below any threshold: the truth is taken
-    return matched
+    return matched_column
 
 
 def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[np.ndarray, " n"]:
@@ -414,13 +415,13 @@ def claim_then_test(iou: Float64[np.ndarray, "n m"], threshold: float) -> Int64[
     iou: IoU of n detections, best score first, with m truths. Each claims its truth of greatest
     IoU, truth 0 if it overlaps nothing. Only the first to claim a truth may take it, if the IoU is
     above `threshold`."""
-    matched = np.full(len(iou), -1)
+    matched_column = np.full(len(iou), -1)
     if iou.shape[1]:  # there are truths
         # claimed truths, and the first row that claims each
         truths, first_rows = np.unique(iou.argmax(axis=1), return_index=True)
         is_hit = iou[first_rows, truths] > threshold
-        matched[first_rows[is_hit]] = truths[is_hit]
-    return matched
+        matched_column[first_rows[is_hit]] = truths[is_hit]
+    return matched_column
 
 
 def sample_iou(
@@ -486,11 +487,11 @@ class Overlaps(NamedTuple):
         -1, and a mask of ignored detections: they hit nothing and are outside the scored area or on
         an object that is present but not scored."""
         match = claim_then_test if self.protocol == "published" else greedy
-        matched = match(self.iou, threshold)
+        matched_column = match(self.iou, threshold)
         # with objects that are present but not scored
         unscored_iou, unscored_share = self.elsewhere.T
         is_on_unscored = (unscored_iou >= threshold) | (unscored_share > MAX_UNSCORED_SHARE)
-        return matched, (is_on_unscored | self.outside) & (matched < 0)
+        return matched_column, (is_on_unscored | self.outside) & (matched_column < 0)
 
 
 def _measure_overlaps(

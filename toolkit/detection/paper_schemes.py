@@ -42,9 +42,9 @@ class Late(Parameters):
 
     def fuse(self, view: View, sensors: Sequence[int], /) -> Fused:
         """Pool the boxes that each sensor (index, ascending) detects in its points."""
-        sent = view.share_boxes(sensors)
-        boxes = view.suppress([message.arrived for message in sent])
-        bits = np.array([message.bits for message in sent], np.int64)
+        sent_boxes = view.share_boxes(sensors)
+        boxes = view.suppress([message.arrived for message in sent_boxes])
+        bits = np.array([message.bits for message in sent_boxes], np.int64)
         return Fused(boxes.detections, bits=bits, ms=boxes.ms)
 
     def sent_points(self, counts: Counts, /) -> Float32[np.ndarray, "C F"]:

@@ -20,7 +20,9 @@ from toolkit.runtime.stage_times import Percentiles, StageTimes
 def _find_outside(
     truths: Sequence[FrameTruth], frame_detections: Sequence[Detections]
 ) -> list[Mask]:
-    """Mask of the detections outside the area or the region with complete labels, by frame."""
+    """Mask of each frame's detections outside the area or the region with complete labels.
+
+    truths, frame_detections: objects and detections of each frame."""
     return [
         ~truth.inside(detections)
         for truth, detections in zip(truths, frame_detections, strict=True)

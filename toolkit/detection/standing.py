@@ -120,7 +120,10 @@ def learn_standing_scene(frames: Frames) -> StandingScene | None:
 
 
 def _is_still(first_frame: Frame, frame: Frame) -> bool:
-    """Return True if sensors and world have the poses (4 x 4) of the first frame."""
+    """Return True if sensors and world have hardly moved since the first frame.
+
+    The sensors must be the same, and no pose may differ by more than `MAX_STILL_SENSOR_M` or
+    `MAX_STILL_TURN_RAD`."""
     first_names = [sensor.name for sensor in first_frame.sensors]
     if first_names != [sensor.name for sensor in frame.sensors]:
         return False

@@ -128,16 +128,16 @@ class Survey:
             object_count = class_figures["objects"]
             sets = class_figures["sets"] if object_count else {}
             for sensors, set_figures in sets.items():
-                unseen = f"{set_figures['unseen']:.1%} of {object_count} without a point"
+                unseen_text = f"{set_figures['unseen']:.1%} of {object_count} without a point"
                 points = (
                     f"mean {set_figures['mean_points']:.1f}, median "
                     f"{set_figures['median_points']:g} points"
                 )
-                lines.append(f"{label} from {sensors}: {unseen}, {points}")
+                lines.append(f"{label} from {sensors}: {unseen_text}, {points}")
         if self.agreeing is not None:
-            agree, compared = self.agreeing
+            agree, compared_count = self.agreeing
             lines.append(
-                f"{agree} of {compared} labelled cuboids hold as many points as the set says"
+                f"{agree} of {compared_count} labelled cuboids hold as many points as the set says"
             )
         lines += [f"{number} {kind}" for kind, number in self.problems.items()]
         return "\n".join(lines)

@@ -154,7 +154,9 @@ def evaluate_tracks(
 def _score_boxes(
     frames: Sequence[ScoredFrame], label: str, ious: Sequence[float], metric: Overlap
 ) -> list[TrackApRow]:
-    """AP of a class at each IoU threshold."""
+    """AP of a class's tracks at each IoU threshold, each frame's boxes taken as detections.
+
+    metric: overlap of two boxes that the thresholds are about."""
     scores = evaluate(
         [frame.tracks for frame in frames],
         [frame.truth.objects for frame in frames],
@@ -173,7 +175,10 @@ def _score_boxes(
 def _score_class(
     frames: Sequence[ScoredFrame], label: str, thresholds: Sequence[float]
 ) -> list[ClassTracks]:
-    """Scores of the tracks of a class at each threshold."""
+    """Score the tracks of a class at each threshold; return a row for each.
+
+    frames: tracks and truth of each frame in order; label: name of the class; thresholds:
+    similarities from which a track and an object can be matched."""
     class_number = label_index(label)
     overlaps = []  # similarities of objects and tracks, by frame
     for frame in frames:

@@ -123,17 +123,20 @@ def read_label_text(path: Path) -> dict[int, LabelFrame]:
 
 
 def _parse_frame(rows: LabelRows) -> LabelFrame:
-    """Parse the labels of one frame."""
+    """Parse the labels of one frame: objects with an id, and rectangles without labels.
+
+    Objects that are truncated or hidden too much, or are of `UNCOUNTED_KINDS`, are not to be
+    found."""
     is_ignored = np.array([kind == DONT_CARE for kind in rows.kinds], np.bool_)
-    labelled = place_rows(rows, BODY_SE3_CAMERA, problems={})  # objects of our classes
-    has_id = labelled.ids >= 0
-    ids = labelled.ids[has_id]
-    object_rows = labelled.rows[has_id]
-    instant = Instant(  # checks them
+    placed_rows = place_rows(rows, BODY_SE3_CAMERA, problems={})  # objects of our classes
+    has_id = placed_rows.ids >= 0
+    ids = placed_rows.ids[has_id]
+    object_rows = placed_rows.rows[has_id]
+    instant = Instant(  # checks the boxes; its time is not used
         np.nan,
-        boxes=labelled.boxes[has_id],
-        labels=labelled.labels[has_id],
-        scores=labelled.scores[has_id],
+        boxes=placed_rows.boxes[has_id],
+        labels=placed_rows.labels[has_id],
+        scores=placed_rows.scores[has_id],
         ids=ids,
     )
     kinds = [rows.kinds[row].lower() for row in object_rows.tolist()]
@@ -230,5 +233,5 @@ def _shift_ids(frame: ScoredFrame, offset: int) -> ScoredFrame:
 
 def describe_unscored(names: Sequence[str]) -> str:
     """Words for the sequences whose labels are not scored."""
-    listed = ", ".join(names[:6])
-    return f"{len(names)} sequences have labels, but no tracks, and are not scored: {listed}"
+    listed_names = ", ".join(names[:6])
+    return f"{len(names)} sequences have labels, but no tracks, and are not scored: {listed_names}"

@@ -69,14 +69,14 @@ def read_truth(
             stand = Stand(site, np.zeros(2))
         corners = stand.corners
         if needs_points:
-            counted = select_truth(frame, corners).counted
+            is_counted = select_truth(frame, corners).counted
         else:
-            counted = has_centre_inside(frame.objects.boxes, corners)
+            is_counted = has_centre_inside(frame.objects.boxes, corners)
         frames.append(
             TrueFrame(
                 key=FrameKey(number=frame.index, name=frame.name, time=frame.time),
                 objects=frame.objects,
-                counted=counted,
+                counted=is_counted,
                 corners=corners,
                 complete=frame.complete,
             )

@@ -105,11 +105,11 @@ class Captured:
         """Return a range image to send: the measurements of some pixels, 0 in all others.
 
         pixels: flat indices (row by row) of the pixels to keep."""
-        sent = np.zeros(self.measurement.size, np.float32)
-        sent[pixels] = self.measurement.ravel()[pixels]
+        sent_ranges = np.zeros(self.measurement.size, np.float32)
+        sent_ranges[pixels] = self.measurement.ravel()[pixels]
         return RangeImage(
             self.sensor,
-            measurement=sent.reshape(self.measurement.shape),
+            measurement=sent_ranges.reshape(self.measurement.shape),
             time=self.frame.time,
             number=self.frame.index,
         )
@@ -121,9 +121,9 @@ class Captured:
         point. The points (m) are in row order of their pixels."""
         # distances (m) of the points from their pixels' rays, if the frame has any
         shift = self.frame.shifts[self.index] if self.frame.shifts else None
-        # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
-        xyz, valid = unproject(self.sensor, image, shift)
-        points = np.ascontiguousarray(xyz[:, valid].T)
+        # xyz: (3, rows, columns); is_valid: pixels (rows, columns) that have a point
+        xyz, is_valid = unproject(self.sensor, image, shift)
+        points = np.ascontiguousarray(xyz[:, is_valid].T)
         return points if self.lift is None else self.lift(points)
 
 
@@ -291,12 +291,12 @@ class View:
         depends on, as the result is cached by it; through: encodes, decodes and returns the points
         (world frame, m) that the centre gets and the bits that were sent."""
         if (sensor, name) not in self._sent_clouds:
-            measured = self.cloud(sensor)
+            measured_cloud = self.cloud(sensor)
             start = perf_counter()
             points, bits = through()
-            ms = measured.ms + _ms_since(start)
-            arrived = Cloud(sensor, history=(name,), points=points, ms=ms)
-            self._sent_clouds[sensor, name] = Sent(arrived, bits)
+            ms = measured_cloud.ms + _ms_since(start)
+            arrived_cloud = Cloud(sensor, history=(name,), points=points, ms=ms)
+            self._sent_clouds[sensor, name] = Sent(arrived_cloud, bits)
         return self._sent_clouds[sensor, name]
 
     def detect(self, clouds: Sequence[Cloud]) -> Boxes:
@@ -335,8 +335,8 @@ class View:
             is_lossless = points is cloud.points
             history = cloud.history if is_lossless else (*cloud.history, self.codec.digest)
             ms = cloud.ms + _ms_since(start)
-            arrived = Cloud(cloud.sensor, history=history, points=points, ms=ms)
-            self._sent_clouds[cloud] = Sent(arrived, message.bits)
+            arrived_cloud = Cloud(cloud.sensor, history=history, points=points, ms=ms)
+            self._sent_clouds[cloud] = Sent(arrived_cloud, message.bits)
         return self._sent_clouds[cloud]
 
     def send_boxes(self, boxes: Boxes) -> Sent[Boxes]:
@@ -357,8 +357,8 @@ class View:
             message = self.codec.encode_boxes(boxes.detections, origin)
             detections = self.codec.decode_boxes(message, sensor)
             ms = boxes.ms + _ms_since(start)
-            arrived = Boxes(detections, ms=ms, sensor=boxes.sensor)
-            self._sent_boxes[boxes] = Sent(arrived, message.bits)
+            arrived_boxes = Boxes(detections, ms=ms, sensor=boxes.sensor)
+            self._sent_boxes[boxes] = Sent(arrived_boxes, message.bits)
         return self._sent_boxes[boxes]
 
     def share_points(
@@ -392,8 +392,8 @@ class View:
 
         They are ready after the last of the inputs plus the time that pooling takes."""
         start = perf_counter()
-        merged = Detections.merge([boxes.detections for boxes in inputs])
-        detections = suppress(merged, self.nms_iou)
+        merged_detections = Detections.merge([boxes.detections for boxes in inputs])
+        detections = suppress(merged_detections, self.nms_iou)
         sensor = inputs[0].sensor if len(inputs) == 1 else None  # None for several sensors
         return Boxes(detections, ms=_last_ms(inputs) + _ms_since(start), sensor=sensor)
 
@@ -448,9 +448,14 @@ def suppress(detections: Detections, iou_threshold: float = NMS_IOU) -> Detectio
     Equal scores are ordered by the values of box and label, so that the order of the input makes no
     difference."""
     # sorted by values first: nms keeps this order among equal scores
-    ordered = detections[np.lexsort((detections.labels, *detections.boxes.T))]
-    kept_rows = nms(ordered.boxes, ordered.scores, iou_threshold, labels=ordered.labels)
-    return ordered[kept_rows]
+    ordered_detections = detections[np.lexsort((detections.labels, *detections.boxes.T))]
+    kept_rows = nms(
+        ordered_detections.boxes,
+        ordered_detections.scores,
+        iou_threshold,
+        labels=ordered_detections.labels,
+    )
+    return ordered_detections[kept_rows]
 
 
 def _last_ms(sources: Sequence[Cloud] | Sequence[Boxes]) -> float:

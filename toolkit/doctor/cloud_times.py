@@ -112,7 +112,9 @@ def suspect_twins(samples: Sequence[Frame]) -> Iterator[Finding]:
             second_cloud = find_cloud(sample, second)
             if first_cloud and second_cloud and len(first_cloud.points) > 0:
                 point_pairs.append((first_cloud.points, second_cloud.points))
-        if point_pairs and all(np.array_equal(points, others) for points, others in point_pairs):
+        if point_pairs and all(
+            np.array_equal(points, other_points) for points, other_points in point_pairs
+        ):
             yield Finding(
                 severity="warning",
                 where=f"sensor {first}",

@@ -48,7 +48,13 @@ class Examination:
         tables: Sequence[np.ndarray],
         frames: Sequence[int],
     ) -> None:
-        """Look for mistakes in the objects first, then in each sensor, with those undone."""
+        """Look for mistakes in the objects first, then in each sensor, with those undone.
+
+        Args:
+            site: site of the recording.
+            views: each sensor, with its images of the examined frames.
+            tables: published rows of the objects of all frames of the file.
+            frames: numbers, in the file, of the examined frames."""
         self.site = site
         self.views = views
         sensors = [view.sensor for view in views]
@@ -61,8 +67,9 @@ class Examination:
         # the fit is the share of all moving points
         self.explained_count = undone.fit * sum(len(witness.depth) for witness in witnesses)
         self.misplaced_findings, self.rows = find_misplaced(undone.rows, site)
+        # by sensor that fits badly: its likely mistake, None if no mistake explains it
         self.doubts: dict[str, Suspicion | None] = {}
-        self.fits: dict[str, float] = {}
+        self.fits: dict[str, float] = {}  # share of a sensor's moving points on boxes
         for index, sensor in enumerate(sensors):
             sensor_witnesses = [witness for witness in witnesses if witness.sensor_index == index]
             point_count = sum(len(witness.depth) for witness in sensor_witnesses)

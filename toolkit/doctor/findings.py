@@ -27,7 +27,10 @@ class Finding:
 
 
 def report_error(where: str, suspected: str, evidence: str, remedy: str) -> Finding:
-    """Return a finding that is an error (see `Finding` for the words)."""
+    """Return a finding that is an error.
+
+    where: dataset, sensor or frame that it is about; suspected: the mistake in words; evidence: the
+    numbers that show it; remedy: what the user should do."""
     return Finding(
         severity="error", where=where, suspected=suspected, evidence=evidence, remedy=remedy
     )

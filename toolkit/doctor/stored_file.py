@@ -29,7 +29,7 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
         with open_file(path) as file:
             check_kinds(file)
             units = _list_depth_units(file)
-            stored = _read_tables(file)
+            stored_tables = _read_tables(file)
         try:
             dataset = CoopDataset(path, site)
         except UnknownSite:  # any site serves to check the file
@@ -45,11 +45,11 @@ def diagnose_file(path: str | Path, site: Site | None = None) -> list[Finding]:
                         remedy=remedy,
                     )
                 ]
-            findings = stored.findings
+            findings = stored_tables.findings
             if dataset.times is not None:
                 findings += suspect_times(dataset.times)
-            findings += _suspect_repetitions(stored.tables, stored.is_readable)
-            return findings + check_measurements(dataset, stored.tables, units)
+            findings += _suspect_repetitions(stored_tables.tables, stored_tables.is_readable)
+            return findings + check_measurements(dataset, stored_tables.tables, units)
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
@@ -74,14 +74,14 @@ def _list_depth_units(file: h5py.File) -> tuple[float, ...]:
     if images.ndim != 4 or not len(images):
         return (1.0,)
     image = hdf5.rows(images, "dslices", len(images) // 2).astype(np.float64)
-    largest = float(np.max(image, where=np.isfinite(image), initial=0.0))
-    if 0 < largest <= 1.0:
+    max_value = float(np.max(image, where=np.isfinite(image), initial=0.0))
+    if 0 < max_value <= 1.0:
         return (published.NO_RETURN_M,)  # CARLA's encoding, parts of the far plane
-    if largest <= 1.01 * published.NO_RETURN_M:
+    if max_value <= 1.01 * published.NO_RETURN_M:
         return (1.0,)
     # metres, centimetres or millimetres, if the largest depth is then plausible
     plausible_units = tuple(
-        unit for unit in (1.0, 0.01, 0.001) if largest * unit <= 2 * published.NO_RETURN_M
+        unit for unit in (1.0, 0.01, 0.001) if max_value * unit <= 2 * published.NO_RETURN_M
     )
     return plausible_units or (0.001,)
 
@@ -124,11 +124,11 @@ def _read_tables(file: h5py.File) -> _StoredTables:
         tables.append(table)
         faults.append(fault)
     # place and fault of the first damaged tables
-    damaged = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
+    damaged_tables = [(f"objects/{k}", fault) for k, fault in enumerate(faults) if fault][:3]
     remedy = "repair or leave out the frame"
     findings = [
         report_error(where=where, suspected="damaged objects", evidence=fault, remedy=remedy)
-        for where, fault in damaged
+        for where, fault in damaged_tables
     ]
     is_readable = [not fault for fault in faults]
     return _StoredTables(tables=tables, is_readable=is_readable, findings=findings)
@@ -160,14 +160,14 @@ def _suspect_repetitions(
     copies: list[tuple[int, int]] = []  # frame of the original, frame of the copy
     for k, table in enumerate(tables):
         if len(table):
-            original = frame_by_bytes.setdefault(table.tobytes(), k)
-            if original != k:
-                copies.append((original, k))
+            original_frame = frame_by_bytes.setdefault(table.tobytes(), k)
+            if original_frame != k:
+                copies.append((original_frame, k))
     if copies:
-        original, copy = copies[0]
+        original_frame, copy = copies[0]
         evidence = (
             f"{len(copies)} of {len(tables)} frames, frame {copy} has the objects of frame "
-            f"{original}"
+            f"{original_frame}"
         )
         remedy = "leave the copies out, or they count twice in training and AP"
         findings.append(

@@ -47,7 +47,7 @@ def suspect_sensor(
 
     Returns the suspected mistake, None without a clear one, and the share of its moving points on
     boxes as stored, 0 to 1."""
-    stored = published.extrinsic(sensor.pose, map_SE3_site)
+    stored_extrinsic = published.extrinsic(sensor.pose, map_SE3_site)
 
     def measure_fit(matrix: np.ndarray, along_ray: bool = False) -> float:
         """Share of the moving points on boxes, 0 to 1, for a pose of the sensor.
@@ -65,16 +65,16 @@ def suspect_sensor(
             clouds, [rows[witness.frame_index] for witness in witnesses], map_SE3_site
         )
 
-    current_fit = measure_fit(stored)
+    current_fit = measure_fit(stored_extrinsic)
     if current_fit > 1 - MIN_CLEAR_GAIN:
         return None, current_fit
     mirror_y = published.MAP_FROM_CARLA  # (4, 4), between left-handed and right-handed axes
     fits_without_mistake = (  # in the order of _SENSOR_MISTAKES
-        measure_fit(invert(stored)),
-        measure_fit(_FORWARD_FIRST @ stored @ mirror_y),
-        measure_fit(mirror_y @ stored @ mirror_y),
-        measure_fit(stored, along_ray=True),
-        measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored),  # turned about z by 180 degrees
+        measure_fit(invert(stored_extrinsic)),
+        measure_fit(_FORWARD_FIRST @ stored_extrinsic @ mirror_y),
+        measure_fit(mirror_y @ stored_extrinsic @ mirror_y),
+        measure_fit(stored_extrinsic, along_ray=True),
+        measure_fit(np.diag([-1.0, -1, 1, 1]) @ stored_extrinsic),  # turned about z by 180 degrees
     )
     pairs = zip(_SENSOR_MISTAKES.items(), fits_without_mistake, strict=True)
     attempts = [

@@ -121,9 +121,9 @@ def set_letters(figure: "Figure") -> None:
     )
     for file in fonts.files:
         fontManager.addfont(str(file))
-    usual = list_letters(own_font("DejaVuSans"))
+    usual_letters = list_letters(own_font("DejaVuSans"))
     for text in foreign:
-        letters = set(map(ord, text.get_text())) & usual
+        letters = set(map(ord, text.get_text())) & usual_letters
         if not letters <= list_letters(Path(fontManager.findfont(text.get_fontproperties()))):
             text.set_fontweight("normal")  # the bold DejaVu Sans lacks some of the letters
         text.set_fontfamily([*text.get_fontfamily(), *fonts.families])
@@ -223,6 +223,6 @@ def _shorten_path(attribute: re.Match[str]) -> str:
     def round_number(number: re.Match[str]) -> str:
         return f"{float(number.group()):.2f}".rstrip("0").rstrip(".")
 
-    rounded = re.sub(r"-?\d+\.\d+", round_number, path)
-    shortened = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded).strip()
-    return f' d="{shortened}"'
+    rounded_path = re.sub(r"-?\d+\.\d+", round_number, path)
+    short_path = re.sub(r"\s*([A-Za-z])\s*", r"\1", rounded_path).strip()
+    return f' d="{short_path}"'

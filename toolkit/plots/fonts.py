@@ -77,12 +77,12 @@ def choose_fonts(texts: Iterable[str], base: Path, *, shaping: bool = True) -> F
     it count as unset."""
     letters = {letter for text in texts for letter in text if _is_drawn(letter)}
     base_letters = list_letters(base)
-    missing = frozenset(letter for letter in letters if ord(letter) not in base_letters)
+    missing_letters = frozenset(letter for letter in letters if ord(letter) not in base_letters)
     if not shaping:
-        misordered = frozenset(letter for letter in letters if _needs_shaping(letter))
-        choice = cover_letters(missing - misordered)
-        return choice._replace(unset=choice.unset | misordered)
-    return cover_letters(missing)
+        misordered_letters = frozenset(letter for letter in letters if _needs_shaping(letter))
+        choice = cover_letters(missing_letters - misordered_letters)
+        return choice._replace(unset=choice.unset | misordered_letters)
+    return cover_letters(missing_letters)
 
 
 def name_letters(letters: Iterable[str]) -> str:
@@ -128,22 +128,22 @@ def cover_letters(missing: frozenset[str]) -> FontChoice:
     """Choose fonts for missing letters from DejaVu Sans and, if it lacks some, the computer's.
 
     Again and again, the font with the most letters that are still unset is taken."""
-    unset = {ord(letter) for letter in missing}
+    unset_codes = {ord(letter) for letter in missing}
     files: list[Path] = []
     candidates: list[Path] = []
-    if unset:
+    if unset_codes:
         house_font = own_font("DejaVuSans")
         candidates.append(house_font)
-        if unset - list_letters(house_font):
+        if unset_codes - list_letters(house_font):
             candidates += list_system_fonts()
-    while unset:
-        best = max(candidates, key=_make_rank(unset), default=None)
-        if best is None or not unset & list_letters(best):
+    while unset_codes:
+        best = max(candidates, key=_make_rank(unset_codes), default=None)
+        if best is None or not unset_codes & list_letters(best):
             break
         files.append(best)
-        unset -= list_letters(best)
+        unset_codes -= list_letters(best)
     families = tuple(dict.fromkeys(map(family_name, files)))
-    return FontChoice(tuple(files), families, frozenset(map(chr, unset)))
+    return FontChoice(tuple(files), families, frozenset(map(chr, unset_codes)))
 
 
 def _make_rank(unset: set[int]) -> Callable[[Path], tuple[int, int, int, str]]:

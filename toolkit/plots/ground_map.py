@@ -37,9 +37,11 @@ def draw_ground(axes: "Axes", site: Site) -> None:
         # kinds are sorted by height, so later ones are drawn above
         fill_polygons(axes, shapes, SOLID.get(kind, palette.OTHER_SOLID), order=1.5 + 0.01 * rank)
     hatched_solids = _list_hatched_solids(site)
-    hatched = shapely.union_all([shapely.Polygon(solid.footprint) for solid in hatched_solids])
+    hatched_ground = shapely.union_all(
+        [shapely.Polygon(solid.footprint) for solid in hatched_solids]
+    )
     hatching: PlotStyle = {"hatch": palette.DRAWN_HATCH, "edgecolor": palette.DRAWN_INK}
-    for part in shapely.get_parts(hatched):
+    for part in shapely.get_parts(hatched_ground):
         outline = shapely.get_coordinates(part.exterior)
         axes.fill(*outline.T, zorder=1.6, facecolor="none", linewidth=0.0, **hatching)
 
@@ -113,8 +115,10 @@ def fill_polygons(
     merged_parts = shapely.get_parts(shapely.union_all(list(shapes)))
     polygons = [part for part in merged_parts if part.geom_type == "Polygon"]
     # exteriors run counter-clockwise and holes clockwise, so that matplotlib leaves holes empty
-    oriented = [shapely.geometry.polygon.orient(polygon) for polygon in polygons]
-    rings = [ring for polygon in oriented for ring in (polygon.exterior, *polygon.interiors)]
+    oriented_polygons = [shapely.geometry.polygon.orient(polygon) for polygon in polygons]
+    rings = [
+        ring for polygon in oriented_polygons for ring in (polygon.exterior, *polygon.interiors)
+    ]
     if not rings:
         return
     outlines = [Outline(shapely.get_coordinates(ring), closed=True) for ring in rings]

@@ -59,30 +59,32 @@ def map_sheet(
     # all sizes are in inches from here on; the sheet is HEAD, map and strip from top to bottom
     scale = inches / float((high - low).max())
     width, height = ((high - low) * scale).tolist()
-    full = max(width + LEFT + RIGHT, 6.5)
-    inner = full - LEFT - RIGHT
-    columns = _count_columns(legend, inner)
+    full_width = max(width + LEFT + RIGHT, 6.5)
+    inner_width = full_width - LEFT - RIGHT
+    columns = _count_columns(legend, inner_width)
     strip = AXIS + max(0.55, LEGEND_ROW * ceil(len(legend) / columns) + 0.1)
     total = HEAD + height + strip
-    figure = blank_figure(full, total)
+    figure = blank_figure(full_width, total)
 
     def add_part(left: float, bottom: float, width: float, height: float) -> "Axes":  # inches
-        return figure.add_axes((left / full, bottom / total, width / full, height / total))
+        return figure.add_axes(
+            (left / full_width, bottom / total, width / full_width, height / total)
+        )
 
-    axes = add_part(LEFT + (inner - width) / 2, strip, width, height)
+    axes = add_part(LEFT + (inner_width - width) / 2, strip, width, height)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
     for spine in axes.spines.values():
         spine.set_visible(True)
     draw_ground(axes, site)
     draw_streets(axes, site, low, high)
     draw_area(axes, site.area)
-    left = LEFT / full
+    left = LEFT / full_width
     heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
     figure.text(left, 1 - 0.26 / total, plain(title), **heading)
     figure.text(left, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
-    below = add_part(LEFT, 0.05, inner, strip - AXIS - 0.05)
+    below = add_part(LEFT, 0.05, inner_width, strip - AXIS - 0.05)
     below.set_axis_off()
-    below.set(xlim=(0, inner), ylim=(-(strip - AXIS - 0.05), 0))
+    below.set(xlim=(0, inner_width), ylim=(-(strip - AXIS - 0.05), 0))
     _draw_scale(below, scale_length(min(1.6, width) / scale), scale)
     draw_north(below, (2.2, -0.25), north(site))
     if legend:
@@ -109,7 +111,7 @@ def _draw_scale(axes: "Axes", length: float, scale: float) -> None:
         left = start * length * scale
         right = (start + 0.5) * length * scale
         x = [left, right, right, left]
-        y = [-0.2, -0.2, -0.12, -0.12]
+        y = [-0.2, -0.2, -0.12, -0.12]  # below the map
         axes.fill(x, y, facecolor=colour, edgecolor=INK, linewidth=0.8)
     axes.text(0.0, -0.25, "0", ha="left", va="top", fontsize=8)
     axes.text(length * scale, -0.25, f"{length:g} m", ha="center", va="top", fontsize=8)

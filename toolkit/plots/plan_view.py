@@ -91,10 +91,10 @@ def draw_frame(
     legend += sensor_entries(drawn_sensors)
     subtitle = ""
     if len(truth) or len(clouds):
-        scored = ""
+        scored_text = ""
         if outcome is not None:
-            scored = f" ({(~outcome.truth_ignored).sum()} scored)"
-        subtitle = f"N = {len(truth)} objects{scored}, {sum(map(len, clouds))} points"
+            scored_text = f" ({(~outcome.truth_ignored).sum()} scored)"
+        subtitle = f"N = {len(truth)} objects{scored_text}, {sum(map(len, clouds))} points"
     title = shorten(title or f"Site {site.name}", 110)
     with house_style():
         sheet = map_sheet(site, title, subtitle, holds=sensor_places(drawn_sensors), legend=legend)

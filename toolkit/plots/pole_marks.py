@@ -42,12 +42,12 @@ def name_poles(
 
     places: x and y (m) of each pole; points_per_metre: scale of the map, in points of 1/72 inch;
     keep_off: x and y (m) of sensors, which take room as poles and other names do."""
-    occupied = []
+    occupied_boxes = []
     for x, y in places * points_per_metre:
-        occupied.append(_MapBox(left=x - 4, bottom=y - 4, right=x + 4, top=y + 4))
+        occupied_boxes.append(_MapBox(left=x - 4, bottom=y - 4, right=x + 4, top=y + 4))
     half = DISC_POINTS / 2 + 1  # half the side of the room that a sensor takes
     for x, y in keep_off * points_per_metre:
-        occupied.append(_MapBox(left=x - half, bottom=y - half, right=x + half, top=y + half))
+        occupied_boxes.append(_MapBox(left=x - half, bottom=y - half, right=x + half, top=y + half))
     for place, name in zip(places, names, strict=True):
         text = shorten(name, 14)
         # size of the text in points, estimated from its font size
@@ -64,9 +64,9 @@ def name_poles(
         boxes = [
             _MapBox(left, bottom, right=left + width, top=bottom + height) for left, bottom in spots
         ]
-        free_box = next((box for box in boxes if not _overlaps_any(box, occupied)), None)
+        free_box = next((box for box in boxes if not _overlaps_any(box, occupied_boxes)), None)
         if free_box is not None:
-            occupied.append(free_box)
+            occupied_boxes.append(free_box)
             left = free_box.left / points_per_metre
             bottom = free_box.bottom / points_per_metre
             axes.text(left, bottom, text, fontsize=6.5, va="bottom", zorder=5.5)

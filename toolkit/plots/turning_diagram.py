@@ -83,7 +83,9 @@ def draw_turning_diagram(
 def _sum_counts(
     movements: Sequence[MovementCount], labels: Sequence[str]
 ) -> dict[tuple[str, str], int]:
-    """Counts of some classes by entry and exit."""
+    """Sum the counts of some classes, by names of the entry and the exit.
+
+    movements: counts by class and movement; labels: names of the classes to sum."""
     counts: dict[tuple[str, str], int] = {}
     for movement in movements:
         if movement.label in labels:
@@ -117,15 +119,16 @@ def _draw_panel(
     begins = _spread(counts, outwards, by_entry=True, side=side)
     ends = _spread(counts, outwards, by_entry=False, side=-side)
     widths = _band_widths(counts)
+    # largest first, so that thinner bands are drawn over wider ones
     for key in sorted(counts, key=lambda key: -counts[key]):
-        entry, leave = key
+        entry, leave = key  # names of arms
         middle = _curve(begins[key], ends[key], outwards[entry], outwards[leave])
         _draw_band(axes, middle, widths[key], colours[entry])
         _write_count(axes, middle, counts[key], colours[entry])
     for arm in arms:
-        came = sum(count for (entry, _), count in counts.items() if entry == arm.name)
-        left = sum(count for (_, leave), count in counts.items() if leave == arm.name)
-        _write_arm(axes, arm, f"in {came}\nout {left}", colours[arm.name])
+        in_count = sum(count for (entry, _), count in counts.items() if entry == arm.name)
+        out_count = sum(count for (_, leave), count in counts.items() if leave == arm.name)
+        _write_arm(axes, arm, f"in {in_count}\nout {out_count}", colours[arm.name])
 
 
 def _direction(bearing: float) -> Float64[np.ndarray, "2"]:
@@ -191,19 +194,23 @@ def _curve(
     controls = [begin, begin - reach * begin_outward, end - reach * end_outward, end]
     share = np.linspace(0, 1, CURVE_POINTS)[:, None]
     remainder = 1 - share
+    # shares of the four control points at each point of the curve, as for any Bézier curve
     factors = [remainder**3, 3 * remainder**2 * share, 3 * remainder * share**2, share**3]
     return np.sum([factor * point for factor, point in zip(factors, controls, strict=True)], axis=0)
 
 
 def _draw_band(axes: "Axes", middle: Float64[np.ndarray, "k 2"], width: float, colour: str) -> None:
-    """Draw a band along a curve, with a head at its end; middle: x, y of the curve's points."""
+    """Draw a band along a curve, with an arrow head at its end.
+
+    middle: x, y of the curve's points; width: of the band, in the same units."""
+    # unit vectors along the curve at each point, and to its left
     along = np.gradient(middle, axis=0)
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
     normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
     sides = [middle + width / 2 * normals, (middle - width / 2 * normals)[::-1]]
-    head = width / 2 + 0.03
-    tip = middle[-1] + 1.6 * head * along[-1]
-    arrow = [middle[-1] + head * normals[-1], tip, middle[-1] - head * normals[-1]]
+    half_head = width / 2 + 0.03  # half the width of the head, which is wider than the band
+    tip = middle[-1] + 1.6 * half_head * along[-1]
+    arrow = [middle[-1] + half_head * normals[-1], tip, middle[-1] - half_head * normals[-1]]
     for outline in (np.concatenate(sides), np.array(arrow)):
         axes.fill(*outline.T, facecolor=colour, edgecolor="white", linewidth=0.4, alpha=0.75)
 

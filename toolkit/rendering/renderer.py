@@ -60,7 +60,10 @@ class Moment:
     def __init__(
         self, bodies: Sequence[Body], boxes: BoxRows, threads: int = 0, *, slope: Slope = LEVEL
     ) -> None:
-        """Move the meshes to their boxes, and build the scene from them."""
+        """Move the meshes to their boxes, and build the scene from them.
+
+        bodies: mesh of each object, in the frame of its box; slope: rise of the ground (m) per
+        metre along x and y, by which the meshes are sheared."""
         self.bodies = tuple(bodies)
         self.boxes = boxes
         self._threads = threads
@@ -236,7 +239,10 @@ class Renderer:
         scenery: Mesh | None = None,
         threads: int = 0,
     ) -> None:
-        """Build the scene of the site, and cast the sensors' images of it."""
+        """Build the scene of the site, and cast the sensors' images of it.
+
+        scenery: mesh of the static scene, built from the site if None; threads: number of threads
+        that cast rays, 0 for all cores."""
         self.sensors = tuple(sensors)
         self.bodies = tuple(bodies)
         self._site = site

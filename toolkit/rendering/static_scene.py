@@ -133,9 +133,9 @@ def _cell_borders(low: float, high: float) -> Float64[np.ndarray, " k"]:
     Cells grow by a fifth from one to the next beyond `FINE`."""
     # distances of the borders from the area; 39 growing cells reach farther than `FAR`
     steps = np.cumsum(CELL * 1.2 ** np.arange(1, 40))
-    outside = FINE + steps[steps < FAR]
-    inside = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
-    return np.concatenate([low - outside[::-1], inside, high + outside])
+    outer_steps = FINE + steps[steps < FAR]
+    inner_borders = np.linspace(low - FINE, high + FINE, round((high - low + 2 * FINE) / CELL) + 1)
+    return np.concatenate([low - outer_steps[::-1], inner_borders, high + outer_steps])
 
 
 def _measure_skin(solid: Solid) -> float:
@@ -199,8 +199,8 @@ def _make_facade(start: np.ndarray, end: np.ndarray, base: float, top: float) ->
     panes = corners(i[is_pane], j[is_pane], 1.0)
     reveals = []  # the four sides of each recess, between frame and pane
     for corner in range(4):
-        following = (corner + 1) % 4
-        side = [frames[:, corner], frames[:, following], panes[:, following], panes[:, corner]]
+        next_corner = (corner + 1) % 4
+        side = [frames[:, corner], frames[:, next_corner], panes[:, next_corner], panes[:, corner]]
         reveals.append(np.stack(side, axis=1))
     return _make_quadrilaterals(np.concatenate([wall, panes, *reveals]))
 
@@ -280,9 +280,9 @@ def _make_strip(rings: Float64[np.ndarray, "s p 3"]) -> Mesh:
     """Mesh between successive closed rings, open at both ends.
 
     rings: (ring, point, x y z), p points each; the last point of a ring joins the first."""
-    following = np.roll(rings, -1, axis=1)  # next point of the same ring
+    next_points = np.roll(rings, -1, axis=1)  # next point of the same ring
     # around each quadrilateral: two points of a ring, then the two of the next ring, reversed
-    corners = np.stack([rings[:-1], following[:-1], following[1:], rings[1:]], axis=2)
+    corners = np.stack([rings[:-1], next_points[:-1], next_points[1:], rings[1:]], axis=2)
     return _make_quadrilaterals(corners.reshape(-1, 4, 3))
 
 

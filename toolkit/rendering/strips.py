@@ -205,16 +205,16 @@ def find_sectors(ground: Footprints, viewpoints: Eyes, fine: Mask) -> Sectors:
     first, last = (
         reduction.reduceat(angle, begin, axis=1) for reduction in (np.minimum, np.maximum)
     )
-    around = last - first >= np.pi  # the viewpoint is above or within the object
-    first = np.where(around, -np.pi, first)
-    last = np.where(around, np.pi, last)
+    is_around = last - first >= np.pi  # the viewpoint is above or within the object
+    first = np.where(is_around, -np.pi, first)
+    last = np.where(is_around, np.pi, last)
     grid = np.broadcast_to(np.where(fine, STRIP_WIDTH, COARSE), first.shape)
     down = (ground.low + ground.high) / 2 - viewpoints[:, 2:]
     across = np.linalg.norm(middle, axis=2)
     # looking down steeply, a degree of azimuth is a shorter arc: fewer columns, but at least a
     # tenth
-    flat = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)
-    columns = np.clip(np.ceil((last - first) * flat / grid), *COLUMNS).astype(np.int64)
+    flatness = np.maximum(across / np.maximum(np.hypot(across, down), 1e-9), 0.1)
+    columns = np.clip(np.ceil((last - first) * flatness / grid), *COLUMNS).astype(np.int64)
     start = np.arctan2(middle[..., 1], middle[..., 0]) + first
     viewpoint, item = np.indices(first.shape).reshape(2, -1)
     width = (last - first) / columns
@@ -244,8 +244,8 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
     left = np.sin(azimuth)
     cos = cos[window]
     sin = sin[window]
-    near = np.zeros(len(window))
-    far = np.full(len(window), np.inf)
+    near_distance = np.zeros(len(window))
+    far_distance = np.full(len(window), np.inf)
     # for each axis of the rectangle: place of the viewpoint and direction of the ray along it, and
     # half the rectangle's side
     axes = (
@@ -258,15 +258,15 @@ def _columns(ground: Footprints, viewpoints: np.ndarray, windows: Sectors) -> _C
         # reach
         middle = -start[window] / direction
         reach = half_side[window] / np.abs(direction)
-        near = np.maximum(near, middle - reach)
-        far = np.minimum(far, middle + reach)
-    near = np.maximum(near - EDGE, 0)
-    far = np.maximum(far, near) + EDGE
+        near_distance = np.maximum(near_distance, middle - reach)
+        far_distance = np.minimum(far_distance, middle + reach)
+    near_distance = np.maximum(near_distance - EDGE, 0)
+    far_distance = np.maximum(far_distance, near_distance) + EDGE
     eye = viewpoints[windows.viewpoint, 2]
     below, above = ((height[windows.item] - eye)[window] for height in (ground.low, ground.high))
     # a bottom below the eye is seen lowest at its near end, one above the eye at its far end
-    low = np.arctan2(below, np.where(below < 0, near, far))
-    high = np.arctan2(above, np.where(above < 0, far, near))
+    low = np.arctan2(below, np.where(below < 0, near_distance, far_distance))
+    high = np.arctan2(above, np.where(above < 0, far_distance, near_distance))
     rows = np.clip(np.ceil((high - low) / windows.step[window]), *ROWS).astype(np.int64)
     # Bisection narrows an edge down to this share of a step. Columns begin half a share lower, so
     # that the object's very bottom and top are in the middle of such a last interval.
@@ -279,7 +279,8 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     """Strips of some columns of rays.
 
     Their rays are cast, the edges between rays that show different things are found by bisection,
-    and each edge is paired with the next above."""
+    and each edge is paired with the next above. shows: gives the kind of view of rays on the object
+    of their sector; windows: sectors of the columns."""
     window = columns.window
     azimuth = columns.azimuth.astype(np.float32)
     rows = columns.rows
@@ -287,26 +288,38 @@ def _strips(shows: Shows, windows: Sectors, columns: _Columns) -> Strips:
     # nothing is seen below and above a column
     first = np.cumsum(rows + 1) - (rows + 1)
     seen = np.zeros(int((rows + 1).sum()) + 1, np.uint8)
-    column = np.repeat(np.arange(len(window)), rows)  # column of each ray
-    height = counting(rows) + 1
-    elevation = (columns.low.take(column) + height * columns.step.take(column)).astype(np.float32)
-    seen[first.take(column) + height] = shows(window.take(column), azimuth.take(column), elevation)
+    ray_column = np.repeat(np.arange(len(window)), rows)  # column of each ray
+    height = counting(rows) + 1  # number of each ray in its column, from 1 for the lowest
+    elevation = (columns.low.take(ray_column) + height * columns.step.take(ray_column)).astype(
+        np.float32
+    )
+    seen[first.take(ray_column) + height] = shows(
+        window.take(ray_column), azimuth.take(ray_column), elevation
+    )
     edge = np.flatnonzero(seen[1:] != seen[:-1])  # entry below each edge; the next one is above it
     below = seen[edge]
     above = seen[edge + 1]
-    column = np.searchsorted(first, edge, side="right") - 1
-    step = columns.step[column].astype(np.float32)
-    low = (columns.low[column] + (edge - first[column]) * columns.step[column]).astype(np.float32)
+    edge_column = np.searchsorted(first, edge, side="right") - 1  # column of each edge
+    # the edge is between `low` and `low` + `step`, which the loop halves
+    step = columns.step[edge_column].astype(np.float32)
+    low = (
+        columns.low[edge_column] + (edge - first[edge_column]) * columns.step[edge_column]
+    ).astype(np.float32)
     for _ in range(HALVINGS):
         step *= np.float32(0.5)
         middle = low + step
-        low = np.where(shows(window[column], azimuth[column], middle) == below, middle, low)
+        low = np.where(
+            shows(window[edge_column], azimuth[edge_column], middle) == below, middle, low
+        )
     edge_elevation = low + step / 2
     starts = np.flatnonzero(above)  # edges at which something begins; the next edge ends it
-    column = column[starts]
-    window, half = window[column], windows.width[window[column]] / 2
-    left, right = (columns.azimuth[column] + side for side in (-half, half))
-    pair = windows.viewpoint[window].astype(np.int32), windows.item[window].astype(np.int32)
+    strip_column = edge_column[starts]
+    strip_window, half = window[strip_column], windows.width[window[strip_column]] / 2
+    left, right = (columns.azimuth[strip_column] + side for side in (-half, half))
+    pair = (
+        windows.viewpoint[strip_window].astype(np.int32),
+        windows.item[strip_window].astype(np.int32),
+    )
     bounds = (
         left.astype(np.float32),
         right.astype(np.float32),
@@ -336,7 +349,10 @@ class SuccessiveStrips:
     changes no result."""
 
     def __init__(self, renderer: Renderer, viewpoints: Eyes, counted: Counted) -> None:
-        """Begin before the first frame, without strips."""
+        """Begin before the first frame, without strips.
+
+        renderer: gives the static scene, which hides objects; viewpoints: places to look from;
+        counted: the points that count."""
         self._renderer = renderer
         self._viewpoints = viewpoints
         self._counted = counted
@@ -347,7 +363,8 @@ class SuccessiveStrips:
     def find_next(self, moment: Moment, fine: Mask) -> Strips:
         """Strips of the next frame, by viewpoint, then object.
 
-        fine: mask of the objects to cut into narrow columns, as in `find_sectors`."""
+        moment: objects of the frame; fine: mask of the objects to cut into columns of
+        `STRIP_WIDTH`; others get `COARSE` ones."""
         boxes = [box.tobytes() for box in moment.boxes]
         objects = list(zip(moment.bodies, boxes, fine.tolist(), strict=True))
         sectors = find_sectors(moment.ground, self._viewpoints, fine)
@@ -410,18 +427,18 @@ def may_hide(ground: Footprints, viewpoints: Eyes, sectors: Sectors) -> Bool[np.
         block = slice(start, start + step)
         dx, dy = (x_y - viewpoints[block, None, :2]).transpose(2, 0, 1)
         distance = np.hypot(dx, dy)
-        near = np.maximum(distance - radius, 0)
-        far = distance + radius
+        near_distance = np.maximum(distance - radius, 0)
+        far_distance = distance + radius
         below = ground.low - viewpoints[block, 2:]
         above = ground.high - viewpoints[block, 2:]
-        low = np.arctan2(below, np.where(below < 0, near, far))
-        high = np.arctan2(above, np.where(above < 0, far, near))
+        low = np.arctan2(below, np.where(below < 0, near_distance, far_distance))
+        high = np.arctan2(above, np.where(above < 0, far_distance, near_distance))
         # [:, :, None] is of the object, [:, None] of the other
         turn = middle[block, :, None] - middle[block, None]
         azimuth_gap = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)  # 0 to pi
         reach = half_width[block, :, None] + half_width[block, None]
         mask[block] = azimuth_gap <= reach + OVERLAP_SLACK
-        mask[block] &= near[:, None] <= far[:, :, None] + OVERLAP_SLACK
+        mask[block] &= near_distance[:, None] <= far_distance[:, :, None] + OVERLAP_SLACK
         mask[block] &= low[:, None] <= high[:, :, None] + OVERLAP_SLACK
         mask[block] &= high[:, None] >= low[:, :, None] - OVERLAP_SLACK
     mask[:, objects, objects] = False  # no object hides itself

@@ -55,9 +55,9 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """Read the arrays of a file of `write_arrays`.
 
     Raises FileNotFoundError; ValueError for a damaged or other file."""
-    stored = read_plain(path)
-    content = stored[:-_CHECKSUM_BYTES]
-    checksum = stored[-_CHECKSUM_BYTES:]
+    stored_bytes = read_plain(path)
+    content = stored_bytes[:-_CHECKSUM_BYTES]
+    checksum = stored_bytes[-_CHECKSUM_BYTES:]
     if sha256(content).digest() != checksum:
         raise ValueError(
             f"{path} does not fit its checksum: it is damaged or not a coview file, make it again"
@@ -85,7 +85,7 @@ def load_arrays(
     `check_unpacked` allows. content: content of the file, if it was read before."""
     try:
         with content or plain_file(path).open("rb") as file:
-            if file.read(2) != b"PK":
+            if file.read(2) != b"PK":  # no zip archive, so a .npy file
                 file.seek(0)
                 _check_array(
                     file,
@@ -114,7 +114,9 @@ def _check_array(stream: IO[bytes], size: int) -> None:
     version = form.read_magic(stream)
     read_header = form.read_array_header_1_0 if version == (1, 0) else form.read_array_header_2_0
     shape, _, kind = read_header(stream)
-    declared = math.prod(shape) * kind.itemsize
-    check_unpacked(declared)
-    if kind.itemsize and declared != size - stream.tell() and not kind.hasobject:
-        raise ValueError(f"its header says {declared} bytes, but {size - stream.tell()} are there")
+    declared_bytes = math.prod(shape) * kind.itemsize
+    check_unpacked(declared_bytes)
+    if kind.itemsize and declared_bytes != size - stream.tell() and not kind.hasobject:
+        raise ValueError(
+            f"its header says {declared_bytes} bytes, but {size - stream.tell()} are there"
+        )

@@ -72,7 +72,7 @@ class Cache:
         self._secret = b""
 
     def get(self, keys: Sequence[bytes]) -> list[Arrays | None]:
-        """Values of some keys, None for unknown ones."""
+        """Return the value of each key, in order; None for unknown keys and damaged values."""
 
         def select(database: sqlite3.Connection) -> dict[bytes, bytes]:
             """Stored values by key, asked for `QUERY_KEYS` keys at a time."""
@@ -85,6 +85,7 @@ class Cache:
                 values |= dict(database.execute(query, chunk))
             return values
 
+        # without a usable file nothing is known
         values = self._safely(select, dict[bytes, bytes]())
         return [
             decode_arrays(key + self._secret, values[key]) if key in values else None
@@ -92,22 +93,25 @@ class Cache:
         ]
 
     def put(self, values: Mapping[bytes, Iterable[np.ndarray]]) -> None:
-        """Keep all values or, if the process ends before, none."""
+        """Keep all values or, if the process ends before, none.
+
+        values: arrays by key; values above `MAX_VALUE_BYTES` are left out with a warning."""
 
         def insert(database: sqlite3.Connection) -> None:
             """Write all values that are not too large, in one transaction."""
             rows = [
                 (key, encode_arrays(key + self._secret, value)) for key, value in values.items()
             ]
-            fitting = [(key, value) for key, value in rows if len(value) <= MAX_VALUE_BYTES]
-            too_large = len(rows) - len(fitting)
-            if too_large:
+            fitting_rows = [(key, value) for key, value in rows if len(value) <= MAX_VALUE_BYTES]
+            too_large_count = len(rows) - len(fitting_rows)
+            if too_large_count:
                 warnings.warn(
-                    f"{too_large} values are too large to be kept in {self.path}", stacklevel=4
+                    f"{too_large_count} values are too large to be kept in {self.path}",
+                    stacklevel=4,
                 )
             with database:  # commits, or rolls back
                 database.execute("BEGIN IMMEDIATE")
-                database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting)
+                database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting_rows)
 
         self._safely(insert, None)
 
@@ -154,7 +158,7 @@ class Cache:
 
     def _database(self) -> sqlite3.Connection:
         """Open database of this process. Raises sqlite3.Error if the file cannot be used."""
-        # a forked process must not share a handle
+        # process id and database: a forked process must not share a handle
         if self._open is not None and self._open[0] == os.getpid():
             return self._open[1]
         if self.path is not None:
@@ -210,10 +214,10 @@ def recall(
 
     make: from the indices of missing keys to their values, in order; each is computed when it is
     taken from the iterator."""
-    cached: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
-    missing = [index for index, arrays in enumerate(cached) if arrays is None]
-    results = iter(make(missing) if missing else ())
-    for key, arrays in zip(keys, cached, strict=True):
+    cached_values: list[Arrays | None] = [None] * len(keys) if cache is None else cache.get(keys)
+    missing_indices = [index for index, arrays in enumerate(cached_values) if arrays is None]
+    results = iter(make(missing_indices) if missing_indices else ())
+    for key, arrays in zip(keys, cached_values, strict=True):
         value = tuple(next(results)) if arrays is None else arrays
         if arrays is None and cache is not None:
             cache.put({key: value})
@@ -272,7 +276,10 @@ def encode_arrays(key: bytes, arrays: Iterable[np.ndarray]) -> bytes:
 
 
 def decode_arrays(key: bytes, value: bytes) -> Arrays | None:
-    """Arrays of `encode_arrays`; None for damaged bytes and other objects."""
+    """Return the arrays that `encode_arrays` put into `value`; None if it is damaged or no bytes.
+
+    key: the same as for `encode_arrays`, which the checksum covers. The arrays are read-only."""
+    # checksum, then [is_compressed, [dtype, shape], ...] as a line of JSON, then the arrays' bytes
     body = value[CHECKSUM_BYTES:] if isinstance(value, bytes) else b""
     if not body or not secrets.compare_digest(value[:CHECKSUM_BYTES], _checksum(key, body)):
         return None
@@ -308,14 +315,16 @@ def _checksum(key: bytes, body: bytes) -> bytes:
 
 
 def _patiently(database: sqlite3.Connection, statement: str) -> None:
-    """Execute a statement for which SQLite does not wait, such as a change of the journal's
-    mode."""
+    """Execute a statement again and again while the database is locked, for `MAX_WAIT_S` at most.
+
+    SQLite itself does not wait for some statements, such as a change of the journal's mode."""
     until = time.monotonic() + MAX_WAIT_S
     while True:
         try:
             database.execute(statement)
             return
         except sqlite3.OperationalError as error:
+            # the lowest 8 bits are the kind of the error, the others details
             if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
                 raise
             time.sleep(0.02)
@@ -334,6 +343,7 @@ def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
     for module in sorted(files):
         digest.update(module.encode() + b"\0" + sha256(files[module].read_bytes()).digest())
     folders = {path.parent for module, path in files.items() if _is_ours(module)}
+    # data files next to the modules count too
     tables = sorted(table for folder in folders for table in folder.glob("*.toml"))
     for data in tables:
         digest.update(data.name.encode() + b"\0" + sha256(data.read_bytes()).digest())
@@ -345,9 +355,10 @@ def digest_of_source(modules: tuple[str, ...], top: Path = SOURCE_ROOT) -> str:
 def import_closure(
     modules: tuple[str, ...], top: Path = SOURCE_ROOT
 ) -> tuple[dict[str, Path], set[str]]:
-    """Source files, by module, and libraries that `modules` import, directly or not.
+    """Source files of this project, by module, that `modules` import, directly or not.
 
-    top: folder that holds the packages of this project.
+    The second result holds the names of the libraries outside it and outside Python that they
+    import. top: folder that holds the packages of this project.
     """
     files: dict[str, Path] = {}
     libraries: set[str] = set()
@@ -358,7 +369,7 @@ def import_closure(
         if (module, name) in followed:
             continue
         followed.add((module, name))
-        parent = module.rpartition(".")[0]
+        parent = module.rpartition(".")[0]  # its package, which runs before it
         pending.extend([(parent, "")] if parent and _is_ours(module) else [])
         path = _file(module, top) if _is_ours(module) or module in modules else None
         if path is None:
@@ -366,11 +377,12 @@ def import_closure(
                 set() if _is_ours(module) else {module.partition(".")[0]} - sys.stdlib_module_names
             )
             continue
+        # a name of a package is a module below it, or one that its stub or __init__ imports
         if name and path.name == "__init__.py":
             below = f"{module}.{name}"
             stub = path.with_suffix(".pyi")
-            offered = _offers((stub if stub.is_file() else path).read_bytes(), module, name)
-            pending.extend([(below, "")] if _file(below, top) else offered)
+            offered_imports = _offers((stub if stub.is_file() else path).read_bytes(), module, name)
+            pending.extend([(below, "")] if _file(below, top) else offered_imports)
         if module not in files:
             files[module] = path
             pending.extend(_imports(path.read_bytes(), module, path.name == "__init__.py"))
@@ -383,10 +395,12 @@ def _is_ours(module: str) -> bool:
 
 
 def _file(module: str, top: Path) -> Path | None:
-    """Source file of a module, None for a library without one that is loaded."""
+    """Source file of a module, None without one.
+
+    A module of ours is looked up below `top`; a library's file is known only if it is loaded."""
     if not _is_ours(module):
-        loaded = getattr(sys.modules.get(module), "__file__", None)
-        return Path(loaded) if loaded and loaded.endswith(".py") else None
+        loaded_file = getattr(sys.modules.get(module), "__file__", None)
+        return Path(loaded_file) if loaded_file and loaded_file.endswith(".py") else None
     path = top.joinpath(*module.split("."))
     candidates = (path.with_suffix(".py"), path / "__init__.py")
     return next((candidate for candidate in candidates if candidate.is_file()), None)
@@ -416,7 +430,9 @@ def _imports(source: bytes, module: str, is_package: bool) -> tuple[_Import, ...
 
 
 def _list_imports(node: ast.Import | ast.ImportFrom, package: str) -> list[_Import]:
-    """Imports of a statement in a module of a package, relative ones resolved."""
+    """Imports of a statement in a module of a package: modules, and the names from them.
+
+    node: the statement; package: dotted name of the package, from which relative imports count."""
     if isinstance(node, ast.Import):
         return [(alias.name, "") for alias in node.names]
     parts = package.split(".")

@@ -32,7 +32,7 @@ _Place = int | slice | EllipsisType | tuple[int, ...]
 def reading(where: str) -> Iterator[None]:
     """Turn errors of the block's HDF5 accesses into one OSError.
 
-    Only such accesses belong in the block."""
+    Only such accesses belong in the block. where: what is read, the beginning of the message."""
     try:
         yield
     except _DAMAGE as error:
@@ -55,13 +55,13 @@ def open_hdf5(path: str | Path) -> h5py.File:
             head = file.read(48)  # the signature, then the superblock
         # offset of the end-of-file address, by the version of the superblock
         start = 28 if head[8:9] >= b"\2" else 40
-        claimed = int.from_bytes(head[start : start + 8], "little")
+        claimed_bytes = int.from_bytes(head[start : start + 8], "little")
         if size == 0:
             reason = "is empty: copy or make it again"
         elif head[:8] != b"\x89HDF\r\n\x1a\n":
             reason = "is not an HDF5 file: check that it is the right one"
-        elif size < claimed:
-            reason = f"is cut off: {size} of {claimed} bytes are there; copy or make it again"
+        elif size < claimed_bytes:
+            reason = f"is cut off: {size} of {claimed_bytes} bytes are there; copy or make it again"
         else:
             reason = (
                 f"cannot be read as HDF5 ({' '.join(str(error).split())[:200]}): copy or make it "
@@ -121,19 +121,20 @@ def child_names(group: h5py.Group, name: str) -> list[str]:
 def dataset(
     group: h5py.Group, name: str, *, axes: int | None = None, kinds: str = "fiu"
 ) -> h5py.Dataset:
-    """Dataset with this name, not yet read.
+    """Dataset of numbers with this name in a group, not yet read.
 
-    axes: number of its axes; kinds: NumPy's types that it may have."""
+    axes: number of its axes, None for any; kinds: letters of the NumPy types it may have, such as
+    "f" for floats. Raises ValueError for a missing or another dataset."""
     node = _own(group, name)
     with reading(name):
-        numeric = isinstance(node, h5py.Dataset) and node.shape is not None
-        shape = node.shape if numeric else ()
-        dtype = node.dtype if numeric else np.dtype(float)
-        size = node.nbytes if numeric else 0
-        stored = node.id.get_storage_size() if numeric else 0
+        is_numeric = isinstance(node, h5py.Dataset) and node.shape is not None
+        shape = node.shape if is_numeric else ()
+        dtype = node.dtype if is_numeric else np.dtype(float)
+        size = node.nbytes if is_numeric else 0
+        stored_bytes = node.id.get_storage_size() if is_numeric else 0
     if node is None:
         raise ValueError(f"dataset {name!r} is missing: restore the file, or make it again")
-    if not numeric:
+    if not is_numeric:
         raise ValueError(
             f"{name} must be a dataset of numbers, got {type(node).__name__.lower()} without any"
         )
@@ -143,9 +144,10 @@ def dataset(
         )
     if axes is not None and len(shape) != axes:
         raise ValueError(f"{name} must have {axes} axes, got {dtype} of shape {shape}")
-    if size > _MANY_BYTES and size * _MIN_DEFLATED_SHARE > stored:
+    # compression cannot shrink data so far: the stored part is missing
+    if size > _MANY_BYTES and size * _MIN_DEFLATED_SHARE > stored_bytes:
         raise ValueError(
-            f"{name} claims {size} bytes, but only {stored} are stored: the file is damaged, "
+            f"{name} claims {size} bytes, but only {stored_bytes} are stored: the file is damaged, "
             "restore it"
         )
     return node
@@ -172,9 +174,10 @@ def rows(node: h5py.Dataset, name: str, where: _Place) -> np.ndarray:
 
 
 def text(group: h5py.Group, name: str) -> str:
-    """Text of a dataset."""
+    """Text of the dataset with this name in a group. Raises ValueError for another content."""
     node = _own(group, name)
     with reading(name):
+        # without a node, group[name] raises the error of h5py for a missing name
         content = (group[name] if node is None else node)[()]
         if isinstance(content, bytes):
             return content.decode("utf-8")
@@ -201,7 +204,8 @@ def hdf5_file(
     """Give the block an HDF5 file to write, and a function that raises OSError once the disk
     failed.
 
-    That function is called at the end, and may be called before. Not atomic: see
+    mode: "w" for a new file, "r+" to change one. The function is called at the end, and may be
+    called before. Not atomic: see
     `toolkit.runtime.writing.writing`."""
     with _Disk(path, "w+" if mode == "w" else "r+") as disk:
         try:

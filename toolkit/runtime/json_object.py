@@ -43,7 +43,9 @@ class JsonObject:
         return f"{self.path}.{key}" if self.path else key
 
     def get(self, key: str, kind: type) -> Any:
-        """Member of a kind: str, int, bool, list or dict."""
+        """Return the member of a key, which must be of a kind: str, int, bool, list or dict.
+
+        Raises ValueError, which names its place, if it is missing or of another kind."""
         if key not in self.value:
             raise ValueError(f"{self.where(key)} is missing: add it, or save the file again")
         value = self.value[key]
@@ -58,7 +60,9 @@ class JsonObject:
         return JsonObject(self.get(key, dict), self.where(key))
 
     def nodes(self, key: str, max_count: int) -> "Iterator[JsonObject]":
-        """Member that is a list of at most so many objects."""
+        """Yield the objects of a member that is a list of at most `max_count` objects.
+
+        Each one names its place in errors. Raises ValueError for another member."""
         rows = self.get(key, list)
         if len(rows) > max_count:
             raise ValueError(f"{self.where(key)} must hold at most {max_count}, got {len(rows)}")
@@ -82,19 +86,23 @@ class JsonObject:
         return value
 
     def choice(self, key: str, choices: Collection[str]) -> str:
-        """Member that is one of some texts."""
+        """Return the member of a key, which must be one of some texts.
+
+        Raises ValueError, which names its place, for another value."""
         value: str = self.get(key, str)
         if value not in choices:
-            listed = ", ".join([*choices][:_MAX_LISTED])
+            listed_choices = ", ".join([*choices][:_MAX_LISTED])
             if len(choices) > _MAX_LISTED:
-                listed += " or others"
+                listed_choices += " or others"
             raise ValueError(
-                f"{self.where(key)} must be one of {listed}, got {value[:_MAX_TEXT]!r}"
+                f"{self.where(key)} must be one of {listed_choices}, got {value[:_MAX_TEXT]!r}"
             )
         return value
 
     def texts(self, key: str) -> list[str]:
-        """Member that is a list of texts."""
+        """Return the member of a key, which must be a list of texts.
+
+        Raises ValueError, which names its place, for another value."""
         row = self.get(key, list)
         for i, value in enumerate(row):
             if not isinstance(value, str):
@@ -104,7 +112,9 @@ class JsonObject:
         return list(row)
 
     def angle(self, key: str) -> float:
-        """Member in degrees, as radians."""
+        """Return a member in degrees as radians.
+
+        Raises ValueError, which names its place, for no number or one beyond `_MAX_TURN_DEG`."""
         value = self.number(key)
         if abs(value) > _MAX_TURN_DEG:
             raise ValueError(

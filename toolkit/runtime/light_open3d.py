@@ -16,7 +16,7 @@ class _Viewer(ModuleType):
     __all__ = ()
 
     def __getattr__(self, name: str) -> Any:
-        """Function that loads the viewer and calls its function of this name."""
+        """Return a function that loads the viewer, then calls the viewer's function `name`."""
         if name.startswith("__"):
             raise AttributeError(name)
 

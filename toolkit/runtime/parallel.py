@@ -90,12 +90,12 @@ def run_on_ray(job: Task, inputs: Iterable[Value], address: str) -> Iterator[Val
     pending: deque[Value] = deque()
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_work_on_ray)
-        shared = ray.put(job)
+        shared_job = ray.put(job)
         remaining = iter(inputs)
         ahead = AHEAD_PER_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
         while True:
             pending.extend(
-                task.remote([shared], x) for x in islice(remaining, ahead - len(pending))
+                task.remote([shared_job], x) for x in islice(remaining, ahead - len(pending))
             )
             if not pending:
                 return
@@ -128,7 +128,10 @@ def _work_on_ray(shared: list[Value], x: Value) -> Value:
 
 
 def _connect(address: str) -> Value:
-    """Ray, connected until this process ends or changes cluster."""
+    """Return the module `ray`, connected to a cluster until this process ends or changes it.
+
+    address: where the cluster is, as `ray.init` takes it. Raises ImportError without Ray, and
+    ConnectionError if no cluster answers."""
     global _address
     try:
         ray: Value = import_module("ray")
@@ -139,12 +142,12 @@ def _connect(address: str) -> Value:
     if ray.is_initialized():
         return ray
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    here = {"include_dashboard": False} if address == "local" else {}
+    local_options = {"include_dashboard": False} if address == "local" else {}
     host, colon, port = address.rpartition("://")[2].rpartition(":")
     try:
         if colon:  # Ray itself takes minutes to find out
             socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
-        ray.init(address=address, log_to_driver=False, **here)
+        ray.init(address=address, log_to_driver=False, **local_options)
     except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
         remedy = "start one with `ray start --head`, or ask for 'local'"
@@ -198,7 +201,7 @@ def tick() -> None:
 def _count_results(
     results: Iterator[Value], progress: Callable[[int], None] | None
 ) -> Iterator[Value]:
-    """Yield results, and call `progress` with their number so far."""
+    """Yield results, and call `progress`, unless it is None, with their number so far."""
     for count, result in enumerate(results, 1):
         if progress:
             progress(count)
@@ -217,17 +220,17 @@ def _in_processes(
 
     ticks: called with the number of calls of `tick` so far. Work of a process that died is
     repeated; raises WorkLost after more than `RETRIES` deaths without a result in between."""
-    pickled = pickle.dumps(job)
+    pickled_job = pickle.dumps(job)
     remaining = iter(inputs)
     # every input without a result; None while no pool has it
     pending: list[tuple[Value, Future[Value] | None]] = []
     deaths = 0  # since there was a result
-    yielded = 0
+    yielded_count = 0
     earlier_results = 0  # when a process died last
     ticks_before = 0  # in pools that died
     while True:
         try:
-            with _pool(pickled, workers) as pool:
+            with _pool(pickled_job, workers) as pool:
                 while True:
                     pending.extend(
                         (x, None)
@@ -244,12 +247,12 @@ def _in_processes(
                     result = future.result()
                     ticks(ticks_before + pool.ticks)
                     del pending[0]
-                    yielded += 1
+                    yielded_count += 1
                     yield result
         except BrokenProcessPool:
             pending = [(x, None if _is_lost(future) else future) for x, future in pending]
             lost_inputs = [x for x, future in pending if future is None]
-            results = yielded + len(pending) - len(lost_inputs)
+            results = yielded_count + len(pending) - len(lost_inputs)
             deaths = deaths + 1 if results == earlier_results else 1
             earlier_results = results
             if deaths > RETRIES:
@@ -297,7 +300,9 @@ class _Pool:
     """
 
     def __init__(self, pickled: bytes, workers: int) -> None:
-        """Prepare the processes, which start with the first work. pickled: the job."""
+        """Prepare the processes, which start with the first work.
+
+        pickled: the job; workers: number of processes."""
         # forking would copy the locks of Open3D's and torch's threads
         context = multiprocessing.get_context("spawn")
         # as an argument, a job larger than a pipe's buffer would block this process for ever if a
@@ -307,7 +312,7 @@ class _Pool:
         job_path.write_bytes(pickled)
         # nothing is sent: processes end when the writing end is closed (`_end_after`)
         self._reader, self._writer = context.Pipe(duplex=False)
-        self.counter = context.Value("q")
+        self.counter = context.Value("q")  # an integer of 64 bits, with a lock
         self.executor = ProcessPoolExecutor(
             workers, context, _start_worker, (job_path, self._reader, self.counter)
         )
@@ -349,7 +354,10 @@ _ticks: Value = None  # a number that all workers of a pool count up; None in ot
 
 
 def _start_worker(job_path: Path, parent: Connection, ticks: Value) -> None:
-    """Prepare a process of a pool: its job, pickled in a file, and its end with its parent's."""
+    """Prepare a process of a pool: its job, and its end with its parent's.
+
+    job_path: file of the pickled job; parent: pipe that closes when the parent ends; ticks: number
+    of calls of `tick`, which the pool's processes share."""
     global _job, _ticks
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()

@@ -78,14 +78,14 @@ def resolve_below(root: str | Path, name: str) -> Path:
     """Return the file of a data set that one of its files names, as Linux or Windows writes paths.
 
     Raises ValueError for a name that leaves `root`."""
-    relative = Path(name)
-    if "\\" in name and "\0" not in name and not os.path.lexists(Path(root) / relative):
-        relative = Path(name.replace("\\", "/"))
-    if relative.is_absolute() or ".." in relative.parts or "\0" in name:
+    relative_path = Path(name)
+    if "\\" in name and "\0" not in name and not os.path.lexists(Path(root) / relative_path):
+        relative_path = Path(name.replace("\\", "/"))
+    if relative_path.is_absolute() or ".." in relative_path.parts or "\0" in name:
         raise ValueError(
             f"the file name {name[:100]!r} leads out of {root}: name files below that folder"
         )
-    return Path(root) / relative
+    return Path(root) / relative_path
 
 
 def check_links(root: str | Path) -> None:
@@ -113,10 +113,10 @@ def limit_memory(size: int) -> Iterator[None]:
     try:
         import resource
 
-        mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        mapped_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         soft, hard = resource.getrlimit(resource.RLIMIT_AS)
         limit_bytes = min(
-            limit for limit in (mapped + size, soft, hard) if limit != resource.RLIM_INFINITY
+            limit for limit in (mapped_bytes + size, soft, hard) if limit != resource.RLIM_INFINITY
         )
         resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, hard))
     except (ImportError, OSError, ValueError):

@@ -54,7 +54,10 @@ class ShardFolder:
         return None
 
     def open(self, overwrite: bool) -> None:
-        """Make the folder, or continue in it. Raises FileExistsError."""
+        """Make the folder, or continue in it if it has the same plan.
+
+        overwrite: True to begin again in a folder of another plan, which otherwise raises
+        FileExistsError."""
         stored_plan = self.found
         differences = "" if stored_plan is None else describe_differences(stored_plan, self.plan)
         if differences and not overwrite:
@@ -88,8 +91,8 @@ class ShardFolder:
         size = sum(path.stat().st_size for path in shards)
         if size > shutil.disk_usage(self.path).free:
             raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to join the shards")
-        with writing(out, self.path / f"joined{UNFINISHED}") as joined:
-            result = join(shards, joined)
+        with writing(out, self.path / f"joined{UNFINISHED}") as joined_file:
+            result = join(shards, joined_file)
         self.remove()
         return result
 

@@ -43,8 +43,8 @@ class StageTimes:
         summary = {}
         for stage, times in self._times.items():
             values = np.percentile(np.array(times), list(PERCENTILES.values()))
-            rounded = [round(value, 2) for value in values.tolist()]
-            summary[stage] = dict(zip(PERCENTILES, rounded, strict=True))
+            rounded_values = [round(value, 2) for value in values.tolist()]
+            summary[stage] = dict(zip(PERCENTILES, rounded_values, strict=True))
         return summary
 
 

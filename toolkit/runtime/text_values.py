@@ -102,9 +102,10 @@ def parse_yaml(text: str) -> Any:
 
 
 def _count_values(node: Any, counted: dict[int, int]) -> int:
-    """Count a YAML node and all below it; aliases lead to one node many times.
+    """Count a YAML node and all below it, up to `MAX_YAML_VALUES` + 1.
 
-    counted: numbers so far, by `id` of the node."""
+    Aliases lead to one node many times, and it counts each time. counted: numbers so far, by `id`
+    of the node, to which new ones are added. Raises ValueError for a key that is there twice."""
     if id(node) not in counted:
         counted[id(node)] = MAX_YAML_VALUES + 1  # met again below itself
         below = node.value if node.id != "scalar" else ()

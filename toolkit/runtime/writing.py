@@ -112,7 +112,9 @@ def writing_folder(folder: str | Path) -> Iterator[Path]:
 
 
 def _replace_content(target: Path, unfinished: Path) -> None:
-    """Move the content of a folder inside `target` in place of the rest."""
+    """Move the content of `unfinished`, a folder inside `target`, in place of the rest of `target`.
+
+    The mark `WRITTEN` is moved last, so that a killed run leaves no folder that looks whole."""
     write_text(target / WRITTEN, UNFINISHED)  # until the end, so that a killed run is known
     with _aside(target, inside=True) as (_, old):
         for entry in target.iterdir():
@@ -128,7 +130,7 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
 
     The empty folder is inside `target` or next to it."""
     parent = target if inside else target.parent
-    missing = [path for path in (parent, *parent.parents) if not path.exists()]
+    missing_folders = [path for path in (parent, *parent.parents) if not path.exists()]
     unfinished = descriptor = None
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -141,13 +143,16 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
             shutil.rmtree(unfinished, ignore_errors=True)
         if descriptor is not None:
             os.close(descriptor)
-        for path in missing:  # those that are empty are what nothing came of
+        for path in missing_folders:  # made above; they are removed if they stayed empty
             with suppress(OSError):
                 path.rmdir()
 
 
 def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path, int]:
-    """Make and lock an empty file, or folder (suffix None), or take over one of a killed writer."""
+    """Make and lock an empty file, or folder (suffix None), or take over one of a killed writer.
+
+    folder: where it is made; start, suffix: beginning and ending of its name. Returns its path, and
+    the file descriptor that holds the lock."""
     for number in range(1000):
         path = folder / f"{start}.{number}{UNFINISHED}{suffix or ''}"
         existed = path.exists()
@@ -157,15 +162,15 @@ def _take_unfinished(folder: Path, start: str, suffix: str | None) -> tuple[Path
             if not existed:
                 raise
             continue  # another user's
-        if descriptor is None:
+        if descriptor is None:  # another writer holds it
             continue
         if suffix is not None:
             os.truncate(path, 0)
-        elif left := list(path.iterdir()):
+        elif left_entries := list(path.iterdir()):
             warnings.warn(
                 f"{path}, which a killed run left, is removed and begun anew", stacklevel=2
             )
-            for entry in left:
+            for entry in left_entries:
                 shutil.rmtree(
                     entry
                 ) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
@@ -181,6 +186,7 @@ def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | No
         if folder:
             path.mkdir(0o700, exist_ok=True)
         kind = os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT
+        # systems without fcntl cannot open a folder, so the descriptor is of another file
         descriptor = os.open(
             path if fcntl or not folder else os.devnull, kind | getattr(os, "O_NOFOLLOW", 0), 0o600
         )
@@ -206,9 +212,9 @@ def _name_output(path: str | Path) -> Iterator[None]:
         if error.errno is None:
             raise
         reason = f"cannot write {path}: {os.strerror(error.errno)}; make room, or give another path"
-        explained = type(OSError(error.errno, ""))(reason)
-        explained.errno = error.errno
-        raise explained from error
+        explained_error = type(OSError(error.errno, ""))(reason)
+        explained_error.errno = error.errno
+        raise explained_error from error
 
 
 def reserve(path: Path, size: int) -> None:

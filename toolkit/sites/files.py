@@ -314,8 +314,9 @@ def _read_feature(feature: JsonObject, matrix: Float64[np.ndarray, "..."]) -> tu
 def _read_geometry(layer: str, geometry: JsonObject, properties: JsonObject) -> JsonValue:
     """Read the value of a feature of a layer in `_LAYERS`, and check it.
 
-    Returns an array for the area, a lane or a footway, a Solid, Mount or Sensor, and for a parking
-    bay its x, y, yaw and its origin."""
+    geometry, properties: the feature's members of these names. Returns an array for the area, a
+    lane or a footway, a Solid, Mount or Sensor, and for a parking bay its x, y, yaw and its
+    origin."""
     if layer == "area":
         return _read_area(geometry)
     if layer in ("lane", "footway"):
@@ -359,7 +360,9 @@ def _read_area(geometry: JsonObject) -> Float64[np.ndarray, "4"]:
 
 
 def _read_solid(geometry: JsonObject, properties: JsonObject) -> Solid:
-    """Solid with the footprint of `geometry`; errors name the path of the feature's properties."""
+    """Build the solid of a feature with the footprint `geometry`.
+
+    properties: base and top (m), kind and origin. Errors name their path in the document."""
     footprint = _read_ring(geometry)
     base = properties.number("base")
     top = properties.number("top")
@@ -378,7 +381,9 @@ def _read_parking(
 
 
 def _read_origin(properties: JsonObject) -> str:
-    """Origin of a feature (mapped, surveyed or drawn), "mapped" without one."""
+    """Origin of a feature (mapped, surveyed or drawn), "mapped" if it states none.
+
+    properties: the feature's. Raises ValueError for another origin."""
     if "origin" not in properties.value:
         return "mapped"
     origin: str = properties.get("origin", str)
@@ -389,7 +394,9 @@ def _read_origin(properties: JsonObject) -> str:
 
 
 def _read_mount(geometry: JsonObject, properties: JsonObject) -> Mount:
-    """Mount with its foot at x, y, z (m, site frame)."""
+    """Build the mount of a feature, with its foot at the feature's x, y, z (m, site frame).
+
+    Raises ValueError, which begins with the path of the properties, for wrong values."""
     position = np.array(geometry.numbers("coordinates", 3))
     name = properties.get("name", str)
     # heights, price and the like; those that a file leaves out have their defaults in `Mount`

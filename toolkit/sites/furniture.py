@@ -167,10 +167,13 @@ def set_kerbs(
             # a strip on both sides of the edge, less the side on the road
             strip = shapely.LineString(ends).buffer(width, cap_style="flat")
             stone = shapely.set_precision(strip.difference(road), 1e-3)
-            largest = max(shapely.get_parts(stone), key=shapely.area, default=shapely.Polygon())
+            largest_part = max(
+                shapely.get_parts(stone), key=shapely.area, default=shapely.Polygon()
+            )
             is_usable = broken or stone.geom_type == "Polygon"
-            if largest.area > MIN_KERBSTONE_M2 and not largest.interiors and is_usable:
-                corners = shapely.get_coordinates(largest.exterior)[:-1]  # the last is the first
+            if largest_part.area > MIN_KERBSTONE_M2 and not largest_part.interiors and is_usable:
+                # the last corner is the first
+                corners = shapely.get_coordinates(largest_part.exterior)[:-1]
                 solids.append(Solid(corners, base=0.0, top=height, kind="kerb"))
     return solids
 
@@ -178,8 +181,8 @@ def set_kerbs(
 def raise_onto_ground(solids: Iterable[Solid], relief: Relief) -> tuple[Solid, ...]:
     """Lift solids made for level ground onto uneven ground, by its height under their middle.
 
-    Solids on the ground (base 0) reach `_FOUNDATION_M` into it, so that no gap shows. Returns new
-    solids in the same order."""
+    Solids on the ground (base 0) reach `_FOUNDATION_M` into it, so that no gap shows. relief: gives
+    the ground's height. Returns new solids in the same order."""
     solids = list(solids)
     middles = np.array([solid.footprint.mean(axis=0) for solid in solids]).reshape(-1, 2)
     # a site made only to read the height of the ground; its area does not matter
@@ -259,10 +262,12 @@ def bushes(rng: Rng) -> list[Solid]:
 def planter(rng: Rng) -> list[Solid]:
     """Draw a box, and the plants in it as a smaller block on top."""
     length, width, height = _draw_lengths(rng, (0.8, 3.0), (0.6, 1.4), (0.4, 0.9))
-    (green,) = _draw_lengths(rng, (0.2, 0.9))  # height of the plants above the box
+    (plants_height,) = _draw_lengths(rng, (0.2, 0.9))  # height of the plants above the box
     box = Solid(block((length, width)), base=0.0, top=height, kind="planter")
     plant_size = 0.8 * length, 0.8 * width
-    plants = Solid(block(plant_size), base=height, top=round(height + green, 2), kind="bush")
+    plants = Solid(
+        block(plant_size), base=height, top=round(height + plants_height, 2), kind="bush"
+    )
     return [box, plants]
 
 

@@ -265,13 +265,13 @@ def _convert(
         ) from None
     if earth_map.doubt is not None:
         warnings.warn(f"site {site.name!r}: {earth_map.doubt}", stacklevel=4)
-    converted = earth_map.to_degrees(points) if inverse else earth_map.to_metres(points)
-    is_reached = np.isfinite(converted).all(axis=1)
+    converted_points = earth_map.to_degrees(points) if inverse else earth_map.to_metres(points)
+    is_reached = np.isfinite(converted_points).all(axis=1)
     if not is_reached.all():
         far_point = points[np.argmin(is_reached)].tolist()  # the first one
         problem = f"the map of site {site.name!r} ({reference[:90]}) does not reach {far_point}"
         raise ValueError(f"{problem}: correct geo_reference or the coordinates")
-    return converted
+    return converted_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,17 +334,17 @@ def _open_map(geo_reference: str) -> _EarthMap:
             f"names no projection that PROJ knows: it is {_describe_system(system)}, got {quoted!r}"
         )
     axes = _find_axes(system, quoted)
-    missing = _list_missing_grids(geo_reference)
+    grids = _list_missing_grids(geo_reference)
     # first the exact way, which fails for a map without a known datum or without its grids
     try:
         exact_transformer = Transformer.from_crs(system, WGS84, allow_ballpark=False)
-        return _EarthMap(exact_transformer, axes, doubt=_note_missing_grids(missing))
+        return _EarthMap(exact_transformer, axes, doubt=_note_missing_grids(grids))
     except ProjError:
         pass
     # @ marks a grid that may be missing
-    if missing and "@" not in geo_reference:
+    if grids and "@" not in geo_reference:
         raise ValueError(
-            f"needs the grid {', '.join(missing)}, which PROJ has not here (projsync --file), got "
+            f"needs the grid {', '.join(grids)}, which PROJ has not here (projsync --file), got "
             f"{quoted!r}"
         )
     try:
@@ -461,10 +461,10 @@ def feature(site: Site, geometry: shapely.Geometry, **properties: object) -> _Js
         degrees = longitude_latitude(site, xy)
         return (xy if degrees is None else degrees).round(decimals) + 0.0
 
-    converted = shapely.transform(shapely.force_2d(geometry), convert_points)
+    converted_geometry = shapely.transform(shapely.force_2d(geometry), convert_points)
     # outer rings run counter-clockwise, as RFC 7946 asks
-    oriented = shapely.orient_polygons(converted)
-    return {"type": "Feature", "properties": properties, "geometry": mapping(oriented)}
+    oriented_geometry = shapely.orient_polygons(converted_geometry)
+    return {"type": "Feature", "properties": properties, "geometry": mapping(oriented_geometry)}
 
 
 def mount_feature(site: Site, mount: Mount, **more: object) -> _Json:
@@ -498,9 +498,9 @@ def feature_collection(features: Iterable[_Json], **members: object) -> str:
     bounds = bounds[np.isfinite(bounds).all(axis=1)]
     all_members = {"type": "FeatureCollection", **members}
     if len(bounds):
-        lowest = bounds[:, :2].min(axis=0).tolist()
-        highest = bounds[:, 2:].max(axis=0).tolist()
-        all_members["bbox"] = lowest + highest
+        low_corner = bounds[:, :2].min(axis=0).tolist()
+        high_corner = bounds[:, 2:].max(axis=0).tolist()
+        all_members["bbox"] = low_corner + high_corner
     texts = [
         f"{json.dumps(name)}: {json.dumps(value, allow_nan=False, ensure_ascii=False)}"
         for name, value in all_members.items()

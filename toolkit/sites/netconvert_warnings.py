@@ -77,6 +77,6 @@ def describe_warnings(warnings: Iterable[str]) -> list[str]:
 def _describe_kind(warnings: list[str]) -> str:
     """Note for the warnings of one kind, at least one."""
     first = warnings[0].rstrip(".")
-    quoted = first if len(first) <= MAX_CHARACTERS else f"{first[:MAX_CHARACTERS]}..."
-    more = f", and {len(warnings) - 1} more like it" if len(warnings) > 1 else ""
-    return f"netconvert warned: {quoted}{more}"
+    quoted_warning = first if len(first) <= MAX_CHARACTERS else f"{first[:MAX_CHARACTERS]}..."
+    more_text = f", and {len(warnings) - 1} more like it" if len(warnings) > 1 else ""
+    return f"netconvert warned: {quoted_warning}{more_text}"

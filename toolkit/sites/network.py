@@ -239,13 +239,13 @@ def list_users(lane: ElementTree.Element) -> set[str]:
     """Vehicle classes of SUMO that may use a lane, pedestrians and trains included.
 
     A lane without rules is open to all; the empty set is a lane without traffic."""
-    allowed = set(lane.get("allow", "").split()) or {"all"}
-    forbidden = set(lane.get("disallow", "").split())
-    if "all" in forbidden:
+    allowed_users = set(lane.get("allow", "").split()) or {"all"}
+    forbidden_users = set(lane.get("disallow", "").split())
+    if "all" in forbidden_users:
         return set()
-    if "all" in allowed:
-        allowed = set(f"{MOTOR} {FOOT}".split()) | _RAIL
-    return allowed - forbidden
+    if "all" in allowed_users:
+        allowed_users = set(f"{MOTOR} {FOOT}".split()) | _RAIL
+    return allowed_users - forbidden_users
 
 
 def enclose(element: ElementTree.Element) -> shapely.Geometry:

@@ -222,6 +222,7 @@ def _draw_sensor(name: str, mount: Mount, site: Site, rng: Rng, *, is_lidar: boo
         azimuth_fov=2 * np.pi if rng.random() < 0.7 else float(np.deg2rad(120.0)),
         sigma=float(rng.uniform(0.005, 0.03)),
     )
+    # lidars are tilted less than cameras, as their field of view reaches far down
     return Sensor(name, lidar, pose(x, y, z, yaw=heading, pitch=tilt / 3))
 
 
@@ -293,7 +294,8 @@ def _arc(radius: float, start: float, end: float) -> Float64[np.ndarray, "n 2"]:
 def _draw_directions(rng: Rng, count: int) -> Float64[np.ndarray, " n"]:
     """Draw directions of 3 to 5 legs, 45° apart or more.
 
-    Returns rad, counter-clockwise from +x in ascending order, not wrapped to a full turn."""
+    count: number of legs. Returns rad, counter-clockwise from +x in ascending order, not wrapped to
+    a full turn."""
     even_directions = np.arange(count) * 360.0 / count  # degrees
     if count == 3 and rng.random() < 0.6:
         even_directions = np.array([0.0, 90.0, 180.0])  # a T-junction

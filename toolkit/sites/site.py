@@ -86,8 +86,8 @@ class Mount:
                 f"mount.position must be three finite numbers x, y, z, got {self.position}"
             )
         if not np.abs(position).max() <= MAX_COORDINATE_M:
-            far = f"mount.position must lie within {MAX_COORDINATE_M:g} m of the origin"
-            raise ValueError(f"{far}, got {position.tolist()}: give metres of the site")
+            rule = f"mount.position must lie within {MAX_COORDINATE_M:g} m of the origin"
+            raise ValueError(f"{rule}, got {position.tolist()}: give metres of the site")
         set_fields(self, position=position)
         if not 0 <= self.min_height <= self.max_height <= MAX_BUILT_HEIGHT_M:
             got = f"{self.min_height:g} and {self.max_height:g}"
@@ -174,7 +174,7 @@ class Site(Displayed):
         """Check the fields, and convert them to arrays and tuples.
 
         Raises ValueError with the name of a field that does not fit."""
-        checked: dict[str, Any] = {"area": check_area(self.area)}
+        checked_fields: dict[str, Any] = {"area": check_area(self.area)}
         if not 0 < self.height < np.inf:
             raise ValueError(f"height must be positive, got {self.height}")
         if not 0 <= self.hybrid_radius < np.inf:
@@ -182,18 +182,18 @@ class Site(Displayed):
                 f"hybrid_radius must be finite and at least 0 m, got {self.hybrid_radius}"
             )
         for layer in ("lanes", "footways"):
-            checked[layer] = tuple(
+            checked_fields[layer] = tuple(
                 check_polygon(p, f"{layer}[{i}]") for i, p in enumerate(getattr(self, layer))
             )
         for layer in ("solids", "mounts", "sensors"):
-            checked[layer] = tuple(getattr(self, layer))
+            checked_fields[layer] = tuple(getattr(self, layer))
         for layer in ("mounts", "sensors"):
-            _check_unique([entry.name for entry in checked[layer]], layer)
+            _check_unique([entry.name for entry in checked_fields[layer]], layer)
         bays = np.asarray(self.parking, np.float64)
-        checked["parking"] = bays = bays.reshape(-1, 3) if bays.size == 0 else bays
+        checked_fields["parking"] = bays = bays.reshape(-1, 3) if bays.size == 0 else bays
         if bays.ndim != 2 or bays.shape[1] != 3 or not np.isfinite(bays).all():
             raise ValueError(f"parking must be finite rows x, y, yaw, got shape {bays.shape}")
-        checked["parking_origins"] = origins = tuple(self.parking_origins)
+        checked_fields["parking_origins"] = origins = tuple(self.parking_origins)
         if len(origins) not in (0, len(bays)):
             raise ValueError(
                 f"parking_origins needs one for each of {len(bays)} bays, got {len(origins)}"
@@ -201,15 +201,15 @@ class Site(Displayed):
         for origin in {*origins, self.road_origin}:
             _check_origin(origin, "parking_origins" if origin in origins else "road_origin")
         if set(origins) == {"mapped"}:
-            checked["parking_origins"] = ()
+            checked_fields["parking_origins"] = ()
         if self.furnished not in get_args(Furnishing):
             raise ValueError(
                 f"furnished must be one of {', '.join(get_args(Furnishing))}, got "
                 f"{self.furnished!r}"
             )
         _check_network(self.network)
-        checked["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
-        set_fields(self, **checked)
+        checked_fields["map_SE3_site"] = check_pose(self.map_SE3_site, "map_SE3_site")
+        set_fields(self, **checked_fields)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Site) and _are_equal(self, other)
@@ -228,8 +228,8 @@ class Site(Displayed):
         facts = [f"{xmax - xmin:g} x {ymax - ymin:g} m"]
         facts += [describe_count(len(layer), name) for name, layer in layers.items()]
         names = [f"{sensor.name} ({type(sensor.model).__name__})" for sensor in self.sensors[:4]]
-        more = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
-        facts.append(f"sensors {', '.join(names) or 'none'}{more}")
+        more_text = f" and {len(self.sensors) - 4} more" if len(self.sensors) > 4 else ""
+        facts.append(f"sensors {', '.join(names) or 'none'}{more_text}")
         tables = {"sensors": lambda: tabulate_sensors(self.sensors), "mounts": self._list_mounts}
         if not self.sensors:  # the first table is the one that opens
             tables = dict(reversed(tables.items()))

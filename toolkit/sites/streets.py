@@ -60,9 +60,9 @@ def find_street_names(
     street_names = []
     for name, lines in sorted(lines_by_name.items()):
         lines_on_map = shapely.intersection(shapely.union_all(lines), window)
-        longest = max(shapely.get_parts(lines_on_map), key=shapely.length, default=None)
-        if name and longest is not None and longest.length >= MIN_NAMED_M:
-            place = _find_middle(longest)
+        longest_line = max(shapely.get_parts(lines_on_map), key=shapely.length, default=None)
+        if name and longest_line is not None and longest_line.length >= MIN_NAMED_M:
+            place = _find_middle(longest_line)
             # turned by a half turn if upside down
             upright_angle = (place.angle + np.pi / 2) % np.pi - np.pi / 2
             street_names.append(StreetName(name, x=place.x, y=place.y, angle=upright_angle))
@@ -85,9 +85,9 @@ def find_lane_arrows(
             if len(points) < 2 or "passenger" not in list_users(lane):
                 continue
             parts = shapely.get_parts(shapely.intersection(shapely.LineString(points), window))
-            longest = max(parts, key=shapely.length, default=None)
-            if longest is not None and longest.length >= MIN_ARROW_LANE_M:
-                rows.append(_find_middle(longest))
+            longest_part = max(parts, key=shapely.length, default=None)
+            if longest_part is not None and longest_part.length >= MIN_ARROW_LANE_M:
+                rows.append(_find_middle(longest_part))
     return np.array(rows, np.float64).reshape(-1, 3)
 
 

@@ -166,7 +166,8 @@ class Drawing:
     ) -> dict[str, Segments]:
         """Trails of the tracks of a frame, as lines (start and end, m) by name of the class.
 
-        They are empty unless the detections are tracks."""
+        They are empty unless the detections are tracks. lift: moves boxes to where they are
+        drawn."""
         if self.tracks is None or not isinstance(detections, Tracks):
             return {}
         trails_by_kind: dict[str, list[Segments]] = {}

@@ -87,8 +87,8 @@ class DrawnSample:
             alarm_words = describe_count(_count_boxes(self.outcomes["false alarms"]), "false alarm")
             ignored_count = _count_boxes(self.outcomes["ignored"])
             # labels of classes that are not ours, and uncounted labels, are neither hit nor missed
-            uncounted = label_count - hit_count - missed_count
-            label_note = f" ({hit_count} hit, {missed_count} missed, {uncounted} not counted)"
+            uncounted_count = label_count - hit_count - missed_count
+            label_note = f" ({hit_count} hit, {missed_count} missed, {uncounted_count} not counted)"
             hit_words = describe_count(hit_count, "hit")
             detection_note = f" ({hit_words}, {alarm_words}, {ignored_count} ignored)"
         return (

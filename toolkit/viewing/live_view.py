@@ -66,7 +66,10 @@ class LiveView:
     """
 
     def __init__(self, server: "ViserServer", samples: Part, drawing: Drawing) -> None:
-        """Fill the page's panel, and show the first frame."""
+        """Fill the page's panel, and show the first frame.
+
+        server: viser's server of the page; samples: frames of the recording; drawing: how they are
+        drawn."""
         self.server = server
         self.samples = samples
         self.drawing = drawing
@@ -152,7 +155,9 @@ class LiveView:
                 group.visible = colouring == self.colouring
 
     def _add_sensor(self, name: str) -> None:
-        """Add nodes and a switch for a sensor that earlier frames did not have."""
+        """Add nodes and a switch for a sensor that earlier frames did not have.
+
+        name: the sensor's; its colour and nodes are numbered after those so far."""
         sensor_index = len(self.style.sensors)
         self.style = replace(self.style, sensors=(*self.style.sensors, name))
         handles = add_sensor(self.server.scene, self.style, sensor_index)

@@ -51,11 +51,13 @@ def sort_outcomes(detected: FrameDetections) -> dict[Marked, dict[str, Detection
         (match,) = match_class([TRUE_IOU[label]], label=label)
         is_of_class = detections.labels == label
         is_false = (~match.ignored & (match.truth < 0)) | (is_second & is_of_class)
-        missed = truth.objects[match.scored & ~match.hit]
-        no_scores = np.full(len(missed), np.nan)
+        missed_objects = truth.objects[match.scored & ~match.hit]
+        no_scores = np.full(len(missed_objects), np.nan)
         class_boxes: dict[Marked, Detections] = {
             "hits": detections[~match.ignored & (match.truth >= 0)],
-            "missed": Detections(boxes=missed.boxes, scores=no_scores, labels=missed.labels),
+            "missed": Detections(
+                boxes=missed_objects.boxes, scores=no_scores, labels=missed_objects.labels
+            ),
             "false alarms": detections[is_false],
             "ignored": detections[match.ignored & is_of_class & ~is_second],
         }

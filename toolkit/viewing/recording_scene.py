@@ -203,7 +203,7 @@ def nodes_of_kind(kind: str, *, with_outcomes: bool, with_trails: bool = False) 
     """Paths of the nodes above all boxes and tags of one kind, and above its trails if wanted.
 
     kind: one of `BOX_KINDS`; with_outcomes: whether to include the nodes of outcomes, besides
-    labels and detections."""
+    labels and detections; with_trails: whether to include the node of trails."""
     groups = [*(_STYLES if with_outcomes else BOXES), TAGS]
     if with_trails:
         groups.append(TRAILS)

@@ -93,7 +93,8 @@ def _draw_clouds(
 ) -> None:
     """Draw the points of all sensors, at most `STILL_POINTS` of each.
 
-    sensor_order: names of sensors in the order of their colours; scales: ranges of the colours."""
+    sensor_order: names of sensors in the order of their colours; colouring: what colours show;
+    scales: ranges of the colours."""
     newest_time = drawn.find_newest(sample)
     for sample_cloud in sample.clouds:
         cloud = drawn.limit_points(sample_cloud, STILL_POINTS)
@@ -136,7 +137,9 @@ def _draw_outcomes(axes: "Axes", sample: drawn.DrawnSample) -> list[Entry]:
 
 
 def _draw_trails(axes: "Axes", sample: drawn.DrawnSample) -> None:
-    """Draw where tracks were, as lines from above."""
+    """Draw where tracks were as lines from above; they have no legend entry.
+
+    Each of the frame's trails is a sequence of segments, each with a start and an end (m)."""
     colour = OUTCOME["detection"].colour
     for segments in sample.trails.values():
         for start, end in segments:

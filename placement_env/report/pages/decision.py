@@ -203,8 +203,8 @@ def _describe_classes(plan: content.Plan) -> tuple[Fact, ...]:
     alarms = []
     uncounted_texts = [_describe_hits(row) for row in plan.class_ap if not row.weight]
     if uncounted_texts:
-        uncounted = ". ".join(uncounted_texts)
-        alarms.append(f"Also found, but not counted in the choice: {uncounted}.")
+        uncounted_text = ". ".join(uncounted_texts)
+        alarms.append(f"Also found, but not counted in the choice: {uncounted_text}.")
     judged_labels = {row.label for row in plan.class_ap}
     unknown_rows = [row for row in plan.by_class if row.objects and row.label not in judged_labels]
     unknown_texts = [f"{row.objects:,} {PLURALS[row.label]}" for row in unknown_rows]
@@ -284,9 +284,9 @@ def _describe_links(plan: content.Plan) -> Fact | None:
         return None
     narrow_poles = [link.pole for link in plan.links if not link.fits]
     fullest = max(plan.links, key=lambda link: link.share)
-    needed = number_text(fullest.load_mbit_s, 2)
+    needed_rate = number_text(fullest.load_mbit_s, 2)
     capacity = number_text(fullest.capacity_mbit_s, 2)
-    load = f"{needed} of {capacity} Mbit/s at {FRAME_RATE_HZ:g} frames a second"
+    load = f"{needed_rate} of {capacity} Mbit/s at {FRAME_RATE_HZ:g} frames a second"
     cheaper_scheme = _describe_cheaper_scheme(plan)
     radio = f"By radio, all sensors send {describe_radio(plan.links)}."
     if narrow_poles:
@@ -308,14 +308,18 @@ def _describe_cheaper_scheme(plan: content.Plan) -> str:
 
     "" if no such scheme sends less than the planned one; otherwise the text begins with a space."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
-    planned = next((row for row in rows if row.scheme == plan.scheme), None)
+    planned_row = next((row for row in rows if row.scheme == plan.scheme), None)
     good_rows = [row for row in rows if row.as_good]
-    cheapest = min(good_rows, key=lambda row: row.kbit_per_sensor, default=planned)
-    if planned is None or cheapest is None or cheapest.kbit_per_sensor >= planned.kbit_per_sensor:
+    cheapest = min(good_rows, key=lambda row: row.kbit_per_sensor, default=planned_row)
+    if (
+        planned_row is None
+        or cheapest is None
+        or cheapest.kbit_per_sensor >= planned_row.kbit_per_sensor
+    ):
         return ""
-    ap_text = f"{cheapest.judged.format_ap()} instead of {planned.judged.format_ap()}"
+    ap_text = f"{cheapest.judged.format_ap()} instead of {planned_row.judged.format_ap()}"
     cheapest_kbit = number_text(cheapest.kbit_per_sensor, 1)
-    planned_kbit = number_text(planned.kbit_per_sensor, 1)
+    planned_kbit = number_text(planned_row.kbit_per_sensor, 1)
     return (
         f" {SENDS[cheapest.scheme]} would do as well: AP {ap_text}, for {cheapest_kbit} instead of "
         f"{planned_kbit} kbit per sensor and frame (--scheme {cheapest.scheme})."

@@ -114,11 +114,11 @@ def schedule_section(plan: content.Plan, site: Site) -> Content:
     site: gives the compass directions of the axes x and y."""
     if not plan.sensors:
         return build_content("There is nothing to mount.")
-    lowest = min(sensor.height for sensor in plan.sensors)
-    highest = max(sensor.height for sensor in plan.sensors)
+    min_height = min(sensor.height for sensor in plan.sensors)
+    max_height = max(sensor.height for sensor in plan.sensors)
     heights = f"{plan.sensors[0].height:.1f}"
-    if highest - lowest >= 0.05:
-        heights = f"{lowest:.1f} to {highest:.1f}"
+    if max_height - min_height >= 0.05:
+        heights = f"{min_height:.1f} to {max_height:.1f}"
     poles = describe_count(len({sensor.pole for sensor in plan.sensors}), "pole")
     on_earth = all(
         sensor.longitude is not None and sensor.latitude is not None for sensor in plan.sensors

@@ -59,7 +59,9 @@ def describe_followed(row: FollowedClass) -> str:
 
 
 def describe_soonness(row: FollowedClass) -> str:
-    """Describe how soon road users of a class are detected, "" if none comes in."""
+    """Describe how soon road users of a class are detected, "" if none comes in.
+
+    It is the median time from coming in to the first detection."""
     if not row.entering:
         return ""
     if math.isinf(row.first_detection_s.value):
@@ -128,7 +130,9 @@ def _tabulate_classes(classes: Sequence[FollowedClass]) -> tuple[TableBlock, ...
 
 
 def _tabulate_counts(counts: Sequence[CountedGroup]) -> tuple[TableBlock, ...]:
-    """Return a table with a row for each group of classes with trips."""
+    """Return a table of trips, with a row for each group of classes that has true or counted trips.
+
+    It is empty without such a group."""
     columns = text_columns("Group", "true trips", "counted", "found", "right", "speed error (km/h)")
     rows = []
     for row in counts:

@@ -105,9 +105,9 @@ def _explain_traffic(plan: content.Plan, option: content.PlanOption) -> tuple[Pa
     another the traffic of the comparison.
 
     option: the chosen set with its figures from the final traffic."""
-    compared = _find_compared(plan, option).counted
+    compared_judgement = _find_compared(plan, option).counted
     final = option.counted
-    if compared is None or final is None:
+    if compared_judgement is None or final is None:
         return ()
     case_text = _describe_cases(option)
     texts = []
@@ -115,10 +115,10 @@ def _explain_traffic(plan: content.Plan, option: content.PlanOption) -> tuple[Pa
         texts.append(
             f"The AP of each set in this section is that {case_text}, as the question asks."
         )
-    if compared != final:
+    if compared_judgement != final:
         texts.append(
             "The AP of each set in this section is from the traffic on which the sets were "
-            f"compared. There the chosen set has {ap_figure(compared)}; its "
+            f"compared. There the chosen set has {ap_figure(compared_judgement)}; its "
             f"{ap_figure(final)} in the rest of the report is from other traffic, which "
             "had no say in the choice and is therefore the figure to trust."
         )

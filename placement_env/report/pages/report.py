@@ -74,9 +74,9 @@ def build_document(
     sections = tuple(
         Section(key, title, *contents[key]) for key, title in content.TEXTS["titles"].items()
     )
-    judged = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
+    judging_note = f"{plan.detector}; AP at IoU {iou_text(plan.iou)}; {plan.scheme} fusion"
     head = [plan.head[key] for key in ("client", "date", "author") if plan.head.get(key)]
-    subtitle = "; ".join([*head, judged if plan.detector else "No set was judged"])
+    subtitle = "; ".join([*head, judging_note if plan.detector else "No set was judged"])
     title = plan.head.get("title") or f"Deployment plan for {plan.site}"
     return Document(title, subtitle, sections, logo=plan.head.get("logo", ""))
 

@@ -65,9 +65,9 @@ def to_pdf(document: Document) -> bytes:
     content = asdict(document)
     with tempfile.TemporaryDirectory(prefix="coview-report-") as folder:
         if document.logo:
-            kind, _, coded = document.logo.removeprefix("data:image/").partition(";base64,")
+            kind, _, logo_base64 = document.logo.removeprefix("data:image/").partition(";base64,")
             content["logo"] = f"logo.{kind}"
-            Path(folder, content["logo"]).write_bytes(b64decode(coded))
+            Path(folder, content["logo"]).write_bytes(b64decode(logo_base64))
         drawings = 0
         for section, section_values in zip(document.sections, content["sections"], strict=True):
             for block, values in zip(section.blocks, section_values["blocks"], strict=True):

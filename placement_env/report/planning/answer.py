@@ -161,14 +161,14 @@ def _add_breakdowns(plan: content.Plan, findings: Findings, final: Judge) -> con
     site = question.site
     seed = question.run.seed
     members = findings.choice.members
-    scored = score_boxes(final, members)
+    scored_boxes = score_boxes(final, members)
     sensors = [findings.objective.candidates.sensors[c] for c in members]
     return replace(
         plan,
-        by_zone=by_zone(scored, site, seed),
-        by_range=by_range(scored, sensors, seed),
-        by_approach=by_approach(scored, site, seed),
-        by_level=by_level(scored, final, members),
+        by_zone=by_zone(scored_boxes, site, seed),
+        by_range=by_range(scored_boxes, sensors, seed),
+        by_approach=by_approach(scored_boxes, site, seed),
+        by_level=by_level(scored_boxes, final, members),
         by_errors=by_errors(final, members),
         by_draw=by_draw(final, members, question.run),
         by_drawing=findings.drawings,

@@ -34,7 +34,8 @@ def _row(
 ) -> content.BreakdownRow:
     """Row of a breakdown by groups of objects, without a mean of points if the group is empty.
 
-    points: number of the set's points on each object of the group."""
+    judged: result of the set on the group, None if it was not judged; points: number of the set's
+    points on each object of the group."""
     mean_points = float(points.mean()) if len(points) else None
     return content.BreakdownRow(name, judged, mean_points)
 
@@ -123,9 +124,10 @@ def by_range(
     names.append(f"beyond {RANGE_ENDS_M[-1]:g} m")
 
     def group_of(boxes: Float64[np.ndarray, "n 7"]) -> Int64[np.ndarray, " n"]:
+        """Number of each box's group, from 0 for the nearest range."""
         offsets = boxes[:, None, :2] - sensor_xy  # axes: box, sensor, (x, y)
-        nearest = np.linalg.norm(offsets, axis=2).min(axis=1)
-        return np.searchsorted(RANGE_ENDS_M, nearest).astype(np.int64)
+        nearest_distance = np.linalg.norm(offsets, axis=2).min(axis=1)
+        return np.searchsorted(RANGE_ENDS_M, nearest_distance).astype(np.int64)
 
     return by_group(scored, names, group_of, seed)
 

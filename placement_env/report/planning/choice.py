@@ -87,19 +87,21 @@ def choose(
         judgement = options[i].counted
         if judgement is not None:
             judgements[i] = judgement
-    fitting = {i: judgement for i, judgement in judgements.items() if options[i].fits_links}
-    eligible = fitting or judgements
-    highest_ap = max(judgement.ap for judgement in eligible.values())
+    fitting_judgements = {
+        i: judgement for i, judgement in judgements.items() if options[i].fits_links
+    }
+    eligible_judgements = fitting_judgements or judgements
+    highest_ap = max(judgement.ap for judgement in eligible_judgements.values())
     min_ap = highest_ap - NEAR_TIE_AP
-    near_ties = [i for i, judgement in eligible.items() if judgement.ap >= min_ap]
+    near_ties = [i for i, judgement in eligible_judgements.items() if judgement.ap >= min_ap]
     best = min(near_ties, key=lambda i: (-(options[i].mean_ap or 0.0), *rank_thrift(options[i])))
-    blocks = intervals.count_blocks(eligible[best].frames)
-    alike = [best]
-    for i in eligible:
+    blocks = intervals.count_blocks(eligible_judgements[best].frames)
+    alike_options = [best]
+    for i in eligible_judgements:
         if i != best and intervals.is_as_good(draws[i], draws[best], blocks):
-            alike.append(i)
+            alike_options.append(i)
     # `i != best` puts the best first among equally thrifty sets
-    return best, tuple(sorted(alike, key=lambda i: (*rank_thrift(options[i]), i != best)))
+    return best, tuple(sorted(alike_options, key=lambda i: (*rank_thrift(options[i]), i != best)))
 
 
 def find_front_options(options: tuple[PlanOption, ...]) -> tuple[PlanOption, ...]:

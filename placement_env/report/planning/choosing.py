@@ -51,8 +51,8 @@ def choose_at_drawings(
             replace(choice.options[i], mean_ap=mean_aps[n], **judgements[n]._asdict())
             for n, i in enumerate(judged_rows)
         ]
-        _, alike = choose(options, dict(enumerate(draws)))
-        answer = alike[0]  # cheapest set as good as the best
+        _, alike_options = choose(options, dict(enumerate(draws)))
+        answer = alike_options[0]  # cheapest set as good as the best
         if min_ap is not None:
             met = [n for n, judgement in enumerate(judgements) if judgement.counted.ap >= min_ap]
             answer = min(met, key=lambda n: rank_thrift(options[n]), default=answer)
@@ -100,13 +100,13 @@ def choose_set(
     options.judge_rows(races.list_rows(), run)
     for race, winner in races.by_size.values():
         options.check_race(winner, float(race.figures[0]), order[: race.frames[0]])
-    best, alike = choose(options.options, options.draws)
+    best, alike_options = choose(options.options, options.draws)
     answer = best
     rule: Rule = "best" if min_ap is None else "none"
-    if min_ap is None and alike[0] != best:
-        answer = alike[0]
+    if min_ap is None and alike_options[0] != best:
+        answer = alike_options[0]
         rule = "as good"
-    near_options = tuple(i for i in alike if i != answer)
+    near_options = tuple(i for i in alike_options if i != answer)
     size_rows = np.flatnonzero(sizes == sizes[answer])
     size_race = races.by_size.get(int(sizes[answer]))
     answer_race = None if size_race is None else size_race.race

@@ -71,10 +71,10 @@ class ChosenSet:
         """Return the detector's results of intact subsets: parts are judged in a sample of frames.
 
         stage: name in the progress line."""
-        sampled = self.sampled
+        sampled_judge = self.sampled
         judge = self.judge
-        report = self.stage(stage, len(sampled.frames))
-        judgements, _ = sampled.judge_sets(judge, self.rows(subsets), judge.intact, report)
+        report = self.stage(stage, len(sampled_judge.frames))
+        judgements, _ = sampled_judge.judge_sets(judge, self.rows(subsets), judge.intact, report)
         for n in np.flatnonzero(subsets.all(axis=1)).tolist():
             judgements[n] = judge.judge(self.whole_set)[0]  # in all frames
         return judgements
@@ -98,18 +98,18 @@ class ChosenSet:
         planned = judge.detected
         intact = judge.intact
         ious = intact.ious
-        sampled = SampledJudge(judge, self.whole_set)
+        sampled_judge = SampledJudge(judge, self.whole_set)
         _, planned_draws = judge.judge_drawn(self.whole_set, intact)  # axes: the one set, resample
         blocks = count_blocks(self.judge.frames)
         # several thresholds together are one entry, for their mean
         thresholds = sorted({*IOUS, *ious}) if len(ious) == 1 else (*IOUS, ious)
         shared_names = ("codec", "memo", "processes", "classes")
-        shared = {name: getattr(planned, name) for name in shared_names}
+        shared_values = {name: getattr(planned, name) for name in shared_names}
         figures = []
         for scheme in PAPER_SCHEMES:
             is_planned = scheme == planned.scheme.name
-            frames = np.arange(judge.frames) if is_planned else sampled.frames
-            detected = Detected(planned.renders, planned.detector, scheme, **shared)
+            frames = np.arange(judge.frames) if is_planned else sampled_judge.frames
+            detected = Detected(planned.renders, planned.detector, scheme, **shared_values)
             scheme_judge = replace(judge, profiles=(detected.at(ious[0], ious),))
             report = self.stage("fusion schemes", len(frames))
             scheme_detected = scheme_judge.detected
@@ -121,7 +121,9 @@ class ChosenSet:
                 if is_planned:
                     judgements, draws = judge.judge_drawn(self.whole_set, cases)
                 else:
-                    judgements, draws = sampled.judge_sets(scheme_judge, self.whole_set, cases)
+                    judgements, draws = sampled_judge.judge_sets(
+                        scheme_judge, self.whole_set, cases
+                    )
                 is_planned_iou = iou == intact.threshold
                 as_good = is_planned_iou and is_as_good(draws[0], planned_draws[0], blocks)
                 row = content.SchemeFigures(
@@ -185,9 +187,9 @@ class ChosenSet:
             best = int(np.argmax(self._aps(next_sets, "order of building")))
             built = np.concatenate([built, next_sets[best : best + 1]])
         # each step differs from the row before in one sensor; its index among the members
-        added = np.diff(built, axis=0).argmax(axis=1)
+        added_members = np.diff(built, axis=0).argmax(axis=1)
         steps = built[1:]
         prices = self.objective.price(self.rows(steps)).tolist()
         judgements = self._judge(steps, "order of building")
-        names = [self.names[i] for i in added]
+        names = [self.names[i] for i in added_members]
         return tuple(map(content.BuildStep, names, prices, judgements))

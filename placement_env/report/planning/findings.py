@@ -71,9 +71,9 @@ def check_stages(findings: Findings, judged: content.Judgement) -> None:
     question = findings.question
     objective = findings.objective
     final_figure = judging.state_figure("in the judgement", judged)
-    compared = choice.option.judged
-    if compared is not None:
-        compared_figure = judging.state_figure("in the comparison", compared)
+    compared_judgement = choice.option.judged
+    if compared_judgement is not None:
+        compared_figure = judging.state_figure("in the comparison", compared_judgement)
         check_agreement(choice.option.sensors, compared_figure, final_figure)
     is_predicted = (
         question.setting.detector is None and question.cases.noise_only and question.cases.plain

@@ -36,7 +36,7 @@ class JudgedOptions:
         self.objective = objective
         self.entrants = entrants
         self.judge = judge
-        self.draws: dict[int, Resamples] = {}
+        self.draws: dict[int, Resamples] = {}  # AP in each resample, by row of a judged set
         self.options: list[PlanOption] = []
         mounts = objective.candidates.mounts
         for i, is_member in enumerate(entrants.sets):
@@ -92,9 +92,9 @@ class JudgedOptions:
         has_one_case = self.judge.cases.plain and len(self.judge.profiles) == 1
         if judgement is not None and has_one_case:
             objects = self.judge.evaluator.count_objects(frames)
-            raced = StageFigure("in the race", ap=ap, objects=objects, frames=len(frames))
-            compared = state_figure("in the comparison", judgement)
-            check_agreement(option.sensors, raced, compared)
+            race_figure = StageFigure("in the race", ap=ap, objects=objects, frames=len(frames))
+            comparison_figure = state_figure("in the comparison", judgement)
+            check_agreement(option.sensors, race_figure, comparison_figure)
 
     def measure_sureness(
         self, row: int, size_rows: Int64[np.ndarray, " k"], race: Contest | None

@@ -154,7 +154,9 @@ class Judge:
         return self.detected.outcomes([members], range(self.frames))[members]
 
     def kbit(self, members: tuple[int, ...]) -> Float64[np.ndarray, "k frames"]:
-        """Return the kbit that each sensor of one set sends in every frame, rows as `members`."""
+        """Return the kbit that each sensor of one set sends in every frame, a row for each sensor.
+
+        members: indices of the set's candidates, in the order of the rows."""
         return np.array([outcome.bits for outcome in self.outcomes(members)], np.float64).T / 1000
 
     def judge(
@@ -196,9 +198,13 @@ class Judge:
         frames: Frames,
         progress: Report | None = None,
     ) -> CaseFigures:
-        """Return the figures of sets over cases in some frames, as `judge_drawn` judges them.
+        """Return the figures of sets over cases in some frames, with AP in each resample.
 
-        frames: numbers of the frames; for the other arguments see `judge_drawn`."""
+        Args:
+            sets: A row of booleans over all candidates for each set.
+            cases: Conditions (error profiles, failures, levels of traffic) to reduce over.
+            frames: Numbers of the frames.
+            progress: Called with the number of frames done."""
         return self._evaluator(cases).evaluate(sets, frames, progress)
 
     def _build_judgement(self, figures: CaseFigures) -> Judgement:

@@ -58,13 +58,13 @@ def measure_motion(
         question, candidates=set_candidates, detector=detector, traffic=traffic, run=run
     )
     labels = known_labels(detector) or question.setting.counted.names
-    counted = count_groups(street, labels, run.seed)
+    street_errors = count_groups(street, labels, run.seed)
     return replace(
         figures,
         traffic_sha256=traffic.digest(),
         classes=follow_classes(street, labels, run.seed),
-        counts=counted.groups,
-        movements=counted.movements,
+        counts=street_errors.groups,
+        movements=street_errors.movements,
     )
 
 
@@ -81,7 +81,7 @@ def _detect_street(
         run.memo,
         noise_seed=run.seed,
         errors=question.cases.profiles[0],
-        redrawn=False,
+        redrawn=False,  # the same errors in all frames
     )
     detected = Detected(
         renders,

@@ -91,14 +91,17 @@ def mask_moving(truths: Sequence[Objects]) -> list[Mask]:
 
 
 def _summarise_ways(label: str, ways: Sequence[TrackedWay], seed: int) -> FollowedClass:
-    """Figures of the road users of a class, at least one. label: name of the class."""
-    tracked = [way.matched_frames > MOSTLY_TRACKED_SHARE * way.frames for way in ways]
+    """Figures of the road users of a class, at least one.
+
+    label: name of the class; ways: each road user's way, with its matches; seed: for the interval
+    of the mean speed error."""
+    is_tracked = [way.matched_frames > MOSTLY_TRACKED_SHARE * way.frames for way in ways]
     waits = np.array([way.wait_s for way in ways if way.comes_in], np.float64)
     speed_errors = [way.speed_error_mps for way in ways]
     return FollowedClass(
         label=label,
         road_users=len(ways),
-        mostly_tracked=_find_share(sum(tracked), len(ways)),
+        mostly_tracked=_find_share(sum(is_tracked), len(ways)),
         entering=len(waits),
         first_detection_s=_find_quantile_figure(waits, 0.5),
         first_detection_95_s=_find_quantile_figure(waits, 0.95),
@@ -144,7 +147,10 @@ def count_groups(street: MovingStreet, labels: Sequence[str], seed: int = 0) -> 
 
 
 def _summarise_total(total: CountedTotal, speed_errors: Sequence[float], seed: int) -> CountedGroup:
-    """Counts of a group. speed_errors: counted minus true mean speed of each trip (km/h)."""
+    """Counts of a group, with intervals of its shares and of its mean speed error.
+
+    total: counted and true trips; speed_errors: counted minus true mean speed of each trip (km/h);
+    seed: for the interval of the mean."""
     return CountedGroup(
         group=total.group,
         count=total.count,

@@ -79,8 +79,8 @@ def _find_class_iou(cases: Cases, classes: Classes, name: str, stated: object) -
         stated: JSON value for this class: a number, or the list of the question's thresholds.
 
     Raises ValueError for another value."""
-    usual = cases.class_ious(classes, name)
-    if stated == usual or stated == list(np.atleast_1d(usual)):
+    usual_ious = cases.class_ious(classes, name)
+    if stated == usual_ious or stated == list(np.atleast_1d(usual_ious)):
         return None
     if isinstance(stated, bool) or not isinstance(stated, int | float):
         raise ValueError(

@@ -107,7 +107,10 @@ def _answer(question: Question) -> content.Planned:
 
 
 def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -> _Comparison:
-    """Choose among the entrants on traffic that no search saw."""
+    """Choose among the entrants on traffic that no search saw.
+
+    searched: inputs of the searches, with objectives at each drawing of the site; entrants: sets
+    that the searches found."""
     objectives = searched.objectives
     compared = prepare_judge(question, objectives, question.part("comparison"), compares=True)
     check_objects(question, compared.judge)
@@ -129,9 +132,12 @@ def _compare(question: Question, searched: PreparedSearch, entrants: Entrants) -
 def _judge_choice(
     question: Question, searched: PreparedSearch, entrants: Entrants, comparison: _Comparison
 ) -> _Judged:
-    """Judge the chosen set on traffic that neither searches nor comparison saw."""
+    """Judge the chosen set on traffic that neither searches nor comparison saw.
+
+    searched: inputs of the searches; entrants: sets that the searches found; comparison: choice
+    among them. Returns the plan, and the detector that judged."""
     objectives = searched.objectives
-    objective = objectives[0]
+    objective = objectives[0]  # at the first drawing, the site itself
     choice = comparison.choice
     final = prepare_final_judge(question, objectives, choice.sets[choice.chosen])
     check_objects(question, final.judge)

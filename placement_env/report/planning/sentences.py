@@ -215,17 +215,17 @@ def _describe_other_schemes(plan: Plan) -> list[str]:
     It has their AP and kbit at the plan's IoU. The list is empty if the plan lacks figures of other
     schemes."""
     rows = [row for row in plan.schemes if row.iou == plan.iou]
-    planned = next((row for row in rows if row.scheme == plan.scheme), None)
+    planned_row = next((row for row in rows if row.scheme == plan.scheme), None)
     other_schemes = ", ".join(
         f"{row.scheme} {row.judged.format_ap()} for {row.kbit_per_sensor:.1f} kbit"
         for row in rows
-        if row is not planned
+        if row is not planned_row
     )
-    if planned is None or not other_schemes:
+    if planned_row is None or not other_schemes:
         return []
     return [
-        f"{plan.scheme.capitalize()} fusion gives AP {planned.judged.format_ap()} for "
-        f"{planned.kbit_per_sensor:.1f} kbit per sensor and frame; with the same sensors: "
+        f"{plan.scheme.capitalize()} fusion gives AP {planned_row.judged.format_ap()} for "
+        f"{planned_row.kbit_per_sensor:.1f} kbit per sensor and frame; with the same sensors: "
         f"{other_schemes}."
     ]
 

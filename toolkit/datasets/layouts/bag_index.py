@@ -78,8 +78,8 @@ def moving_times(
     if not moving_links:
         return {}
     stamps = np.array([link.stamp_ns for link in moving_links])
-    recorded = np.array([link.recorded_ns for link in moving_links])
-    return {TF: (stamps, recorded)}
+    recorded_ns = np.array([link.recorded_ns for link in moving_links])
+    return {TF: (stamps, recorded_ns)}
 
 
 def find_other_clocks(
@@ -91,9 +91,9 @@ def find_other_clocks(
     All topics are returned if stamps are of different clocks, else none. clouds: stamps and times
     of recording (ns) by topic; moving: the same for moving transforms."""
     delays_s = []  # usual delay from stamp to recording, of each topic
-    for stamps, recorded in (*clouds.values(), *moving.values()):
+    for stamps, recorded_ns in (*clouds.values(), *moving.values()):
         is_stamped = stamps != 0
-        delays_ns = recorded[is_stamped] - stamps[is_stamped]
+        delays_ns = recorded_ns[is_stamped] - stamps[is_stamped]
         delays_s.append(float(np.median(delays_ns)) / NS_PER_S if len(delays_ns) else 0.0)
     if max(delays_s) - min(delays_s) <= MAX_CLOCK_OFFSET_S:
         return {}

@@ -83,7 +83,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         sensor: _drop_doubled(files) if len(files) > 1 else files
         for sensor, files in all_clouds.items()
     }
-    doubled = sum(len(files) - len(clouds[sensor]) for sensor, files in all_clouds.items())
+    doubled_count = sum(len(files) - len(clouds[sensor]) for sensor, files in all_clouds.items())
     names, by_order = _group_files(clouds)
     if not names:
         raise FileNotFoundError(
@@ -114,7 +114,7 @@ def folder(path: Path, *, poses: Path | None = None, inverted: bool = False) -> 
         load,
         labelled=entries if path.is_dir() else (),
         known=[_stem(file) for files in names.values() for file in files.values()],
-        noted={problem_kinds.DOUBLED_CLOUDS: doubled},
+        noted={problem_kinds.DOUBLED_CLOUDS: doubled_count},
     )
 
 

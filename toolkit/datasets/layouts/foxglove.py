@@ -125,7 +125,7 @@ def _open_reader(file: Path) -> Iterator[Any]:
 
 
 def _parse(name: str, content: bytes) -> _Message:
-    """Parse a message by its name."""
+    """Parse the bytes of a message; name: name of its type, one of the three that are read."""
     from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
@@ -141,17 +141,20 @@ def _parse(name: str, content: bytes) -> _Message:
 
 
 def _index(file: Path) -> _Index:
-    """Read the times of all clouds, and all transforms."""
+    """Read the times of all clouds of a file by topic, their frames, and all transforms.
+
+    The points stay unread. Raises ValueError for a file that was cut off, and for messages in
+    another encoding than protobuf."""
     index = _Index()
     with _open_reader(file) as reader:
         summary = reader.get_summary()
         if summary is None:
             raise ValueError("it has no index, so it was cut off: make a whole one by mcap recover")
-        wanted = (POINT_CLOUD, TRANSFORM, TRANSFORMS)
+        wanted_types = (POINT_CLOUD, TRANSFORM, TRANSFORMS)
         topics = []
         for channel in summary.channels.values():
             schema = summary.schemas.get(channel.schema_id)
-            if schema is None or schema.name not in wanted:
+            if schema is None or schema.name not in wanted_types:
                 continue
             if channel.message_encoding != PROTOBUF:
                 raise ValueError(
@@ -163,8 +166,9 @@ def _index(file: Path) -> _Index:
         messages = reader.iter_messages(topics=topics) if topics else ()
         for schema, channel, message in messages:
             content = _parse(schema.name, message.data)
-            log_ns = int(message.log_time)
+            log_ns = int(message.log_time)  # time of its recording
             if schema.name == POINT_CLOUD:
+                # among the clouds of the topic that were recorded at this very time
                 number = counts[channel.topic, log_ns]
                 counts[channel.topic, log_ns] += 1
                 stamp_ns = _stamp_ns(content.timestamp) or log_ns
@@ -172,13 +176,15 @@ def _index(file: Path) -> _Index:
                 index.clouds.setdefault(channel.topic, []).append(key)
                 index.frames.add(content.frame_id)
             else:
-                several = content.transforms if schema.name == TRANSFORMS else [content]
-                index.links += [_link(transform, log_ns) for transform in several]
+                transforms = content.transforms if schema.name == TRANSFORMS else [content]
+                index.links += [_link(transform, log_ns) for transform in transforms]
     return index
 
 
 def _link(transform: _Message, log_ns: int) -> TransformLink:
-    """Return a FrameTransform."""
+    """Convert a FrameTransform message.
+
+    log_ns: time of its recording, which also stands in for a missing stamp."""
     turn = transform.rotation
     place = transform.translation
     return TransformLink(
@@ -218,12 +224,14 @@ class _Source:
 
 
 def _load(source: _Source, groups: Mapping[str, list[CloudKey]], name: str) -> Frame:
-    """Read a frame by its name; groups: clouds of each frame."""
+    """Read a frame by its name; groups: keys of the clouds of each frame, by its name.
+
+    The frame's time is its earliest cloud's."""
     problems: Problems = {}
     keys = groups[name]
     add_problem(problems, UNPAIRED, int(len(keys) < source.topic_count))
     clouds = []
-    roots: list[str] = []
+    roots: list[str] = []  # root frames of the clouds' transform trees, which `_place` adds
     with _open_reader(source.file) as reader:
         for key in keys:
             message = _parse(POINT_CLOUD, _read(reader, key))
@@ -245,7 +253,9 @@ def _load(source: _Source, groups: Mapping[str, list[CloudKey]], name: str) -> F
 
 
 def _read(reader: Any, key: CloudKey) -> bytes:
-    """Read the bytes of a cloud's message."""
+    """Read the bytes of a cloud's message.
+
+    reader: reader of the file; key: topic and times of the message."""
     messages = reader.iter_messages(
         topics=[key.topic], start_time=key.log_ns, end_time=key.log_ns + 1
     )
@@ -261,18 +271,18 @@ def _place(
     """Return the pose of a cloud in the root of its frame.
 
     roots: the root is added to it; problems: counts are added to it."""
-    placed = tree.find(message.frame_id, key.stamp_ns, key.log_ns)
-    roots.append(placed.root)
-    add_problem(problems, FAR_TF, int(placed.gap_s >= MAX_TF_GAP_S))
+    placed_frame = tree.find(message.frame_id, key.stamp_ns, key.log_ns)
+    roots.append(placed_frame.root)
+    add_problem(problems, FAR_TF, int(placed_frame.gap_s >= MAX_TF_GAP_S))
     if not message.HasField("pose"):
-        return placed.root_SE3_frame
+        return placed_frame.root_SE3_frame
     turn = message.pose.orientation
     place = message.pose.position
     wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
     if not message.pose.HasField("orientation"):
         wxyz = np.array([1.0, 0.0, 0.0, 0.0])
     frame_SE3_cloud = quaternion_pose(wxyz, np.array([place.x, place.y, place.z]))
-    return placed.root_SE3_frame @ frame_SE3_cloud
+    return placed_frame.root_SE3_frame @ frame_SE3_cloud
 
 
 def parse_fields(message: _Message) -> dict[str, np.ndarray]:

@@ -155,9 +155,9 @@ def _read_cloud(file: h5py.File, path: str, about: Unchecked) -> SensorCloud:
 
 def _read_stored_pose(file: h5py.File, name: str) -> Pose:
     """Read the pose in a dataset, to the bit if it is a rigid motion, else mended a little."""
-    stored = reader.array(file, name, axes=2)
-    pose = rigid_matrix(stored, name)
-    return stored.astype(np.float64) if np.allclose(pose, stored, atol=1e-9) else pose
+    stored_matrix = reader.array(file, name, axes=2)
+    pose = rigid_matrix(stored_matrix, name)
+    return stored_matrix.astype(np.float64) if np.allclose(pose, stored_matrix, atol=1e-9) else pose
 
 
 def _read_boxes(file: h5py.File, name: str) -> BoxRows:
@@ -191,7 +191,10 @@ def write_hdf5(samples: Iterable[Frame], path: Path) -> None:
 
 
 def _write(group: h5py.Group, sample: Frame) -> None:
-    """Write a frame into its group, which is empty."""
+    """Write a frame into its group, which is empty.
+
+    Texts and single numbers go into the JSON text "about"; arrays become datasets, the longer ones
+    compressed. Missing arrays are left out."""
     sensors = [
         {"name": cloud.name, "frame": cloud.frame, "stamp_s": cloud.stamp_s}
         for cloud in sample.clouds

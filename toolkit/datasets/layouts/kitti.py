@@ -107,8 +107,8 @@ def _read_frame(folder: Path, middles: Middles, is_labelled: bool, name: str) ->
                     )
                 raise ValueError(f"a line must have 15 or 16 entries, got {len(row)}{remedy}")
         label_rows = LabelRows.parse(rows)
-    shown = LabelledView(calibration, read_image_size(folder / "image_2" / f"{name}.png"))
-    return shown.frame(name, cloud, label_rows, problems)
+    view = LabelledView(calibration, read_image_size(folder / "image_2" / f"{name}.png"))
+    return view.frame(name, cloud, label_rows, problems)
 
 
 class LabelRows(NamedTuple):
@@ -150,13 +150,14 @@ class LabelledView(NamedTuple):
             ids = [labels.ids[row] for row in np.flatnonzero(is_real)]
         with np.errstate(all="ignore"):
             boxes = parse_camera_boxes(values[is_real], invert(calibration.camera_SE3_lidar))
-            frame_labels.count_full_turns(values[is_real, 13], problems)
+            frame_labels.count_full_turns(values[is_real, 13], problems)  # yaw
         kinds = [kind for kind in labels.kinds if kind != DONT_CARE]
         labels_in_frame = frame_labels.make_labels(boxes, kinds, ids, problems)
         width, height = self.size_px
-        ignored = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
+        # left, top, right, bottom (px) of the rectangles without labels
+        ignored_rectangles = tuple((a, b, c, d) for a, b, c, d in values[~is_real, 3:7].tolist())
         projection = calibration.projection @ calibration.camera_SE3_lidar
-        wedge = ImageWedge(projection, width, height, ignored)
+        wedge = ImageWedge(projection, width, height, ignored_rectangles)
         if len(labels_in_frame.objects) and not wedge.covers(labels_in_frame.objects.boxes).any():
             problem_kinds.add_problem(problems, NONE_SHOWN, len(labels_in_frame.objects))
         return Frame.of_clouds(
@@ -262,6 +263,7 @@ def write_kitti(samples: Iterable[Frame], folder: Path) -> None:
         write_bytes(training / "velodyne" / f"{name}.bin", cloud.tobytes())
         write_text(training / "label_2" / f"{name}.txt", kitti_text(sample))
         _, projection = _choose_camera(sample.complete)
+        # the format has four cameras; all are the same one here
         entries = {f"P{k}": projection for k in range(4)}
         entries |= {
             "R0_rect": np.eye(3),
@@ -296,6 +298,7 @@ def kitti_text(sample: Frame, *, found: Detections | None = None) -> str:
         names, objects.boxes, wedge.rectangles(objects.boxes), scores, strict=True
     ):
         lines.append(f"{name} 0 0 {_format_box(box, rectangle)}{score}\n")
+    # regions without labels: type, no truncation, occlusion and angle, rectangle, no box
     for left, top, right, bottom in wedge.ignored if found is None else ():
         edges = f"{left:.2f} {top:.2f} {right:.2f} {bottom:.2f}"
         lines.append(f"DontCare -1 -1 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10\n")
@@ -308,6 +311,7 @@ def _format_box(box: Float64[np.ndarray, "7"], rectangle: Float64[np.ndarray, "4
     box: world frame; rectangle: its edges in the image (pixels)."""
     centre, yaw = box[:3], box[6]
     length, width, height = box[3:6].tolist()
+    # in the camera's frame: x to the right, y down, z forward
     x, y, z = transform(_CAMERA, centre[None])[0]
     forward = _CAMERA[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
     turn = np.arctan2(-forward[2], forward[0])

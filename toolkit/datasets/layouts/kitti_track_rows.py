@@ -20,9 +20,10 @@ _COMMA_ENTRIES = 15
 
 
 def read_track_rows(path: Path) -> dict[int, LabelRows]:
-    """Read the rows of each frame of a text, by the frame's number.
+    """Read the labels of each frame of a text file, by the frame's number.
 
-    Raises ValueError that names the file."""
+    Cells of a line: frame, track, the 15 columns of KITTI's labels, and perhaps a score. Raises
+    ValueError that names the file."""
     rows: dict[int, list[list[str]]] = {}
     with record_values.name_damage(path, "list of labels"):
         for line in read_bytes(path).decode("utf-8-sig").splitlines():
@@ -37,9 +38,9 @@ def read_track_rows(path: Path) -> dict[int, LabelRows]:
         labels = {}
         for number, cells_of_frame in rows.items():
             ids = [str(parse_whole(cells[1], "track")) for cells in cells_of_frame]
-            parsed = LabelRows.parse([cells[2:17] for cells in cells_of_frame], ids)
+            parsed_rows = LabelRows.parse([cells[2:17] for cells in cells_of_frame], ids)
             scores = [_parse_score(cells) for cells in cells_of_frame]
-            labels[number] = parsed._replace(scores=np.array(scores))
+            labels[number] = parsed_rows._replace(scores=np.array(scores))
     return labels
 
 
@@ -49,7 +50,10 @@ def _parse_score(cells: list[str]) -> float:
 
 
 def _order_commas(cells: list[str]) -> list[str]:
-    """Return a row of AB3DMOT's detections in the order of the benchmark's rows."""
+    """Return a row of AB3DMOT's detections in the order of the benchmark's rows.
+
+    cells: frame, number of the class, rectangle (4), score, box (7), alpha. The benchmark's rows
+    have frame, track, class, truncation, occlusion, alpha, rectangle, box, score."""
     if len(cells) != _COMMA_ENTRIES:
         raise ValueError(f"a line with commas must have 15 entries, got {len(cells)}")
     code = parse_whole(cells[1], "class")

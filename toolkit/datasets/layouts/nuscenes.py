@@ -65,28 +65,36 @@ def nuscenes(path: Path) -> listing.Listing:
     folder = _find_folder(path)
     tables = {name: _read_rows(folder / f"{name}.json", is_list=name in _LISTS) for name in _TABLES}
     with name_damage(folder / "sample_data.json", "table"):
-        lidars, unknown = _group_lidars(tables)
-        between = 0
+        # rows of sample_data by token of their sample, and how many have an unknown sensor
+        lidars, unknown_count = _group_lidars(tables)
+        between_count = 0  # number of sweeps between samples, which are left out
         for token, rows in lidars.items():
             timestamp = tables["sample"].get(token, {}).get("timestamp")
             lidars[token] = _drop_sweeps(tables, rows, timestamp)
-            between += len(rows) - len(lidars[token])
+            between_count += len(rows) - len(lidars[token])
     labels: dict[str, list[_Row]] = {}  # by token of the sample
     with name_damage(folder / "sample_annotation.json", "table"):
         for row in tables["sample_annotation"].values():
             labels.setdefault(str(entry(row, "sample_token")), []).append(row)
     with name_damage(folder / "sample.json", "table"):
-        order = sorted(
+        sample_tokens = sorted(
             lidars,
             key=lambda token: as_number(entry(tables["sample"], token, "timestamp"), "timestamp"),
         )
 
-        times = [_parse_time(entry(tables["sample"][token], "timestamp")) for token in order]
+        times = [
+            _parse_time(entry(tables["sample"][token], "timestamp")) for token in sample_tokens
+        ]
+        # steps that are far too short show that the times are not a clock's
         is_clock = len(times) < 2 or float(np.median(np.diff(times))) >= MIN_STEP_S
 
     load = partial(_load, folder, tables, lidars, labels, is_clock)
-    noted = {NO_SENSOR: unknown, SWEEPS_BETWEEN: between, NO_CLOCK: 0 if is_clock else len(order)}
-    return listing.Listing(tuple(order), load, labelled=labels, noted=noted)
+    noted = {
+        NO_SENSOR: unknown_count,
+        SWEEPS_BETWEEN: between_count,
+        NO_CLOCK: 0 if is_clock else len(sample_tokens),
+    }
+    return listing.Listing(tuple(sample_tokens), load, labelled=labels, noted=noted)
 
 
 def _find_folder(path: Path) -> Path:
@@ -99,9 +107,9 @@ def _find_folder(path: Path) -> Path:
         raise FileNotFoundError(f"{path} is no nuScenes root: it has no v1.0-*/sample_data.json")
     first = table_folders[0]
     if len(table_folders) > 1 and first != path:
-        unread = ", ".join(folder.name for folder in table_folders[1:6])
+        others = ", ".join(folder.name for folder in table_folders[1:6])
         warnings.warn(
-            f"{path}: {first.name} is read, and not {unread}: give the folder to read another",
+            f"{path}: {first.name} is read, and not {others}: give the folder to read another",
             stacklevel=3,
         )
     return first

@@ -75,14 +75,15 @@ def openlabel(path: Path) -> listing.Listing:
                 other_count += 1
                 continue
             content = entry(document, "openlabel")
-            described = _list_frames(content)
+            described_frames = _list_frames(content)
             stem = file.relative_to(root).with_suffix("").as_posix()
             keys_by_name = {
-                stem if len(described) == 1 else f"{stem}#{key}": key for key in described
+                stem if len(described_frames) == 1 else f"{stem}#{key}": key
+                for key in described_frames
             }
             for name, key in keys_by_name.items():
                 sensors = find_sensors(
-                    file, content, frame=described[key], clouds=clouds, problems={}
+                    file, content, frame=described_frames[key], clouds=clouds, problems={}
                 )
                 cloud_names += [name] * bool(sensors)
                 first_clouds = sensors | first_clouds

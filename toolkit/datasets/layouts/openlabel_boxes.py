@@ -82,15 +82,15 @@ class CuboidRows:
         turns: list[np.ndarray] = []
         names: list[str] = []  # coordinate system of each box
         poses: dict[str, Pose | None] = {}
-        described = content.get("objects") or {}
-        for track, data in _list_object_data(described, frame, key):
+        described_objects = content.get("objects") or {}
+        for track, data in _list_object_data(described_objects, frame, key):
             cuboids = data.get("cuboid") or []
             add_problem(
                 problems,
                 OTHER_SHAPES,
                 int(not cuboids and any(data.get(shape) for shape in _SHAPES)),
             )
-            about = described.get(track) or {}
+            about = described_objects.get(track) or {}
             for cuboid in cuboids if isinstance(cuboids, list) else [cuboids]:
                 system = cuboid.get("coordinate_system") or data.get("coordinate_system")
                 system = system or about.get("coordinate_system")
@@ -100,13 +100,16 @@ class CuboidRows:
                 if poses[name] is None:
                     add_problem(problems, UNKNOWN_FRAME, 1)
                     continue
-                parsed = _parse_box(entry(cuboid, "val"))
-                frame_labels.count_full_turns(parsed.angles, problems)
-                boxes.append(parsed.box)
-                turns.append(parsed.rotation)
+                parsed_box = _parse_box(entry(cuboid, "val"))
+                frame_labels.count_full_turns(parsed_box.angles, problems)
+                boxes.append(parsed_box.box)
+                turns.append(parsed_box.rotation)
                 names.append(name)
                 kinds.append(
-                    str(data.get("type") or entry({"objects": described}, "objects", track, "type"))
+                    str(
+                        data.get("type")
+                        or entry({"objects": described_objects}, "objects", track, "type")
+                    )
                 )
                 ids.append(track)
                 counts.append(_count(cuboid))
@@ -132,8 +135,10 @@ def _list_object_data(
     key, a number as text."""
     for track, content in (frame.get("objects") or {}).items():
         about = content or {}
-        inherited = {name: about[name] for name in ("coordinate_system", "type") if about.get(name)}
-        yield track, inherited | (about.get("object_data") or {})
+        inherited_entries = {
+            name: about[name] for name in ("coordinate_system", "type") if about.get(name)
+        }
+        yield track, inherited_entries | (about.get("object_data") or {})
     for track, about in described.items():
         data = (about or {}).get("object_data") or {}
         if not data:

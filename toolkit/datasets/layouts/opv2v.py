@@ -57,7 +57,7 @@ def opv2v(path: Path, *, left_handed: bool = True) -> listing.Listing:
     clouds: dict[Path, set[str]] = {}
     labelled = list[str]()
     cloud_names = list[str]()
-    described: dict[Path, set[str]] = {}
+    described_stems: dict[Path, set[str]] = {}
     for file in folders.list_files(path, "*.yaml", recursive=True):
         if file.parent not in clouds:
             clouds[file.parent] = {
@@ -67,7 +67,7 @@ def opv2v(path: Path, *, left_handed: bool = True) -> listing.Listing:
             }
         file_name = file.with_suffix("").relative_to(path.parent).as_posix()
         labelled += [file_name] * bool(clouds[file.parent])
-        described.setdefault(file.parent, set()).add(file.stem)
+        described_stems.setdefault(file.parent, set()).add(file.stem)
         if file.stem in clouds[file.parent]:
             names.setdefault(
                 (file.parent.parent / file.stem).relative_to(path.parent).as_posix(), []
@@ -83,15 +83,15 @@ def opv2v(path: Path, *, left_handed: bool = True) -> listing.Listing:
     of_scenario: dict[Path, set[str]] = {}
     for file in (file for files in agents.values() for file in files):
         of_scenario.setdefault(file.parent.parent, set()).add(file.parent.name)
-    undescribed = sum(
-        len(stems - described.get(agent, set()))
+    undescribed_count = sum(
+        len(stems - described_stems.get(agent, set()))
         for agent, stems in clouds.items()
-        if agent in described
+        if agent in described_stems
     )
 
     counts = {scenario: len(members) for scenario, members in of_scenario.items()}
     load = partial(_load, agents, counts, mirror)
-    noted = {NO_YAML: undescribed}
+    noted = {NO_YAML: undescribed_count}
     return listing.Listing(tuple(agents), load, labelled=labelled, known=cloud_names, noted=noted)
 
 
@@ -147,11 +147,11 @@ def _read_frame(
     apart_count = 0
     kinds: dict[object, str] = {}
     for file, content, map_SE3_lidar in zip(files, contents, poses, strict=True):
-        recorded = next(
+        recorded_file = next(
             file.with_suffix(end) for end in folders.ENDINGS if lexists(file.with_suffix(end))
         )
         cloud = cloud_records.read_cloud(
-            recorded, file.parent.name, invert(map_SE3_world) @ map_SE3_lidar, problems
+            recorded_file, file.parent.name, invert(map_SE3_world) @ map_SE3_lidar, problems
         )
         clouds.append(_mirror(cloud, mirror))
         with name_damage(file, "YAML file of an agent"):

@@ -40,16 +40,16 @@ class OusterCapture:
         return tuple(f"ouster-{serial}" for serial in self.serials)
 
     def decode(self) -> Iterator[Sweep]:
-        """Yield all frames of the sensors."""
+        """Yield the sweeps of all sensors, in order of the capture."""
         from ouster.sdk import core, open_source
 
         counts: Counter[str] = Counter()
         names = dict(zip(self.serials, self.names, strict=True))
-        tables: dict[int, Any] = {}
+        tables: dict[int, Any] = {}  # directions of a sensor's pixels, by its serial number
         with name_damage(self.path, "capture", (Exception,)):
             for frames in open_source(str(self.path)):
                 for frame in frames:
-                    if frame is None:
+                    if frame is None:  # this sensor has none here
                         continue
                     serial = int(frame.sensor_info.sn)
                     if serial not in tables:
@@ -97,9 +97,10 @@ def import_ouster(use: str) -> Any:
 def convert_frame(frame: Any, points: np.ndarray, name: str, number: int) -> Sweep:
     """Convert a LidarFrame of ouster-sdk to a sweep.
 
-    points: (rows, columns, 3) m, of every pixel; name: of the sensor; number: among its sweeps."""
-    ranges = np.asarray(frame.field("RANGE"))
-    is_valid = np.asarray(frame.status) & 1 == 1
+    points: (rows, columns, 3) m, of every pixel; name: name of the sensor; number: place of the
+    sweep among the sensor's, from 0. Second returns of a pixel are left out and counted."""
+    ranges = np.asarray(frame.field("RANGE"))  # 0 for no return
+    is_valid = np.asarray(frame.status) & 1 == 1  # columns that arrived
     is_return = (ranges > 0) & is_valid
     rows, columns = np.nonzero(is_return)
     intensity = frame.field("SIGNAL" if "SIGNAL" in frame.fields else "REFLECTIVITY")
@@ -109,7 +110,7 @@ def convert_frame(frame: Any, points: np.ndarray, name: str, number: int) -> Swe
     if "RANGE2" in frame.fields:
         left_out = int(np.count_nonzero(np.asarray(frame.field("RANGE2"))[:, is_valid]))
     first, last = frame.sensor_info.format.column_window
-    width = (last - first) % len(is_valid) + 1
+    width = (last - first) % len(is_valid) + 1  # columns of the window, which may pass column 0
     return Sweep(
         sensor=name,
         number=number,

@@ -53,6 +53,7 @@ class SweepReader:
         """Return one sweep of each sensor by its number.
 
         Raises ValueError if the capture has fewer sweeps, as one that was cut off meanwhile."""
+        # a sweep that was passed and not kept: the capture is decoded from its start again
         is_behind = any(
             self._count(sensor) > number and (sensor, number) not in self._waiting
             for sensor, number in numbers.items()
@@ -71,6 +72,7 @@ class SweepReader:
             self._passed[sweep.sensor] = sweep.number + 1
             self._waiting[sweep.sensor, sweep.number] = sweep
         sweeps = [self._waiting.pop(key) for key in numbers.items()]
+        # sweeps before the ones returned are not kept
         for sensor, number in list(self._waiting):
             if number < numbers.get(sensor, 0):
                 del self._waiting[sensor, number]

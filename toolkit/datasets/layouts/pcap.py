@@ -52,10 +52,12 @@ def pcap(path: Path, *, poses: Path | None = None, inverted: bool = False) -> li
         raise FileNotFoundError(f"{path} is a folder: give a .pcap file in it")
     source = _open_source(plain_file(path))
     poses_by_name = {} if poses is None else read_poses(poses, inverted=inverted)
-    missing = [name for name in source.names if poses is not None and name not in poses_by_name]
-    if missing:
+    missing_names = [
+        name for name in source.names if poses is not None and name not in poses_by_name
+    ]
+    if missing_names:
         raise ValueError(
-            f"there is no pose of {missing[0]}: the pose file has {', '.join(poses_by_name)}"
+            f"there is no pose of {missing_names[0]}: the pose file has {', '.join(poses_by_name)}"
         )
     times: dict[str, list[float]] = {name: [] for name in source.names}
     for sweep in source.decode():
@@ -70,7 +72,9 @@ def pcap(path: Path, *, poses: Path | None = None, inverted: bool = False) -> li
 
 
 def _open_source(path: Path) -> SweepSource:
-    """Open a capture by whose packets it holds."""
+    """Open a capture with the reader of the lidars whose packets it holds.
+
+    Raises ImportError without velodyne-decoder, ValueError for packets of other lidars."""
     try:
         import velodyne_decoder  # noqa: F401
     except ImportError:
@@ -82,10 +86,10 @@ def _open_source(path: Path) -> SweepSource:
         return opened
     if find_metadata(path):
         return open_ousters(path)
-    listed = ", ".join(f"{count} of {size} bytes" for size, count in opened.most_common(4))
+    listed_sizes = ", ".join(f"{count} of {size} bytes" for size, count in opened.most_common(4))
     raise ValueError(
         f"{path} has no packets of {VELODYNE_PACKET_BYTES} bytes, which Velodyne lidars send, but "
-        f"{listed or 'no UDP packets'}: an Ouster's needs its metadata next to it, "
+        f"{listed_sizes or 'no UDP packets'}: an Ouster's needs its metadata next to it, "
         f"{path.stem}.json; decode others with the sensor's driver"
     )
 

@@ -54,11 +54,11 @@ def rcooper(path: Path) -> Listing:
         ):
             files = [(name, _clouds(scene / name / sequence / "lidar")) for name in agents]
             for name, agent_files in files:
-                relative = f"{scene.name}/{name}/{sequence}"
-                cloud_names += [f"{relative}/{file.stem}" for file in agent_files]
+                relative_name = f"{scene.name}/{name}/{sequence}"
+                cloud_names += [f"{relative_name}/{file.stem}" for file in agent_files]
                 labelled += [
-                    f"{relative}/{file.stem}"
-                    for file in list_files(path / "label" / relative, "*.json")
+                    f"{relative_name}/{file.stem}"
+                    for file in list_files(path / "label" / relative_name, "*.json")
                 ]
             groups, by_order = _match(dict(files))
             for k, group in enumerate(groups):

@@ -228,27 +228,29 @@ def rosbag(path: Path) -> Bag:
     if not any(index.with_points.values()):
         refuse_bag(path, bool(index.with_points), index.reason)
     stamps = {topic: np.array(index.stamps_ns[topic], np.int64) for topic in topics}
-    recorded = {topic: np.array(index.recorded_ns[topic], np.int64) for topic in topics}
+    recorded_ns = {topic: np.array(index.recorded_ns[topic], np.int64) for topic in topics}
     tree = TransformTree.from_links(index.links)
     instead = find_other_clocks(
-        {topic: (stamps[topic], recorded[topic]) for topic in topics},
+        {topic: (stamps[topic], recorded_ns[topic]) for topic in topics},
         moving_times(index.links, tree),
     )
     times = {}
     for topic in topics:
         if topic in instead:
-            times[topic] = recorded[topic]
+            times[topic] = recorded_ns[topic]
         else:
-            times[topic] = np.where(stamps[topic] == 0, recorded[topic], stamps[topic])
+            times[topic] = np.where(stamps[topic] == 0, recorded_ns[topic], stamps[topic])
     start = min(int(times_ns.min()) for times_ns in times.values())
     groups = group_by_time(
         {topic: (times_ns - start) / NS_PER_S for topic, times_ns in times.items()}
     )
     problems = dict(tree.problems)
     if not instead:
-        stamped = [stamps_ns[stamps_ns != 0] for stamps_ns in stamps.values()]
-        replayed = sum(len(stamps_ns) - len(np.unique(stamps_ns)) for stamps_ns in stamped)
-        add_problem(problems, REPLAYED, replayed)
+        nonzero_stamps = [stamps_ns[stamps_ns != 0] for stamps_ns in stamps.values()]
+        replayed_count = sum(
+            len(stamps_ns) - len(np.unique(stamps_ns)) for stamps_ns in nonzero_stamps
+        )
+        add_problem(problems, REPLAYED, replayed_count)
     add_problem(problems, NO_XYZ, len(index.stamps_ns) - len(topics))
     return Bag(
         path, groups=tuple(groups), tree=tree, topics=topics, recorded=instead, problems=problems

@@ -124,6 +124,7 @@ def write_sustech(samples: Iterable[Frame], folder: Path) -> None:
         for box, kind, track in frame_labels.list_rows(sample.objects, _NAMES):
             centre, size = box[:3], box[3:6]
             yaw = box[6]
+            # the format's name for position, scale and rotation
             psr = {
                 "position": dict(zip("xyz", centre, strict=True)),
                 "rotation": {"x": 0.0, "y": 0.0, "z": yaw},

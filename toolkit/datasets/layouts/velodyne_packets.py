@@ -58,7 +58,10 @@ class VelodyneCapture:
                     yield self._sweep(address, decoded, counts)
 
     def _sweep(self, address: str, decoded: Any, counts: Counter[str]) -> Sweep:
-        """Return a decoded turn with its number."""
+        """Return a decoded turn with its number among its sensor's turns.
+
+        address: source of the packets; decoded: time stamp and table of points, as
+        velodyne-decoder returns them; counts: turns so far by name of the sensor, which rise."""
         stamp, table = decoded
         points = np.array(table)
         name = self._name(address)

@@ -76,10 +76,10 @@ class SendsForeground(DetectsOnce):
             image = captured.sending(foreground.pixels)
             message, restored = self.exchange(view, sensor, image, missing=foreground.missing)
             sent_points = captured.points(np.where(restored.sent, restored.image, np.float32(0)))
-            drawn = draw_scene(captured, scene)
+            drawn_scene = draw_scene(captured, scene)
             # the centre draws the scene in all pixels that were neither sent nor missing
-            shows_scene = ~(restored.sent | restored.missing).ravel()[drawn.pixels]
-            return np.concatenate([sent_points, drawn.points[shows_scene]]), 8 * len(message)
+            shows_scene = ~(restored.sent | restored.missing).ravel()[drawn_scene.pixels]
+            return np.concatenate([sent_points, drawn_scene.points[shows_scene]]), 8 * len(message)
 
         return view.transmit(sensor, name=self.digest, through=through)
 
@@ -295,9 +295,9 @@ def write_scene_message(
 ) -> bytes:
     """Return the bytes of a message that refers to an empty scene.
 
-    image: gives sensor, time and number of the header; step: step of measurements (m); content:
-    coded pixels; missing: mask (rows, columns) of missing pixels, coded at the message's end if it
-    marks any."""
+    kind: kind of message; image: gives sensor, time and number of the header; step: step of
+    measurements (m); content: coded pixels; missing: mask (rows, columns) of missing pixels, coded
+    at the message's end if it marks any."""
     header = sent_header(kind, image, step, scene=scene_number(scene))
     coded_missing = encode_mask(missing) if missing.any() else b""
     return wire.write_message(header, content + coded_missing)

@@ -84,12 +84,12 @@ def _crop_scene(scene: EmptyScene, sensor: Sensor, crop: Crop, lift: Lift | None
 
     lift: applied to the points (m) before the crop, None to leave them. The result is cached, so
     its arrays are shared and must never be changed."""
-    # xyz: (3, rows, columns); valid: pixels (rows, columns) that have a point
-    xyz, valid = unproject(sensor, scene.first)
-    points = np.ascontiguousarray(xyz[:, valid].T)
+    # xyz: (3, rows, columns); is_valid: pixels (rows, columns) that have a point
+    xyz, is_valid = unproject(sensor, scene.first)
+    points = np.ascontiguousarray(xyz[:, is_valid].T)
     lifted_points = points if lift is None else lift(points)
     is_kept = crop.holds(lifted_points)
-    return DrawnScene(points=lifted_points[is_kept], pixels=np.flatnonzero(valid)[is_kept])
+    return DrawnScene(points=lifted_points[is_kept], pixels=np.flatnonzero(is_valid)[is_kept])
 
 
 def keep_neighbours(is_gone: ImageMask, is_expected: ImageMask) -> np.ndarray:

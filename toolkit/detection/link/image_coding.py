@@ -47,9 +47,14 @@ def pack_integers(values: Int64[np.ndarray, " n"]) -> bytes:
     large_symbols = _SMALL_NUMBERS + 2 * (bit_count - _MIN_LARGE_BITS) + second_bit
     symbols = np.where(is_small, values, large_symbols)
     content = symbols.astype(np.uint8).tobytes()
-    deflated = min((_deflate(content, strategy) for strategy in _STRATEGIES), key=len)
+    deflated_symbols = min((_deflate(content, strategy) for strategy in _STRATEGIES), key=len)
     low_bits = write_bits(values, width=low_count)
-    return write_varint(len(values)) + write_varint(len(deflated)) + deflated + low_bits
+    return (
+        write_varint(len(values))
+        + write_varint(len(deflated_symbols))
+        + deflated_symbols
+        + low_bits
+    )
 
 
 def _deflate(content: bytes, strategy: int) -> bytes:
@@ -114,8 +119,8 @@ def read_bits(
             f"{total} bits do not fit the {len(data) - start} bytes that follow: the message is "
             "cut off"
         )
-    coded = np.frombuffer(data, np.uint8, count=end - start, offset=start)
-    bits = np.unpackbits(coded).astype(np.int64)
+    coded_bytes = np.frombuffer(data, np.uint8, count=end - start, offset=start)
+    bits = np.unpackbits(coded_bytes).astype(np.int64)
     if bits[total:].any():
         raise ValueError("the last byte must be filled with zeros: the message is damaged")
     # a number is the sum of its bits times their powers of two: a difference of cumulative sums

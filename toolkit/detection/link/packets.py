@@ -27,7 +27,7 @@ def count_packets(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shap
     >>> count_packets(np.array([0, 8, 8 * 1398, 8 * 1398 + 1])).tolist()
     [0, 1, 1, 2]
     """
-    return -(-bits // (8 * PACKET_BYTES))
+    return -(-bits // (8 * PACKET_BYTES))  # rounded up
 
 
 def find_airtime_us(bits: Int64[np.ndarray, "*shape"]) -> Int64[np.ndarray, "*shape"]:

@@ -59,11 +59,11 @@ def encode_boxes(detections: Detections, sensor: Sensor) -> bytes:
     table = np.rint(np.column_stack([*places_and_sizes, yaw, score, detections.labels]))
     table[:, _YAW] %= TURN_STEPS
     table[:, _SIZES] = np.maximum(table[:, _SIZES], 1)  # no size may round to 0
-    farthest = np.abs(table).max(initial=0)
-    if farthest >= 1 << 30:  # minimum fits an int32, a difference from it 31 bits
+    max_step = np.abs(table).max(initial=0)
+    if max_step >= 1 << 30:  # minimum fits an int32, a difference from it 31 bits
         raise ValueError(
             f"boxes must lie within {(1 << 30) * BOX_STEP_M / 1000:.0f} km, got "
-            f"{farthest * BOX_STEP_M} m"
+            f"{max_step * BOX_STEP_M} m"
         )
     _check_reach(table[:, :7] * BOX_STEP_M, sensor)
     heads = []
@@ -164,10 +164,10 @@ class RangeImages(Parameters):
 
     def encode_image(self, image: RangeImage, /) -> Message:
         """Encode the pixels of an image that return something, rounded to steps."""
-        sent = is_return(image.measurement, image.sensor.model.max_range)
+        is_sent = is_return(image.measurement, image.sensor.model.max_range)
         header = sent_header(wire.MessageKind.RANGE_IMAGE, image, self.step)
-        steps = to_steps(image.measurement, sent, self.step)
-        message = wire.write_message(header, encode_pixels(steps, mask=sent))
+        steps = to_steps(image.measurement, is_sent, self.step)
+        message = wire.write_message(header, encode_pixels(steps, mask=is_sent))
         return Message(message, bits=8 * len(message))
 
     def decode_image(self, message: Message, sensor: Sensor, /) -> ImageRanges:
@@ -177,15 +177,15 @@ class RangeImages(Parameters):
         another kind or of another sensor."""
         header, content = wire.read_message(message.content)
         rows, columns = sensor.model.shape
-        expected = {
+        expected_fields = {
             "sensor": wire.sensor_number(sensor.name),
             "rows": rows,
             "columns": columns,
             "scene": 0,  # the message refers to no empty scene
         }
-        wire.check_header(header, wire.MessageKind.RANGE_IMAGE, **expected)
-        steps, sent = decode_pixels(content, (rows, columns))
-        return from_steps(steps, sent, step=header.step, model=sensor.model)
+        wire.check_header(header, wire.MessageKind.RANGE_IMAGE, **expected_fields)
+        steps, is_sent = decode_pixels(content, (rows, columns))
+        return from_steps(steps, is_sent, step=header.step, model=sensor.model)
 
     def encode_points(self, points: Float32[np.ndarray, "n 3"], /) -> Message:
         """Raise ValueError: the pixels of points without an image are unknown."""
@@ -211,14 +211,14 @@ class RangeImages(Parameters):
         Raises ValueError for a message that is damaged, of another kind or sensor, or holds boxes
         that the sensor cannot have detected."""
         header, content = wire.read_message(message.content)
-        expected = {
+        expected_fields = {
             "sensor": wire.sensor_number(sensor.name),
             "step_mm": wire.step_in_mm(BOX_STEP_M),
             "rows": 0,  # boxes have no image and refer to no empty scene
             "columns": 0,
             "scene": 0,
         }
-        wire.check_header(header, wire.MessageKind.BOXES, **expected)
+        wire.check_header(header, wire.MessageKind.BOXES, **expected_fields)
         return decode_boxes(content, sensor)
 
     def bits(

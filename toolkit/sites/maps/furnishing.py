@@ -115,8 +115,8 @@ def _select_free_solids(solids: Sequence[Solid], occupied: shapely.Geometry) -> 
     the solids on them."""
     shapes = [shapely.Polygon(solid.footprint) for solid in solids]
     pairs = list(zip(solids, shapes, strict=True))
-    joined = shapely.union_all([shape for solid, shape in pairs if solid.kind != "island"])
-    groups = shapely.get_parts(joined)  # ground of solids that touch each other
+    joined_ground = shapely.union_all([shape for solid, shape in pairs if solid.kind != "island"])
+    groups = shapely.get_parts(joined_ground)  # ground of solids that touch each other
     left_out = shapely.union_all([group for group in groups if group.intersects(occupied)])
     return [
         solid for solid, shape in pairs if solid.kind == "island" or not left_out.intersects(shape)

@@ -16,6 +16,7 @@ def move_network_to_site(network: str, map_SE3_site: Pose) -> str:
     junctions and walking areas that cross themselves are repaired."""
     origin = map_SE3_site[:2, 3]
     rotation = map_SE3_site[:2, :2]
+    # rows of points: (xy - origin) @ rotation turns by the transpose, from the map to the site
     root = ElementTree.fromstring(network)
     for element in root.iter():
         if "shape" in element.attrib:
@@ -47,5 +48,5 @@ def _repair_outline(ring: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "_ 
     valid_shape = shapely.set_precision(shapely.make_valid(shape), 1e-3)
     polygons = [polygon for polygon in nets.list_polygons(valid_shape) if polygon.area > 0]
     strip = shapely.LineString(ring).buffer(0.05, cap_style="square", join_style="mitre")
-    largest = max(polygons, key=shapely.area, default=strip.convex_hull)
-    return shapely.get_coordinates(largest.exterior)[:-1]  # the last corner is the first
+    largest_polygon = max(polygons, key=shapely.area, default=strip.convex_hull)
+    return shapely.get_coordinates(largest_polygon.exterior)[:-1]  # the last corner is the first

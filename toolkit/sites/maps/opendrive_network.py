@@ -78,8 +78,8 @@ def make_whole_network(plain: PlainMap, piece: MapPiece) -> tuple[str, list[str]
 def cut_network(network: str, edges: Sequence[str], piece: MapPiece, *, lefthand: bool) -> str:
     """Return a net.xml text without some edges, and with crossings for pedestrians.
 
-    netconvert cuts networks, but not OpenDRIVE maps. edges: ids of the edges to remove; lefthand:
-    traffic keeps left."""
+    netconvert cuts networks, but not OpenDRIVE maps. edges: ids of the edges to remove; piece:
+    names the map file in errors; lefthand: traffic keeps left."""
     with tempfile.TemporaryDirectory() as folder:
         network_file = Path(folder, "net.xml")
         edges_file = Path(folder, "edges.txt")

@@ -68,9 +68,9 @@ def import_opendrive(piece: MapPiece) -> Site:
     with name_errors(path):
         root = read_opendrive(path, (float(piece.centre[0]), float(piece.centre[1])))
         placement = find_placement(root)
-        plain = write_plain(root)
+        plain_map = write_plain(root)
     geo_reference = find_projection(root, path.name)
-    network = _make_network(root, plain, piece)
+    network = _make_network(root, plain_map, piece)
     frame = network.map_SE3_site
     with name_errors(path):
         window = _find_window(piece)
@@ -89,7 +89,7 @@ def import_opendrive(piece: MapPiece) -> Site:
         *_describe_storeys(other_storeys),
         *describe_turn(root),
         *describe_widths(map_lanes),
-        *describe_problems(plain, roads),
+        *describe_problems(plain_map, roads),
         *describe_near_warnings(network.warnings, network.text),
     ]
     make_site = partial(Site, path.stem, piece.area, map_SE3_site=placement @ frame)
@@ -133,12 +133,12 @@ def _make_network(root: ElementTree.Element, plain: PlainMap, piece: MapPiece) -
     window = _find_window(piece)
     raw_network, warning_lines = make_whole_network(plain, piece)
     whole_network = align_lanes(raw_network, plain, window)
-    near = find_near_edges(whole_network, window)
-    if not near.has_edges:
+    near_edges = find_near_edges(whole_network, window)
+    if not near_edges.has_edges:
         nearest_place = find_nearest_road(whole_network, shapely.Point(x, y))
         raise piece.no_road(nearest_place, nearby=_describe_degrees(root, (x, y)))
-    map_network = cut_network(whole_network, near.other_edges, piece, lefthand=plain.lefthand)
-    map_SE3_site = pose(x, y, near.level, yaw=piece.heading)
+    map_network = cut_network(whole_network, near_edges.other_edges, piece, lefthand=plain.lefthand)
+    map_SE3_site = pose(x, y, near_edges.level, yaw=piece.heading)
     return _SiteNetwork(
         text=move_network_to_site(map_network, map_SE3_site),
         whole=whole_network,

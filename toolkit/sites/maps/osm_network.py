@@ -61,12 +61,14 @@ def make_osm_network(
         strips = find_parking_strips(network, parking) if parking else {}
         if any(rules.number is not None for rules in types):
             restrict_network(folder, types)
-            restricted = nets.run_netconvert([*widen_network(folder, {}), *second_options])
-            network = move_network_to_site(restricted, map_SE3_site)
+            restricted_network = nets.run_netconvert([*widen_network(folder, {}), *second_options])
+            network = move_network_to_site(restricted_network, map_SE3_site)
         if strips:
             try:
-                widened = nets.run_netconvert([*widen_network(folder, strips), *second_options])
-                network = move_network_to_site(widened, map_SE3_site)
+                widened_network = nets.run_netconvert(
+                    [*widen_network(folder, strips), *second_options]
+                )
+                network = move_network_to_site(widened_network, map_SE3_site)
             except ValueError as error:
                 notes.append(f"parking along the kerbs was left out ({error})")
     return _ESCAPED_TWICE.sub(r"&\1;", network), notes

@@ -176,8 +176,8 @@ def _part_directions(road: Carriageway, *, keeps_other_side: bool) -> list[Carri
             for carriageway in carriageways:
                 for lane_id in carriageway.ends[contact]:
                     lane_ids.pop(lane_id, None)
-        closed = frozenset(contraflow)
-        carriageways.append(replace(road, sections=inner_sections, ends=ends, closed=closed))
+        closed_lanes = frozenset(contraflow)
+        carriageways.append(replace(road, sections=inner_sections, ends=ends, closed=closed_lanes))
     return carriageways
 
 
@@ -232,29 +232,31 @@ def _make_contraflow(road: Carriageway, contraflow: set[SectionLane], sign: int)
 
     They become lanes of the other side of a line along their outer border. contraflow: lanes of
     both sides that run against theirs; sign: 1 for the left side, -1 for the right."""
-    turned: list[_TurnedSection] = []
+    turned_sections: list[_TurnedSection] = []
     for section in road.sections:
-        previous_ids = turned[-1].lane_ids if turned else None
-        turned.append(_turn_section(road, section, contraflow, sign, previous_ids))
-    closed = {lane for row in turned for lane in row.closed}
-    sections = [row.section for row in turned]
-    for i, next_row in enumerate(turned[1:]):
+        previous_ids = turned_sections[-1].lane_ids if turned_sections else None
+        turned_sections.append(_turn_section(road, section, contraflow, sign, previous_ids))
+    closed_lanes = {lane for row in turned_sections for lane in row.closed}
+    sections = [row.section for row in turned_sections]
+    for i, next_row in enumerate(turned_sections[1:]):
         # links to the section after, whose new ids are known only now
         lanes = []
         for lane in sections[i].lanes:
             linked_lane = replace(lane, after=_renumber(lane.after, next_row.lane_ids))
             lanes.append(linked_lane)
-            if lane in closed:
-                closed.add(linked_lane)
+            if lane in closed_lanes:
+                closed_lanes.add(linked_lane)
         sections[i] = replace(sections[i], lanes=tuple(lanes))
     ends: dict[str, dict[int, int]] = {}
     for contact, index in (("start", 0), ("end", -1)):
         side = road.sections[index].side(sign)
         driven_ids = {lane.number for lane in side if lane in contraflow}
-        lane_ids = turned[index].lane_ids
-        ends[contact] = {old: new for old, new in lane_ids.items() if old in driven_ids}
-    starts = np.concatenate([row.edge.starts for row in turned])
-    rows = np.concatenate([row.edge.rows for row in turned])
+        lane_ids = turned_sections[index].lane_ids
+        ends[contact] = {
+            old_id: new_id for old_id, new_id in lane_ids.items() if old_id in driven_ids
+        }
+    starts = np.concatenate([row.edge.starts for row in turned_sections])
+    rows = np.concatenate([row.edge.rows for row in turned_sections])
     name = f"{road.name}.{'left' if sign > 0 else 'right'}"
     return replace(
         road,
@@ -262,7 +264,7 @@ def _make_contraflow(road: Carriageway, contraflow: set[SectionLane], sign: int)
         sections=sections,
         offset=Cubics(starts, rows),
         ends=ends,
-        closed=frozenset(closed),
+        closed=frozenset(closed_lanes),
     )
 
 
@@ -289,26 +291,27 @@ def _turn_section(
     # the outermost lane is next to the new line
     lane_ids = {lane.number: -sign * (len(group) - i) for i, lane in enumerate(group)}
     turned_lanes = []
-    closed = set()
+    closed_lanes = set()
     for lane in group:
         before = _renumber(lane.before, previous_ids)
         turned_lane = replace(lane, number=lane_ids[lane.number], before=before)
         turned_lanes.append(turned_lane)
         if lane not in contraflow:
-            closed.add(turned_lane)
+            closed_lanes.add(turned_lane)
     turned_lanes.sort(key=lambda lane: -lane.number)
     return _TurnedSection(
         section=replace(section, lanes=tuple(turned_lanes)),
         edge=edge.move(section.start),
         lane_ids=lane_ids,
-        closed=frozenset(closed),
+        closed=frozenset(closed_lanes),
     )
 
 
 def _renumber(lane_ids: Sequence[int], new_ids: Mapping[int, int] | None) -> tuple[int, ...]:
     """Return ids of lanes as they are in a carriageway; lanes that it lacks are left out.
 
-    new_ids: by id in the file; None at the end of a road, whose links are found later."""
+    lane_ids: ids in the file; new_ids: ids in the carriageway by id in the file, None at the end of
+    a road, whose links are found later."""
     if new_ids is None:
         return tuple(lane_ids)
     return tuple(new_ids[lane_id] for lane_id in lane_ids if lane_id in new_ids)

@@ -66,9 +66,10 @@ class Cubics:
         return Cubics(self.starts, -self.rows)
 
     def _find_row(self, s: float) -> Float64[np.ndarray, "4"]:
-        """Coefficients a, b, c, d of the function about `s`, from the piece that is valid there.
+        """Coefficients of the piece that is valid at `s`, as a cubic in the distance from `s`.
 
-        Before the first piece, the function is constant."""
+        They are a, b, c, d of a + b x + c x² + d x³ with x = 0 at `s`. Before the first piece, the
+        function is constant."""
         piece = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
         ds = s - self.starts[piece]
         a, b, c, d = self.rows[piece]

@@ -139,7 +139,9 @@ def read_defaults(root: ElementTree.Element, problems: Counter[str]) -> dict[str
 
 
 def _find_users(section: LaneSection, lane: SectionLane, problems: Counter[str]) -> tuple[str, ...]:
-    """Users of a lane by its type and access rules; differences from the map go to `problems`."""
+    """Users of a lane by its type and access rules, in SUMO's words; empty for a closed lane.
+
+    problems: differences from the map are counted there, by the words of their note."""
     kind = lane.kind
     if kind not in USERS:
         problems[f"lanes of type {kind[:30]!r} are closed, as the type is unknown"] += 1

@@ -125,17 +125,17 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
     # between this one and the middle
     for element, shape, count in zip(elements, shapes, range(len(lanes))[::-1], strict=True):
         first, last = line.find_places(shape[[0, -1], :2])
-        drawn = shapely.LineString(shape[:, :2])
+        drawn_line = shapely.LineString(shape[:, :2])
         if (
-            abs(abs(last - first) - drawn.length)
-            > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn.length
+            abs(abs(last - first) - drawn_line.length)
+            > MAX_PLACE_GAP_M + MAX_PLACE_GAP_SHARE * drawn_line.length
         ):
             continue
         s = np.linspace(first, last, int(abs(last - first) / SAMPLES_EVERY_M) + 2)
         within = np.clip(s, section.start, section.end) - section.start
-        inner = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:count])
+        inner_t = road.offset.at(s) + sign * sum(_width(lane, within) for lane in lanes[:count])
         width = _width(lanes[count], within)
-        middle = line.road.step_aside(s, inner + sign * width / 2)
+        middle = line.road.step_aside(s, inner_t + sign * width / 2)
         if (
             set(element.get("allow", "").split()) == _NARROW_USERS
             and width.min() < MIN_DRIVEN_WIDTH_M
@@ -143,9 +143,9 @@ def _align_edge(edge: ElementTree.Element, road: Carriageway, line: _Line, sign:
             element.attrib.pop("allow")
             element.set("disallow", "all")
             is_changed = True
-        exact = shapely.LineString(middle)
-        if shapely.hausdorff_distance(drawn, exact) > MAX_DEVIATION_M:
-            simple = shapely.get_coordinates(exact.simplify(SHAPE_TOLERANCE_M))
+        exact_line = shapely.LineString(middle)
+        if shapely.hausdorff_distance(drawn_line, exact_line) > MAX_DEVIATION_M:
+            simple = shapely.get_coordinates(exact_line.simplify(SHAPE_TOLERANCE_M))
             element.set("shape", _format_points(simple, shape))
             element.set("customShape", "1")
             is_changed = True

@@ -43,7 +43,8 @@ def outline_lanes(road: MapRoad) -> Iterator[MapLane]:
     for section in read_sections(road.element, road.length):
         steps = int((section.end - section.start) / STATION_STEP_M) + 2
         s = np.linspace(section.start, section.end, steps)
-        places = road.at(s)
+        places = road.at(s)  # x, y, heading of the reference line at each s
+        # m to the left of that line: where left and right lanes meet
         middle_t = offset.at(s)
         for sign in (1, -1):
             yield from _outline_side(section, sign, s, places, middle_t)
@@ -85,5 +86,5 @@ def describe_widths(lanes: Sequence[MapLane]) -> list[str]:
     wide_count = sum(lane.width > MAX_USUAL_WIDTH_M for lane in lanes)
     if not wide_count:
         return []
-    usual = f"{MAX_USUAL_WIDTH_M:g} m"
-    return [f"lanes wider than {usual}, whose traffic keeps to their middle: {wide_count}"]
+    usual_width = f"{MAX_USUAL_WIDTH_M:g} m"
+    return [f"lanes wider than {usual_width}, whose traffic keeps to their middle: {wide_count}"]

@@ -49,8 +49,8 @@ def _reaches(pieces: Float64[np.ndarray, "n 4"], point: Float64[np.ndarray, "2"]
     lengths = pieces[:, 3]
     low = starts.min(axis=0)
     high = starts.max(axis=0)
-    longest = lengths.max()
-    return bool(((low - longest <= point) & (point <= high + longest)).all())
+    max_length = lengths.max()
+    return bool(((low - max_length <= point) & (point <= high + max_length)).all())
 
 
 def _describe_outside(
@@ -66,7 +66,7 @@ def _describe_outside(
     xmax, ymax = starts.max(axis=0)
     x, y = centre
     spans = f"x {xmin:.10g} to {xmax:.10g} and y {ymin:.10g} to {ymax:.10g}"
-    outside = f"centre {x:.10g} {y:.10g} lies outside the map, whose roads start at {spans}"
+    problem = f"centre {x:.10g} {y:.10g} lies outside the map, whose roads start at {spans}"
     # places in the map's projection that the centre may mean
     meanings = {"coordinates of its projection": centre, "degrees": project_degrees(root, centre)}
     for kind, metres in meanings.items():
@@ -75,9 +75,9 @@ def _describe_outside(
         place = move_to_file(root, metres)
         if _reaches(pieces, place):
             x, y = place
-            return f"{outside}: these are {kind}, in the file it is --centre {x:.10g} {y:.10g}"
+            return f"{problem}: these are {kind}, in the file it is --centre {x:.10g} {y:.10g}"
     x, y = _find_middle_place(pieces)
-    return f"{outside}: give --centre X Y inside it, as --centre {x:.10g} {y:.10g}"
+    return f"{problem}: give --centre X Y inside it, as --centre {x:.10g} {y:.10g}"
 
 
 def _find_middle_place(pieces: Float64[np.ndarray, "n 4"]) -> Float64[np.ndarray, "2"]:

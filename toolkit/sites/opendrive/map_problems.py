@@ -65,9 +65,9 @@ def count_unread(road: ElementTree.Element) -> dict[str, int]:
 
 def _measure_height(element: ElementTree.Element) -> float:
     """Greatest distance (m) of a lane from its road's surface, up or down, by its <height>."""
-    inner = read_number(element, "inner", 0.0)
-    outer = read_number(element, "outer", 0.0)
-    return max(abs(inner), abs(outer))
+    inner_height = read_number(element, "inner", 0.0)
+    outer_height = read_number(element, "outer", 0.0)
+    return max(abs(inner_height), abs(outer_height))
 
 
 def _count_no_change_lanes(road: ElementTree.Element) -> int:

@@ -228,5 +228,5 @@ def _list_heights(
     lines: Sequence[shapely.LineString], window: shapely.Geometry
 ) -> Float64[np.ndarray, " n"]:
     """Heights (m) of the corners of lines within a window, and of the lines at its edge."""
-    inside = shapely.intersection(lines, window)
-    return shapely.get_coordinates(inside, include_z=True)[:, 2]
+    inside_lines = shapely.intersection(lines, window)
+    return shapely.get_coordinates(inside_lines, include_z=True)[:, 2]

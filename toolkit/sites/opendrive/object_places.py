@@ -91,8 +91,9 @@ def list_places(road: MapRoad, element: ElementTree.Element) -> Iterator[ObjectP
         place = place_on_road(road, s, t, turn)
         yield ObjectPlace(*place, base=max(read_number(element, "zOffset", 0.0), 0.0))
     for repeat in repeats:
-        start = read_number(repeat, "s")
+        start = read_number(repeat, "s")  # m along the road
         row = read_row(repeat)
+        # m to the left of the road's reference line
         first_t = read_number(repeat, "tStart", read_number(element, "t"))
         last_t = read_number(repeat, "tEnd", first_t)
         base = max(read_number(repeat, "zOffsetStart", 0.0), 0.0)

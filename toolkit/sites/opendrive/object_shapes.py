@@ -107,7 +107,10 @@ def _make_prisms(
 
 
 def _make_simple(place: ObjectPlace, kind: str, size: _Size) -> list[Solid]:
-    """Make the tree, disc or block of an object without an outline. kind: kind of solid."""
+    """Make the tree, disc or block of an object without an outline.
+
+    kind: kind of solid; size: sizes (m) that the map states, 0 for none."""
+    # usual and extreme sizes are in m
     if kind == "tree":
         crown_radius = min(max(size.any_radius or 1.6, 0.3), 8.0)
         return furniture.tree(
@@ -170,5 +173,5 @@ def _read_ring(
         return np.zeros((3, 2))
     polygons = list_polygons(shapely.make_valid(shapely.Polygon(corners)))
     no_polygon = shapely.Polygon(np.zeros((4, 2)))
-    largest = max(polygons, key=shapely.area, default=no_polygon)
-    return shapely.get_coordinates(largest.exterior)[:-1].round(3)  # the last is the first
+    largest_polygon = max(polygons, key=shapely.area, default=no_polygon)
+    return shapely.get_coordinates(largest_polygon.exterior)[:-1].round(3)  # the last is the first

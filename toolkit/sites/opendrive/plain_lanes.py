@@ -101,9 +101,9 @@ def _write_lane(lane: SectionLane, kind: str, map_sign: int, neighbours: _LaneId
         if after_id in neighbours.after:
             new_id = map_sign * neighbours.after[after_id]
             links += format_element("successor", {"id": new_id})
-    inside = format_element("link", {}, links) if links else ""
-    inside += write_cubics("width", "sOffset", lane.width)
-    return format_element("lane", {"id": map_sign * lane.number, "type": kind}, inside)
+    content = format_element("link", {}, links) if links else ""
+    content += write_cubics("width", "sOffset", lane.width)
+    return format_element("lane", {"id": map_sign * lane.number, "type": kind}, content)
 
 
 def write_cubics(tag: str, key: str, function: Cubics) -> str:

@@ -77,7 +77,8 @@ def _find_partner(
 ) -> Carriageway:
     """Carriageway of another road to which most lanes at an end of `road` are linked.
 
-    direction: the end of `road`; name: id of the other road; contact: end of the other road.
+    writer: has the carriageways of all roads. direction: the end of `road`; name: id of the other
+    road; contact: end of the other road ("start" or "end").
     Without linked lanes it is the other road's last one, with lanes in the usual direction of their
     side."""
     is_before = direction == "predecessor"

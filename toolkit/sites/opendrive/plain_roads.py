@@ -31,11 +31,10 @@ def write_plain_road(
 ) -> str:
     """Text of the <road> of OpenDRIVE 1.4 for a carriageway.
 
-    writer: collects uses of lanes and problems meanwhile; left_out: ids of junctions that
+    writer: the uses of lanes and the problems are added to it; left_out: ids of junctions that
     netconvert does not get; defaults: limits (m/s) by type of road."""
-    file_id = road.element.get(
-        "id", ""
-    )  # of the road in the file, which may be several carriageways
+    # id of the road in the file, which may be several carriageways; `road.name` is the new id
+    file_id = road.element.get("id", "")
     problems = writer.problems[file_id]
     is_first = writer.roads[file_id][0] is road
     # problems of links and signals count once for a road, however many carriageways it has

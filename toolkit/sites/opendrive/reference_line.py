@@ -108,7 +108,7 @@ class Piece:
         rate = change / max(self.length, 1e-9)  # change of the curvature per m
         grid = np.linspace(0.0, self.length, int(self.length / CURVE_STEP_M) + 2)
         middles = (grid[1:] + grid[:-1]) / 2
-        turns = curvature * middles + rate * middles**2 / 2
+        turns = curvature * middles + rate * middles**2 / 2  # directions at `middles` (rad)
         # m ahead and to the left of the start at the places of `grid`
         grid_u = np.cumsum([0.0, *(np.diff(grid) * np.cos(turns))])
         grid_v = np.cumsum([0.0, *(np.diff(grid) * np.sin(turns))])
@@ -168,6 +168,7 @@ def _find_parameter(
     curve_length = distances[-1]
     scale = 1.0 if length is None else max(length, 1e-9) / max(curve_length, 1e-9)
     end_speed = float(speed(grid[-1:])[0]) * scale
+    # how far the parameter is beyond `end`
     excess = np.maximum(ds - curve_length * scale, 0.0) / max(end_speed, 1e-9)
     return np.interp(ds, distances * scale, grid) + excess
 

@@ -94,7 +94,9 @@ class RoadObjects:
         self.understood[object_type] += 1
 
     def _add_bays(self, road: MapRoad, element: ElementTree.Element) -> None:
-        """Add parking bays, whose longer side is their length."""
+        """Add the parking bays of an <object> of a road, one for each repeat.
+
+        A bay heads along its longer side, whichever the map calls its length."""
         length = read_number(element, "length", 0.0)
         width = read_number(element, "width", 0.0)
         turn = 0.0 if length >= width else np.pi / 2
@@ -123,7 +125,9 @@ def read_road_objects(roads: Sequence[MapRoad]) -> RoadObjects:
 
 
 def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
-    """Make the post and the plate, or signal head, of a signal in the map's frame."""
+    """Make the post and the plate, or head with lamps, of a <signal> of a road.
+
+    The solids are in the map's frame."""
     s = read_number(element, "s")
     t = read_number(element, "t")
     place = place_on_road(road, s, t, turn=read_number(element, "hOffset", 0.0))
@@ -131,13 +135,15 @@ def _make_signal(road: MapRoad, element: ElementTree.Element) -> list[Solid]:
     is_forward = element.get("orientation", "+") == "+"
     facing = place.heading + (np.pi if is_forward else 0.0)
     if element.get("dynamic") == "yes":  # a head with lamps
-        usual = _SignalSize(height=0.9, width=0.3, depth=0.3)
+        usual_size = _SignalSize(height=0.9, width=0.3, depth=0.3)
     else:  # the plate of a sign
-        usual = _SignalSize(height=0.6, width=0.6, depth=0.06)
-    height = float(np.clip(read_number(element, "height", 0.0) or usual.height, *SIGN_SIZE_M))
-    width = float(np.clip(read_number(element, "width", 0.0) or usual.width, *SIGN_SIZE_M))
+        usual_size = _SignalSize(height=0.6, width=0.6, depth=0.06)
+    height = float(np.clip(read_number(element, "height", 0.0) or usual_size.height, *SIGN_SIZE_M))
+    width = float(np.clip(read_number(element, "width", 0.0) or usual_size.width, *SIGN_SIZE_M))
     base = min(max(read_number(element, "zOffset", 0.0), MIN_SIGN_BASE_M), MAX_SIGN_BASE_M)
-    plate = furniture.block((width, usual.depth), middle=(place.x, place.y), yaw=facing + np.pi / 2)
+    plate = furniture.block(
+        (width, usual_size.depth), middle=(place.x, place.y), yaw=facing + np.pi / 2
+    )
     return [
         furniture.post(place.x, place.y, height=round(base, 3), radius=0.06),
         Solid(plate, base=round(base, 3), top=round(base + height, 3), kind="sign"),

@@ -123,7 +123,7 @@ def _read_xml(path: Path, head: bytes) -> Iterator[ElementTree.Element]:
                 if event == "end" and element.tag in _KINDS_IN_XML:
                     yield element
                     root.clear()  # releases the elements read so far
-                    consumption.element_tags = 0
+                    consumption.element_tags = 0  # counts the tags within one element
             consumption.check(path)
     parser.close()
 
@@ -151,9 +151,9 @@ def _check_remark(path: Path, remark: object) -> None:
 
     All other remarks pass. remark: text, or another value for a file without one."""
     if remark and "error" in str(remark).lower():
-        quoted = " ".join(str(remark).split())[:90]
+        words = " ".join(str(remark).split())[:90]
         raise ValueError(
-            f"{path}: the map is incomplete ({quoted}): ask Overpass again, for a smaller piece"
+            f"{path}: the map is incomplete ({words}): ask Overpass again, for a smaller piece"
         )
 
 

@@ -163,13 +163,13 @@ def _list_areas(
                 yield polygon, way.tags
     for members, tags in multipolygons:
         known_members = [(ways[name], role) for name, role in members if name in ways]
-        outer = _enclose_rings(way for way, role in known_members if role != "inner")
-        inner = _enclose_rings(way for way, role in known_members if role == "inner")
+        outer_ground = _enclose_rings(way for way, role in known_members if role != "inner")
+        inner_ground = _enclose_rings(way for way, role in known_members if role == "inner")
         area_tags = dict(tags)
         if known_members and "building" not in tags and "building:part" not in tags:
             first_way, _ = known_members[0]
             area_tags = {**first_way.tags, **tags}
-        for polygon in _list_valid(outer.difference(inner)):
+        for polygon in _list_valid(outer_ground.difference(inner_ground)):
             yield polygon, dict(area_tags)
 
 

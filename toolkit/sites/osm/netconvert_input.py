@@ -86,5 +86,5 @@ def _format_restrictions(
                     ("tag", {"k": "type", "v": "restriction"}),
                     ("tag", {"k": "restriction", "v": turn.kind}),
                 ]
-                inside = "".join(nets.format_element(tag, row) for tag, row in rows)
-                yield nets.format_element("relation", {"id": name}, inside)
+                content = "".join(nets.format_element(tag, row) for tag, row in rows)
+                yield nets.format_element("relation", {"id": name}, content)

@@ -99,9 +99,9 @@ class Parking:
         return angles
 
     def _find_area_angle(self, spot: shapely.Point, across: Float64[np.ndarray, "2"]) -> Angle:
-        """Angle of the first area of parking from a spot up to the end of a vector; None if none.
+        """Angle of the first area of parking from a spot up to the end of a vector; None without.
 
-        across: vector x, y (m) to the side of the lane."""
+        spot: place on the lane; across: vector x, y (m) to the side of the lane."""
         end = shapely.get_coordinates(spot)[0] + across
         ray = shapely.LineString([spot, shapely.Point(end)])
         hits: list[tuple[float, int]] = []  # distance (m) and angle of areas that the ray meets

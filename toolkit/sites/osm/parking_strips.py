@@ -46,9 +46,9 @@ def find_parking_strips(network: str, parking: Parking) -> dict[str, Sides]:
         # distances (m) along the innermost lane
         stations = np.arange(SIDE_STEP_M / 2, street.inner.length, SIDE_STEP_M)
         samples = [parking.find_sides(street.inner, station) for station in stations]
-        kerb = _find_commonest([sample.kerb for sample in samples])
-        inner = _find_commonest([sample.inner for sample in samples])
-        sides = Sides(kerb, None if street.two_way else inner)
+        kerb_angle = _find_commonest([sample.kerb for sample in samples])
+        inner_angle = _find_commonest([sample.inner for sample in samples])
+        sides = Sides(kerb_angle, None if street.two_way else inner_angle)
         if sides != Sides():
             strips[street.name] = sides
     return strips

@@ -127,9 +127,9 @@ def describe_unused(ways: Iterable[Way]) -> list[str]:
             counts[kind[:30]] += 1
     if not counts:
         return []
-    listed = ", ".join(f"{count} {kind}" for kind, count in counts.most_common(6))
-    more = f" and {len(counts) - 6} kinds more" if len(counts) > 6 else ""
-    return [f"no roads are made of: {listed}{more}"]
+    listed_kinds = ", ".join(f"{count} {kind}" for kind, count in counts.most_common(6))
+    more_text = f" and {len(counts) - 6} kinds more" if len(counts) > 6 else ""
+    return [f"no roads are made of: {listed_kinds}{more_text}"]
 
 
 def describe_rings(ways: Iterable[Way], *, lefthand: bool) -> list[str]:

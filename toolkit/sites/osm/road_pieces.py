@@ -73,9 +73,9 @@ def cut_way(
         corners.reverse()
     pieces: list[list[_Corner]] = [[]]  # the last one is still growing
     for start, end in pairwise(corners):
-        inside = shapely.LineString([start.xy, end.xy]).intersection(window)
-        if inside.geom_type == "LineString" and not inside.is_empty:
-            _add_stretch(pieces, start, end, shapely.get_coordinates(inside))
+        inside_line = shapely.LineString([start.xy, end.xy]).intersection(window)
+        if inside_line.geom_type == "LineString" and not inside_line.is_empty:
+            _add_stretch(pieces, start, end, shapely.get_coordinates(inside_line))
     for piece in pieces:
         if len(piece) > 1:
             points = np.array([corner.xy for corner in piece])

@@ -242,7 +242,9 @@ class RoadReading:
 
 
 def usual_users(kind: str) -> Users:
-    """SUMO's vehicle classes that may take a road without tags of access, by its class."""
+    """SUMO's vehicle classes that may take a road without tags of access.
+
+    kind: class of the road, its value of highway."""
     if kind == "cycleway":
         return frozenset({"bicycle"})
     if kind == "busway":
@@ -277,12 +279,12 @@ def read_rules(tags: Tags) -> RoadReading:
     # users along the line of the road, and against it; speeds below are in the same order
     sides = [_read_users(tags, side, notes) for side in ("forward", "backward")]
     _close_one_way(tags, oneway, sides, notes)
-    against = _list_contraflow(tags)
-    if oneway == "yes" and against and number_lanes(tags).get("lanes:backward"):
+    contraflow_users = _list_contraflow(tags)
+    if oneway == "yes" and contraflow_users and number_lanes(tags).get("lanes:backward"):
         # they have a separate lane
         oneway = "no"
-        sides[1] = sides[1] & (against | {_ALWAYS})
-    elif oneway != "no" and against:
+        sides[1] = sides[1] & (contraflow_users | {_ALWAYS})
+    elif oneway != "no" and contraflow_users:
         notes.append(CONTRAFLOW_NOTE)
     if oneway != "no" and number_lanes(tags).get(_name_sides(oneway)[1]):
         notes.append(LANES_AGAINST_NOTE)
@@ -688,7 +690,7 @@ def _speed_zones() -> dict[str, Any]:
 
 
 def _list_unused(tags: Tags) -> list[str]:
-    """List the kinds of rules in a road's tags that are not used."""
+    """List a note, in words, for each kind of rule in a road's tags that is not used."""
     notes = []
     conditional = [key.removesuffix(":conditional") for key in tags if key.endswith(":conditional")]
     if any(_bears_on_traffic(key) for key in conditional):
@@ -702,11 +704,12 @@ def _list_unused(tags: Tags) -> list[str]:
         for key in tags
     ):
         notes.append(SPEEDS_NOTE)
+    # numbers of lanes that cannot be read
     if {"lanes", "lanes:forward", "lanes:backward"} & tags.keys() - number_lanes(tags).keys():
         notes.append(LANES_NOTE)
-    counted = number_lanes(tags).get("lanes")
+    used_total = number_lanes(tags).get("lanes")  # the sum of both directions, if they have numbers
     total = tags.get("lanes", "")
-    if re.fullmatch("[1-8]", total) and total != counted and "lanes:both_ways" not in tags:
+    if re.fullmatch("[1-8]", total) and total != used_total and "lanes:both_ways" not in tags:
         notes.append(SUM_NOTE)
     if tags.get("lanes") == "1" and _read_oneway(tags, []) == "no":
         notes.append(SINGLE_NOTE)

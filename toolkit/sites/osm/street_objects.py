@@ -102,7 +102,7 @@ def make_furniture(
 def _make_street_object(tags: Tags, x: float, y: float) -> list[Solid]:
     """Make the solids of a lamp, pole, sign, bollard, bin or bench at (x, y) by its tags.
 
-    The list is empty for other places."""
+    The list is empty for other places. Heights and radii are usual ones (m)."""
     if tags.get("highway") == "street_lamp":
         height = min(metres(tags.get("height")) or 6.0, MAX_LAMP_M)
         return [f.post(x, y, height, radius=0.09)]

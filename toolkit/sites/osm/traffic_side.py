@@ -19,18 +19,18 @@ def choose_side(
     roads within `window` (driving_side), or else the country's."""
     tagged_sides = _count_sides(extract, window)
     if lefthand is not None:
-        against = tagged_sides["right" if lefthand else "left"]
+        against_count = tagged_sides["right" if lefthand else "left"]
         note = (
             f"traffic keeps {name_side(lefthand)}, as asked; roads that say otherwise "
-            f"(driving_side): {against}"
+            f"(driving_side): {against_count}"
         )
-        return lefthand, [note] if against else []
+        return lefthand, [note] if against_count else []
     if tagged_sides:
         is_left = tagged_sides["left"] > tagged_sides["right"]
-        against = min(tagged_sides["left"], tagged_sides["right"])
+        against_count = min(tagged_sides["left"], tagged_sides["right"])
         note = f"traffic keeps {name_side(is_left)}, as its roads say (driving_side)"
-        if against:
-            note += f"; roads that say otherwise: {against}, give --lefthand or --righthand"
+        if against_count:
+            note += f"; roads that say otherwise: {against_count}, give --lefthand or --righthand"
         return is_left, [note]
     return _choose_by_country(extract.centre)
 

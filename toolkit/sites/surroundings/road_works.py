@@ -46,13 +46,14 @@ def lane_works(plot: Plot, strips: Mapping[str, Strip], rng: Rng) -> None:
 
 
 def verge_works(plot: Plot, rng: Rng) -> None:
-    """Put up to three small works next to the footways. The solids go to the plot."""
+    """Put up to three small road works next to the footways. The solids go to the plot."""
     # the outer edge of footways of 2 m
     edge = plot.road.surface.buffer(2.0).boundary.intersection(plot.window)
     places = rng.permutation(points_along(edge, 2.0))
     for x, y, direction in places[: rng.integers(0, 4)]:
         ahead_x, ahead_y = _MAX_VERGE_WORKS_M * np.array([np.cos(direction), np.sin(direction)])
         path = shapely.LineString([(x, y), (x + ahead_x, y + ahead_y)])
+        # start and end of the works along the path (m)
         span = (0.0, float(rng.uniform(4.0, _MAX_VERGE_WORKS_M)))
         width = float(rng.uniform(2.0, 3.0))
         _put_works(plot, path, span=span, width=width, rng=rng, on_shoulders=False)

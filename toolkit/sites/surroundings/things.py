@@ -30,10 +30,10 @@ def count_things(site: Site) -> dict[str, dict[str, int]]:
         shape = shapely.Polygon(solid.footprint)
         shapes_by_kind.setdefault((solid.origin, solid.kind), []).append(shape)
     for (origin, kind), shapes in shapes_by_kind.items():
-        joined = shapely.union_all(shapes)
+        joined_shape = shapely.union_all(shapes)
         if kind != "trunk":  # trunks that only nearly touch are several trees
-            joined = joined.buffer(_TOUCHING_M / 2)
-        parts = shapely.get_parts(joined)
+            joined_shape = joined_shape.buffer(_TOUCHING_M / 2)
+        parts = shapely.get_parts(joined_shape)
         if kind == "tree":
             parts = parts[~shapely.intersects(parts, trees)]
         if kind == "post":
