@@ -178,7 +178,7 @@ def open_detector(
 def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
     """Raise FileNotFoundError for an unknown detector, before long work begins.
 
-    place: place of detection, None for a site. Raises ValueError if its area differs from the area
+    place: area and ground of detection, None if it detects at a site. Raises ValueError if its area differs from the area
     of the weights."""
     if spec.is_imported:
         from toolkit.detection.detect import resolve_detector
@@ -301,6 +301,7 @@ def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
     half_length, half_width = place.half  # half sizes of the area along x and y (m)
     area = np.array([-half_length, -half_width, half_length, half_width])
     detector = _load_network(spec, Site("recording", area))
+    # a detector that learns the empty scene is one for sites that it was not trained on
     return _tune(spec, detector, is_site_unknown=spec.learns_scene)
 
 

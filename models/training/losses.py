@@ -138,7 +138,7 @@ def sample(
 ) -> Assignment:
     """Assignment with `size` random anchors, the others ignored, as in the published training.
 
-    positives: most positive anchors; negative ones fill up to `size`.
+    positives: greatest number of positive anchors; negative ones fill up to `size`.
     """
     flat_labels = assignment.labels.ravel()
     labels = np.full(assignment.labels.size, IGNORED, assignment.labels.dtype)

@@ -248,7 +248,7 @@ class Yard:
         return {mount.name: mount for mount in self.stock.mounts}
 
     def find_mount(self, variant: Variant, name: str) -> Mount:
-        """Return a pole of the stock, or an additional one of the variant, by its name.
+        """Return a pole by its name: one of `self.mounts`, or an additional one of the variant.
 
         Raises ValueError for an unknown one."""
         mounts = self.mounts | {pole.name: pole for pole in variant.poles}

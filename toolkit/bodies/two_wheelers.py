@@ -150,12 +150,13 @@ def bicycle(radius: float) -> Mesh:
 def _make_tyre(x: float, radius: float, thickness: float) -> Mesh:
     """Mesh of a tyre on z = 0, with nothing inside the ring.
 
-    x: place of its middle; radius: its outer radius; thickness: radius of the tyre (all m)."""
-    # + 0 * turn gives ring_y the shape (around the axle, around the tyre) of the others
+    x: place of its middle; radius: its outer radius; thickness: radius of its cross-section
+    (all m)."""
     turn = np.arange(21) * 2 * np.pi / 20  # around the axle
     roll = np.arange(5) * 2 * np.pi / 5  # around the tyre
     distance = radius - thickness * (1 - np.cos(roll))
     ring_x = x + np.sin(turn)[:, None] * distance
+    # + 0 * turn gives it the shape (around the axle, around the tyre) of the others
     ring_y = np.sin(roll)[None] * thickness + 0 * turn[:, None]
     ring_z = radius - np.cos(turn)[:, None] * distance
     return loft(np.stack([ring_x, ring_y, ring_z], axis=-1))

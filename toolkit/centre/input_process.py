@@ -55,21 +55,21 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
         process.join(_END_S)
 
 
-def _send_messages(sender: Connection) -> None:
-    """Receive an input, send all its messages, then None; the text of an error instead.
+def _send_messages(connection: Connection) -> None:
+    """Receive an input, then send all its messages and at the end None, or the text of an error.
 
     A thread reads them ahead. If it dies of an unexpected error, the process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
-    source: SensorInput = sender.recv()
+    source: SensorInput = connection.recv()
     contents: Queue[_Content] = Queue(MAX_AHEAD_MESSAGES)
     reader = Thread(target=_read_messages, args=(source, contents), daemon=True)
     reader.start()
     with suppress(BrokenPipeError, ConnectionResetError):  # the parent has ended
         while reader.is_alive() or not contents.empty():
             with suppress(Empty):
-                sender.send(contents.get(timeout=_POLL_S))
+                connection.send(contents.get(timeout=_POLL_S))
 
 
 def _read_messages(source: SensorInput, contents: "Queue[_Content]") -> None:

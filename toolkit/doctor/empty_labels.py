@@ -58,7 +58,7 @@ def suspect_empty(views: Sequence[GroundView]) -> Iterator[Finding]:
 def _count_empty(views: Sequence[GroundView], boxes: Sequence[BoxRows]) -> int:
     """Number of boxes without a point above the ground.
 
-    boxes: boxes (m, 7) of each view, world frame, in place of its labels."""
+    boxes: boxes (m, 7) of each view, world frame, which are counted instead of its labels."""
     empty_count = 0
     for view, view_boxes in zip(views, boxes, strict=True):
         if len(view_boxes):

@@ -69,7 +69,7 @@ def read_las(path: str | Path) -> Attributes:
     except ImportError:
         raise
     except BaseException as error:
-        # laspy raises errors of any kind, and lazrs's are no exceptions if its code panics
+        # laspy raises errors of any kind; a panic of lazrs is no subclass of Exception
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         reason = " ".join(str(error).split())[:200]

@@ -60,7 +60,7 @@ class ErrorProfile:
 
     @property
     def place_error(self) -> float:
-        """Expected error (m) of places in one direction that all frames share.
+        """Expected constant error (m), the same in all frames, of places along one direction.
 
         Places are `USUAL_DISTANCE_M` from one sensor with an error of calibration, and the
         direction is across its line of sight. Other terms vary in time, and are left out."""
@@ -68,7 +68,8 @@ class ErrorProfile:
         for term in self.terms:
             if isinstance(term, Calibration):
                 turned = term.rotation * USUAL_DISTANCE_M
-                variance += (turned**2 + term.translation**2) / 3  # along one of three axes
+                # deviations over three axes together, of which this is one
+                variance += (turned**2 + term.translation**2) / 3
         return float(np.sqrt(2 / np.pi * variance))  # mean of a normal error's size
 
     @property

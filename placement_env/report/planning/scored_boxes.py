@@ -76,7 +76,7 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
 
     members: indices of the set's candidates, ascending. Detections are by the judge's detector at
     the first error profile."""
-    detected = judge.detected
+    detected = judge.detected  # at the first error profile
     outcomes = judge.outcomes(members)
     objects = [detected.renders.objects(k)[detected.scored(k)] for k in range(judge.frames)]
     detections = [detected.detections(members, k) for k in range(judge.frames)]
@@ -91,7 +91,7 @@ def score_boxes(judge: judging.Judge, members: tuple[int, ...]) -> ScoredBoxes:
         truths=np.concatenate([frame_objects.boxes for frame_objects in objects]),
         truth_frame=np.repeat(np.arange(judge.frames), object_counts),
         truth_label=np.concatenate([frame_objects.labels for frame_objects in objects]),
-        points=count_set_points(detected, members),
+        points=count_set_points(detected, members),  # on each object
         boxes=np.concatenate([frame_detections.boxes for frame_detections in detections]),
         scores=np.concatenate([outcome.scores for outcome in outcomes]),
         frame=frame,

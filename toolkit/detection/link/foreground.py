@@ -89,8 +89,8 @@ class SendsForeground(DetectsOnce):
         """Return the message of a sensor, and the image that the centre restores from it.
 
         Each scheme defines how. sensor: index of the sensor in the view; image: measurements (m) to
-        send, 0 in all other pixels; missing: mask of pixels in which the centre must not draw the
-        empty scene (the sensor's image without objects)."""
+        send, 0 in all other pixels; missing: mask of pixels in which the receiver must not restore
+        the empty scene (the sensor's image without objects)."""
         raise NotImplementedError
 
 
@@ -133,7 +133,7 @@ class Foreground(SendsForeground):
         """Return the message of a sensor's foreground, and the image decoded from it again.
 
         sensor: index of the sensor in the view; image: measurements (m) to send, 0 elsewhere;
-        missing: mask of pixels in which the centre must not draw the empty scene."""
+        missing: mask of pixels in which the receiver must not restore the empty scene."""
         scene = view.scene(sensor)
         message = encode_in_packet(image, scene, missing, step=self.step, max_step=self.max_step)
         return message, decode_foreground(message, scene)
@@ -159,7 +159,7 @@ def encode_foreground(
     """Encode the foreground of an image, and its missing pixels, as a message.
 
     image: measurements (m) of the foreground, every pixel that returns something; missing: mask of
-    pixels in which the centre must not draw the empty scene, None for no such pixels; step: step of
+    pixels in which the receiver must not restore the empty scene, None for none; step: step of
     measurements (m). Raises ValueError for the empty scene of another sensor, and for a missing
     pixel that returns something."""
     sent, missing = check_pixels(image, scene, missing)

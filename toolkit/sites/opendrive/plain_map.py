@@ -114,7 +114,7 @@ def _note_unread(writer: PlainWriter, name: str, junction: ElementTree.Element) 
 
 
 def _note_left_out(writer: PlainWriter, name: str, junction: ElementTree.Element) -> None:
-    """Count a junction that netconvert does not get in the problems of one of its roads.
+    """Count, among the problems of one of its roads, a junction that is kept from netconvert.
 
     name: id of the junction. Connecting roads of a virtual junction are counted too, each in its
     problems."""
