@@ -178,8 +178,8 @@ def open_detector(
 def check_detector(spec: DetectorSpec, place: "Place | None" = None) -> None:
     """Raise FileNotFoundError for an unknown detector, before long work begins.
 
-    place: area and ground of detection, None if it detects at a site. Raises ValueError if its area differs from the area
-    of the weights."""
+    place: area and ground of detection, None if it detects at a site. Raises ValueError if its area
+    differs from the area of the weights."""
     if spec.is_imported:
         from toolkit.detection.detect import resolve_detector
 

@@ -182,7 +182,7 @@ class LiveSession:
 
         planner: planner, or function that makes one and its project file for a site; with a
         function, the first page asks for the name of the site. project: where changes are kept;
-        folder: of reports and pictures. Raises ValueError for an invalid port."""
+        folder: for uploads, exports and reports. Raises ValueError for an invalid port."""
         if not 1 <= port < 2**16:
             raise ValueError(f"port must lie in 1..65535, got {port}: leave it out for {LIVE_PORT}")
         token = secrets.token_urlsafe(16)  # only who knows the URL opens the page

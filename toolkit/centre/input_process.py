@@ -26,19 +26,19 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
 
     Raises ValueError with the text of an error in that process, and if the process dies."""
     context = multiprocessing.get_context("spawn")  # forking would copy locks of threads
-    receiver, sender = context.Pipe()
-    process = context.Process(target=_send_messages, args=(sender,), daemon=True)
+    connection, other_end = context.Pipe()
+    process = context.Process(target=_send_messages, args=(other_end,), daemon=True)
     process.start()
-    sender.close()  # the process has the other end, and its death shows here
+    other_end.close()  # the process has the other end, and its death shows here
     try:
         # as an argument, a large input would block for ever if the process died before it read it
         with suppress(BrokenPipeError, ConnectionResetError):
-            receiver.send(source)
+            connection.send(source)
         while not stop.is_set():
-            if not receiver.poll(_POLL_S):
+            if not connection.poll(_POLL_S):
                 continue
             try:
-                content: _Content = receiver.recv()
+                content: _Content = connection.recv()
             except (EOFError, ConnectionResetError):
                 raise ValueError(
                     "the process that reads the input died: start again, in a script under "
@@ -50,7 +50,7 @@ def read_in_process(source: SensorInput, stop: Event) -> Iterator[SensorMessage]
                 raise ValueError(content)
             yield content
     finally:
-        receiver.close()
+        connection.close()
         process.terminate()
         process.join(_END_S)
 
