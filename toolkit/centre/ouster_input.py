@@ -5,53 +5,32 @@ the lidar's own times count, between the columns of a turn."""
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 from typing import Any
 
 import numpy as np
 
-from toolkit.arrays import Pose
-from toolkit.centre.packet_port import PacketPort
+from toolkit.centre.network_lidar import NetworkLidar
 from toolkit.centre.sensor_message import SensorMessage
-from toolkit.datasets.cloud_records import build_cloud
 from toolkit.datasets.layouts.ouster_packets import convert_frame, import_ouster
-from toolkit.datasets.layouts.packet_sweeps import Sweep
 from toolkit.datasets.record_values import name_damage
 from toolkit.runtime.reading import read_bytes
-from toolkit.sensors.models import SpinningLidar
-from toolkit.sensors.sensor import Sensor
 
 _NS_PER_S = 10**9
 
 
 @dataclass(frozen=True, eq=False)
-class OusterInput:
+class OusterInput(NetworkLidar):
     """Ouster lidar that sends to a port of this computer.
 
     Attributes:
-        name: Name of the sensor.
         metadata: File of the sensor's metadata (JSON), as ouster-cli saves it: it says how packets
             are laid out and where beams point.
-        port: Port at which the packets arrive.
-        pose: World_SE3_sensor, None for the origin.
     """
 
-    name: str
-    metadata: Path
-    port: PacketPort
-    pose: Pose | None = None
-    is_live = True
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        """The lidar, with a model that stands for any."""
-        return (Sensor(self.name, SpinningLidar(), self._world_SE3_sensor),)
-
-    @property
-    def _world_SE3_sensor(self) -> Pose:
-        return np.eye(4) if self.pose is None else self.pose
+    metadata: Path = field(kw_only=True)
 
     def messages(self, stop: Event) -> Iterator[SensorMessage]:
         """Yield a message for every turn of the lidar, after its last packet.
@@ -63,7 +42,7 @@ class OusterInput:
         positions_by_range = core.XYZLut(info)
         for number, frame in enumerate(self._batch_frames(core, info, stop)):
             sweep = convert_frame(frame, positions_by_range(frame), self.name, number)
-            yield self._make_message(sweep)
+            yield self.make_message(sweep.columns, sweep.time_s)
 
     def _batch_frames(self, core: Any, info: Any, stop: Event) -> Iterator[Any]:
         """Yield the lidar's turns as ouster-sdk's frames; core: its module, info: its metadata."""
@@ -90,15 +69,6 @@ class OusterInput:
             if add_packet(packet, frame):
                 yield frame
                 frame = core.LidarFrame(info)
-
-    def _make_message(self, sweep: Sweep) -> SensorMessage:
-        """Return a turn as a message, which arrives with its last point."""
-        cloud = build_cloud(
-            sweep.columns, self.name, self._world_SE3_sensor, {}, stamp_s=sweep.time_s
-        )
-        last_s = 0.0 if cloud.time is None else float(cloud.time.max(initial=0.0))
-        time_s = sweep.time_s + last_s
-        return SensorMessage(self.name, time_s, time_s, cloud)
 
 
 def load_ouster_metadata(path: Path) -> Any:

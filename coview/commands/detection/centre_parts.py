@@ -171,7 +171,7 @@ def _open_lidar(row: "InputConfig", config: "CentreConfig") -> "VelodyneInput | 
         return VelodyneInput(row.name, port, pose)
     assert row.metadata is not None  # an Ouster's configuration names it
     load_ouster_metadata(row.metadata)  # refuses wrong metadata before the run begins
-    return OusterInput(row.name, row.metadata, port, pose)
+    return OusterInput(row.name, port, pose, metadata=row.metadata)
 
 
 def _configure(parts: "CentreParts", config: "CentreConfig") -> "CentreParts":

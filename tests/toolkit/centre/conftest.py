@@ -1,5 +1,6 @@
 """Clock and messages of a centre that takes no time, and a small junction of two cameras."""
 
+import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
 
@@ -11,6 +12,7 @@ from toolkit.calibration.place import Place
 from toolkit.calibration.recording_scenes import LearntScene
 from toolkit.centre.detection_pool import Detection
 from toolkit.centre.pace import PaceEvent
+from toolkit.centre.packet_port import PacketPort
 from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
@@ -160,3 +162,11 @@ def empty_image():
 def car():
     """Box of a standing car (a row)."""
     return np.array([[3.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.0]])
+
+
+@pytest.fixture
+def free_port():
+    """UDP port of this machine that nobody listens at."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind(("127.0.0.1", 0))
+        return PacketPort(port.getsockname()[1], "127.0.0.1", "127.0.0.1")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from toolkit.centre.ouster_input import OusterInput, load_ouster_metadata
-from toolkit.centre.packet_port import PacketPort
 from toolkit.geometry import pose
 
 WIDTH = 512
@@ -39,12 +38,6 @@ def make_packets(core, info, frames=4):
     return [bytes(packet.buf) for packet in packets]
 
 
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-        port.bind(("127.0.0.1", 0))
-        return PacketPort(port.getsockname()[1], "127.0.0.1", "127.0.0.1")
-
-
 def receive(source, datagrams, count):
     """First messages of an input to whose port datagrams are sent again and again."""
     stop = Event()
@@ -67,12 +60,12 @@ def receive(source, datagrams, count):
         messages.close()
 
 
-def test_a_message_for_every_turn_at_the_lidars_pose(tmp_path):
+def test_a_message_for_every_turn_at_the_lidars_pose(tmp_path, free_port):
     core = pytest.importorskip("ouster.sdk.core")
     info = lidar(core)
     (tmp_path / "north.json").write_text(info.to_json_string())
     world_SE3_north = pose(0.0, 0.0, 5.0)
-    source = OusterInput("north", tmp_path / "north.json", free_port(), world_SE3_north)
+    source = OusterInput("north", free_port, world_SE3_north, metadata=tmp_path / "north.json")
     first, second, third = receive(source, make_packets(core, info), 3)[:3]
     clouds = [message.measurement for message in (first, second, third)]
     whole = [cloud for cloud in clouds if len(cloud.points) == 64 * WIDTH]
@@ -88,11 +81,11 @@ def test_a_message_for_every_turn_at_the_lidars_pose(tmp_path):
     assert abs(first.time_s - time.time()) < 60
 
 
-def test_packets_of_another_sensor_are_named_and_passed_over(tmp_path):
+def test_packets_of_another_sensor_are_named_and_passed_over(tmp_path, free_port):
     core = pytest.importorskip("ouster.sdk.core")
     info = lidar(core)
     (tmp_path / "north.json").write_text(info.to_json_string())
-    source = OusterInput("north", tmp_path / "north.json", free_port())
+    source = OusterInput("north", free_port, metadata=tmp_path / "north.json")
     datagrams = []
     for data in make_packets(core, info):
         datagrams += [data, bytes(1206)]
@@ -108,8 +101,8 @@ def test_metadata_that_are_none_are_named(tmp_path):
         load_ouster_metadata(tmp_path / "north.json")
 
 
-def test_a_port_passes_over_packets_of_other_sizes_and_senders():
-    port = free_port()
+def test_a_port_passes_over_packets_of_other_sizes_and_senders(free_port):
+    port = free_port
     stop = Event()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         packets = port.receive(4, stop, ignored_bytes=(2,))

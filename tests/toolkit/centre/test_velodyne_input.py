@@ -10,7 +10,6 @@ import pytest
 
 from toolkit.centre.input_pumps import InputPumps
 from toolkit.centre.message_queue import MessageQueue
-from toolkit.centre.packet_port import PacketPort
 from toolkit.centre.velodyne_input import VelodyneInput
 from toolkit.geometry import pose
 
@@ -29,12 +28,6 @@ def packet(number, last=VLP16):
         content += b"".join(struct.pack("<HB", round(10.0 / 0.002), k) for k in range(32))
     microseconds = round(number * PACKET_S * 1e6)
     return content + struct.pack("<I", microseconds) + bytes([0x37, last])
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-        port.bind(("127.0.0.1", 0))
-        return PacketPort(port.getsockname()[1], "127.0.0.1", "127.0.0.1")
 
 
 def send(port, stop, last=VLP16):
@@ -66,9 +59,9 @@ def receive(source, last=VLP16, count=3):
     return messages, pumps
 
 
-def test_a_message_for_every_turn():
+def test_a_message_for_every_turn(free_port):
     world_SE3_north = pose(0.0, 0.0, 5.0)
-    source = VelodyneInput("north", free_port(), world_SE3_north)
+    source = VelodyneInput("north", free_port, world_SE3_north)
     messages, _ = receive(source)
     turn = messages[1]
     ranges = np.linalg.norm(turn.measurement.points, axis=1)
@@ -81,8 +74,8 @@ def test_a_message_for_every_turn():
     assert times == sorted(times)
 
 
-def test_an_unknown_model_is_refused():
-    source = VelodyneInput("north", free_port())
+def test_an_unknown_model_is_refused(free_port):
+    source = VelodyneInput("north", free_port)
     messages, pumps = receive(source, last=0x99)
     assert messages == []
     with pytest.raises(ValueError, match="end in 0x99"):
