@@ -370,9 +370,7 @@ class TiledVoxelNet:
 
         clouds: x y z in the frame of the grid, m. unions: True for the clouds of each union.
         """
-        plan = self._plan_without_thinning(clouds, unions)
-        thinning = plan.placed.find_crowded(unions, self.config.max_points)
-        return plan._replace(thinning=thinning.group, dropped=thinning.dropped)
+        return self._add_thinning(self._plan_without_thinning(clouds, unions))
 
     def plan_gain(
         self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
@@ -384,9 +382,13 @@ class TiledVoxelNet:
         plan = self._plan_without_thinning(clouds, unions)
         if not self.gains(plan):  # thinning only makes values of tiles differ
             return None
-        thinning = plan.placed.find_crowded(unions, self.config.max_points)
-        plan = plan._replace(thinning=thinning.group, dropped=thinning.dropped)
+        plan = self._add_thinning(plan)
         return plan if self.gains(plan) else None
+
+    def _add_thinning(self, plan: UnionPlan) -> UnionPlan:
+        """Return a plan with the points that are left out of crowded voxels."""
+        thinning = plan.placed.find_crowded(plan.unions, self.config.max_points)
+        return plan._replace(thinning=thinning.group, dropped=thinning.dropped)
 
     def _plan_without_thinning(
         self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]

@@ -1,6 +1,6 @@
 """`Surround`: moving objects seen from one place, as strips in order of azimuth."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -234,15 +234,15 @@ def place_strips(
 
     Returns:
         Strips of each place; `item` counts all their objects, frame after frame."""
-    make_moment: Callable[[Traffic, int], Moment] = build_moment
-    if not looks_again:
-        make_moment = build_moment.__wrapped__  # keeps nothing
+    renderer = build_renderer(traffic)
     parts = []
     first_item = 0  # number of the frame's first object among the objects of all frames
     for k in frames:
         # objects centred in the area are cut into narrow strips
-        is_fine = has_centre_inside(traffic.snapshots[k].objects.boxes, traffic.site.area)
-        strips = successive.find_next(make_moment(traffic, k), is_fine)
+        snapshot = traffic.snapshots[k]
+        is_fine = has_centre_inside(snapshot.objects.boxes, traffic.site.area)
+        moment = build_moment(traffic, k) if looks_again else renderer.moment(snapshot)
+        strips = successive.find_next(moment, is_fine)
         parts.append(strips._replace(item=strips.item + np.int32(first_item)))
         first_item += len(is_fine)
     all_strips = concatenate_strips(parts)
