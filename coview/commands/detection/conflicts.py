@@ -149,11 +149,14 @@ def _describe(result: StreetRow) -> str:
     )
     lines = [text]
     if "true_conflicts" in result:
-        lines.append(
-            f"true {result['true_conflicts']}; {result['found_share']:.1%} of them found, "
-            f"{result['false_share']:.1%} of the found ones false; error of PET at 95 %: "
-            f"{result['pet_error_95_s']:.2f} s"
-        )
+        figures = [f"true {result['true_conflicts']}"]
+        if np.isfinite(result["found_share"]):
+            figures.append(f"{result['found_share']:.1%} of them found")
+        if np.isfinite(result["false_share"]):
+            figures.append(f"{result['false_share']:.1%} of the found ones false")
+        if np.isfinite(result["pet_error_95_s"]):
+            figures.append(f"error of PET at 95 %: {result['pet_error_95_s']:.2f} s")
+        lines.append("; ".join(figures))
     shortest = sorted(rows, key=lambda row: float(row["pet_s"]))[:MAX_LISTED_CONFLICTS]
     if shortest:
         lines.append(align_rows(_COLUMNS, shortest, texts=3))

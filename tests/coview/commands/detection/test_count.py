@@ -107,6 +107,10 @@ def test_conflicts_of_a_site_and_of_a_recording(street, tmp_path, run):
     code, said, _ = run("conflicts", street, "--detector", "tjunction+background", "--json")
     assert code == 0
     assert "found_share" in json.loads(said)
+    # in three seconds nothing is near: no share of nothing
+    code, said, _ = run("conflicts", street, "--detector", "tjunction+background")
+    assert code == 0
+    assert said.splitlines()[1:] == ["true 0"]
 
 
 def test_what_cannot_be_counted_is_refused(recording, tmp_path, refused):
