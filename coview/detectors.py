@@ -283,10 +283,11 @@ def _open_at_site(spec: DetectorSpec, site: "Site") -> "Detector":
 def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
     """Open a detector for frames of any recording, with points relative to the place.
 
-    Raises ValueError for a detector that needs a site or a background."""
+    Raises ValueError for a detector that needs a background, PlaceMismatch for one of another area
+    or one that needs a site."""
     import numpy as np
 
-    from toolkit.sites.site import Site
+    from toolkit.sites.site import PlaceMismatch, Site
 
     if spec.knows_background():
         raise ValueError(
@@ -294,7 +295,7 @@ def _open_at_place(spec: DetectorSpec, place: "Place") -> "Detector":
             "out"
         )
     if spec.needs_site:
-        raise ValueError(
+        raise PlaceMismatch(
             f"{spec.name} needs a site: take general, another shipped network, a weights file or "
             "your own"
         )

@@ -25,7 +25,7 @@ from toolkit.boxes import nms
 from toolkit.objects import LABELS, PEDESTRIAN, Detections, label_index
 from toolkit.points import join_clouds
 from toolkit.runtime.parallel import keep_freed_memory
-from toolkit.sites.site import check_area
+from toolkit.sites.site import PlaceMismatch, check_area
 
 # steps with multiples that fill a square evenly (Roberts 2018)
 SHIFT_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
@@ -463,7 +463,7 @@ def relocate(
 ) -> VoxelNet:
     """Network with the same weights on another area (xmin ymin xmax ymax, m).
 
-    trained_for: site of its weights' header, or "general". Raises ValueError for weights of only
+    trained_for: site of its weights' header, or "general". Raises PlaceMismatch for weights of only
     one area."""
     config = network.config
     if area == config.area:
@@ -472,7 +472,7 @@ def relocate(
         trained_area = " ".join(f"{side:g}" for side in config.area)
         requested_area = " ".join(f"{side:g}" for side in area)
         remedy = f"give that area (--area {trained_area}), or take detector general"
-        raise ValueError(
+        raise PlaceMismatch(
             f"these weights are for the area {trained_area} of {trained_for!r} alone, got "
             f"{requested_area}: {remedy}"
         )

@@ -33,6 +33,7 @@ from toolkit.objects import Detections
 from toolkit.runtime.reading import read_plain, read_text
 from toolkit.runtime.text_values import parse_json
 from toolkit.runtime.writing import writing
+from toolkit.sites.site import PlaceMismatch
 
 MAX_PLACE_M = 1e5  # in boxes that a network returns
 MAX_SIZE_M = 100.0  # in boxes that a network returns
@@ -186,7 +187,7 @@ class OnnxDetector(VoxelNetDetector):
         if area is not None and (requested := tuple(float(side) for side in area)) != self.area:
             card_area = " ".join(f"{side:g}" for side in self.area)
             given_area = " ".join(f"{side:g}" for side in requested)
-            raise ValueError(
+            raise PlaceMismatch(
                 f"{path} is for the area {card_area}, got {given_area}: give --area {card_area}, "
                 "or export it for yours"
             )

@@ -45,9 +45,7 @@ COMMANDS = {
     ),
     "track": "track seq.hdf5 --out OUT/x.json",
     "track mcap": "track seq.hdf5 --to mcap --out OUT/x.mcap",
-    "track several": (
-        "track seq.hdf5 --to detection3d openlabel osi --out OUT/x"
-    ),
+    "track several": ("track seq.hdf5 --to detection3d openlabel osi --out OUT/x"),
     "count": "count seq.hdf5 --tracks tracks.json --out OUT/x.csv --diagram OUT/x.svg",
     "conflicts": "conflicts seq.hdf5 --tracks tracks.json --out OUT/x.csv",
     "label": "label seq.hdf5 --tracks tracks.json --out OUT/x",

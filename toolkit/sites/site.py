@@ -309,6 +309,10 @@ def _are_equal(first: object, second: object) -> bool:
     return bool(first == second)
 
 
+class PlaceMismatch(ValueError):
+    """A detector was opened for a place that it is not for."""
+
+
 def check_area(area: object) -> Float64[np.ndarray, "4"]:
     """Return `area` as an array xmin ymin xmax ymax (m).
 

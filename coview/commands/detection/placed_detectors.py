@@ -30,29 +30,40 @@ class Detectors:
     spec: parsed name of the detector; place: area and ground as the options give them."""
 
     def __init__(self, spec: DetectorSpec, place: Place) -> None:
-        """Open the detector, unless it must first learn the background of each recording."""
+        """Open the detector, unless it must first know each recording, its site or background."""
+        from toolkit.sites.site import PlaceMismatch
+
         self.spec = spec.in_bfloat16()
         self.place = place
         self.levelled = replace(place, level=place.level or "map")
         self.network: Detector | None = None
+        # why the detector is for no place, but perhaps for a recording's site
+        self.misfit: PlaceMismatch | None = None
         if not self.spec.knows_background():
-            self.network = open_detector(self.spec, self.levelled)
+            try:
+                self.network = open_detector(self.spec, self.levelled)
+            except PlaceMismatch as misfit:
+                self.misfit = misfit
 
     def choose(
         self, recordings: "Sequence[Recording]", scenes: "Sequence[StandingScene | None]"
     ) -> list[PlacedDetector]:
         """Return the detector for each recording, with the place in which it detects.
 
-        A detector that knows the empty site is opened for its recording. Other recordings share one
-        network, and those with a learnt scene another one without background.
+        A detector that knows the empty site, or is for one site only, is opened for its recording.
+        Other recordings share one network, and those with a learnt scene another one without
+        background.
 
-        scenes: standing scene of each recording, None if it is not learnt."""
+        scenes: standing scene of each recording, None if it is not learnt. Raises PlaceMismatch for
+        a detector of one site in a recording of no known site."""
         network_for_scenes = self.network
         if any(scene is not None for scene in scenes):
             network_for_scenes = open_detector(self.spec.without_background(), self.levelled)
         placed_detectors = []
         for recording, scene in zip(recordings, scenes, strict=True):
             site = recording.site if self.place.at(recording.site) else None
+            if self.misfit is not None and site is None:
+                raise self.misfit
             if self.network is None or self.spec.knows_background(site):
                 detector = open_detector(self.spec, recording, self.place)
                 placed_detectors.append(PlacedDetector(detector, self.place))

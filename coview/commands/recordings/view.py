@@ -18,8 +18,10 @@ from coview.tracks import find_sequence, number_frames, read_tracks
 from toolkit.calibration.place import Corners, Level, Place
 from toolkit.datasets.recording_views import Part
 from toolkit.exchange.track_lookup import TrackLookup
-from toolkit.frame import Frame, select_sensors
+from toolkit.frame import Frame, Recording, select_sensors
+from toolkit.objects import Detector
 from toolkit.plots.canvas import check_picture
+from toolkit.sites.site import PlaceMismatch
 from toolkit.viewing.drawing import Drawing
 from toolkit.viewing.live_view import view_live
 from toolkit.viewing.recording_page import PAGE_FRAMES, write_page
@@ -63,26 +65,36 @@ class ViewOptions:
         """Parsed name of the detector, None without one."""
         return None if self.detector is None else DetectorSpec.from_name(self.detector)
 
-    def make_drawing(self, *, is_site_unknown: bool, sequence: Path | None = None) -> Drawing:
+    def make_drawing(self, recording: Recording, sequence: Path | None = None) -> Drawing:
         """Return the options for drawing frames, with the detector or the tracks loaded.
 
-        is_site_unknown: the ground is then found in the recording, unless the options forbid it;
+        recording: if its site is unknown, the ground is found, unless the options forbid it;
         sequence: KITTI's sequence whose camera a text of tracks is in, None for any other
         recording."""
-        default_level: Level = "map" if is_site_unknown else "none"
+        default_level: Level = "map" if recording.site is None else "none"
         place = Place(self.level or default_level, area=self.area)
         spec = self.detector_spec
         overlay = None
         if self.tracks is not None:
             overlay = TrackOverlay(TrackLookup(read_tracks(self.tracks, sequence)))
         return Drawing(
-            detector=None if spec is None else open_detector(spec, place),
+            detector=None if spec is None else self._open_detector(spec, recording, place),
             place=place,
             least_score=self.score,
             classes=self.classes,
             sensors=None if self.sensors is None else sensor_set(self.sensors),
             tracks=overlay,
         )
+
+    def _open_detector(self, spec: DetectorSpec, recording: Recording, place: Place) -> Detector:
+        """Open a detector for the place, or for the recording's site if it is for no other."""
+        try:
+            return open_detector(spec, place)
+        except PlaceMismatch:
+            whole_site = Place(self.level, area=self.area)
+            if recording.site is None or not whole_site.at(recording.site):
+                raise
+        return open_detector(spec, recording, whole_site)
 
 
 def view_command(
@@ -123,7 +135,7 @@ def view_command(
         sequence = None if shown.tracks is None else find_sequence(recording, opening)
         numbered = opened if shown.tracks is None else number_frames(opened, sequence)
         samples = Part(numbered, frames=max_frames, every=shown.every)
-        drawing = shown.make_drawing(is_site_unknown=opened.site is None, sequence=sequence)
+        drawing = shown.make_drawing(opened, sequence)
         if still is not None and shown.frame >= len(samples):
             raise ValueError(
                 f"there is no frame {shown.frame}: {len(samples)} are chosen, counted from 0"

@@ -34,6 +34,19 @@ def test_standing_and_moving_cars_keep_their_numbers(street, tmp_path, run, mode
 
 
 @needs_sumo
+@pytest.mark.parametrize("detector", ["tjunction", "voxelnet", "cluster"])
+def test_a_detector_of_one_site_goes_with_recordings_of_that_site(
+    street, tmp_path, run, refused, detector
+):
+    out = tmp_path / "tracks.json"
+    code, said, _ = run("track", street, "--detector", detector, "--out", out, "--json")
+    assert code == 0
+    assert json.loads(said)["tracks"] >= 2
+    line = refused("track", street, "--detector", "roundabout", "--out", tmp_path / "other.json")
+    assert "are for the area -48 -48 48 48 of 'roundabout' alone, got -40 -20 40 20" in line
+
+
+@needs_sumo
 def test_tracks_go_to_other_programs_with_their_numbers(street, tmp_path, run):
     out = tmp_path / "tracks.txt"
     assert run("track", street, "--to", "kitti-tracking", "--out", out)[0] == 0

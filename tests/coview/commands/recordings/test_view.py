@@ -75,6 +75,14 @@ def test_pictures_that_cannot_be_drawn_are_refused(clouds, tmp_path, refused):
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
+@pytest.mark.parametrize("detector", ["tjunction", "voxelnet"])
+def test_a_detector_of_one_site_sees_recordings_of_that_site(recording, tmp_path, run, detector):
+    out = tmp_path / "a.png"
+    code, said, _ = run("view", recording, "--detector", detector, "--still", out)
+    assert code == 0
+    assert "hits" in said
+
+
 def test_it_is_served_to_this_machine(clouds, run, monkeypatch):
     monkeypatch.setattr("viser.ViserServer.sleep_forever", lambda self: None)
     code, said, _ = run("view", clouds, "--layout", "folder", "--level", "none", "--port", 18700)
@@ -87,7 +95,10 @@ def test_what_is_refused(recording, clouds, tmp_path, refused):
     assert "no layout 'kiti'" in refused("view", clouds, "--layout", "kiti")
     assert "--frames must be at least 1" in refused("view", recording, "--frames", 0)
     assert "--every must be at least 1" in refused("view", recording, "--every", 0)
-    assert "needs a site" in refused("view", recording, "--detector", "voxelnet")
+    assert "are for the area" in refused("view", recording, "--detector", "roundabout")
+    unknown = ("view", clouds, "--layout", "folder", "--detector")
+    assert "needs a site" in refused(*unknown, "voxelnet")
+    assert "are for the area" in refused(*unknown, "tjunction")
     assert "port must lie in 1..65535" in refused("view", recording, "--port", 70000)
     assert "--poses does not go with layout hdf5" in refused("view", recording, "--poses", "p.json")
     assert "is empty" in refused("view", recording, "--area", 1, 1, 0, 0)
