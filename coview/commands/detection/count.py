@@ -1,6 +1,7 @@
 """`coview count`: turning movements, speeds, dwell times and queues, with their errors."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -80,19 +81,25 @@ def count_command(
     result = counted.as_dict()
     if stretch is not None:
         result["stretch"] = _CountedStreet.from_street(stretch).as_dict()
-    rows = result["movements"]
-    if files.out is not None:
-        from toolkit.counting.counts import MovementCount
-
-        write_rows(
-            files.out,
-            list(rows[0]) if rows else [field.name for field in fields(MovementCount)],
-            rows,
-        )
-    if files.diagram is not None:
-        counted.draw(files.diagram)
+    _write(files, counted, result["movements"])
     print_result(result, _describe(result), as_json=writing.json)
     return OK
+
+
+def _write(files: CountFiles, counted: "_CountedStreet", movements: list[StreetRow]) -> None:
+    """Write the table and the diagram, each if it is named.
+
+    Both appear at the end, one right after the other, so that a killed run leaves neither."""
+    from toolkit.counting.counts import MovementCount
+    from toolkit.runtime.writing import writing
+
+    with ExitStack() as unfinished_files:
+        if files.out is not None:
+            columns = [field.name for field in fields(MovementCount)]
+            table = unfinished_files.enter_context(writing(files.out))
+            write_rows(table, list(movements[0]) if movements else columns, movements)
+        if files.diagram is not None:
+            counted.draw(unfinished_files.enter_context(writing(files.diagram)))
 
 
 class _CountedStreet(NamedTuple):

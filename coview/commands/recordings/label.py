@@ -54,7 +54,7 @@ def label_command(
     from toolkit.datasets.recording_views import Part
     from toolkit.detection.label_doubts import format_doubts, rank_doubts
     from toolkit.exchange.track_lookup import TrackLookup
-    from toolkit.runtime.writing import write_text
+    from toolkit.runtime.writing import writing as writing_file
 
     check_least("--frames", value=frames, minimum=1, remedy="leave it out for all")
     is_file = out.suffix.lower() == ".json"
@@ -71,12 +71,17 @@ def label_command(
         sequence = find_sequence(recording, opening)
         lookup = TrackLookup(read_tracks(tracks, sequence))
         samples = Part(number_frames(opened, sequence), frames)
-        with progress_bar("frame", len(samples), hidden=writing.json) as bar:
+        # the list is opened first, so that it appears right after the labels
+        with (
+            writing_file(doubts_file) as unfinished,
+            progress_bar("frame", len(samples), hidden=writing.json) as bar,
+        ):
             is_part = len(samples) < len(opened)
             labelled_frames = _label_frames(samples, lookup, bar.to, is_part=is_part)
             written_count = write_frames(labelled_frames, out)
-    doubtful_tracks = rank_doubts(lookup.list_used())  # all tracks, the most doubtful first
-    write_text(doubts_file, format_doubts(doubtful_tracks))
+            # all tracks, the most doubtful first
+            doubtful_tracks = rank_doubts(lookup.list_used())
+            unfinished.write_bytes(format_doubts(doubtful_tracks).encode())
     worst_tracks = doubtful_tracks[:LISTED_TRACKS]
     figures = {
         "out": str(out),
