@@ -82,7 +82,7 @@ def search_candidates(poles: int, folder: str) -> None:
     command(
         "search",
         "tjunction",
-        "--poles",
+        "--candidates",
         file,
         "--method",
         "greedy",
