@@ -15,6 +15,7 @@ from toolkit.centre.health import HealthLog
 from toolkit.centre.input_process import read_in_process
 from toolkit.centre.input_pumps import InputPumps, Reader
 from toolkit.centre.message_queue import MessageQueue
+from toolkit.centre.pace import LagEvent
 from toolkit.centre.running_centre import CentreEvent, CentreFrame, RunningCentre
 from toolkit.centre.sensor_message import SensorInput, SensorSetup, name_sensors
 from toolkit.centre.sensor_watch import SensorWatch
@@ -128,12 +129,13 @@ def run_centre(
         clock = pumps.start()
         start_s = clock.now()
         watch = parts.make_watch(sensors, start_s, turn_process)
+        lag_watch = _LagWatch(pumps)
 
         def tick(now_s: float, events: list[CentreEvent]) -> None:
             """Report events, write health if it is due, and stop the run when its time is over.
 
             now_s: time of the sensors (s)."""
-            for event in events:
+            for event in (*events, *lag_watch.look(now_s)):
                 health.add_event(event)
                 report(event)
             health.write_line(now_s, watch.faults, centre.count_left_out(queue))
@@ -156,7 +158,29 @@ def run_centre(
         pumps.check()
         left_out = centre.count_left_out(queue)
         health.write_line(clock.now(), watch.faults, left_out, is_last=True)
-    return health.summarise() | left_out.as_dict()
+    set_back_s = round(pumps.set_back_s, 3)
+    return health.summarise() | left_out.as_dict() | {"set_back_s": set_back_s}
+
+
+class _LagWatch:
+    """Watch over the clock of a replay, which is set back if the inputs are too slow.
+
+    pumps: inputs of the centre."""
+
+    def __init__(self, pumps: InputPumps) -> None:
+        """Begin with a clock that was never set back."""
+        self._pumps = pumps
+        self._reported_s = 0.0
+
+    def look(self, now_s: float) -> list[LagEvent]:
+        """Return an event when the clock was first set back, and when that has doubled.
+
+        now_s: time of the clock (s)."""
+        set_back_s = self._pumps.set_back_s
+        if set_back_s < 2 * self._reported_s or not set_back_s:
+            return []
+        self._reported_s = set_back_s
+        return [LagEvent(now_s, set_back_s)]
 
 
 def warm_up(parts: CentreParts) -> None:

@@ -37,12 +37,16 @@ class RunningClock:
         if not 0 < speed < float("inf"):
             raise ValueError(f"speed must be above 0, got {speed:g}: give 1 for real time")
         self.speed = speed
-        self._start_s = start_s
+        self._start_s = start_s  # shown at `_begun_s` of the system's clock
         self._begun_s = time.monotonic()
 
     def now(self) -> float:
         """Time (s)."""
         return self._start_s + self.speed * (time.monotonic() - self._begun_s)
+
+    def set_back(self, lag_s: float) -> None:
+        """Show a time that is `lag_s` seconds earlier from now on."""
+        self._start_s -= lag_s
 
     def wait(self, time_s: float, stop: Event) -> None:
         """Return at a time (s) or when `stop` is set."""

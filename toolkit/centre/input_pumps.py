@@ -1,9 +1,12 @@
-"""Threads that hand the messages of inputs to the centre, at their time."""
+"""Threads that hand the messages of inputs to the centre, at their time.
+
+The clock of a replay that cannot be read or simulated at its pace is set back, so that the centre
+does not fall behind it more and more."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 
 from toolkit.centre.clock import Clock, RunningClock
 from toolkit.centre.input_process import read_in_process
@@ -12,6 +15,7 @@ from toolkit.centre.sensor_message import SensorInput, SensorMessage, SensorSetu
 
 _END_S = 3.0  # in which threads must end
 _POLL_S = 0.2  # a waiting thread looks for the end of the run this often
+_MAX_LAG_S = 1.0  # of a replay, in seconds of this machine, before its clock is set back
 
 Reader = Callable[[SensorInput, Event], Iterator[SensorMessage]]
 
@@ -34,6 +38,9 @@ class InputPumps:
         stop: Ends the threads when it is set.
         speed: Seconds of a replay in a second.
         read: Reader of inputs that are not live.
+
+    Attributes:
+        set_back_s: Seconds by which the clock of a replay was set back so far.
 
     Raises:
         ValueError: Live inputs are mixed with others.
@@ -61,7 +68,9 @@ class InputPumps:
         self._read = read_in_thread if self._is_live else read
         self._stop = stop
         self._started = Event()
-        self._clock: Clock = RunningClock(time.time())
+        self._clock = RunningClock(time.time())
+        self._clock_lock = Lock()  # held by the thread that sets the clock back
+        self.set_back_s = 0.0
         self._first_messages: list[SensorMessage] = []
         self._error: Exception | None = None
         self._ready = [Event() for _ in inputs]
@@ -131,9 +140,18 @@ class InputPumps:
         """Put a message into the queue at its time; return False if the run has ended."""
         if not self._is_live:
             self._clock.wait(message.arrival_s, self._stop)
+            self._limit_lag(message.arrival_s)
         message = replace(message, arrival_s=max(self._clock.now(), message.arrival_s))
         if self._stop.is_set():
             return False
         setup = self._setups.get(message.sensor)
         self._queue.put(message if setup is None else setup.correct(message))
         return True
+
+    def _limit_lag(self, arrival_s: float) -> None:
+        """Set the clock back to the arrival of a message (s) that comes much too late."""
+        with self._clock_lock:
+            lag_s = self._clock.now() - arrival_s
+            if lag_s > _MAX_LAG_S * self._speed:
+                self._clock.set_back(lag_s)
+                self.set_back_s += lag_s

@@ -61,6 +61,30 @@ class PaceEvent:
         )
 
 
+@dataclass(frozen=True)
+class LagEvent:
+    """Replay whose clock was set back, since it is read or simulated more slowly than its pace.
+
+    Attributes:
+        time_s: Time of the clock after it was set back (s).
+        set_back_s: Seconds by which it was set back since the start.
+    """
+
+    time_s: float
+    set_back_s: float
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the event as plain values."""
+        return {"time_s": round(self.time_s, 3), "set_back_s": round(self.set_back_s, 3)}
+
+    def __str__(self) -> str:
+        """Amount by which the clock was set back, and the remedy, in a line."""
+        return (
+            f"{self.time_s:.2f} s: the inputs cannot be read at their pace, and the clock was set "
+            f"back by {self.set_back_s:.1f} s so far: set a lower speed in [replay]"
+        )
+
+
 class PaceKeeper:
     """Choice of the frames in which a centre detects.
 

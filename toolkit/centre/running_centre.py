@@ -18,7 +18,7 @@ import numpy as np
 from toolkit.centre.clock import Clock
 from toolkit.centre.detection_pool import Detection, DetectionPool
 from toolkit.centre.message_queue import MessageSource
-from toolkit.centre.pace import PaceEvent, PaceKeeper
+from toolkit.centre.pace import LagEvent, PaceEvent, PaceKeeper
 from toolkit.centre.sensor_message import SensorMessage
 from toolkit.centre.sensor_monitor import Fault
 from toolkit.centre.sensor_watch import FaultEvent, SensorWatch
@@ -34,7 +34,7 @@ from toolkit.tracking.tracks import Tracks
 
 MAX_WAITING_FRAMES = 2
 MAX_PAUSE_S = 0.02  # longest wait for a message before the watch looks again
-CentreEvent = FaultEvent | PaceEvent
+CentreEvent = FaultEvent | PaceEvent | LagEvent
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,8 +296,10 @@ class _Stages:
         self.times_ms = {"wait": self.latency_ms(time_s)}
 
     def work_s(self) -> float:
-        """Time since the frame was begun, on the clock of the sensors (s)."""
-        return self._clock.now() - self._begin_s
+        """Time since the frame was begun, on the clock of the sensors (s).
+
+        At least 0, as the clock of a replay may have been set back."""
+        return max(0.0, self._clock.now() - self._begin_s)
 
     def end(self, stage: str) -> None:
         """End a stage, which began when the last one ended."""

@@ -121,7 +121,7 @@ class Run:
         for event in events:
             if isinstance(event, FaultEvent):
                 self.events.append(event)
-            else:
+            elif isinstance(event, PaceEvent):
                 self.pace_events.append(event)
 
     def named(self) -> list[tuple[str, str | None, float]]:

@@ -1,5 +1,6 @@
 """The queue between inputs and centre, and the threads that fill it."""
 
+import time
 from threading import Event, Thread
 
 import numpy as np
@@ -103,6 +104,38 @@ def test_a_recording_is_replayed_in_order_with_poses_and_clocks(read):
     assert all(m.arrival_s >= 7.0 + 0.05 * k for k, m in enumerate(received))
     assert [m.measurement.points[0, 0] for m in received] == list(range(8))
     assert np.array_equal(received[0].measurement.world_SE3_sensor, moved)
+
+
+def test_the_clock_of_a_replay_that_is_read_too_slowly_is_set_back(monkeypatch):
+    class SlowFrames(FewFrames):
+        def __getitem__(self, k):
+            time.sleep(0.02)
+            return super().__getitem__(k)
+
+    monkeypatch.setattr("toolkit.centre.input_pumps._MAX_LAG_S", 0.1)
+    stop = Event()
+    queue = MessageQueue(stop)
+    source = RecordingInput(SlowFrames(40))  # 2 s, read in 0.8 s
+    pumps = InputPumps([source], {}, queue, stop, speed=10.0, read=read_in_thread)
+    pumps.start()
+    received = drain(queue)
+    pumps.check()
+    pumps.stop()
+    assert [m.time_s for m in received] == pytest.approx([7.0 + 0.05 * k for k in range(40)])
+    lags_s = [m.arrival_s - m.time_s for m in received]
+    assert sum(lag_s < 0.1 for lag_s in lags_s) >= 3  # at the start, and whenever it is set back
+    assert pumps.set_back_s > 2
+    assert lags_s[-1] < 3  # 6 if the clock ran on
+
+
+def test_the_clock_of_a_replay_in_time_is_left_alone():
+    stop = Event()
+    queue = MessageQueue(stop)
+    pumps = InputPumps([RecordingInput(FewFrames(8))], {}, queue, stop, read=read_in_thread)
+    pumps.start()
+    assert len(drain(queue)) == 8
+    pumps.stop()
+    assert pumps.set_back_s == 0
 
 
 @pytest.mark.parametrize(
