@@ -54,7 +54,8 @@ COMMANDS = {
     "view": "view rec.hdf5 --out OUT/x.html",
     "site": "site random --seed 3 --out OUT/x.json",
 }
-ONE_FILE = ("view", "site")  # written whole in one go: the later run's stays
+# written whole in one go: the later run's stays
+ONE_FILE = ("track", "track mcap", "count", "conflicts", "export", "view", "site")
 KEPT = {"c"}  # folders of intermediate results
 
 
@@ -131,6 +132,15 @@ def test_a_command_killed_at_any_moment_is_resumed_by_the_same_line(place, tmp_p
         assert files(tmp_path / str(number)) == expected, (number, found)
     assert alive, "no run was killed: it ended before"
     print(f"{name}: {KILLS} kills, {alive} of a living process, all resumed")
+
+
+@pytest.mark.parametrize("name", ONE_FILE)
+def test_of_two_runs_at_once_the_later_one_stays(place, tmp_path, name):
+    both = [start(COMMANDS[name].replace("OUT", str(tmp_path)), place) for _ in range(2)]
+    said = [process.communicate()[1] for process in both]
+    for process, text in zip(both, said, strict=True):
+        assert process.returncode == 0 or "exists: write" in text, text
+    assert not [each for each in files(tmp_path) if "unfinished" in each or "lock" in each]
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in ONE_FILE])
