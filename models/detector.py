@@ -160,13 +160,12 @@ class VoxelNetDetector:
         """Detections of one cloud (x y z, m), averaged over the shifts of the grid."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
-        xmin, xmax = self.config.area[::2]
-        rows = self.config.map_shape[0]
+        cell_sides = np.array(self.config.stride)  # of the map, along x and y (m)
         parts = []
         for phase in range(self.phases):
             # shift (m) by parts of a cell of the map along x and y, spread evenly over the cell for
             # any number of phases; heights stay
-            shift = np.append(phase * SHIFT_STEPS % 1 * (xmax - xmin) / rows, 0.0)
+            shift = np.append(phase * SHIFT_STEPS % 1 * cell_sides, 0.0)
             (detections,) = self.batch([(points + shift).astype(np.float32)])
             box_shift = np.append(shift, np.zeros(4))  # sizes and yaw stay
             parts.append(replace(detections, boxes=detections.boxes - box_shift))
