@@ -122,7 +122,6 @@ class ShardFolder:
     @contextmanager
     def lock(self) -> Iterator[None]:
         """Keep a second run out until the block ends."""
-        self.path.mkdir(parents=True, exist_ok=True)
         lock = self.path / "lock"
         descriptor = take(lock)
         if descriptor is None:
