@@ -34,7 +34,7 @@ _SURE_LOGIT = 8.0  # larger logits may have larger rounding errors than `_LOGIT_
 _LOGIT_ROUNDING = 0.01  # largest rounding error below `_SURE_LOGIT`
 
 
-class _ScoredBoxes(NamedTuple):
+class BestCandidates(NamedTuple):
     """Boxes (m) of one cloud, and their score for each of `config.labels`."""
 
     boxes: Float32[Tensor, "k 7"]
@@ -56,14 +56,14 @@ class BoxCandidates(NamedTuple):
     boxes: Float32[Tensor, "n 7"]
     scores: Float32[Tensor, "n L"]
 
-    def best(self, rows: Int64[Tensor, " m"] | slice) -> _ScoredBoxes:
+    def best(self, rows: Int64[Tensor, " m"] | slice) -> BestCandidates:
         """Boxes and scores of these rows; the `MAX_CLOUD_CANDIDATES` best if there are more."""
         boxes = self.boxes[rows]
         scores = self.scores[rows]
         if len(boxes) <= MAX_CLOUD_CANDIDATES:
-            return _ScoredBoxes(boxes, scores)
+            return BestCandidates(boxes, scores)
         best_rows = torch.topk(scores.amax(-1), MAX_CLOUD_CANDIDATES).indices
-        return _ScoredBoxes(boxes[best_rows], scores[best_rows])
+        return BestCandidates(boxes[best_rows], scores[best_rows])
 
 
 def candidates(
@@ -71,7 +71,7 @@ def candidates(
     anchors: _Grid,
     config: VoxelNetConfig,
     thresholds: Sequence[float],
-) -> list[_ScoredBoxes]:
+) -> list[BestCandidates]:
     """Boxes and scores of each cloud's best anchors.
 
     anchors: one box for each cell and anchor of the map. thresholds: lowest score to keep, for each
@@ -166,15 +166,18 @@ def suppress_boxes(
     scores: Float[Tensor, "n L"],
     config: VoxelNetConfig,
     nms_threshold: float,
+    *,
+    area: tuple[float, float, float, float] | None = None,
 ) -> Detections:
     """Detections of one cloud's candidates, each with its label of the highest score.
 
     Duplicates, boxes centred outside the area and boxes that are not finite are dropped.
 
     scores: for each of `config.labels`. nms_threshold: IoU above which the weaker of two boxes of a
-    class is a duplicate.
+    class is a duplicate. area: xmin, ymin, xmax, ymax (m) in the frame of the boxes, None for
+    `config.area`.
     """
-    xmin, ymin, xmax, ymax = config.area
+    xmin, ymin, xmax, ymax = area or config.area
     x = boxes[:, 0]
     y = boxes[:, 1]
     is_inside = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax) & torch.isfinite(boxes).all(1)
