@@ -191,7 +191,9 @@ class VoxelNetDetector:
                 detections.append(Detections.empty())
         return detections
 
-    def unions(self, clouds: _Clouds, unions: Bool[np.ndarray, "U C"]) -> list[Detections]:
+    def unions(
+        self, clouds: _Clouds, unions: Bool[np.ndarray, "unions clouds"]
+    ) -> list[Detections]:
         """Detections in many unions of the same clouds, such as all sets of a site's sensors.
 
         unions: True for the clouds of each union. The results equal the results for each union's

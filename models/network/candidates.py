@@ -38,7 +38,7 @@ class BestCandidates(NamedTuple):
     """Boxes (m) of one cloud, and their score for each of `config.labels`."""
 
     boxes: Float32[Tensor, "k 7"]
-    scores: Float32[Tensor, "k L"]
+    scores: Float32[Tensor, "k labels"]
 
 
 class BoxCandidates(NamedTuple):
@@ -54,7 +54,7 @@ class BoxCandidates(NamedTuple):
     item: Int64[Tensor, " n"]
     place: Int64[Tensor, " n"]
     boxes: Float32[Tensor, "n 7"]
-    scores: Float32[Tensor, "n L"]
+    scores: Float32[Tensor, "n labels"]
 
     def best(self, rows: Int64[Tensor, " m"] | slice) -> BestCandidates:
         """Boxes and scores of these rows; the `MAX_CLOUD_CANDIDATES` best if there are more."""
@@ -163,7 +163,7 @@ def _subtract_rounding(min_logit: Tensor) -> Tensor:
 
 def suppress_boxes(
     boxes: Float[Tensor, "n 7"],
-    scores: Float[Tensor, "n L"],
+    scores: Float[Tensor, "n labels"],
     config: VoxelNetConfig,
     nms_threshold: float,
     *,
@@ -230,7 +230,9 @@ def find_rivals(boxes: Float[np.ndarray, "n 7"]) -> Bool[np.ndarray, "n n"]:
     return np.maximum(overlap, overlap.T) > SAME_GROUND_SHARE
 
 
-def strongest_rivals(detections: Detections, config: VoxelNetConfig) -> Float[np.ndarray, "n L"]:
+def strongest_rivals(
+    detections: Detections, config: VoxelNetConfig
+) -> Float[np.ndarray, "n labels"]:
     """Highest score of each other label among the boxes that overlap each detection, or 0.
 
     Columns are in the order of `config.labels`. Scores below `MIN_RIVAL_SCORE` count as 0.
@@ -247,7 +249,7 @@ def strongest_rivals(detections: Detections, config: VoxelNetConfig) -> Float[np
     return strongest
 
 
-def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "L L"] | None:
+def rival_shares(config: VoxelNetConfig) -> Float[np.ndarray, "labels labels"] | None:
     """Share of each rival label's score below which a box of a label is dropped; None if no
     box is dropped.
 
@@ -285,7 +287,7 @@ def apply_rivals(detections: Detections, config: VoxelNetConfig) -> Detections:
 
 
 def rescore(
-    scores: _Scores, rivals: Float[np.ndarray, "n L"], rows: Float[np.ndarray, "r K"]
+    scores: _Scores, rivals: Float[np.ndarray, "n labels"], rows: Float[np.ndarray, "r K"]
 ) -> _Scores:
     """Calibrated scores, lowered by the scores of their rivals.
 

@@ -299,7 +299,7 @@ class LinearHead(nn.Module):
         coarse_weight, middle_weight, fine_weight = head.conv3x3.weight.chunk(3, 1)
         self.conv3x3 = make_conv(fine_weight, _bias(head.conv3x3), padding=1)
         self.middle = make_conv(
-            _compose(middle.weight, middle_weight), None, stride=2, padding=1, transposed=True
+            _compose(middle.weight, middle_weight), bias=None, stride=2, padding=1, transposed=True
         )
         # what the biases of both maps add through the 3x3 convolution
         bias_weight = (
@@ -316,7 +316,7 @@ class LinearHead(nn.Module):
                 bias_kernel.new_zeros(BIAS_CHANNELS - 1, *bias_kernel.shape[1:]),
             )
         )
-        self.coarse = make_conv(weight, None, stride=4, padding=1, transposed=True)
+        self.coarse = make_conv(weight, bias=None, stride=4, padding=1, transposed=True)
 
     def forward(self, maps: Sequence[Tensor]) -> Float[Tensor, "B K H W"]:
         """Feature map for the head. maps: one of each block, the finest first."""

@@ -53,7 +53,7 @@ class _Thinning(NamedTuple):
         dropped: Points left out, ascending, as group · points + row of the point.
     """
 
-    group: Int64[np.ndarray, " U"]
+    group: Int64[np.ndarray, " unions"]
     dropped: Int64[Tensor, " k"]
 
 
@@ -104,7 +104,7 @@ class PlacedClouds(NamedTuple):
         """Number of points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def find_crowded(self, unions: Bool[np.ndarray, "U C"], max_points: int) -> _Thinning:
+    def find_crowded(self, unions: Bool[np.ndarray, "unions C"], max_points: int) -> _Thinning:
         """Points left out of each union, in voxels with more than `max_points` of its points.
 
         unions: True for the clouds of each union.
@@ -275,8 +275,8 @@ class UnionPlan(NamedTuple):
 
     placed: PlacedClouds
     seen: list[_Seen]
-    unions: Bool[np.ndarray, "U C"]
-    thinning: Int64[np.ndarray, " U"]
+    unions: Bool[np.ndarray, "unions C"]
+    thinning: Int64[np.ndarray, " unions"]
     dropped: Int64[Tensor, " k"]
 
     def part(self, rows: slice) -> "UnionPlan":
@@ -361,10 +361,10 @@ class TiledVoxelNet:
             layer.weight.permute(2, 3, 1, 0).reshape(-1, layer.in_channels, 1, 1)
             for layer in coarse_layers
         )
-        self._raised = [make_conv(weight, None).requires_grad_(False) for weight in weights]
+        self._raised = [make_conv(weight, bias=None).requires_grad_(False) for weight in weights]
 
     def plan(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions C"]
     ) -> UnionPlan:
         """Plan the work for unions of clouds.
 
@@ -373,7 +373,7 @@ class TiledVoxelNet:
         return self._add_thinning(self._plan_without_thinning(clouds, unions))
 
     def plan_gain(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions C"]
     ) -> UnionPlan | None:
         """Plan the work if that is quicker than one union after another, else None.
 
@@ -391,7 +391,7 @@ class TiledVoxelNet:
         return plan._replace(thinning=thinning.group, dropped=thinning.dropped)
 
     def _plan_without_thinning(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "U C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions C"]
     ) -> UnionPlan:
         """Plan as if no point was left out of crowded voxels.
 
@@ -473,7 +473,7 @@ class TiledVoxelNet:
         side = 2 * self.size + 2
         placed = plan.placed
         middle = self._network.middle
-        by_tile = placed.by_tile(self._grid, 2 * self.size, 2)
+        by_tile = placed.by_tile(self._grid, size=2 * self.size, before=2)
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
             """Values of tiles, each in one union. tiles: numbers; union: row of `plan.unions`."""

@@ -118,7 +118,7 @@ def read_recordings(path: Path) -> list[PackedRecording]:
     changes_by_rig: list[list[Change]] = [[] for _ in packed.rigs]
     for k in range(len(packed)):
         pixels, steps = packed.changes(k)
-        clouds = tuple(packed.points(k, None)) if packed.is_recorded(k) else None
+        clouds = tuple(packed.points(k, rng=None)) if packed.is_recorded(k) else None
         frame_change = Change(
             pixels=tuple(pixels), steps=tuple(steps), objects=packed.objects(k), clouds=clouds
         )

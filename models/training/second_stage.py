@@ -233,7 +233,7 @@ def _channels(config: VoxelNetConfig, label: str, per_anchor: int) -> list[int]:
 
 
 def platt(
-    scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n L"] | None = None
+    scores: _Scores, hits: Mask, rivals: Float[np.ndarray, "n labels"] | None = None
 ) -> tuple[float, ...]:
     """Slope, intercept and the weights (at least 0) of L rivals' scores, fitted to hits (Platt
     1999).

@@ -75,7 +75,7 @@ class CasesFidelity:
         return dict(zip(self.cases.names, by_profile, strict=True))
 
     def _score_over_cases(
-        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], Estimate]
+        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m candidates"]], Estimate]
     ) -> Estimate:
         """AP, recall and kbit of each set over all cases.
 
@@ -107,7 +107,9 @@ class CasesFidelity:
         return means
 
     def _score_at_profiles(
-        self, subsets: Sets, score: Callable[[Fidelity, Bool[np.ndarray, "m C"]], _Estimated]
+        self,
+        subsets: Sets,
+        score: Callable[[Fidelity, Bool[np.ndarray, "m candidates"]], _Estimated],
     ) -> list[_Estimated]:
         """Figures of each set at each error profile, over thresholds, levels and failures.
 

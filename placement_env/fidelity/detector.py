@@ -165,7 +165,7 @@ class Detected:
         self.iou = iou
         self.scheme = find_scheme(scheme)
         self.codec = check_codec(codec)
-        self.frames = len(_list_frames(renders.frames, None))  # ValueError if there are none
+        self.frames = len(_list_frames(renders.frames, frames=None))  # ValueError if there are none
         self.ious = tuple(sorted({*IOUS, iou}))  # thresholds at which outcomes are matched
         self._scored: dict[int, np.ndarray] = {}  # mask of the objects to find, by frame
         self.memo = memo if isinstance(memo, Cache) else Cache(memo)
@@ -264,7 +264,7 @@ class Detected:
             for i, iou in enumerate(self.ious)
         }
 
-    def hits(self, subset: Bool[np.ndarray, " C"]) -> Bool[np.ndarray, "ious objects"]:
+    def hits(self, subset: Bool[np.ndarray, " candidates"]) -> Bool[np.ndarray, "ious objects"]:
         """Mask of the scored objects that one set hits, a row for each of `ious`.
 
         Columns are the scored objects of all frames, frame after frame.

@@ -42,7 +42,7 @@ class Observed(NamedTuple):
     """Hits and AP of n sensor sets at one site, measured with a detector.
 
     Attributes:
-        visibility: Points of the C candidates on the O scored objects, all of one class.
+        visibility: Points of the candidates on the scored objects, all of one class.
         subsets: Sets as rows of booleans, one column per candidate.
         hits: True if a set hits an object.
         ap: AP of each set.
@@ -51,7 +51,7 @@ class Observed(NamedTuple):
 
     visibility: Visibility
     subsets: Sets
-    hits: Bool[np.ndarray, "n O"]
+    hits: Bool[np.ndarray, "n objects"]
     ap: Float64[np.ndarray, " n"]
     radius: float = HYBRID_RADIUS_M
     sensors: tuple[str, ...] = ()
@@ -64,7 +64,7 @@ class _Weights(NamedTuple):
         objects: How often each object counts.
         sets: How often each sensor set counts."""
 
-    objects: Float64[np.ndarray, " O"]
+    objects: Float64[np.ndarray, " objects"]
     sets: Float64[np.ndarray, " n"]
 
 
@@ -237,7 +237,7 @@ class _Fitting:
             **self._fixed_fields, **by_name, ceiling=ceiling, floor=floor, false_alarms=false_alarms
         )
 
-    def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n O"]]:
+    def _probabilities(self, model: HitModel) -> list[Float64[np.ndarray, "n objects"]]:
         """Hit probability of each object (columns) for each set (rows), at each site."""
         probabilities = []
         for evidence, observation in zip(self._evidence, self._observed, strict=True):

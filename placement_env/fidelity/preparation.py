@@ -212,7 +212,7 @@ class Preparation:
 
         Nothing is rendered."""
         check_scorable(self.setting)
-        _check_levels(self.setting, _find_fidelity_name(self.setting, None))
+        _check_levels(self.setting, _find_fidelity_name(self.setting, name=None))
 
     def fidelity(self, name: FidelityName | None = None) -> Fidelity:
         """Scorer of sets of the candidates over the setting's cases.

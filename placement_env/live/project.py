@@ -209,7 +209,7 @@ class ProjectFile:
             changes["scheme"] = question.get("scheme", str)
         if "most_price" in question.value:
             has_limit = question.value["most_price"] is not None
-            changes["most_price"] = question.number("most_price", 0) if has_limit else math.inf
+            changes["most_price"] = question.number("most_price", low=0) if has_limit else math.inf
         self.planner.ask(**changes)
 
 

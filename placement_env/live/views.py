@@ -39,7 +39,7 @@ class VariantView(NamedTuple):
 
     candidates: Candidates
     seen: Visibility
-    is_working: Bool[np.ndarray, " C"]
+    is_working: Bool[np.ndarray, " candidates"]
     coarse: bool
 
 

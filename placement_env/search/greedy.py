@@ -85,7 +85,7 @@ def search(
 
 def grow(
     progress: Progress,
-    prices: Float64[np.ndarray, " C"] | None = None,
+    prices: Float64[np.ndarray, " candidates"] | None = None,
     *,
     start: Sequence[int] = (),
 ) -> Growth:

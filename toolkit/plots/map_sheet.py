@@ -82,7 +82,7 @@ def map_sheet(
     heading: PlotStyle = {"fontsize": 12, "fontweight": "bold", "va": "center"}
     figure.text(left, 1 - 0.26 / total, plain(title), **heading)
     figure.text(left, 1 - 0.48 / total, plain(subtitle), fontsize=9, va="center")
-    below = add_part(LEFT, 0.05, inner_width, strip - AXIS - 0.05)
+    below = add_part(LEFT, bottom=0.05, width=inner_width, height=strip - AXIS - 0.05)
     below.set_axis_off()
     below.set(xlim=(0, inner_width), ylim=(-(strip - AXIS - 0.05), 0))
     _draw_scale(below, scale_length(min(1.6, width) / scale), scale)

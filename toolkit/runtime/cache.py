@@ -113,11 +113,11 @@ class Cache:
                 database.execute("BEGIN IMMEDIATE")
                 database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?)", fitting_rows)
 
-        self._safely(insert, None)
+        self._safely(insert, otherwise=None)
 
     def __len__(self) -> int:
         return self._safely(
-            lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), 0
+            lambda db: int(db.execute("SELECT count(*) FROM entries").fetchone()[0]), otherwise=0
         )
 
     def __getstate__(self) -> dict[str, object]:

@@ -136,7 +136,7 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
     unfinished = descriptor = None
     try:
         unfinished, descriptor = _take_unfinished(
-            parent, "" if inside else f".{target.name[:100]}", None
+            parent, "" if inside else f".{target.name[:100]}", suffix=None
         )
         yield target, unfinished
     finally:

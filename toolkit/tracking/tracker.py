@@ -72,7 +72,7 @@ class Tracker:
         self._time: float | None = None
         self._next_id = 0
         nothing = MeasuredRows.from_detections(Detections.empty())
-        self._tracks = start_tracks(nothing, 0.0, 0)
+        self._tracks = start_tracks(nothing, time=0.0, first_id=0)
 
     def update(self, detections: Detections, time: float) -> Tracks:
         """Return the tracks after the detections of a frame, as in `advance`."""

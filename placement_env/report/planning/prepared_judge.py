@@ -52,7 +52,7 @@ def prepare_judge(
 
 
 def prepare_final_judge(
-    question: Question, objectives: Sequence[Objective], is_member: Bool[np.ndarray, " C"]
+    question: Question, objectives: Sequence[Objective], is_member: Bool[np.ndarray, " candidates"]
 ) -> PreparedJudge:
     """Prepare the last part of the traffic, with enough frames for the requested width.
 
