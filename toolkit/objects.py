@@ -178,7 +178,9 @@ class UnionDetector(Detector, Protocol):
         clouds: Sequence[Float32[np.ndarray, "_ 3"]],
         unions: Bool[np.ndarray, "unions clouds"],
     ) -> Sequence[Detections]:
-        """Return the detections in each union of clouds, as `__call__` up to rounding.
+        """Return the detections in each union of clouds.
+
+        They equal the detections in the joined clouds, up to rounding.
 
         unions: a row for each, True for its clouds.
         """

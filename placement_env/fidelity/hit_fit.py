@@ -323,7 +323,7 @@ def fit_detected(
         source: Fitted data in words, for the models.
         ious: IoU thresholds of vehicles, from the ones of `Detected`; all if empty. Other
             classes are fitted at the thresholds that `Classes.get_iou` gives for them.
-        resamples: Number of fits to resampled data for each model, see `fit`.
+        resamples: Number of fits to resampled data that give each model its spread, 0 for none.
         seed: Seed of the resamples.
 
     Raises ValueError if the data of a class are empty."""
@@ -432,7 +432,8 @@ def fit_sites(
         detector_of: Returns the detector to use at a site.
         schemes: Fusion schemes, or their names.
         classes: Classes of the objects.
-        ious: IoU thresholds of vehicles; see `fit_detected` for other classes.
+        ious: IoU thresholds of vehicles. Other classes are fitted at the thresholds that
+            `Classes.get_iou` gives for them.
         sampling: Numbers of poses, sets and resamples to draw.
         source: Fitted data in words, for the models.
         run: Frames, processes, progress, cache and seed. Seed plus index of a site draws its

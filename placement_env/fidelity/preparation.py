@@ -133,7 +133,8 @@ class Preparation:
 
     @cached_property
     def network(self) -> str:
-        """Name of the shipped network for the candidates, see `find_network`."""
+        """Name of the shipped network: the site's own if all candidates are its sensors, else the
+        general one."""
         return find_network(self.setting.place, self.setting.pool.sensors)
 
     @cached_property

@@ -428,7 +428,7 @@ class Coding:
         return tuple(sensors)
 
     def options(self) -> dict[str, object]:
-        """Bounds as `cma` takes them. All values except the headings are bounded."""
+        """Options of `cma`: lower and upper bounds of all values, none for headings."""
         # lift, turn and tilt of each sensor: lower bounds, then upper ones
         return {"bounds": [[end, None, end] * len(self.start) for end in (0.0, 1.0)]}
 

@@ -26,7 +26,8 @@ HEAVY_SHARES = (0.55, 0.17, 0.28)  # trucks, articulated trucks and buses of the
 def draw_body(label: int | str, rng: Rng, evenly: bool = False) -> Body:
     """Draw a body of a class; its name gives class and kind, such as "vehicle/estate".
 
-    label: number or name of the class (`LABELS`); evenly: see `draw_person`."""
+    label: number or name of the class (`LABELS`); evenly: True to draw rare kinds of people nearly
+    as often as adults."""
     label = label_index(label)
     drawn = _draw_mesh(label, rng, evenly)
     return make_boxed_body(f"{LABELS[label]}/{drawn.kind}", label, drawn.mesh, drawn.outside)

@@ -97,7 +97,7 @@ def _draw_adult(height: float, rng: Rng) -> Mesh:
 def draw_pose(rng: Rng, stout: float) -> Figure:
     """Draw a figure without a step: arms at the sides, or one hand at an ear.
 
-    stout: see `Figure`."""
+    stout: breadth of trunk and limbs relative to an average adult."""
     figure = Figure(stout=stout)
     return hold(figure, *AT_AN_EAR) if rng.random() < PHONING_SHARE else figure
 

@@ -114,7 +114,8 @@ def cast_strips(
     Args:
         renderer: gives the static scene, which hides objects.
         moment: objects, which also hide each other.
-        windows: sectors to cast, as from `find_sectors`; strips follow their order."""
+        windows: sectors to cast, each seen from a viewpoint and towards an object; strips follow
+            their order."""
     columns = _columns(moment.ground, viewpoints, windows)
     item = windows.item.astype(np.int32)
     start = viewpoints[windows.viewpoint].astype(np.float32)

@@ -67,7 +67,7 @@ class Processes:
         *,
         progress: Callable[[int], None] | None = None,
     ) -> Iterator[_Out]:
-        """Yield `job(x)` for each input, in order, as `toolkit.runtime.parallel.spread` does.
+        """Yield `job(x)` for each input, in order, computed by the processes of the run.
 
         job: a module's function or a callable object that can be pickled; progress: called with the
         number of results. Raises the errors of `job`, WorkLost and ConnectionError."""

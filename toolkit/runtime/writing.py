@@ -32,7 +32,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a whole file of UTF-8 text, as `write_bytes`."""
+    """Write a whole file of UTF-8 text. Raises OSError on failure."""
     write_bytes(path, text.encode("utf-8"))
 
 

@@ -84,7 +84,7 @@ class _Course:
 
 
 def possible_movements(site: Site, supply: Supply) -> dict[str, dict[str, list[str]]]:
-    """Exits that each kind of road user can reach, by kind and entry. See `Flow`."""
+    """Names of the exits that each kind of road user can reach, by kind and name of the entry."""
     with running(site.network, _describe_types(supply), seed=0, step=FINE_STEP_S) as sumo:
         return _Demand(sumo, site, supply).possible()
 

@@ -87,7 +87,10 @@ def _evaluate_detector(
     run: Run,
     writing: Writing,
 ) -> int:
-    """Score a detector on a recording. Arguments as in `evaluate_command`."""
+    """Score a detector on a recording, and return the exit code.
+
+    dataset: path of the recording; out: path of the results; subject: detector and poses; rules:
+    schemes, classes and thresholds; opening: how the recording is read."""
     from toolkit.calibration.recording_scenes import Scenes
     from toolkit.datasets.recording_views import ReadRecording, Reads
     from toolkit.detection.evaluation import evaluate_recording
