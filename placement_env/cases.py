@@ -120,7 +120,7 @@ class Cases:
         return tuple(profile.name for profile in self.profiles)
 
     @cached_property
-    def plain(self) -> bool:
+    def is_one_case(self) -> bool:
         """True if a set is scored in one case for each error profile.
 
         There is one IoU threshold, no sensor fails, and traffic is not divided into levels."""

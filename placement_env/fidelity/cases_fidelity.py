@@ -173,7 +173,7 @@ def over_cases(profiles: Sequence[ProfileFidelities], cases: Cases) -> Fidelity:
     A case is an error profile, an IoU threshold, a level of traffic and a failure of sensors. With
     a single case, that case's scorer is returned itself. The result can score sets on only
     some frames (`ByFrames`) if all given scorers can."""
-    if cases.plain and len(profiles) == 1:
+    if cases.is_one_case and len(profiles) == 1:
         return profiles[0].whole
     fidelities = [
         fidelity for profile in profiles for level in profile.levels for fidelity in level

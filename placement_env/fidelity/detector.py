@@ -432,7 +432,7 @@ def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[b
     It may run in another process than its caller.
 
     detected: Fidelity with the measurements, detector, scheme, codec and cache."""
-    if not detected.processes.alone and "torch" in sys.modules:
+    if not detected.processes.has_one_process and "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)  # each core already has a process
     frame = _FrameDetections(detected, task.k)
     frame.fuse_together(task.sets)

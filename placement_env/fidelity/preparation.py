@@ -83,7 +83,7 @@ class Preparation:
         return self.split(count) if count > 1 else ()
 
     @property
-    def plain(self) -> "Preparation":
+    def intact_preparation(self) -> "Preparation":
         """New preparation for intact sets in undivided traffic; nothing made here is shared."""
         cases = replace(self.setting.cases, failing=0, levels=1)
         return replace(self, setting=replace(self.setting, cases=cases))
@@ -203,7 +203,7 @@ class Preparation:
 
         None unless the setting's fidelity is "surrogate" and it has only one case."""
         setting = self.setting
-        if setting.fidelity != "surrogate" or not setting.cases.plain:
+        if setting.fidelity != "surrogate" or not setting.cases.is_one_case:
             return None
         fidelity = self._share(setting, self.unseen).fidelity()
         return fidelity if isinstance(fidelity, Surrogate) else None

@@ -93,7 +93,7 @@ class LiveScorer:
         panoramas_before = None if before is None else self.preparation.live
         self.asked = question
         self.setting = setting
-        self.preparation = preparation.plain
+        self.preparation = preparation.intact_preparation
         if before is not None:
             self.preparation = self.preparation.share_traffic(before)
         self._meter = Meter(self.preparation, self._currency)

@@ -64,7 +64,7 @@ def search(
         raise ValueError(
             "CMA-ES moves sensors, so it needs an objective made from a site: Objective(site)"
         )
-    if not objective.setting.cases.plain:
+    if not objective.setting.cases.is_one_case:
         raise ValueError(
             "CMA-ES knows one IoU threshold and no failures: pass --method portfolio or swap"
         )

@@ -56,7 +56,7 @@ class Processes:
         return (os.cpu_count() or 1) if self.workers is None else self.workers
 
     @property
-    def alone(self) -> bool:
+    def has_one_process(self) -> bool:
         """True if all work is done in this process."""
         return self.ray is None and self.count == 1
 

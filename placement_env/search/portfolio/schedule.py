@@ -98,7 +98,9 @@ class Schedule:
         if processes.ray:
             return Schedule(seconds, frames_between_looks=RAY_FRAMES)
         # 2: so that no process waits while another one finishes
-        return Schedule(seconds, frames_between_looks=1 if processes.alone else 2 * processes.count)
+        return Schedule(
+            seconds, frames_between_looks=1 if processes.has_one_process else 2 * processes.count
+        )
 
     @property
     def remaining_s(self) -> float:
