@@ -104,7 +104,7 @@ def all_candidates(
     logits = per_anchor(prediction.class_logits, count)
     anchor_label = torch.tensor(config.anchor_labels, device=logits.device)
     threshold = torch.tensor(thresholds, dtype=logits.dtype, device=logits.device)
-    # (A, 1) by anchor, or (L,) by label; slope and intercept below have the same shape
+    # (anchors, 1) by anchor, or (labels,) by label; slope and intercept below have the same shape
     threshold = threshold[anchor_label][:, None] if config.kinds else threshold
     if config.head == "published":
         is_passing = torch.softmax(logits, -1)[..., 1:] > threshold
@@ -287,12 +287,12 @@ def apply_rivals(detections: Detections, config: VoxelNetConfig) -> Detections:
 
 
 def rescore(
-    scores: _Scores, rivals: Float[np.ndarray, "n labels"], rows: Float[np.ndarray, "r K"]
+    scores: _Scores, rivals: Float[np.ndarray, "n labels"], rows: Float[np.ndarray, "r columns"]
 ) -> _Scores:
     """Calibrated scores, lowered by the scores of their rivals.
 
     rivals: highest score of each label that overlaps the box, 0 if none does. rows: slope,
-    intercept and a weight for each label (K = 2 + L); one row for each score (r = n) or for all
+    intercept and a weight for each label; one row for each score (r = n) or for all
     (r = 1).
     """
     slope = rows[:, 0]

@@ -100,11 +100,11 @@ class PlacedClouds(NamedTuple):
             clouds=len(clouds),
         )
 
-    def counts(self) -> Int64[Tensor, " C"]:
+    def counts(self) -> Int64[Tensor, " clouds"]:
         """Number of points of each cloud."""
         return torch.bincount(self.cloud, minlength=self.clouds)
 
-    def find_crowded(self, unions: Bool[np.ndarray, "unions C"], max_points: int) -> _Thinning:
+    def find_crowded(self, unions: Bool[np.ndarray, "unions clouds"], max_points: int) -> _Thinning:
         """Points left out of each union, in voxels with more than `max_points` of its points.
 
         unions: True for the clouds of each union.
@@ -208,7 +208,7 @@ class PointsByTile(NamedTuple):
         return self.row[torch.from_numpy(positions).to(device)], item
 
 
-_Bank = Float[Tensor, "n t t K"]  # values of n entries: tiles of t x t cells each
+_Bank = Float[Tensor, "n t t channels"]  # values of n entries: tiles of t x t cells each
 
 
 class Entries(NamedTuple):
@@ -233,7 +233,7 @@ class Entries(NamedTuple):
     def bank(self, values: Callable[[np.ndarray, np.ndarray], Tensor]) -> _Bank:
         """Values of all entries, then a last row of zeros for tiles beyond the map.
 
-        values: from tiles and unions of a batch of entries to their values (m, t, t, K).
+        values: from tiles and unions of a batch of entries to their values (m, t, t, channels).
         """
         bank = torch.empty(0)
         for first, tiles, union in self.parts():
@@ -259,7 +259,7 @@ class TilePredictions(NamedTuple):
 
 
 # True for the clouds, and in the last column for crowded voxels, within reach of each tile
-_Seen = Bool[np.ndarray, "tiles C+1"]
+_Seen = Bool[np.ndarray, "tiles clouds+1"]
 
 
 class UnionPlan(NamedTuple):
@@ -275,7 +275,7 @@ class UnionPlan(NamedTuple):
 
     placed: PlacedClouds
     seen: list[_Seen]
-    unions: Bool[np.ndarray, "unions C"]
+    unions: Bool[np.ndarray, "unions clouds"]
     thinning: Int64[np.ndarray, " unions"]
     dropped: Int64[Tensor, " k"]
 
@@ -364,7 +364,7 @@ class TiledVoxelNet:
         self._raised = [make_conv(weight, bias=None).requires_grad_(False) for weight in weights]
 
     def plan(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> UnionPlan:
         """Plan the work for unions of clouds.
 
@@ -373,7 +373,7 @@ class TiledVoxelNet:
         return self._add_thinning(self._plan_without_thinning(clouds, unions))
 
     def plan_gain(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> UnionPlan | None:
         """Plan the work if that is quicker than one union after another, else None.
 
@@ -391,7 +391,7 @@ class TiledVoxelNet:
         return plan._replace(thinning=thinning.group, dropped=thinning.dropped)
 
     def _plan_without_thinning(
-        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions C"]
+        self, clouds: Sequence[Float32[Tensor, "_ 3"]], unions: Bool[np.ndarray, "unions clouds"]
     ) -> UnionPlan:
         """Plan as if no point was left out of crowded voxels.
 
@@ -582,7 +582,7 @@ def spread_reach(reach: Bool[np.ndarray, "n H W"], stride: int) -> Bool[np.ndarr
     return columns[..., :-2:stride] | columns[..., 1:-1:stride] | columns[..., 2::stride]
 
 
-def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t L"]:
+def _cells(conv: nn.Module, x: _Bank) -> Float[Tensor, "n t t outputs"]:
     """Output of a 1x1 convolution for tiles, which are stacked as one map for it."""
     tile_map = x.flatten(0, 1)[None].permute(0, 3, 1, 2)
     y = cell_by_cell(conv, tile_map).permute(0, 2, 3, 1)

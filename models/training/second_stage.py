@@ -415,7 +415,7 @@ class FaceExamples(NamedTuple):
         offsets: Distance of the true face from the box's face outwards (m).
     """
 
-    features: dict[str, Float32[np.ndarray, "n F"]]
+    features: dict[str, Float32[np.ndarray, "n features"]]
     offsets: dict[str, Float32[np.ndarray, " n"]]
 
 
