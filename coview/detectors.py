@@ -170,7 +170,7 @@ def open_detector(
     if isinstance(at, Place):
         return _open_at_place(spec or _USUAL_SPEC, at)
     place = place or Place()
-    if at.site is not None and place.at(at.site):
+    if at.site is not None and place.uses_site(at.site):
         return _open_for_known_site(spec, at, at.site)
     return _open_for_recording(spec or _USUAL_SPEC, recording=at, place=place, scenes=scenes)
 

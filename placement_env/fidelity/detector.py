@@ -315,7 +315,7 @@ class Detected:
         """Fused detections of a set (ascending indices of candidates) in frame k, not matched."""
         frame = _FrameDetections(self, k)
         detections = frame.fused(members).detections
-        self.memo.put(frame.new)
+        self.memo.put(frame.uncached_detections)
         return detections
 
     def outcome(self, k: int, fused: Fused) -> Outcome:
@@ -437,14 +437,15 @@ def _score_frame(detected: Detected, task: _Task) -> tuple[list[Outcome], dict[b
     frame = _FrameDetections(detected, task.k)
     frame.fuse_together(task.sets)
     outcomes = [detected.outcome(task.k, frame.fused(members)) for members in task.sets]
-    return outcomes, frame.new
+    return outcomes, frame.uncached_detections
 
 
 class _FrameDetections:
     """Detections of sensor sets in frame k, each union of clouds detected in once.
 
     Attributes:
-        new: Arrays of the detections that were not cached, by key; the caller keeps them."""
+        uncached_detections: Arrays of the detections that were not cached, by key; the caller
+            keeps them."""
 
     def __init__(self, rules: Detected, k: int) -> None:
         """Begin without any detections. rules: what they depend on; k: index of the frame."""
@@ -458,7 +459,7 @@ class _FrameDetections:
         self._fused: dict[tuple[int, ...], Fused] = {
             (): Fused(Detections.empty(), np.zeros(0, np.int64))
         }
-        self.new: dict[bytes, Arrays] = {}
+        self.uncached_detections: dict[bytes, Arrays] = {}
         renders = rules.renders
         images = Images(number=k)
         if isinstance(renders, MeasuredImages):
@@ -539,12 +540,12 @@ class _FrameDetections:
         return self._detected[key]
 
     def _keep(self, key: bytes, detections: Detections) -> None:
-        """Keep detections for this frame, and in `new` for the cache, which the caller writes."""
+        """Keep detections for this frame, and for the cache, which the caller writes."""
         self._detected[key] = detections
         columns = [detections.boxes, detections.scores, detections.labels]
         if detections.doubts is not None:
             columns.append(detections.doubts)
-        self.new[key] = tuple(columns)
+        self.uncached_detections[key] = tuple(columns)
 
 
 class _Unknown(Exception):

@@ -101,14 +101,14 @@ class LivePlanner(VariantEditor):
             return self.answer("another question")
 
     @property
-    def first(self) -> Setting:
+    def first_setting(self) -> Setting:
         """Setting at the start, as it was given."""
-        return self.scorer.first
+        return self.scorer.first_setting
 
     @property
-    def asked(self) -> Setting:
+    def asked_setting(self) -> Setting:
         """Setting that `ask` has made, or the one at the start, as it was given."""
-        return self.scorer.asked
+        return self.scorer.asked_setting
 
     @property
     def setting(self) -> Setting:
@@ -165,7 +165,7 @@ class LivePlanner(VariantEditor):
         Raises ValueError if the plan has another detector than the shipped one, which the setting
         lacks."""
         if self.plan is not None:
-            _check_detector(self.plan, self.asked)
+            _check_detector(self.plan, self.asked_setting)
         predicted = self.finish()
         return self.scorer.measure(self.variant, predicted)
 

@@ -202,7 +202,9 @@ class ProjectFile:
             case_changes["iou"] = tuple(question.numbers("iou"))
         if "errors" in question.value:
             case_changes["errors"] = tuple(question.texts("errors"))
-        changes: dict[str, Any] = {"cases": replace(self.planner.asked.cases, **case_changes)}
+        changes: dict[str, Any] = {
+            "cases": replace(self.planner.asked_setting.cases, **case_changes)
+        }
         if "classes" in question.value:
             changes["classes"] = question.texts("classes")
         if "scheme" in question.value:
@@ -276,7 +278,7 @@ def report_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     candidates = planner.yard.candidates(planner.variant)
     poles = tuple(dict.fromkeys(sensor.mount for sensor in planner.sensors))  # each once
     setting = replace(
-        planner.asked,
+        planner.asked_setting,
         site=mounted_site(planner.yard.site, candidates, range(len(candidates))),
         candidates=replace(planner.priced_stock, candidates=candidates),
         keep=poles,

@@ -76,7 +76,7 @@ def evaluate_recording(
     schemes = name_schemes(comparison.schemes)
     check_labels(recording, frame_total)
     measured = ReadRecording(recording, reads)
-    at_site = place.at(site)  # True if detection uses the site's ground and area
+    at_site = place.uses_site(site)  # True if detection uses the site's ground and area
     first_frame = measured[0]
     if scenes is None:
         scenes = Scenes(measured if at_site else Part(measured, frame_total))

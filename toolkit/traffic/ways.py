@@ -243,7 +243,10 @@ class _Demand:
         return body
 
     def _add_driver(self, name: str, body: int, passage: Passage) -> None:
-        """Add a vehicle to SUMO, which lets it in when there is room."""
+        """Add a vehicle to SUMO, which lets it in when there is room.
+
+        name: its id; body: row of its body, whose number is the id of SUMO's type; passage: its
+        drive."""
         route = " ".join(passage.edges)
         if route not in self._routes:
             self._sumo.route.add(route, passage.edges)

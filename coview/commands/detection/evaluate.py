@@ -108,7 +108,7 @@ def _evaluate_detector(
     check_outputs = partial(_check_outputs, out, inputs, rules)
     with ExitStack() as stack:
         opened = stack.enter_context(opening.open(dataset))
-        is_known = place.at(opened.site)
+        is_known = place.uses_site(opened.site)
         comparison = _compare(rules, is_known=is_known)
         _check_recording(opened, reads.count(opened), sets)
         settings = (inputs, subject, rules, place, run)

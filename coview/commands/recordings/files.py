@@ -299,7 +299,7 @@ def _pack_recordings(
         # one iterable of packed recordings for each recording and file, in their order
         streams = list[Iterable["PackedRecording"]]()
         for recording in recordings:
-            if place.at(recording.site):  # the ground and area of a known site are used
+            if place.uses_site(recording.site):  # the ground and area of a known site are used
                 dataset = cast("CoopDataset", recording)
                 streams.append([dataset_recording(dataset, max_frames)])
             else:

@@ -344,5 +344,5 @@ def test_a_report_judges_the_sensors_as_they_hang_and_keeps_their_poles(
     assert [sensor.name for sensor in setting.pool.sensors] == [
         sensor.name for sensor in planner.sensors
     ]
-    assert setting.fusion == planner.asked.fusion
+    assert setting.fusion == planner.asked_setting.fusion
     assert question.run.frames is None
