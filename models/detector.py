@@ -237,7 +237,7 @@ class VoxelNetDetector:
             counts = torch.bincount(candidates.item, minlength=len(entries.tile)).cpu().numpy()
             begin = np.cumsum(counts) - counts  # first row of each entry
             row_numbers = np.arange(len(unions))[union_rows].tolist()
-            for row, tile_entries in zip(row_numbers, entries.of.T, strict=True):
+            for row, tile_entries in zip(row_numbers, entries.entry.T, strict=True):
                 if has_points[row]:
                     # rows of all candidates of the union's tiles
                     tile_counts = counts[tile_entries]

@@ -71,7 +71,9 @@ class FeasibleSets:
 
         They must be if a mount may carry several sensors, which share its link, and points are
         sent."""
-        return self.loads if self.candidates.several and self.scheme.sends_points else None
+        return (
+            self.loads if self.candidates.has_shared_mounts and self.scheme.sends_points else None
+        )
 
     def fits_links(self, members: Sequence[int], kbit: Float64[np.ndarray, "k frames"]) -> bool:
         """True if the links of a set carry the data of its sensors.

@@ -217,12 +217,12 @@ class Entries(NamedTuple):
     Attributes:
         tile: Number of a tile that has the value of each entry.
         union: Row of a union in which that tile has it.
-        of: Entry of each tile in each union.
+        entry: Entry of each tile in each union.
     """
 
     tile: Int64[np.ndarray, " n"]
     union: Int64[np.ndarray, " n"]
-    of: Int64[np.ndarray, "tiles unions"]
+    entry: Int64[np.ndarray, "tiles unions"]
 
     def parts(self) -> Iterator[tuple[int, Int64[np.ndarray, " m"], Int64[np.ndarray, " m"]]]:
         """Yield entries in batches: number of the first one, and `tile` and `union` of each."""
@@ -306,7 +306,7 @@ class UnionPlan(NamedTuple):
         return Entries(
             tile=example // union_count,
             union=example % union_count,
-            of=entry_of.reshape(tile_count, union_count),
+            entry=entry_of.reshape(tile_count, union_count),
         )
 
 
@@ -515,7 +515,7 @@ class TiledVoxelNet:
             (2, slice(-1, None), slice(0, 1)),
         )
         # entry of each tile and union, with tiles of zeros (the bank's last row) about the map
-        entry_of = before.of.reshape(*self._grid, -1)
+        entry_of = before.entry.reshape(*self._grid, -1)
         entry_of = np.pad(entry_of, ((1, 1), (1, 1), (0, 0)), constant_values=len(before.tile))
 
         def convolve(tiles: np.ndarray, union: np.ndarray) -> _Bank:
@@ -544,7 +544,7 @@ class TiledVoxelNet:
         for first, tiles, union in head_entries.parts():
             blocks = []  # values of the batch after each block
             for bank, bank_entries in maps:
-                rows = torch.from_numpy(bank_entries.of[tiles, union]).to(bank.device)
+                rows = torch.from_numpy(bank_entries.entry[tiles, union]).to(bank.device)
                 blocks.append(bank[rows])
             x = _cells(self._finest, blocks[0])
             for conv, y in zip(self._raised, blocks[1:], strict=True):

@@ -212,7 +212,7 @@ class Candidates(Displayed):
         return np.array([mount.max_sensors for mount in self.mounts], np.int64)
 
     @cached_property
-    def several(self) -> bool:
+    def has_shared_mounts(self) -> bool:
         """True if at least one mount can carry more than one sensor."""
         return bool((self.places > 1).any())
 
@@ -294,7 +294,7 @@ class Candidates(Displayed):
         for mount in self.mounts:
             terms = (mount.name, mount.min_height, mount.max_height, mount.price, mount.capacity)
             sha.update(repr((terms, mount.position.tolist())).encode())
-        sha.update(repr(self.places.tolist()).encode() if self.several else b"")
+        sha.update(repr(self.places.tolist()).encode() if self.has_shared_mounts else b"")
         axes = [self.axes.heights, self.axes.headings, self.axes.tilts]
         values = [axis.tolist() for axis in axes]
         sha.update(repr([values, self.axes.models, self.factors.tolist()]).encode())
@@ -343,7 +343,7 @@ def fit_together(
     counts = candidates.per_mount(subsets)  # sensors of each set (row) on each mount
     # `places`: largest number of sensors on each mount
     fits_mounts = np.asarray((counts <= candidates.places).all(axis=1))
-    if sent is None or not candidates.several:
+    if sent is None or not candidates.has_shared_mounts:
         return fits_mounts
     loads = candidates.per_mount(subsets, sent)  # kbit per frame
     capacities = np.array([mount.capacity for mount in candidates.mounts])
@@ -368,7 +368,7 @@ def room_beside(
     # `places`: largest number of sensors on each mount. Indexed by `mount`, figures of mounts
     # become figures of candidates
     has_room = np.asarray((counts < candidates.places)[:, mount] & ~subsets)
-    if sent is None or not candidates.several:
+    if sent is None or not candidates.has_shared_mounts:
         return has_room
     loads = candidates.per_mount(subsets, sent)[:, mount] + sent
     is_first = (counts == 0)[:, mount]

@@ -43,13 +43,13 @@ class Preparation:
         setting: Site, candidates, fusion scheme, fidelity and cases.
         run: Number of frames, seed, cache and processes.
         stride: Step between the simulated frames that count.
-        compares: True if sets are only compared, for which the detector is replaced by its
+        compares_sets: True if sets are only compared, for which the detector is replaced by its
             `quick_detector`."""
 
     setting: Setting
     run: Run = Run()
     stride: int = 1
-    compares: bool = False
+    compares_sets: bool = False
 
     @property
     def frames(self) -> int:
@@ -141,7 +141,7 @@ class Preparation:
     def detector(self) -> Detector:
         """The setting's detector, or the shipped one; its `quick_detector` if sets are compared."""
         detector = self.setting.detector or load_shipped_detector(self.network, self.setting.place)
-        return quick_detector(detector) if self.compares else detector
+        return quick_detector(detector) if self.compares_sets else detector
 
     @cached_property
     def _hit_models(self) -> dict[float, tuple[HitModel, ...]]:

@@ -218,7 +218,7 @@ class LivePlanner(VariantEditor):
 
         Yields the figures of each improvement, which is shown and can be undone. stop: function
         that returns True to end the search."""
-        waiting_names = self.variant.movable  # names of sensors that may move, in a new list
+        waiting_names = self.variant.movable_names  # names of sensors that may move, in a new list
         while waiting_names and not stop():
             name = waiting_names.pop(0)
             if name not in {sensor.name for sensor in self.sensors}:
@@ -228,7 +228,7 @@ class LivePlanner(VariantEditor):
             if best is not None and best.answer.ap > before.ap + MIN_HELPFUL_GAIN_AP and not stop():
                 yield self.accept(best)
                 # a move may help all others now
-                waiting_names = self.variant.movable
+                waiting_names = self.variant.movable_names
                 waiting_names.remove(name)
 
 

@@ -122,7 +122,7 @@ class ProjectFile:
         )
         past = ", ".join(
             f"[{json.dumps(name)}, {_format_variant(variant)}]"
-            for name, variant in planner.past[-MAX_SAVED_STEPS:]
+            for name, variant in planner.past_steps[-MAX_SAVED_STEPS:]
         )
         return (
             # [:-1] drops the closing brace of the head; {{ and }} are single braces in the text

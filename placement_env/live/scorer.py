@@ -181,7 +181,7 @@ class LiveScorer:
 
         Views are from panoramas at the sensors' exact heights, or from rays if the setting's
         rendering is "full"."""
-        candidates = self._yard.candidates(variant.working)
+        candidates = self._yard.candidates(variant.working_variant)
         rendering: Rendering = self.setting.rendering
         if rendering == "auto":
             rendering = "panorama"
@@ -201,7 +201,7 @@ class LiveScorer:
         all others are kept."""
         from placement_env.report.planning.judging import Judge
 
-        working_variant = variant.working
+        working_variant = variant.working_variant
         setting = replace(
             self.asked_setting,
             site=self._yard.site,

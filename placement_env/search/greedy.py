@@ -175,7 +175,7 @@ def guarantee(objective: Objective) -> float:
     if len(objective.kept):
         return 0.0
     mount = objective.candidates.mount[objective.allowed([])]
-    if not objective.candidates.several and len(np.unique(mount)) == len(mount):
+    if not objective.candidates.has_shared_mounts and len(np.unique(mount)) == len(mount):
         return 1 - 1 / np.e
     return 0.0 if objective.shared_links is not None else 0.5
 

@@ -41,7 +41,7 @@ class ChosenSet:
     run: Run = Run()
 
     @property
-    def small(self) -> bool:
+    def is_small(self) -> bool:
         """True for at most `MAX_SUBSET_SENSORS` sensors: the detector judges every subset."""
         return len(self.members) <= MAX_SUBSET_SENSORS
 
@@ -83,7 +83,7 @@ class ChosenSet:
         """Return the AP of subsets: judged for small sets, else predicted by the objective.
 
         stage: name in the progress line; not used for predictions."""
-        if self.small:
+        if self.is_small:
             return np.array([judgement.ap for judgement in self._judge(subsets, stage)])
         return self.objective.scores(self.rows(subsets)).ap
 
@@ -142,7 +142,7 @@ class ChosenSet:
         Both are exact for small sets, from the judged AP of all subsets. For large sets they are
         estimated from a sample of subsets that the objective of the searches scores."""
         count = len(self.members)
-        if self.small:
+        if self.is_small:
             aps = self._aps(all_subsets(count), "subsets")
             worth = exact_worth(lambda _: aps, count)  # asks for all subsets, in this order
         else:

@@ -108,7 +108,7 @@ class Judge:
         return replace(self.cases, failing=0, levels=1, errors=self.cases.profiles[0])
 
     @property
-    def absent(self) -> tuple[str, ...]:
+    def absent_labels(self) -> tuple[str, ...]:
         """Names of the classes that count but have no object to find in any frame."""
         all_frames = range(self.frames)
         return tuple(

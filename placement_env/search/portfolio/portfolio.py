@@ -106,8 +106,8 @@ class Judging:
         run = objective.run
         race_run = run.part(1, schedule.limit_frames(self.race_frames))
         final_run = run.part(2, schedule.limit_frames(self.final_frames))
-        race = Preparation(setting, race_run, compares=True)
-        final = Preparation(setting, final_run, compares=False)
+        race = Preparation(setting, race_run, compares_sets=True)
+        final = Preparation(setting, final_run, compares_sets=False)
         return (
             build_evaluator(race, self.by, seed=seed),
             build_evaluator(final, self.by, seed=seed, tie=0.0),  # its AP are stated

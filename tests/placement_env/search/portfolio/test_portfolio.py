@@ -303,7 +303,9 @@ def test_race_and_judgement_have_parts_and_seeds_of_their_own(street, monkeypatc
     made = []
 
     def built(preparation, *given, **named):
-        made.append(((preparation.setting, preparation.run, preparation.compares), *given, named))
+        made.append(
+            ((preparation.setting, preparation.run, preparation.compares_sets), *given, named)
+        )
         return len(made)
 
     monkeypatch.setattr(portfolio, "build_evaluator", built)
