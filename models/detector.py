@@ -162,7 +162,7 @@ class VoxelNetDetector:
         """Detections of one cloud (x y z, m), averaged over the shifts of the grid."""
         if self.phases == 1 or not len(points):
             return self.batch([points])[0]
-        cell_sides = np.array(self.config.stride)  # of the map, along x and y (m)
+        cell_sides = np.array(self.config.stride)  # in the map, along x and y (m)
         parts = []
         for phase in range(self.phases):
             # shift (m) by parts of a cell of the map along x and y, spread evenly over the cell for
@@ -413,7 +413,7 @@ class WideVoxelNetDetector(VoxelNetDetector):
         candidates = decoding.all_candidates(
             self.network.classify(collate([voxels])), self.anchors, self.config, self._least_scores
         )
-        cell = candidates.place // len(self.config.anchor_labels)  # of the map, row by row
+        cell = candidates.place // len(self.config.anchor_labels)  # in the map, row by row
         columns = self.config.map_shape[1]
         is_in_block = torch.ones_like(cell, dtype=torch.bool)
         for index in (cell // columns, cell % columns):

@@ -58,7 +58,7 @@ def writing(path: str | Path, unfinished: Path | None = None) -> Iterator[Path]:
                 os.fsync(file.fileno())
             unfinished.chmod(_mode(target))
             unfinished.replace(target)
-            unfinished = None  # another writer may make a file of that name from now on
+            unfinished = None  # another writer may take the name from now on
     finally:
         if unfinished is not None:
             with suppress(OSError):
@@ -141,7 +141,7 @@ def _aside(target: Path, *, inside: bool) -> Iterator[tuple[Path, Path]]:
         yield target, unfinished
     finally:
         if unfinished is not None and descriptor is not None:
-            # the block may have renamed it, and another writer may have made a folder of that name
+            # the block may have renamed it, and another writer may have taken the name
             if _is_at(descriptor, unfinished):
                 shutil.rmtree(unfinished, ignore_errors=True)
             os.close(descriptor)
@@ -205,7 +205,7 @@ def take(path: Path, *, folder: bool = False, unlocked: bool = True) -> int | No
             return descriptor
         if _is_at(descriptor, path):
             return descriptor
-        os.close(descriptor)  # of a file that was removed in between
+        os.close(descriptor)  # another process removed this file in between
 
 
 def _open_file(path: Path) -> int:

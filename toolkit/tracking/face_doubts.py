@@ -56,7 +56,7 @@ def estimate_size(
 
     Args:
         sizes: Length, width and height of each detection (m).
-        weights: Weight (1/m²) of each of these, the inverse of its variance.
+        weights: Weight (1/m²) of each value above, the inverse of its variance.
         label: Class of the body."""
     size = (weights * sizes).sum(axis=0) / weights.sum(axis=0)
     if LONGER_WEIGHTS[label] == 1:
@@ -92,7 +92,7 @@ def find_misfit(
 
     Args:
         differences: Sizes of its detections less its size (m).
-        weights: Weight (1/m²) of each of these, the inverse of its variance.
+        weights: Weight (1/m²) of each value above, the inverse of its variance.
         label: Class of the body."""
     if not IS_RIGID[label]:
         return np.full(3, USUAL_MISFIT)

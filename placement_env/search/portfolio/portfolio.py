@@ -261,11 +261,8 @@ def _assess(
     object_count = evaluator.count_objects(frames)
     cost = float(weigh_costs(objective, winner_row, judged.kbit[:1])[0])
     race_frames = int(race.frames[0])
-    if (
-        evaluator.name == "detector"
-        and evaluator.cases.is_one_case
-        and len(evaluator.by_profile) == 1
-    ):
+    has_one_case = evaluator.cases.is_one_case and len(evaluator.by_profile) == 1
+    if evaluator.name == "detector" and has_one_case:
         names = [objective.names[c] for c in np.flatnonzero(winner_row[0])]
         judged_figure = StageFigure(
             stage="in the judgement", ap=answer.ap, objects=object_count, frames=len(frames)
