@@ -1,9 +1,9 @@
 """Watch over the sensors of a running centre: who is silent, late, frozen, blind or turned.
 
 A sensor is silent if it has sent nothing for a while. It is late if its newest measurement was old
-when it arrived, or if the next one is overdue. Both show without its contents, and end
-when a message arrives in time. Contents are read by `SensorMonitor`
-for sensors with an empty scene, and by `TurnWatch` if one is given."""
+when it arrived, or if the next one is overdue. Both show without its contents, and end when a
+message arrives in time. Contents are read by `SensorMonitor` for sensors with an empty scene, and
+by `TurnWatch` if one is given."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
