@@ -493,7 +493,7 @@ def train_faces(
     both_stages = rebuild(network, faces=tuple(labels))
     assert both_stages.faces is not None
     examples = face_examples(frames, first_stage, labels, count=count, seed=seed)
-    fit_faces(both_stages.faces, examples, seed=seed)
+    fit_faces(both_stages.faces, examples, seed=seed)  # trains them in place
     return both_stages
 
 

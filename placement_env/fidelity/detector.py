@@ -513,7 +513,7 @@ class _FrameDetections:
     def _try_fuse(self, members: tuple[int, ...]) -> bool:
         """Fuse a set; return False if it waits for a detection, which is now in `_requests`."""
         try:
-            self.fused(members)
+            self.fused(members)  # keeps its result
         except _Unknown:
             return False
         return True

@@ -465,7 +465,7 @@ def fit_sites(
             )
             detected = detected.at(ious[0], also=ious)
             report = run.stage(f"{scheme.name} fusion", len(sites) * frames, before=number * frames)
-            detected.estimates(subsets, progress=report)
+            detected.estimates(subsets, progress=report)  # keeps its detections for the fit
             detected_sites.append((seen, detected, subsets))
         fitted += fit_detected(
             detected_sites, source=source, ious=ious, resamples=sampling.resamples, seed=run.seed

@@ -190,7 +190,7 @@ class LivePlanner(VariantEditor):
     def finish(self) -> LiveAnswer:
         """Figures of the variant that is shown, without anything coarse."""
         while (answer := self.answer()).coarse:
-            self.refine()
+            self.refine()  # makes a part of it exact
         return answer
 
     def suggest(

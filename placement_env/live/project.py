@@ -233,7 +233,7 @@ def export_variant(planner: LivePlanner, folder: Path) -> list[Path]:
     _check_export(folder)
     candidates = planner.yard.candidates(variant)
     members = range(len(variant.sensors))
-    planner.finish()
+    planner.finish()  # nothing coarse is exported
     seen, _ = planner.look(candidates)
     kbit = sent_per_frame(seen, planner.setting.fusion, planner.setting.codec)
     equipped_site = mounted_site(site, candidates, members)

@@ -67,7 +67,7 @@ def search(
     members, rise = grow(progress)
     prices = objective.candidates.prices
     if math.isfinite(objective.most_price) and np.ptp(prices) > 0:
-        grow(progress, prices)
+        grow(progress, prices)  # `progress` keeps the best set of both
     if submodular is None:
         submodular = is_submodular(objective)
     if submodular:

@@ -114,6 +114,7 @@ def open_cpm_encoder(asn1: Path, station: RoadsideStation) -> CpmEncoder:
             segment=(1, MAX_SEGMENTS),
         )
         with name_errors(asn1):
+            # raises if the modules do not fit
             CpmEncoder(specification, station, checks_ranges=True).encode(content)
     return CpmEncoder(specification, station)
 

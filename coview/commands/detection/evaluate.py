@@ -161,7 +161,7 @@ def _check_options(rules: Rules, subject: Subject) -> None:
     arguments.check_share("--step", rules.link.step)
     if rules.similarity is not None:
         raise ValueError("--similarity is for --tracks: leave it out")
-    find_profile(subject.errors)
+    find_profile(subject.errors)  # raises for an unknown name
 
 
 def _read_reference(reference: str | None) -> "Surface | None":
@@ -204,7 +204,7 @@ def _check_recording(
     check_labels(recording, count)
     if len(recording):
         for sensors in sets:
-            select_sensors(recording[0].sensors, sensors)
+            select_sensors(recording[0].sensors, sensors)  # raises for an unknown sensor
 
 
 def _correct_poses(

@@ -73,7 +73,7 @@ def accept_command(
     from toolkit.doctor.diagnosis import diagnose
     from toolkit.runtime.text_values import replace_infinite
 
-    find_profile(checking.errors)
+    find_profile(checking.errors)  # raises for an unknown name, before any work
     planned = read_plan_folder(plan)
     stated = read_stated_results(plan)
     spec = DetectorSpec.from_name(checking.detector or stated.detector)

@@ -110,7 +110,7 @@ class Foreground(SendsForeground):
 
     def __post_init__(self) -> None:
         """Raise ValueError for wrong values."""
-        wire.step_in_mm(self.step)
+        wire.step_in_mm(self.step)  # raises for other than whole millimetres
         wire.step_in_mm(self.max_step)
         if not 0 < self.sigmas < np.inf:
             raise ValueError(
