@@ -69,7 +69,7 @@ def recording(
     first frames; slope: the ground's (m per m, x and y).
     """
     empty = empty_scene(frames).images if empty is None else empty
-    rig = Rig.seeing(frames[0].sensors, area, height, empty, slope)
+    rig = Rig.seeing(frames[0].sensors, area, height=height, empty=empty, slope=slope)
     frame_numbers = range(min(len(frames), len(frames) if count is None else count))
     return rig, (change(rig, frames[k]) for k in frame_numbers)
 
@@ -145,6 +145,7 @@ def join_packed_files(paths: Iterable[Path], unfinished: Path) -> int:
 
     unfinished: file to write. Raises ValueError without any frame.
     """
+    # check: function that raises OSError once the disk failed
     with hdf5_file(unfinished) as (file, check):
         recordings = (recording for path in paths for recording in read_recordings(path))
         return _write(file, recordings, check)

@@ -127,7 +127,7 @@ class CasesFidelity:
             ap = self._combine(by_level, "ap", owners)
             recall = self._combine(by_level, "recall", owners)
             # kbit are for intact sets in all traffic; without levels these are scored already
-            first_scorer = profile.levels[0][0]
+            first_scorer = profile.levels[0][0]  # at the first level and the first IoU threshold
             is_scored = profile.whole is first_scorer
             intact = by_level[0][0] if is_scored else score(profile.whole, subsets)
             kbit = intact.kbit[: len(subsets)]  # the first rows are the intact sets

@@ -85,7 +85,7 @@ class Cache:
                 values |= dict(database.execute(query, chunk))
             return values
 
-        # without a usable file nothing is known
+        # without a usable file nothing is known; values signed with another secret count as damaged
         values = self._safely(select, dict[bytes, bytes]())
         return [
             decode_arrays(key + self._secret, values[key]) if key in values else None
