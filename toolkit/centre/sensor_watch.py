@@ -1,9 +1,8 @@
 """Watch over the sensors of a running centre: who is silent, late, frozen, blind or turned.
 
-A sensor is silent if it has sent nothing for a while. It is late if its newest measurement was old
-when it arrived, or if the next one is overdue. Both show without its contents, and end when a
-message arrives in time. Contents are read by `SensorMonitor` for sensors with an empty scene, and
-by `TurnWatch` if one is given."""
+A sensor is silent if it has sent nothing for a while, and late if what arrives is old. Both show
+without its contents, and end when a message arrives in time. Contents are read by `SensorMonitor`
+for sensors with an empty scene, and by `TurnWatch` if one is given."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -63,6 +62,7 @@ class _WatchedSensor:
         self._arrival_s = start_s
         self._newest_s = start_s  # time of the newest measurement
         self._delay_s = 0.0  # from the newest measurement to its arrival
+        self._is_overdue = False  # at the last look
         self._content_fault: Fault | None = None
         self._learnt = learnt
         self._monitor: SensorMonitor | None = None
@@ -88,13 +88,17 @@ class _WatchedSensor:
             self._content_fault = Fault.SHIFTED
 
     def find_fault(self, now_s: float) -> Fault | None:
-        """Return the fault at a time (s), None without one."""
-        if now_s - self._arrival_s > self._silent_after_s:
+        """Return the fault at a time (s), None without one.
+
+        Times do not go back from call to call."""
+        is_silent = now_s - self._arrival_s > self._silent_after_s
+        is_late = now_s - self._newest_s > self._late_after_s
+        # a delayed message ends neither: the next one will be overdue too
+        is_delayed = self._is_overdue and self._delay_s > LATE_AFTER_S
+        self._is_overdue = is_silent or is_late or is_delayed
+        if is_silent:
             return Fault.SILENT
-        is_due = now_s - self._newest_s > self._late_after_s
-        if is_due or self._delay_s > LATE_AFTER_S:
-            return Fault.LATE
-        return self._content_fault
+        return Fault.LATE if self._is_overdue else self._content_fault
 
     def _make_image(self, measurement: Image | SensorCloud) -> Image:
         """Return a measurement as an image, a cloud in the grid of its scene."""

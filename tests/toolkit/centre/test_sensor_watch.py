@@ -49,3 +49,14 @@ def test_messages_that_are_a_little_late_are_no_fault(interval_s):
 
 def test_a_message_that_others_overtook_is_no_fault():
     assert watch_arrivals(0.1, [0.02, 0.02, 0.215, 0.02, 0.02, 0.02]) == []
+
+
+@pytest.mark.parametrize("interval_s", [0.1, 0.2])
+def test_one_look_after_all_arrivals_is_no_fault_though_they_came_late(interval_s):
+    """A centre that was busy itself hears messages late, but none that it missed is overdue."""
+    watch = SensorWatch({"a": CAMERA}, start_s=0.0, interval_s=interval_s)
+    image = np.zeros(CAMERA.model.shape, np.float32)
+    for k in range(50):
+        now_s = interval_s * k + 0.2
+        watch.hear(SensorMessage("a", interval_s * k, now_s, image))
+        assert watch.look(now_s) == []

@@ -348,7 +348,7 @@ def test_with_failures_what_is_best_intact_races_too(street, monkeypatch):
     objective = Objective(setting, Run(seed=4))
     plain = replace(setting, cases=Cases(), candidates=None)
     prepared: Any = SimpleNamespace(
-        plain=SimpleNamespace(setting=plain), run=objective.run, setting=setting
+        intact_preparation=SimpleNamespace(setting=plain), run=objective.run, setting=setting
     )
     objective.preparation = prepared
     vars(objective)["describe_origin"] = lambda subset: {}
